@@ -1,62 +1,43 @@
-//! What a configuration file can set: every stage of the engine, and everything about routes and guidance.
+//! What a session is begun with.
 
-use cairn_engine::{Config, ConfigError};
-use cairn_guide::RouteConfig;
-use cairn_settings::Settings;
+use cairn_guide::{AnnouncerConfig, Facing, PhraseConfig, RouteConfig};
+use std::path::PathBuf;
 
-/// The contents of a configuration file, as `cairn config` prints it. Entries that a file leaves out keep their defaults.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
-pub struct FileConfig {
-    /// The engine.
-    #[setting(flatten)]
-    #[serde(flatten)]
-    pub engine: Config,
-    /// Routes and guidance.
-    #[setting(flatten)]
-    #[serde(flatten)]
+/// Config of a session.
+#[derive(Clone, Debug)]
+pub struct SessionConfig {
+    /// The folder of the routes.
+    pub folder: PathBuf,
+    /// The file of the first recording; without it, a free name in the folder.
+    pub record_to: Option<PathBuf>,
+    /// A description of the image source, for the files.
+    pub source: String,
+    /// Start recording automatically after this many tracked frames.
+    pub auto_record: Option<usize>,
+    /// How the camera is mounted relative to the walker, unless a command says otherwise.
+    pub facing: Facing,
+    /// The map was loaded: routes from files are anchored to it.
+    pub map_is_loaded: bool,
+    /// Language, unit and form of what is said.
+    pub phrases: PhraseConfig,
+    /// Rate, volume and queueing of the voice.
+    pub announcer: AnnouncerConfig,
+    /// How routes are recorded, cleaned and guided.
     pub route: RouteConfig,
 }
 
-impl FileConfig {
-    /// Reads a configuration from TOML.
-    ///
-    /// # Errors
-    /// [`ConfigError`] for invalid TOML, unknown names and numbers out of range.
-    pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
-        let config: Self = cairn_settings::from_toml(text)?;
-        config.engine.check()?;
-        Ok(config)
-    }
-
-    /// The default configuration as TOML, with help and range at each entry.
-    pub fn default_toml() -> String {
-        format!(
-            "# Cairn's configuration: every entry with its default. A file needs only what it changes.\n\n{}",
-            cairn_settings::to_toml(&Self::default())
-        )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_printed_configuration_is_the_default() {
-        assert_eq!(FileConfig::from_toml(&FileConfig::default_toml()).unwrap(), FileConfig::default());
-    }
-
-    #[test]
-    fn every_setting_of_engine_and_guide_can_be_set() {
-        let text = "[tracker]\nmin_inliers = 30\n[guide]\nprogress_m = 20\n[guide.matcher]\nahead_m = 5\n[clean]\ncut_detours = false\n";
-        let config = FileConfig::from_toml(text).unwrap();
-        assert_eq!((config.engine.tracker.min_inliers, config.route.guide.progress_m), (30, 20.0));
-        assert_eq!((config.route.guide.matcher.ahead_m, config.route.clean.cut_detours), (5.0, false));
-    }
-
-    #[test]
-    fn an_old_picture_cannot_be_allowed() {
-        let error = FileConfig::from_toml("[guide]\nstale_s = 2.0\n").unwrap_err();
-        assert_eq!(error.to_string(), "line 2: guide.stale_s is 2, it must lie between 0.1 and 0.5");
+impl Default for SessionConfig {
+    fn default() -> Self {
+        Self {
+            folder: PathBuf::from("routes"),
+            record_to: None,
+            source: String::new(),
+            auto_record: None,
+            facing: Facing::Home,
+            map_is_loaded: false,
+            phrases: PhraseConfig::default(),
+            announcer: AnnouncerConfig::default(),
+            route: RouteConfig::default(),
+        }
     }
 }

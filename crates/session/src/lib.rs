@@ -7,6 +7,7 @@ mod disk;
 mod drive;
 mod dwell;
 mod event;
+mod file_config;
 mod guidance;
 #[cfg(test)]
 mod guidance_tests;
@@ -20,6 +21,7 @@ mod scale_basis;
 mod script;
 mod session;
 mod settings;
+mod speech;
 mod status;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
@@ -29,10 +31,11 @@ mod way_ahead;
 
 pub use age::Age;
 pub use command::{Command, KEYS, Key, Which, help, key_of};
-pub use config::FileConfig;
+pub use config::SessionConfig;
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Observer, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
+pub use file_config::FileConfig;
 pub use inbox::{Inbox, Item, feed};
 pub use library::{
     Kept, LONGEST_NAME, LibraryError, MOST_KEY_FRAMES, MOST_ROUTES, MapKeeper, RouteEntry, RouteListed,
@@ -41,7 +44,7 @@ pub use library::{
 pub use ready::{landmarks_in_view, readiness};
 pub use reference_path::{ReferencePath, anchor_in_map};
 pub use script::{Script, ScriptError, When};
-pub use session::{Session, SessionConfig};
+pub use session::Session;
 pub use settings::{STEP_M, STEPS_M, Setting, WORDS_PER_MINUTE};
 pub use status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
 pub use take_me::{Destination, NoWay, Planned, WalkedRoutes};

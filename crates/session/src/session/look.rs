@@ -17,11 +17,12 @@ impl Session {
         let mut s = self.status.clone();
         let name = |path: &Option<PathBuf>| {
             let name = path.as_ref().and_then(|p| p.file_name());
-            name.map_or_else(|| self.text("walk-in-memory"), |n| n.to_string_lossy().into_owned())
+            name.map_or_else(|| self.speech.text("walk-in-memory"), |n| n.to_string_lossy().into_owned())
         };
-        s.t_s = self.since_start(self.now);
+        self.speech.last_words().clone_into(&mut s.last_words);
+        s.t_s = self.clock().elapsed_s(self.now);
         s.engine = self.engine_status();
-        s.language = self.language();
+        s.language = self.speech.language();
         (s.phase, s.words) = (s.engine.phase, s.engine.words_in(s.language));
         s.waits = s.engine.waits.iter().map(|wait| wait.words_in(s.language)).collect();
         s.age = self.age();
@@ -63,23 +64,25 @@ impl Session {
 
     /// The state in large print: the last instruction to the walker to move or stop; and whether it is an alarm.
     fn headline(&self, words: &str) -> (String, bool) {
-        let why = |reason| reason_words(reason, self.language());
+        let why = |reason| reason_words(reason, self.speech.language());
         match self.guiding.as_ref().map(|g| g.guide.state()) {
             Some(GuideState::Stopped(reason)) => {
-                return (format!("{} {}", self.text("guide-stop"), why(reason)), true);
+                return (format!("{} {}", self.speech.text("guide-stop"), why(reason)), true);
             }
             _ if self.dead.is_some() || self.picture.is_lost() => return (words.to_owned(), true),
             Some(state) => {
                 // The first word of the name is that of the catalogue.
                 let name = state_name(state).split(' ').next().unwrap_or_default();
-                return (self.language().say("walk-guiding", &[("state", name.into())]), false);
+                return (self.speech.language().say("walk-guiding", &[("state", name.into())]), false);
             }
             None => {}
         }
         match self.age() {
             Age::Unknown => (why(StopReason::AgeUnknown), true),
             age if age.is_stale() => (why(StopReason::PicturesLate), true),
-            _ if self.recording.is_some() => (format!("{} {words}", self.text("walk-recording")), false),
+            _ if self.recording.is_some() => {
+                (format!("{} {words}", self.speech.text("walk-recording")), false)
+            }
             _ => (words.to_owned(), false),
         }
     }
@@ -87,7 +90,7 @@ impl Session {
     /// The engine's status, combined with what only the session knows: missing images, or an engine that failed.
     pub fn engine_status(&self) -> cairn_engine::Status {
         let mut s = self.engine.status().clone();
-        s.t_s = self.since_start(self.now);
+        s.t_s = self.clock().elapsed_s(self.now);
         let beyond = match &self.dead {
             Some(_) => Some(Phase::Error),
             None => self.picture.is_lost().then_some(Phase::WaitFrames),
@@ -142,9 +145,9 @@ impl Session {
         let mut words = s.headline.clone();
         let mut add = |sentence: String| words = format!("{words} {sentence}");
         s.age.words(s.language).into_iter().for_each(&mut add);
-        let phrases = self.phrases();
+        let phrases = self.speech.phrases_for(self.status.metric);
         if let Some(r) = &s.recording {
-            let says_so = s.headline.starts_with(&self.text("walk-recording"));
+            let says_so = s.headline.starts_with(&self.speech.text("walk-recording"));
             if phrases.metric || !says_so {
                 add(phrases.measured(["walk-length-so-far", "walk-recording"], r.length, &[]));
             }

@@ -1,26 +1,19 @@
-//! The commands about kept routes: list, load, name, delete, note.
+//! The commands about kept routes: list, load, name, delete.
 
 use super::{Asked, RouteAtHand, Session};
 use crate::command::Which;
-use crate::guidance::Guiding;
 use crate::library::words::WhyNot;
 use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, checked_name, words};
-use cairn_guide::{Priority, Route, Side, Travel};
-use cairn_sensor::Stamp;
+use cairn_guide::{Priority, Route};
 use std::path::{Path, PathBuf};
 
 /// A question is open for this long, seconds.
 const ASKED_S: f64 = 60.0;
-/// A marked place waits this long for its note, seconds.
-const MARKED_S: f64 = 120.0;
-/// A walker whose place is not recognised is told so after this time, seconds, and again at this interval.
-const SEARCHING_S: f64 = 4.0;
-const SEARCHING_AGAIN_S: f64 = 10.0;
 
 impl Session {
     /// The routes of the folder as they are listed, newest first.
     pub fn routes(&self) -> Vec<RouteListed> {
-        let (now, phrases) = ((self.wall)(), self.config.phrases);
+        let (now, phrases) = ((self.wall)(), *self.speech.phrases());
         let held = self.route.as_ref().and_then(|w| w.path.as_deref());
         let listed = |e: &RouteEntry| {
             let why_not = self.why_not(e);
@@ -55,15 +48,17 @@ impl Session {
 
     pub(super) fn list_words(&mut self) -> String {
         self.refresh();
-        words::list(self.folder.newest_first().into_iter(), (self.wall)(), &self.config.phrases)
+        words::list(self.folder.newest_first().into_iter(), (self.wall)(), self.speech.phrases())
     }
 
     /// "Route 3, to the kitchen"; for a route without a number the name of its file.
     pub(super) fn short_name(&self, path: Option<&Path>, route: &Route) -> String {
         let file = || path.and_then(Path::file_name).map(|n| n.to_string_lossy().into_owned());
         match path.and_then(|p| self.folder.by_path(p)) {
-            Some(entry) => words::short(entry, self.language()),
-            None => route.header.name.clone().or_else(file).unwrap_or_else(|| self.text("walk-in-memory")),
+            Some(entry) => words::short(entry, self.speech.language()),
+            None => {
+                route.header.name.clone().or_else(file).unwrap_or_else(|| self.speech.text("walk-in-memory"))
+            }
         }
     }
 
@@ -76,17 +71,17 @@ impl Session {
 
     pub(super) fn load(&mut self, which: &Which) -> Result<String, String> {
         if self.guiding.is_some() {
-            return Err(self.text("walk-halt-first"));
+            return Err(self.speech.text("walk-halt-first"));
         }
         self.refresh();
         let path = self.path_of(which)?;
         let held = self.route.as_ref().filter(|w| w.path.as_deref() == Some(&path));
         let route = match held {
             Some(held) => held.route.clone(),
-            None => Route::load(&path).map_err(|e| self.because("walk-route-unreadable", e))?,
+            None => Route::load(&path).map_err(|e| self.speech.because("walk-route-unreadable", e))?,
         };
         if route.points.len() < 2 {
-            return Err(self.text("walk-route-empty"));
+            return Err(self.speech.text("walk-route-empty"));
         }
         // A recording in progress ends, complete: the route to be walked is another one from now on.
         self.drop_unasked();
@@ -94,11 +89,11 @@ impl Session {
         let entry = self.folder.by_path(&path).cloned();
         let here = self.is_here(&path, route.header.atlas.as_deref());
         let named = match &entry {
-            Some(entry) => words::route(entry, (self.wall)(), &self.config.phrases),
+            Some(entry) => words::route(entry, (self.wall)(), self.speech.phrases()),
             None => self.short_name(Some(&path), &route),
         };
         let why_not = (!here).then_some(WhyNot::OtherMap);
-        let text = words::loaded(&named, route.notes.len(), why_not, self.language());
+        let text = words::loaded(&named, route.notes.len(), why_not, self.speech.language());
         self.route = Some(RouteAtHand { route, path: Some(path), here });
         Ok(match ended {
             Some(Ok(ended) | Err(ended)) => format!("{ended} {text}"),
@@ -113,12 +108,12 @@ impl Session {
                 .folder
                 .get(*number)
                 .map(|e| e.path.clone())
-                .ok_or_else(|| words::unknown(*number, self.language())),
+                .ok_or_else(|| words::unknown(*number, self.speech.language())),
             Which::Latest => {
                 let newest = self.folder.newest_first().into_iter().find(|e| e.damage.is_none());
                 let newest = newest.map(|e| e.path.clone());
                 let other = || crate::library::latest(self.folder.path());
-                newest.or_else(other).ok_or_else(|| self.text("walk-no-saved-route"))
+                newest.or_else(other).ok_or_else(|| self.speech.text("walk-no-saved-route"))
             }
         }
     }
@@ -129,87 +124,70 @@ impl Session {
         if let Some(number) = number {
             let being = self.recording.as_ref().and_then(|r| r.path.as_deref());
             if being.is_some_and(|p| p == self.folder.path().join(format!("route-{number:04}.route"))) {
-                return Err(self.text("walk-being-recorded"));
+                return Err(self.speech.text("walk-being-recorded"));
             }
             return self
                 .folder
                 .get(number)
                 .map(|e| e.number)
-                .ok_or_else(|| words::unknown(number, self.language()));
+                .ok_or_else(|| words::unknown(number, self.speech.language()));
         }
         let held = self.route.as_ref().and_then(|w| w.path.as_deref());
         let entry = held.and_then(|path| self.folder.by_path(path));
-        entry.map(|e| e.number).ok_or_else(|| self.text("walk-no-route-at-hand"))
+        entry.map(|e| e.number).ok_or_else(|| self.speech.text("walk-no-route-at-hand"))
     }
 
     pub(super) fn rename(&mut self, number: Option<u32>, name: &str) -> Result<String, String> {
         let number = self.number(number)?;
-        let name = checked_name(name).map_err(|id| self.text(id))?;
+        let name = checked_name(name).map_err(|id| self.speech.text(id))?;
         let named = self.folder.rename(number, name, &*self.disk);
-        named.map_err(|why| self.because("walk-rename-failed", why))?;
+        named.map_err(|why| self.speech.because("walk-rename-failed", why))?;
         self.refresh();
         let entry =
-            self.folder.get(number).cloned().ok_or_else(|| words::unknown(number, self.language()))?;
+            self.folder.get(number).cloned().ok_or_else(|| words::unknown(number, self.speech.language()))?;
         if let Some(held) = self.route.as_mut().filter(|w| w.path.as_deref() == Some(&entry.path)) {
             held.route.header.name.clone_from(&entry.name);
         }
-        Ok(words::about("walk-renamed", &words::short(&entry, self.language()), self.language()))
+        Ok(words::about(
+            "walk-renamed",
+            &words::short(&entry, self.speech.language()),
+            self.speech.language(),
+        ))
     }
 
     pub(super) fn ask_delete(&mut self, number: Option<u32>) -> Result<String, String> {
         let number = self.number(number)?;
-        let entry = self.folder.get(number).ok_or_else(|| words::unknown(number, self.language()))?;
+        let entry = self.folder.get(number).ok_or_else(|| words::unknown(number, self.speech.language()))?;
         let held = self.route.as_ref().and_then(|w| w.path.as_deref()) == Some(&entry.path);
         if held && self.guiding.is_some() {
-            return Err(self.text("walk-halt-first"));
+            return Err(self.speech.text("walk-halt-first"));
         }
-        let route = words::route(entry, (self.wall)(), &self.config.phrases);
-        let words = words::about("walk-ask-delete", &route, self.language());
+        let route = words::route(entry, (self.wall)(), self.speech.phrases());
+        let words = words::about("walk-ask-delete", &route, self.speech.language());
         self.asked = Some(Asked { number, words: words.clone(), at: self.now });
         Ok(words)
     }
 
     pub(super) fn take_answer(&mut self, yes: bool) -> Result<String, String> {
         let asked = self.asked.take().filter(|asked| self.now - asked.at <= ASKED_S);
-        let number = asked.ok_or_else(|| self.text("walk-no-question"))?.number;
+        let number = asked.ok_or_else(|| self.speech.text("walk-no-question"))?.number;
         if !yes {
-            return Ok(self.text("walk-nothing-deleted"));
+            return Ok(self.speech.text("walk-nothing-deleted"));
         }
         let entry =
-            self.folder.get(number).cloned().ok_or_else(|| words::unknown(number, self.language()))?;
-        self.folder.remove(number).map_err(|e| self.because("walk-delete-failed", e))?;
+            self.folder.get(number).cloned().ok_or_else(|| words::unknown(number, self.speech.language()))?;
+        self.folder.remove(number).map_err(|e| self.speech.because("walk-delete-failed", e))?;
         if self.route.as_ref().is_some_and(|w| w.path.as_deref() == Some(&entry.path)) {
             self.route = None;
         }
         self.recorded_here.remove(&entry.path);
         self.recorded.retain(|(path, _)| path.as_ref() != Some(&entry.path));
         self.refresh();
-        Ok(words::about("walk-deleted", &words::short(&entry, self.language()), self.language()))
-    }
-
-    pub(super) fn mark(&mut self) -> Result<String, String> {
-        self.recording.as_ref().ok_or_else(|| self.text("walk-note-no-recording"))?;
-        self.marked = Some(self.place_now().ok_or_else(|| self.text("walk-note-no-place"))?);
-        Ok(self.text("walk-marked"))
-    }
-
-    pub(super) fn note(&mut self, text: &str, side: Option<Side>) -> Result<String, String> {
-        let here = self.place_now();
-        let marked = self.marked.take().filter(|p| self.now - p.stamp <= MARKED_S);
-        let language = self.language();
-        let recording = self.recording.as_mut().ok_or_else(|| language.text("walk-note-no-recording"))?;
-        let place = marked.or(here).ok_or_else(|| language.text("walk-note-no-place"))?;
-        let text = match text.trim() {
-            "" => language.text("walk-landmark"),
-            text => text.to_owned(),
-        };
-        recording.note(&text, side, &place).map_err(|id| language.text(id))?;
-        Ok(words::noted(&text, side, language))
-    }
-
-    /// The place of the last frame, where that had one.
-    fn place_now(&self) -> Option<crate::place::Place> {
-        self.place.filter(|p| Some(p.stamp) == self.frame && self.confidence != cairn_guide::Confidence::Lost)
+        Ok(words::about(
+            "walk-deleted",
+            &words::short(&entry, self.speech.language()),
+            self.speech.language(),
+        ))
     }
 
     /// Saves the atlas where it is kept and that is due, and says when it cannot be saved.
@@ -217,46 +195,9 @@ impl Session {
         let Some(keeper) = &mut self.keeper else { return };
         if keeper.pass(&self.engine, self.recording.is_some(), self.now) {
             let trouble = keeper.trouble().map(str::to_owned);
-            let saved = || self.text("walk-map-saved");
-            let words = trouble.map_or_else(saved, |why| self.because("walk-map-not-saved", why));
+            let saved = || self.speech.text("walk-map-saved");
+            let words = trouble.map_or_else(saved, |why| self.speech.because("walk-map-not-saved", why));
             self.say(&words, Priority::High);
         }
-    }
-
-    /// Whether the walker's place on the route can be known: he is in its map. Before guidance has started he is told
-    /// what helps, and the route is resolved anew once he is recognised.
-    pub(super) fn is_at_route(&mut self, now: Stamp, speaking: bool) -> bool {
-        let (Some(guiding), Some(held)) = (&mut self.guiding, &self.route) else { return true };
-        let map = self.engine.snapshot();
-        let here = self.place.filter(|p| guiding.is_in_reach(&map, &held.route, p.anchor));
-        let was_elsewhere = std::mem::replace(&mut guiding.is_elsewhere, here.is_none());
-        if guiding.started {
-            return true;
-        }
-        if let (Some(place), true) = (&here, was_elsewhere) {
-            let travel = if guiding.again { Travel::Again } else { Travel::Home };
-            if let Ok(anew) = Guiding::begin(
-                &map,
-                &held.route,
-                travel,
-                guiding.facing,
-                Some(place),
-                guiding.asked,
-                &self.config.route,
-            ) {
-                *guiding = anew;
-            }
-        }
-        if here.is_none() {
-            let due = match guiding.searched {
-                None => now - guiding.asked >= SEARCHING_S,
-                Some(said) => now - said >= SEARCHING_AGAIN_S,
-            };
-            if due && !speaking && !self.picture.is_lost() {
-                guiding.searched = Some(now);
-                self.say(&self.text("walk-searching"), Priority::Normal);
-            }
-        }
-        here.is_some()
     }
 }

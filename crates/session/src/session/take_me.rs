@@ -18,16 +18,16 @@ impl Session {
         to: &str,
     ) -> Result<String, String> {
         let here = self.place.as_ref().zip(self.scale);
-        let (place, scale) = here.ok_or_else(|| self.text("walk-way-here-unknown"))?;
+        let (place, scale) = here.ok_or_else(|| self.speech.text("walk-way-here-unknown"))?;
         let snapshot = self.engine.snapshot();
         let walked = WalkedRoutes::new(&snapshot, routes);
         let from = place.world_from_camera.se3.translation;
         let planned = walked
             .destination(to)
             .and_then(|to| walked.take_me(scale.map, from, &to))
-            .map_err(|why| self.language().say(sentence(&why), &[("place", to.into())]))?;
+            .map_err(|why| self.speech.language().say(sentence(&why), &[("place", to.into())]))?;
         if planned.route.points.len() < 2 {
-            return Err(self.text("walk-way-there"));
+            return Err(self.speech.text("walk-way-there"));
         }
         if self.recording.is_some() {
             self.end_recording()?;

@@ -1,0 +1,173 @@
+//! Recording: it begins, takes each pose and the notes that are given, and ends.
+
+use super::{RouteAtHand, Session};
+use crate::library::words;
+use crate::place::Place;
+use crate::recording::{About, Recording};
+use cairn_guide::{Confidence, PhraseConfig, Priority, RecordInput, Recorder, Route, Side};
+use cairn_phrases::Arg;
+use std::path::{Path, PathBuf};
+
+/// A route of fewer points, three metres, leads nowhere.
+const SHORT_POINTS: usize = 60;
+/// A marked place waits this long for its note, seconds.
+const MARKED_S: f64 = 120.0;
+
+impl Session {
+    /// Every route recorded in this session, including the one in progress, with its file.
+    pub fn recorded(&self) -> impl Iterator<Item = (Option<&Path>, &Route)> {
+        let ended = self.recorded.iter().map(|(path, route)| (path.as_deref(), route));
+        ended.chain(self.recording.iter().map(|r| (r.path.as_deref(), r.route())))
+    }
+
+    /// Continues a recording that has a file already, in the map it was recorded in.
+    pub fn resume_recording(&mut self, recorder: Recorder, path: &Path) {
+        self.auto_recorded = true;
+        self.recording = Some(Recording::resume(recorder, path));
+    }
+
+    /// Whether a recording is in progress.
+    pub fn is_recording(&self) -> bool {
+        self.recording.is_some()
+    }
+
+    pub(super) fn record(&mut self, seen: &RecordInput) {
+        let due = self.config.auto_record.is_some_and(|n| self.status.tracked >= n);
+        if due
+            && !self.auto_recorded
+            && self.recording.is_none()
+            && self.guiding.is_none()
+            && self.route.is_none()
+        {
+            self.auto_recorded = true;
+            match self.begin_recording(None) {
+                Ok(words) => self.say(&words, Priority::Normal),
+                Err(words) => self.say(&words, Priority::High),
+            }
+            self.is_auto = self.recording.is_some();
+        }
+        let place = self.place.as_ref();
+        let words = self.recording.as_mut().and_then(|r| r.observe(seen, place));
+        if words == Some("guide-found") {
+            self.speech.withdraw("walk-lost");
+        }
+        // Under guidance the guide reports on tracking; before the first pose nothing can be lost.
+        if let Some(words) = words.filter(|_| self.guiding.is_none() && self.place.is_some()) {
+            self.say(&self.speech.text(words), Priority::High);
+        }
+    }
+
+    pub(super) fn begin_recording(&mut self, path: Option<PathBuf>) -> Result<String, String> {
+        if self.recording.is_some() {
+            return Err(self.speech.text("walk-already-recording"));
+        }
+        (self.auto_recorded, self.is_auto) = (true, false);
+        let named = path.or_else(|| self.config.record_to.take());
+        if named.is_none() {
+            // Where the file cannot be created, the recording reports it.
+            let _ = std::fs::create_dir_all(self.folder.path());
+        }
+        let is_full = named.is_none() && self.is_full();
+        let path = named.or_else(|| (!is_full).then(|| self.folder.next_path()));
+        let (metric, map, place) = (self.status.metric, self.engine.snapshot(), self.place.as_ref());
+        let kept = self.keeper.as_ref();
+        let about = About {
+            metric,
+            source: &self.config.source,
+            recorded_s: kept.map(|_| (self.wall)().unix_s),
+            atlas: kept.map(|k| k.id().to_owned()),
+        };
+        let (recording, trouble) =
+            Recording::begin(&*self.disk, path.as_deref(), &map, place, about, self.config.route.recorder);
+        self.recording = Some(recording);
+        Ok(match (trouble, metric) {
+            (Some(why), _) => {
+                let file = path.unwrap_or_default().display().to_string();
+                let args: [(&str, Arg); 2] = [("file", (&file).into()), ("why", (&why).into())];
+                self.speech.language().say("walk-recording-in-memory", &args)
+            }
+            (None, _) if is_full => self.speech.text("walk-library-full"),
+            (None, true) => self.speech.text("walk-recording"),
+            (None, false) => self.speech.text("walk-recording-unmeasured"),
+        })
+    }
+
+    /// Drops a recording that nobody asked for and that is too short to lead anywhere, where routes are kept for another
+    /// day: else every visit would leave one.
+    pub(super) fn drop_unasked(&mut self) {
+        let is_unasked = self.is_auto && self.keeper.is_some();
+        let short = |r: &mut Recording| r.route().points.len() < SHORT_POINTS && r.route().notes.is_empty();
+        let Some(recording) = self.recording.take_if(|r| is_unasked && short(r)) else { return };
+        let (_, path, _) = recording.finish();
+        if let Some(path) = path {
+            let _ = std::fs::remove_file(path);
+        }
+    }
+
+    pub(super) fn end_recording(&mut self) -> Result<String, String> {
+        let recording = self.recording.take().ok_or_else(|| self.speech.text("walk-not-recording"))?;
+        let length = recording.length();
+        let (route, path, whole) = recording.finish();
+        if route.points.len() < 2 {
+            self.folder.refresh(None);
+            return Err(self.speech.text("walk-nothing-recorded"));
+        }
+        self.add_recorded(&path, &route, whole.is_ok());
+        self.route = Some(RouteAtHand { route, path, here: true });
+        whole.map_err(|e| self.speech.because("walk-file-incomplete", e))?;
+        let phrases = PhraseConfig { metric: self.engine.is_metric(), ..*self.speech.phrases() };
+        Ok(phrases.measured(["walk-recorded", "walk-recorded-unmeasured"], length, &[]))
+    }
+
+    pub(super) fn close_recording(&mut self) -> Result<(), String> {
+        self.drop_unasked();
+        let Some(recording) = self.recording.take() else { return Ok(()) };
+        let (route, path, whole) = recording.finish();
+        let name = path.as_ref().map_or_else(|| "the route".to_owned(), |p| p.display().to_string());
+        let points = route.points.len();
+        self.add_recorded(&path, &route, whole.is_ok());
+        self.route = Some(RouteAtHand { route, path, here: true });
+        whole.map_err(|e| format!("{name}: {e}; {points} points were recorded"))
+    }
+
+    pub(super) fn add_recorded(&mut self, path: &Option<PathBuf>, route: &Route, is_on_disk: bool) {
+        self.marked = None;
+        if route.points.is_empty() {
+            return;
+        }
+        self.recorded_here.extend(path.clone());
+        if let Some(keeper) = &mut self.keeper {
+            keeper.make_due();
+        }
+        // A session that keeps its routes may last for days: what is on disk is not held in memory.
+        if self.keeper.is_none() || !is_on_disk {
+            self.recorded.push((path.clone(), route.clone()));
+        }
+        self.folder.refresh(None);
+    }
+
+    pub(super) fn mark(&mut self) -> Result<String, String> {
+        self.recording.as_ref().ok_or_else(|| self.speech.text("walk-note-no-recording"))?;
+        self.marked = Some(self.place_now().ok_or_else(|| self.speech.text("walk-note-no-place"))?);
+        Ok(self.speech.text("walk-marked"))
+    }
+
+    pub(super) fn note(&mut self, text: &str, side: Option<Side>) -> Result<String, String> {
+        let here = self.place_now();
+        let marked = self.marked.take().filter(|p| self.now - p.stamp <= MARKED_S);
+        let language = self.speech.language();
+        let recording = self.recording.as_mut().ok_or_else(|| language.text("walk-note-no-recording"))?;
+        let place = marked.or(here).ok_or_else(|| language.text("walk-note-no-place"))?;
+        let text = match text.trim() {
+            "" => language.text("walk-landmark"),
+            text => text.to_owned(),
+        };
+        recording.note(&text, side, &place).map_err(|id| language.text(id))?;
+        Ok(words::noted(&text, side, language))
+    }
+
+    /// The place of the last frame, where that had one.
+    fn place_now(&self) -> Option<Place> {
+        self.place.filter(|p| Some(p.stamp) == self.frame && self.confidence != Confidence::Lost)
+    }
+}
