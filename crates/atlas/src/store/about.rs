@@ -1,6 +1,6 @@
 //! How a map was made: program, sensors, camera; and whether another camera may continue in it.
 
-use super::StoreError;
+use super::error::StoreError;
 use super::wire::{Decoder, Encoder};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_vision::{Octaves, RectifiedCamera, SensorMode};

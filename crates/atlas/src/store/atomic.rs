@@ -4,7 +4,7 @@
 //! synced too. On any error the neighbour is removed. One left behind by a killed process is removed by the
 //! next save of the same file: its owner held a lock on it that ends with the process.
 
-use super::StoreError;
+use super::error::StoreError;
 use std::ffi::{OsStr, OsString};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};

@@ -11,7 +11,7 @@
 //! parts, end to end until the end of the file
 //! ```
 
-use super::StoreError;
+use super::error::StoreError;
 use std::io::{self, Seek, SeekFrom, Write};
 
 /// First bytes of a map file; the line ends reveal a transfer in text mode.

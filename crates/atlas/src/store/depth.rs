@@ -9,8 +9,9 @@
 //! ```
 
 use super::about::{numbers, pose};
+use super::error::StoreError;
+use super::layout::{ATTACHED, MapFile};
 use super::wire::{Decoder, Encoder};
-use super::{ATTACHED, MapFile, StoreError};
 use crate::{KeyFrameName, Shift};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, Distortion};

@@ -1,42 +1,14 @@
-//! Encoding: from a snapshot to the parts of a file, version 4. `decode.rs` is the inverse; read the two
-//! together.
-//!
-//! Parts hold columns (see `wire.rs`). Key frames and landmarks refer to each other by row: the index in
-//! their part, which is in order of creation. A row that may be missing is counted from 1, and 0 means none.
-//!
-//! | part | what |
-//! |---|---|
-//! | about | how the map was made; counts; calibration |
-//! | worlds | roots of the maps and their priors |
-//! | key frames | poses, units, parents, loops, covisible neighbours |
-//! | motion | since version 2: which maps are gravity-aligned; velocities and biases of key frames that have
-//! an inertial state |
-//! | gone | parents of removed key frames, and their poses there |
-//! | landmarks | ids, positions, and which observation gave the descriptor |
-//! | words | words of each key frame, by the vocabulary that made them |
-//! | robots | since version 4: which robot created which key frames and landmarks |
-//! | descriptors | which descriptors the features have; in files without it, those of the first release |
-//! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
-//! | attached/NAME | what the map does not know: recorded routes, depth of key frames (`depth.rs`) |
-//!
-//! Words are used as stored when this program has the vocabulary that made them, else computed again.
-//! Observations, normals, ranges and descriptors of landmarks are derived from these when a map is loaded.
+//! Encoding: from a snapshot to the parts of a file (`layout.rs`). `decode` is the inverse; read the two together.
 
 use super::about::{About, numbers};
 use super::container::PartsWriter;
+use super::error::StoreError;
+use super::layout::{ATTACHED, CHUNK, DESCRIPTORS, MapFile, NO_PICK};
 use super::wire::Encoder;
-use super::{ATTACHED, MapFile, StoreError};
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::DESCRIPTOR_ID;
 use cairn_vision::bow::Vocabulary;
 use std::io::{Seek, Write};
-
-/// The part that tells what the bits of descriptors mean.
-pub(super) const DESCRIPTORS: &str = "descriptors";
-/// Key frames in one part of features.
-pub(super) const CHUNK: usize = 64;
-/// No observation has the landmark's descriptor.
-pub(super) const NO_PICK: u32 = u32::MAX;
 
 /// Rows of existing key frames and landmarks, looked up by binary search: a table by index would grow with
 /// all that ever existed.

@@ -12,35 +12,19 @@ mod decode;
 mod depth;
 mod encode;
 mod error;
+mod layout;
 mod wire;
 
 pub use about::{About, sensor_name};
 pub use container::{MAGIC, PartInfo};
 pub use depth::{DEPTH_PREFIX, DepthPart, Place, SavedDepth};
 pub use error::StoreError;
+pub use layout::{MapFile, VERSION};
 
-use crate::Snapshot;
 use container::Parts;
 use decode::Damage;
-use std::collections::BTreeMap;
 use std::io::{BufWriter, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
-
-/// The format version that is written; versions from 1 to this are read.
-pub const VERSION: u32 = 4;
-/// Prefix of the names of attached parts, which mean nothing to the map.
-const ATTACHED: &str = "attached/";
-
-/// The content of a file: the maps, how they were made, and attached data.
-#[derive(Clone, Debug)]
-pub struct MapFile {
-    /// The snapshot with all its maps.
-    pub snapshot: Snapshot,
-    /// How it was made.
-    pub about: About,
-    /// Attached data by name, recorded routes for example; kept as they are.
-    pub attached: BTreeMap<String, Vec<u8>>,
-}
 
 /// Largest file that is read as a map.
 const MAX_BYTES: u64 = 64 << 30;
@@ -114,7 +98,7 @@ impl Table {
 }
 
 impl MapFile {
-    /// Reads a map from the bytes of a file. The result satisfies all invariants ([`Snapshot::check`]).
+    /// Reads a map from the bytes of a file. The result satisfies all invariants ([`crate::Snapshot::check`]).
     ///
     /// # Errors
     ///

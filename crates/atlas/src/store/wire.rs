@@ -3,7 +3,7 @@
 //! A column of multi-byte numbers is stored as planes, first all lowest bytes, last all highest: the high
 //! bytes of coordinates are nearly equal, and block compression shrinks equal adjacent bytes.
 
-use super::StoreError;
+use super::error::StoreError;
 
 /// Collects the bytes of a part.
 #[derive(Debug, Default)]

@@ -1,0 +1,48 @@
+//! The layout of a file, version 4: its parts, and what they hold.
+//!
+//! Parts hold columns (see `wire.rs`). Key frames and landmarks refer to each other by row: the index in
+//! their part, which is in order of creation. A row that may be missing is counted from 1, and 0 means none.
+//!
+//! | part | what |
+//! |---|---|
+//! | about | how the map was made; counts; calibration |
+//! | worlds | roots of the maps and their priors |
+//! | key frames | poses, units, parents, loops, covisible neighbours |
+//! | motion | since version 2: which maps are gravity-aligned; velocities and biases of key frames that have
+//! an inertial state |
+//! | gone | parents of removed key frames, and their poses there |
+//! | landmarks | ids, positions, and which observation gave the descriptor |
+//! | words | words of each key frame, by the vocabulary that made them |
+//! | robots | since version 4: which robot created which key frames and landmarks |
+//! | descriptors | which descriptors the features have; in files without it, those of the first release |
+//! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
+//! | attached/NAME | what the map does not know: recorded routes, depth of key frames (`depth.rs`) |
+//!
+//! Words are used as stored when this program has the vocabulary that made them, else computed again.
+//! Observations, normals, ranges and descriptors of landmarks are derived from these when a map is loaded.
+
+use super::about::About;
+use crate::Snapshot;
+use std::collections::BTreeMap;
+
+/// The format version that is written; versions from 1 to this are read.
+pub const VERSION: u32 = 4;
+/// Prefix of the names of attached parts, which mean nothing to the map.
+pub(super) const ATTACHED: &str = "attached/";
+/// The part that tells what the bits of descriptors mean.
+pub(super) const DESCRIPTORS: &str = "descriptors";
+/// Key frames in one part of features.
+pub(super) const CHUNK: usize = 64;
+/// No observation has the landmark's descriptor.
+pub(super) const NO_PICK: u32 = u32::MAX;
+
+/// The content of a file: the maps, how they were made, and attached data.
+#[derive(Clone, Debug)]
+pub struct MapFile {
+    /// The snapshot with all its maps.
+    pub snapshot: Snapshot,
+    /// How it was made.
+    pub about: About,
+    /// Attached data by name, recorded routes for example; kept as they are.
+    pub attached: BTreeMap<String, Vec<u8>>,
+}
