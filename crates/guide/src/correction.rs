@@ -7,13 +7,12 @@
 //!
 //! [`GuideConfig::ease_s`]: crate::GuideConfig::ease_s
 
+use crate::config::GuideConfig;
 use crate::cue::{CueKind, First, Next};
 use crate::facing::Heading;
-use crate::ground::Ground;
-use crate::guide::{Guide, Now, Phase};
+use crate::follow::{Follower, Now, Phase, since};
+use crate::ground::{Ground, wrap};
 use crate::maneuvers::ManeuverPlan;
-use crate::moving::since;
-use crate::runaway::Runaway;
 use cairn_geometry::{Camera, Odom, Pose, Se3};
 use cairn_sensor::Stamp;
 
@@ -56,7 +55,7 @@ pub(crate) struct Told {
 
 impl Told {
     /// Takes a cue.
-    pub fn note(&mut self, kind: &CueKind, now: Stamp) {
+    fn note(&mut self, kind: &CueKind, now: Stamp) {
         use CueKind::*;
         match *kind {
             Start { first: First::Go(ahead), .. }
@@ -85,82 +84,106 @@ impl Told {
     }
 }
 
-impl Guide {
-    /// Replaces the plan by a corrected one after the map was corrected. `moved` is the motion of the route near the
-    /// walker, in the odometry frame. The walker keeps his distance to the end.
-    pub fn correct_route(&mut self, plan: ManeuverPlan, moved: &Se3, now: Stamp) {
-        let left = self.easing.and_then(|e| e.left(now, self.config.ease_s)).unwrap_or_else(Se3::identity);
-        let former = self.pose.and_then(|pose| self.now_at(&Pose::new(left * pose.se3), now));
-        let former_turn = former.map(|former| former.walker.turn_to(self.aim(&former)));
-        self.replace_plan(plan);
+/// The corrections of a walk.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Corrections {
+    easing: Option<Easing>,
+    told: Told,
+    /// A correction contradicts what was told, and the walker does not know yet.
+    due: bool,
+    /// The last good pose.
+    pose: Option<Pose<Odom, Camera>>,
+}
+
+impl Corrections {
+    /// A cue is given.
+    pub(crate) fn note(&mut self, kind: &CueKind, now: Stamp) {
+        self.told.note(kind, now);
+    }
+
+    /// A good pose.
+    pub(crate) fn take(&mut self, odom_from_camera: Pose<Odom, Camera>) {
+        self.pose = Some(odom_from_camera);
+    }
+
+    /// The words that follow tell the whole direction anew.
+    pub(crate) fn clear(&mut self) {
+        (self.easing, self.due, self.told) = (None, false, Told::default());
+    }
+
+    /// The poses before say nothing about those to come.
+    pub(crate) fn begin_segment(&mut self) {
+        (self.easing, self.pose) = (None, None);
+    }
+
+    /// Replaces the plan by a corrected one. `moved` is the motion of the route near the walker, in the odometry frame.
+    pub(crate) fn correct(
+        &mut self,
+        follower: &mut Follower,
+        ground: &Ground,
+        plan: ManeuverPlan,
+        moved: &Se3,
+        now: Stamp,
+        is_halted: bool,
+    ) {
+        let left =
+            self.easing.and_then(|e| e.left(now, follower.config.ease_s)).unwrap_or_else(Se3::identity);
+        let former = self.pose.and_then(|pose| now_at(follower, ground, &Pose::new(left * pose.se3), now));
+        let former_turn = former.map(|former| former.walker.turn_to(follower.aim(&former)));
+        follower.replace_plan(plan);
         self.easing = None;
         let shift = *moved * left;
-        let Some(pose) = self.pose.filter(|_| self.is_under_way() && shift.is_finite()) else { return };
+        let is_under_way = !is_halted && !matches!(follower.phase, Phase::Begin | Phase::Done);
+        let Some(pose) = self.pose.filter(|_| is_under_way && shift.is_finite()) else { return };
         if shift.translation.norm() < NOTHING && shift.rotation.angle() < NOTHING {
             return;
         }
-        let here = |pose: &Se3| self.now_at(&Pose::new(*pose), now);
+        let here = |pose: &Se3| now_at(follower, ground, &Pose::new(*pose), now);
         let (Some(eased), Some(truly)) = (here(&(shift * pose.se3)), here(&pose.se3)) else { return };
-        let contradicted = self.is_contradicted(former_turn, &truly);
-        if contradicted || self.misleads(&eased, &truly) {
-            self.correction_due |= contradicted;
-            self.matcher.place(truly.at.along_m);
+        let contradicted = self.is_contradicted(follower, former_turn, &truly);
+        if contradicted || misleads(follower, &eased, &truly) {
+            self.due |= contradicted;
+            follower.matcher.place(truly.at.along_m);
         } else {
             self.easing = Some(Easing { shift, began: now });
         }
     }
 
-    /// Replaces the plan when a new segment of odometry has begun, with the ground plane in its frame: the poses before
-    /// say nothing about those to come.
-    pub fn begin_segment(&mut self, plan: ManeuverPlan, ground: Ground) {
-        self.replace_plan(plan);
-        self.ground = ground;
-        self.easing = None;
-        self.pose = None;
-        self.runaway = Runaway::default();
-        self.motion.clear();
-    }
-
     /// The walker's heading as he is matched to the route: moved by what is left of a correction.
-    pub(crate) fn eased(&mut self, pose: &Pose<Odom, Camera>, now: Stamp) -> Option<Heading> {
-        let Some(easing) = self.easing else { return self.heading(pose) };
-        let left = easing.left(now, self.config.ease_s);
+    pub(crate) fn eased(
+        &mut self,
+        config: &GuideConfig,
+        ground: &Ground,
+        pose: &Pose<Odom, Camera>,
+        now: Stamp,
+    ) -> Option<Heading> {
+        let Some(easing) = self.easing else { return config.facing.heading(ground, pose) };
+        let left = easing.left(now, config.ease_s);
         if left.is_none() {
             self.easing = None;
         }
-        self.heading(&left.map_or(*pose, |left| Pose::new(left * pose.se3)))
+        config.facing.heading(ground, &left.map_or(*pose, |left| Pose::new(left * pose.se3)))
     }
 
     /// The cue for a correction that contradicts what was told.
-    pub(crate) fn corrected(&mut self, now: &Now) -> Option<CueKind> {
-        if !std::mem::take(&mut self.correction_due) {
+    pub(crate) fn cue(&mut self, follower: &mut Follower, now: &Now) -> Option<CueKind> {
+        if !std::mem::take(&mut self.due) {
             return None;
         }
-        let turn = now.walker.turn_to(self.aim(now));
-        if turn.abs().to_degrees() < self.config.turn_tolerance_deg {
-            self.set_out(now);
-            return Some(CueKind::Correction(First::Go(self.ahead(now))));
+        let turn = now.walker.turn_to(follower.aim(now));
+        if turn.abs().to_degrees() < follower.config.turn_tolerance_deg {
+            follower.set_out(now);
+            return Some(CueKind::Correction(First::Go(follower.ahead(now))));
         }
-        self.turn_on_spot(now);
+        follower.turn_on_spot(now);
         Some(CueKind::Correction(First::Turn(turn)))
-    }
-
-    fn is_under_way(&self) -> bool {
-        !self.is_halted() && !matches!(self.phase, Phase::Begin | Phase::Done)
-    }
-
-    /// What a step would start from at this pose.
-    fn now_at(&self, pose: &Pose<Odom, Camera>, now: Stamp) -> Option<Now> {
-        let walker = self.heading(pose)?;
-        let at = self.matcher.clone().update(&self.plan, &walker.position, now);
-        Some(Now { stamp: now, walker, at, speed: self.motion.speed() })
     }
 
     /// Whether the corrected route contradicts what the walker was told: another turn than was announced, or the other
     /// side than he was just sent to and than the former route (a turn by `former_turn`) still asks for.
-    fn is_contradicted(&self, former_turn: Option<f64>, truly: &Now) -> bool {
+    fn is_contradicted(&self, follower: &Follower, former_turn: Option<f64>, truly: &Now) -> bool {
         let is_turn = |next: &Next| matches!(next, Next::Turn { turn_rad, .. } if turn_rad.abs() >= TURN_RAD);
-        let comes = self.ahead(truly).next;
+        let comes = follower.ahead(truly).next;
         let another = match (self.told.next, comes) {
             (Some(Next::Turn { turn_rad: a, .. }), Next::Turn { turn_rad: b, .. }) => {
                 a * b < 0.0 && a.abs() >= TURN_RAD && b.abs() >= TURN_RAD
@@ -168,28 +191,34 @@ impl Guide {
             (Some(told), comes) => is_turn(&told) || is_turn(&comes),
             (None, _) => false,
         };
-        let following = matches!(self.phase, Phase::Turning(_));
-        let turn = truly.walker.turn_to(self.aim(truly));
+        let following = matches!(follower.phase, Phase::Turning(_));
+        let turn = truly.walker.turn_to(follower.aim(truly));
         let against =
-            |turn: f64, told: f64| turn * told < 0.0 && turn.abs().to_degrees() > self.config.adjust_deg;
+            |turn: f64, told: f64| turn * told < 0.0 && turn.abs().to_degrees() > follower.config.adjust_deg;
         let other_side = self.told.turn.is_some_and(|(at, told)| {
-            let fresh = following || since(Some(at), truly.stamp) < self.config.adjust_again_s;
+            let fresh = following || since(Some(at), truly.stamp) < follower.config.adjust_again_s;
             fresh && against(turn, told) && !former_turn.is_some_and(|former| against(former, told))
         });
         another || other_side
     }
+}
 
-    /// Whether the walker would be led wrongly while a correction is eased in: he is off the path and would not be told,
-    /// his aim lies elsewhere, or a turn or the end comes sooner or later than the eased route has it.
-    fn misleads(&self, eased: &Now, truly: &Now) -> bool {
-        let s = &self.config;
-        let wide = if self.backwards() { s.backwards_off_m } else { s.off_m };
-        let off = truly.at.cross_m.abs() > wide && eased.at.cross_m.abs() <= wide;
-        let aim = |now: &Now| now.walker.turn_to(self.aim(now));
-        let elsewhere =
-            crate::ground::wrap(aim(truly) - aim(eased)).abs().to_degrees() > s.turn_tolerance_deg;
-        let rest_m = self.next_at_m() - truly.at.along_m;
-        let soon = rest_m < (s.ease_s + s.turn_now_s) * truly.speed;
-        off || elsewhere || soon && (truly.at.along_m - eased.at.along_m).abs() > ALONG_M
-    }
+/// What a step would start from at this pose.
+fn now_at(follower: &Follower, ground: &Ground, pose: &Pose<Odom, Camera>, now: Stamp) -> Option<Now> {
+    let walker = follower.config.facing.heading(ground, pose)?;
+    let at = follower.matcher.clone().update(&follower.plan, &walker.position, now);
+    Some(Now { stamp: now, walker, at, speed: follower.motion.speed() })
+}
+
+/// Whether the walker would be led wrongly while a correction is eased in: he is off the path and would not be told,
+/// his aim lies elsewhere, or a turn or the end comes sooner or later than the eased route has it.
+fn misleads(follower: &Follower, eased: &Now, truly: &Now) -> bool {
+    let s = &follower.config;
+    let wide = if follower.backwards() { s.backwards_off_m } else { s.off_m };
+    let off = truly.at.cross_m.abs() > wide && eased.at.cross_m.abs() <= wide;
+    let aim = |now: &Now| now.walker.turn_to(follower.aim(now));
+    let elsewhere = wrap(aim(truly) - aim(eased)).abs().to_degrees() > s.turn_tolerance_deg;
+    let rest_m = follower.next_at_m() - truly.at.along_m;
+    let soon = rest_m < (s.ease_s + s.turn_now_s) * truly.speed;
+    off || elsewhere || soon && (truly.at.along_m - eased.at.along_m).abs() > ALONG_M
 }

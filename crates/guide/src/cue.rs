@@ -4,6 +4,9 @@ use crate::facing::Facing;
 use crate::maneuvers::Stairs;
 use cairn_sensor::Stamp;
 
+/// Within this distance of the start of a route the walker is at its start, metres.
+pub(crate) const AT_START_M: f64 = 3.0;
+
 /// Urgency of a cue; lower values come first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Priority {

@@ -1,9 +1,9 @@
 //! Route statistics for people and for reports, and polylines to draw.
 
+use crate::anchor::Anchor;
 use crate::clean::{CleanConfig, CleanedRoute, clean, length};
 use crate::ground::Ground;
 use crate::maneuvers::{ManeuverPlan, ManeuverPlanConfig, Travel};
-use crate::route::Anchor;
 use crate::route::{Route, Stretch};
 use cairn_geometry::{Sim3, Vec2};
 use serde::Serialize;

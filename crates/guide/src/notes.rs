@@ -4,10 +4,10 @@
 //! moment. In passing, the landmark's direction follows from the walker's own heading there: on the way back, left becomes
 //! right; for a walker who moves backwards and still faces as on the way out, it stays left.
 
+use crate::anchor::{Anchor, seven, stamp_ns};
+use crate::direction::Side;
 use crate::facing::Heading;
 use crate::ground::{Ground, wrap};
-use crate::phrases::Side;
-use crate::route::{Anchor, seven, stamp_ns};
 use cairn_geometry::Se3;
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;

@@ -1,9 +1,10 @@
 //! Records the route: a point every 5 cm or 5 degrees while there is a pose; losses are marked; written to disk at
 //! once.
 
+use crate::anchor::Anchor;
 use crate::ground::Ground;
 use crate::notes::RouteNote;
-use crate::route::{Anchor, Confidence, Route, RouteHeader, RoutePoint, Stretch};
+use crate::route::{Confidence, Route, RouteHeader, RoutePoint, Stretch};
 use crate::store::RouteWriter;
 use cairn_geometry::{Camera, Odom, Pose, Se3, Sim3};
 use cairn_sensor::Stamp;

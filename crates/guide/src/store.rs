@@ -317,8 +317,9 @@ fn parse_point(line: &[u8], route: &Route) -> Result<RoutePoint, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::anchor::Anchor;
     use crate::ground::Ground;
-    use crate::route::{Anchor, Stretch};
+    use crate::route::Stretch;
     use cairn_geometry::{Se3, So3, Vec3};
     use cairn_sensor::Stamp;
 

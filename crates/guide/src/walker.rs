@@ -5,8 +5,8 @@
 //! until told otherwise.
 
 use crate::announcer::speaking_time;
+use crate::direction::Side;
 use crate::listener::{Meaning, is_future, understand};
-use crate::phrases::Side;
 use cairn_phrases::Language;
 use cairn_random::Random;
 use cairn_sensor::Stamp;

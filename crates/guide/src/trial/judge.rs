@@ -3,11 +3,11 @@
 use super::{STEP_S, TrialConfig, guide_config};
 use crate::announcer::Utterance;
 use crate::cue::{Cue, CueKind};
+use crate::direction::Side;
 use crate::facing::{Facing, Heading};
 use crate::ground::{heading_of, wrap};
 use crate::maneuvers::ManeuverPlan;
 use crate::matcher::{Match, Matcher, MatcherConfig};
-use crate::phrases::Side;
 use crate::walker::{Walker, side_of};
 use cairn_geometry::Vec2;
 use cairn_phrases::Language;

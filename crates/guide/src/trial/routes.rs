@@ -2,9 +2,10 @@
 
 use super::noise::Noise;
 use super::{STEP_S, camera_pose};
+use crate::anchor::Anchor;
 use crate::ground::{Ground, cross, direction, heading_of, wrap};
 use crate::recorder::{RecordInput, Recorder, RecorderConfig};
-use crate::route::{Anchor, Confidence, Route};
+use crate::route::{Confidence, Route};
 use cairn_geometry::{Pose, Se3, So3, Vec2, Vec3};
 use cairn_random::Random;
 use cairn_sensor::Stamp;

@@ -1,22 +1,15 @@
-//! The last metres: the announcement to slow down, "stop" said early by the walker's reaction time, and what to do
-//! when the end was missed.
+//! Arrival: said early by the walker's reaction time; and the announcement of the end.
 
+use super::{Follower, Now, Phase};
 use crate::cue::CueKind;
 use crate::ground::{cross, direction};
-use crate::guide::{Guide, Now, Phase};
-use crate::moving::since;
-use crate::turning::Turning;
 
 /// Within this distance only the end matters, metres.
 const END_ZONE_M: f64 = 2.5;
-/// A course that is off by more than this has missed the end, radians.
-const MISSED_RAD: f64 = 0.8;
 /// A walker who missed the end this often has arrived when it is within reach, whatever direction he faces.
 const MISSES_BEFORE_ARRIVAL: u32 = 2;
-/// A "stop" and a turn cannot have been followed within this time, seconds.
-const REACTION_S: f64 = 3.0;
 
-impl Guide {
+impl Follower {
     /// The arrival cue, when the walker would stand at the end if told now.
     pub(crate) fn arrival(&mut self, now: &Now) -> Option<CueKind> {
         let end = self.plan.end();
@@ -43,7 +36,7 @@ impl Guide {
         (level && (standing_there || soon || beside || tried)).then(|| self.arrived())
     }
 
-    fn arrived(&mut self) -> CueKind {
+    pub(crate) fn arrived(&mut self) -> CueKind {
         self.phase = Phase::Done;
         CueKind::Arrived
     }
@@ -69,30 +62,5 @@ impl Guide {
         let near = (self.plan.end() - now.walker.position).norm() < END_ZONE_M;
         let left = self.plan.length() - now.at.along_m;
         self.next_maneuver().is_none() && left < END_ZONE_M && (near || left < 0.3) && !self.backwards()
-    }
-
-    /// Near the end: arrive, or stop and turn to it. A walker who keeps going would circle round it.
-    pub(crate) fn ending(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        if let Some(arrived) = self.arrival(now) {
-            return Some(arrived);
-        }
-        let to_end = self.plan.end() - now.walker.position;
-        let turn = now.walker.turn_to(crate::ground::heading_of(&to_end));
-        let missed = turn.abs() > MISSED_RAD;
-        if !missed || since(self.memory.last_direction, now.stamp) < REACTION_S {
-            if missed {
-                return None;
-            }
-            let stuck = self.stopped(now, aim);
-            // Told to go on, with the end ahead, and still standing: something blocks the last step.
-            if stuck.is_some() && to_end.norm() <= self.config.arrival_box_m[0] {
-                return Some(self.arrived());
-            }
-            return stuck.or_else(|| self.tick(now, aim));
-        }
-        self.direction_given(now);
-        self.memory.ends_missed += 1;
-        self.phase = Phase::Turning(Turning::new(now, false));
-        Some(CueKind::EndMissed { distance_m: to_end.norm(), turn_rad: turn })
     }
 }

@@ -5,16 +5,13 @@
 //! therefore held back until one such change leads back to the middle, unless the walker would leave the corridor
 //! before; correcting each small error at once would send him from side to side.
 
+use super::{Follower, Now, STANDING_M_S, since};
 use crate::cue::CueKind;
-use crate::guide::{Guide, Now};
-use crate::moving::since;
 
 /// The change of course that people make on "bear left", degrees.
 const BEAR_DEG: f64 = 19.0;
 /// Seconds from a short direction until the walker follows it.
 const ANSWER_S: f64 = 1.6;
-/// Slower than this counts as standing, m/s.
-const STANDING: f64 = 0.15;
 /// A correction must bring the walker nearer to the route by this share of his offset.
 const WORTH: f64 = 0.3;
 
@@ -54,11 +51,11 @@ impl Course {
 /// No correction against an aim that is off by more than this, degrees.
 const AGAINST_DEG: f64 = 8.0;
 
-impl Guide {
+impl Follower {
     /// A small correction before the walker leaves the corridor.
     pub(crate) fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
         let turn = self.wanted(now, aim);
-        let Some(turn) = turn.filter(|_| now.speed >= STANDING) else {
+        let Some(turn) = turn.filter(|_| now.speed >= STANDING_M_S) else {
             self.memory.aim_off_since = None;
             return None;
         };

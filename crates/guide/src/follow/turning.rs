@@ -1,24 +1,8 @@
 //! While the walker turns on the spot: say "stop turning" early and check the result.
 
+use super::{Follower, Now, Phase, Turning};
 use crate::cue::CueKind;
 use crate::facing::Facing;
-use crate::guide::{Guide, Now, Phase};
-use cairn_sensor::Stamp;
-
-/// A turn in progress.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Turning {
-    /// When the direction was given.
-    said: Stamp,
-    /// The walker began to turn.
-    began: bool,
-    /// "Stop turning" was said, together with what comes next.
-    stop_said: bool,
-    /// Since when the walker has not been turning.
-    still_since: Option<Stamp>,
-    /// The walker was moving when the direction was given and will continue by himself.
-    moving: bool,
-}
 
 /// Slower than this is not turning, rad/s.
 const STILL_RAD_S: f64 = 0.15;
@@ -31,14 +15,7 @@ const REPEAT_S: f64 = 6.0;
 /// Seconds after which a turn is given up in any case.
 const TIMEOUT_S: f64 = 12.0;
 
-impl Turning {
-    /// A turn whose direction is given now; `moving` when the walker will continue by himself after it.
-    pub fn new(now: &Now, moving: bool) -> Self {
-        Self { said: now.stamp, began: false, stop_said: false, still_since: None, moving }
-    }
-}
-
-impl Guide {
+impl Follower {
     pub(crate) fn turning(&mut self, mut turning: Turning, now: &Now) -> Option<CueKind> {
         let rate = self.motion.turn_rate();
         let left = now.walker.turn_to(self.aim(now));

@@ -1,0 +1,62 @@
+//! A maneuver of the route: it is announced, and it is time for it.
+
+use super::{Follower, Now};
+use crate::cue::CueKind;
+
+/// From this turn angle on the legs before and after it are easily confused, radians.
+const HAIRPIN_RAD: f64 = 0.5;
+
+impl Follower {
+    /// "Turn now" at the next maneuver, or only its waypoint when the walker already goes the right way.
+    pub(crate) fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
+        let m = *self.next_maneuver()?;
+        let before = self.next.checked_sub(1).map_or(0.0, |k| self.plan.maneuvers()[k].end_m);
+        let s = &self.config;
+        let latest = (s.turn_now_share * (m.at_m - before)).max(s.turn_now_min_m);
+        // Walking backwards the first word is "stop", and it is followed at once.
+        let early = if self.backwards() {
+            s.turn_lead_s * now.speed
+        } else {
+            (s.turn_now_s * now.speed).clamp(s.turn_now_min_m, latest) + s.reaction_s * now.speed
+        };
+        let middle = 0.5 * (m.at_m + m.end_m);
+        // Crossing its plane counts too, where the walker cuts or overshoots the corner.
+        if middle - now.at.along_m > early && now.at.along_m < m.at_m - 1e-6 {
+            return None;
+        }
+        self.next += 1;
+        if m.turn_rad.abs() > HAIRPIN_RAD {
+            self.matcher.pass(m.at_m);
+        }
+        self.memory.leg_start_m = now.at.along_m;
+        self.memory.announced_at_m = now.at.along_m;
+        let turn = now.walker.turn_to(m.exit_heading);
+        if m.turn_rad != 0.0 && turn.abs().to_degrees() >= 20.0 {
+            self.turn_on_spot(now);
+            return Some(CueKind::TurnNow { turn_rad: turn, stairs: m.stairs });
+        }
+        match m.stairs {
+            Some(stairs) => Some(CueKind::StairsNow(stairs)),
+            None => Some(CueKind::Waypoint),
+        }
+    }
+
+    pub(crate) fn approach(&mut self, now: &Now) -> Option<CueKind> {
+        let m = *self.next_maneuver()?;
+        if self.memory.approached == Some(self.next) {
+            return None;
+        }
+        let before = self.next.checked_sub(1).map_or(0.0, |k| self.plan.maneuvers()[k].end_m);
+        let segment = m.at_m - before;
+        let s = &self.config;
+        let faster = s.approach_per_speed * (now.speed - 1.0).max(0.0);
+        let far = if m.stairs.is_some() { s.approach_stairs_m } else { s.approach_m } + faster;
+        let wanted = segment >= s.approach_segment_m || m.stairs.is_some();
+        if !wanted || m.at_m - now.at.along_m > far.min(0.5 * segment) {
+            return None;
+        }
+        self.memory.approached = Some(self.next);
+        self.memory.announced_at_m = now.at.along_m;
+        Some(CueKind::Approach(self.ahead(now)))
+    }
+}

@@ -1,0 +1,165 @@
+//! Stops: why the walker is stopped, how often he is told, and when directions may begin again.
+
+use crate::blind::Blind;
+use crate::config::GuideConfig;
+use crate::cue::{CueKind, StopReason};
+use crate::facing::Heading;
+use crate::input::GuideInput;
+use crate::losses::Losses;
+use crate::route::Confidence;
+use crate::runaway::Runaway;
+use cairn_sensor::Stamp;
+
+/// How many times "stop" is said while tracking is lost before the walker is asked to look round.
+const STOPS_BEFORE_LOOK_ROUND: u32 = 4;
+/// Seconds for which the first pose is waited for in silence.
+const SILENT_S: f64 = 10.0;
+/// Angle of each turn that a lost walker is asked for, radians.
+const LOOK_ROUND_RAD: f64 = 0.7;
+
+/// A stop under way.
+#[derive(Clone, Copy, Debug)]
+struct Halt {
+    reason: StopReason,
+    said: Stamp,
+    /// How many times it was said.
+    times: u32,
+    good_since: Option<Stamp>,
+}
+
+/// Whether directions may be given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Recovery {
+    /// There was no stop.
+    Free,
+    /// Poses have not been good for long enough.
+    Waiting,
+    /// The stop ends now.
+    Ends {
+        /// It was for something in the way.
+        in_the_way: bool,
+    },
+}
+
+/// The stops of a walk. `started` says whether the walker has been told to move.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Stops {
+    halted: Option<Halt>,
+    losses: Losses,
+    blind: Blind,
+    runaway: Runaway,
+    /// Since when the first pose is waited for.
+    waiting_since: Option<Stamp>,
+}
+
+impl Stops {
+    /// The reason of the stop under way.
+    pub(crate) fn reason(&self) -> Option<StopReason> {
+        self.halted.map(|halt| halt.reason)
+    }
+
+    /// The poses from now on have nothing to do with those before.
+    pub(crate) fn begin_segment(&mut self) {
+        self.runaway = Runaway::default();
+    }
+
+    /// Whether tracking would only be lost again at this place, metres along the route.
+    pub(crate) fn are_final_at(&self, along_m: f64) -> bool {
+        self.losses.are_final_at(along_m)
+    }
+
+    /// Why the walker must stop now, if he must.
+    pub(crate) fn due(
+        &mut self,
+        input: &GuideInput,
+        walker: Option<&Heading>,
+        config: &GuideConfig,
+        started: bool,
+    ) -> Option<StopReason> {
+        let blind_s = walker.map_or(0.0, |w| self.blind.step(input.confidence, input.pose_stamp, w.heading));
+        if input.confidence == Confidence::Lost {
+            self.runaway = Runaway::default();
+        }
+        let runs_away = walker.is_some_and(|w| self.runaway.step(input.pose_stamp, w.position));
+        if input.hazard.is_some() {
+            input.hazard
+        } else if input.confidence == Confidence::Lost {
+            Some(StopReason::TrackingLost)
+        } else if input.now - input.pose_stamp > config.stale_s {
+            Some(StopReason::PoseStale)
+        } else if started && (blind_s > config.blind_s || runs_away) {
+            Some(StopReason::TrackingLost)
+        } else {
+            None
+        }
+    }
+
+    /// Counts a loss of tracking that begins now; where it is one too many, or lasts too long, that is the reason.
+    pub(crate) fn or_given_up(
+        &mut self,
+        reason: StopReason,
+        along_m: f64,
+        now: Stamp,
+        started: bool,
+    ) -> StopReason {
+        if reason != StopReason::TrackingLost || !started {
+            return reason;
+        }
+        if self.halted.is_none() {
+            self.losses.begin(along_m, now);
+        }
+        if self.losses.are_final(now) { StopReason::CannotRelocalise } else { reason }
+    }
+
+    /// Says stop at once, and again while the reason lasts. A walker who has to look round turns against `turn_rate`, rad/s,
+    /// by which he turned when tracking was lost.
+    pub(crate) fn halt(
+        &mut self,
+        reason: StopReason,
+        now: Stamp,
+        config: &GuideConfig,
+        turn_rate: f64,
+        started: bool,
+    ) -> Option<CueKind> {
+        if !started && self.halted.is_none() && reason == StopReason::TrackingLost {
+            // The walker was not told to move yet: wait for the first pose in silence, but not for long.
+            let since = *self.waiting_since.get_or_insert(now);
+            if now - since < SILENT_S {
+                return None;
+            }
+        }
+        let before = self.halted.filter(|h| h.reason.is_like(&reason)).map(|h| (h.said, h.times));
+        // Advice is two sentences and a turn of the body: it takes a while to say and to follow.
+        let again_s = match reason {
+            StopReason::ScaleUncertain | StopReason::CannotRelocalise => config.advice_again_s,
+            _ => config.stop_again_s,
+        };
+        let (said, times) = match before {
+            Some((said, times)) if now - said < again_s => (said, times),
+            Some((_, times)) => (now, times + 1),
+            None => (now, 1),
+        };
+        let due = before.is_none_or(|(_, n)| n != times);
+        self.halted = Some(Halt { reason, said, times, good_since: None });
+        // Waiting does not recover tracking; mapped views do. They lie on the side that the walker turned from.
+        if reason == StopReason::TrackingLost && times > STOPS_BEFORE_LOOK_ROUND {
+            let back = if turn_rate > 0.0 { -1.0 } else { 1.0 };
+            // Only every second time, so that a "stop" does not cut the turn short.
+            return (due && times % 2 == 0).then_some(CueKind::LookRound(back * LOOK_ROUND_RAD));
+        }
+        due.then_some(CueKind::Stop(reason))
+    }
+
+    /// Whether directions may be given now; after a stop only once poses have been good for [`GuideConfig::resume_s`].
+    pub(crate) fn recover(&mut self, now: Stamp, config: &GuideConfig) -> Recovery {
+        let Some(halt) = &mut self.halted else { return Recovery::Free };
+        let since = *halt.good_since.get_or_insert(now);
+        if now - since < config.resume_s {
+            return Recovery::Waiting;
+        }
+        let in_the_way = halt.reason.is_in_the_way();
+        self.halted = None;
+        self.losses.resume(now);
+        Recovery::Ends { in_the_way }
+    }
+}
