@@ -5,10 +5,11 @@
 
 use cairn::Slam;
 use cairn::geometry::Vec2;
-use cairn::guide::{Facing, Walker};
+use cairn::guide::Facing;
 use cairn::sensor::Stamp;
 use cairn::session::Event;
 use cairn::sim::{LiveRig, SimConfig, Stride};
+use cairn_trial::Walker;
 use std::error::Error;
 
 const RATE_HZ: f64 = 10.0;

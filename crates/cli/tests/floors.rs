@@ -19,10 +19,11 @@ const FLOORS: &[(u8, &[&str])] = &[
     (6, &["cairn-tracking", "cairn-mapping", "cairn-lens", "cairn-voice"]),
     (7, &["cairn-team"]),
     (8, &["cairn-engine"]),
-    (9, &["cairn-session"]),
-    (10, &["cairn-web", "cairn-trial"]),
-    (11, &["cairn"]),
-    (12, &["cairn-cli", "cairn-python", "cairn-ros", "bench"]),
+    (9, &["cairn-trial"]),
+    (10, &["cairn-session"]),
+    (11, &["cairn-web"]),
+    (12, &["cairn"]),
+    (13, &["cairn-cli", "cairn-python", "cairn-ros", "bench"]),
 ];
 
 fn workspace_root() -> &'static Path {

@@ -119,6 +119,14 @@ pub fn cross(a: &Vec2, b: &Vec2) -> f64 {
     a.x * b.y - a.y * b.x
 }
 
+/// The level pose of a camera 1.3 m above the ground that looks along `heading`, tilted down.
+pub fn camera_pose(x: f64, y: f64, heading: f64, tilt_down: f64) -> Se3 {
+    let (s, c) = heading.sin_cos();
+    let level = Mat3::from_columns(&[Vec3::new(s, -c, 0.0), -Vec3::z(), Vec3::new(c, s, 0.0)]);
+    let tilt = So3::exp(&Vec3::new(-tilt_down, 0.0, 0.0));
+    Se3::new(So3::from_matrix(&level) * tilt, Vec3::new(x, y, 1.3))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -129,7 +129,7 @@ pub fn ready_words(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::camera_pose;
+    use crate::ground::camera_pose;
 
     /// Ten metres along x, looking along it, with a gap before the given point.
     fn walk(gap_at: Option<usize>) -> Vec<PlacedPoint> {

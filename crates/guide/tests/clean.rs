@@ -1,8 +1,7 @@
 //! Cleaning: detours are removed, unwalked ground is never crossed, and the result lies where somebody walked.
 
 use cairn_geometry::Vec3;
-use cairn_guide::trial::{Noise, random_route, walk_out};
-use cairn_guide::{CleanConfig, CleanedRoute, Ground, clean, clean_line, largest_distance, length};
+use cairn_guide::{CleanConfig, CleanedRoute, Ground, clean_line, largest_distance, length};
 use cairn_random::Random;
 use proptest::prelude::*;
 
@@ -126,21 +125,6 @@ fn degenerate_lines_are_handled() {
     }
     let still: Line = vec![(Vec3::x(), false); 50];
     assert_eq!(cleaned(&still).after_m, 0.0);
-}
-
-#[test]
-fn few_segments_are_shorter_than_a_metre() {
-    let mut short = 0;
-    let mut all = 0;
-    for seed in 0..20 {
-        let route = walk_out(&random_route(seed, false), Noise::Usual, seed);
-        let placed = route.as_recorded();
-        let cleaned = clean(&placed, 1.0, &Ground::z_up(), &CleanConfig::default());
-        all += cleaned.points.len() - 1;
-        short += cleaned.points.windows(2).filter(|w| (w[1] - w[0]).norm() < 1.0).count();
-        assert!(cleaned.largest_distance_to(&placed, 1.0) <= 0.31);
-    }
-    assert!(short * 10 <= all, "{short} of {all} segments are shorter than a metre");
 }
 
 /// A staircase-shaped route, x then y, with a detour on each leg along x, and the length of the route without detours.

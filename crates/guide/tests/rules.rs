@@ -1,7 +1,6 @@
 //! Each rule of the guide, on scripted poses.
 
 use cairn_geometry::{Pose, Se3, So3, Vec3};
-use cairn_guide::trial::camera_pose;
 use cairn_guide::*;
 use cairn_sensor::Stamp;
 

@@ -6,15 +6,14 @@ use crate::place::Place;
 use crate::synthetic::{FEATURES, RATE_HZ, World, off, stereo};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_geometry::{Pose, Se3, Sim3, So3, Vec2, Vec3};
-use cairn_guide::trial::camera_pose;
-use cairn_guide::walker::side_of;
 use cairn_guide::{
     Anchor, Announcer, AnnouncerConfig, Confidence, Facing, Ground, GuideState, PhraseConfig, Route,
-    RouteConfig, RouteHeader, RoutePoint, Side, Stretch, Travel, Walker, wrap,
+    RouteConfig, RouteHeader, RoutePoint, Side, Stretch, Travel, camera_pose, wrap,
 };
 use cairn_sensor::Stamp;
 use cairn_solve::ransac::Rng;
 use cairn_tracking::{Tracker, TrackerConfig};
+use cairn_trial::{Walker, side_of};
 
 const STEP_S: f64 = 1.0 / RATE_HZ;
 /// A corridor of 24 m and, after a turn to the left, 14 m more.

@@ -243,7 +243,7 @@ mod tests {
     use super::*;
     use crate::synthetic::{World, stereo};
     use cairn_atlas::Atlas;
-    use cairn_guide::trial::camera_pose;
+    use cairn_guide::camera_pose;
     use cairn_guide::{Anchor, CleanConfig, ManeuverPlan, ManeuverPlanConfig, RouteConfig, Travel, clean};
 
     /// A map of a corridor along x, and routes along lines of places, anchored to its nearest key frames.

@@ -1,3 +1,8 @@
 #![doc = include_str!("../README.md")]
 
+mod listener;
 pub mod robot;
+pub mod walk;
+mod walker;
+
+pub use walker::{Walker, side_of};

@@ -7,9 +7,9 @@
 use super::config::DemoConfig;
 use super::obstacles::Obstacles;
 use cairn_geometry::{Se3, Vec2};
-use cairn_guide::Walker;
 use cairn_sensor::Stamp;
 use cairn_sim::{Stride, World};
+use cairn_trial::Walker;
 
 /// Radius of the body, metres: half the width of a person, the least distance to a wall.
 pub const BODY_M: f64 = 0.25;

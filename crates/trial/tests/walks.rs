@@ -1,9 +1,9 @@
 //! A small version of the example `walks`, with required figures, and transcripts that people can read.
-//! `CAIRN_UPDATE=1 cargo test -p cairn-guide --test walks` rewrites the transcripts.
+//! `CAIRN_UPDATE=1 cargo test -p cairn-trial --test walks` rewrites the transcripts.
 
-use cairn_guide::trial::{Noise, Outcome, Tally, TrialConfig, random_route, run};
 use cairn_guide::{DirectionStyle, Facing, PhraseConfig, Travel};
 use cairn_phrases::Language;
+use cairn_trial::walk::{Noise, Outcome, Tally, TrialConfig, random_route, run};
 use std::ops::Range;
 use std::path::PathBuf;
 

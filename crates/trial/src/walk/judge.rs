@@ -1,15 +1,12 @@
 //! Judges a trial by ground truth: where the walker really was and to which side the words sent him.
 
-use super::{STEP_S, TrialConfig, guide_config};
-use crate::announcer::Utterance;
-use crate::cue::{Cue, CueKind};
-use crate::direction::Side;
-use crate::facing::{Facing, Heading};
-use crate::ground::{heading_of, wrap};
-use crate::maneuvers::ManeuverPlan;
-use crate::matcher::{Match, Matcher, MatcherConfig};
+use super::config::{STEP_S, TrialConfig, guide_config};
 use crate::walker::{Walker, side_of};
 use cairn_geometry::Vec2;
+use cairn_guide::{
+    Cue, CueKind, Facing, Heading, ManeuverPlan, Match, Matcher, MatcherConfig, Side, Utterance, heading_of,
+    wrap,
+};
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 use std::collections::BTreeMap;
@@ -217,7 +214,7 @@ impl Judge {
             }
             Some(CueKind::TurnNow { .. }) => {
                 // One of the corners here must turn that route, seen from the walker's heading.
-                let here = |m: &&crate::Maneuver| {
+                let here = |m: &&cairn_guide::Maneuver| {
                     m.turn_rad != 0.0 && m.at_m - along_m < 4.0 && along_m - m.end_m < 4.0
                 };
                 !self.plan.maneuvers().iter().filter(here).any(|m| {
@@ -274,10 +271,10 @@ fn name(kind: &CueKind) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cue::Priority;
-    use crate::trial::Noise;
-    use crate::{Ground, ManeuverPlanConfig};
+    use crate::walk::Noise;
     use cairn_geometry::Vec3;
+    use cairn_guide::Priority;
+    use cairn_guide::{Ground, ManeuverPlanConfig};
 
     #[test]
     fn judge_counts_wrong_sides_and_off_path_events() {
@@ -285,11 +282,11 @@ mod tests {
         let plan = ManeuverPlan::new(&corners, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
         let config = TrialConfig {
             facing: Facing::Home,
-            travel: crate::Travel::Home,
+            travel: cairn_guide::Travel::Home,
             noise: Noise::None,
             corridor_m: 3.0,
             cut_detours: true,
-            phrases: crate::PhraseConfig::default(),
+            phrases: cairn_guide::PhraseConfig::default(),
             seed: 0,
         };
         for (text, wrong) in [("Turn left now.", 0), ("Turn right now.", 1), ("Turn around.", 0)] {

@@ -1,10 +1,18 @@
 //! Errors between the true poses and the guide's input: noise, drift, corrections, losses.
 
-use super::Reading;
-use crate::route::Confidence;
 use cairn_geometry::{Se3, So3, Vec3};
+use cairn_guide::Confidence;
 use cairn_random::Random;
 use cairn_sensor::Stamp;
+
+/// The guide's input at one instant.
+pub(crate) struct Reading {
+    pub stamp: Stamp,
+    pub odom_from_camera: Se3,
+    pub confidence: Confidence,
+    /// The odom frame relative to the world, when the map was corrected just now.
+    pub corrected: Option<Se3>,
+}
 
 /// The level of pose errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

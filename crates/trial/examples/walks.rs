@@ -1,12 +1,12 @@
 //! Guides simulated walkers along random routes on poses, and prints the figures.
 //!
-//! `cargo run --release -p cairn-guide --example walks -- [--ways N] [--show SEED ROW] [--docs FOLDER]`:
+//! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--show SEED ROW] [--docs FOLDER]`:
 //! a table of all rows, the utterances by kind, and the worst seeds; `--show` prints one transcript instead (ROW
 //! counts from 0); `--docs` also writes the table into FOLDER/guide.md, between its marks, and the worst three
 //! transcripts beside it.
 
-use cairn_guide::trial::{Noise, Outcome, Tally, TrialConfig, random_route, run};
 use cairn_guide::{Facing, Travel};
+use cairn_trial::walk::{Noise, Outcome, Tally, TrialConfig, random_route, run};
 use std::fmt::Write as _;
 use std::path::Path;
 

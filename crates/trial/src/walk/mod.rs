@@ -1,70 +1,24 @@
 //! Trials on poses: a route is walked out, recorded and cleaned, and a simulated walker who reacts only to the spoken
 //! words is guided home. Ground truth is kept apart from the guide's input.
 
+mod config;
 mod judge;
 mod noise;
 mod routes;
 
+pub use config::{STEP_S, TrialConfig, guide_config};
 pub use judge::{Outcome, Said, Tally};
 pub use noise::{Noise, PoseNoise};
 pub use routes::{crosses_itself, random_route, walk_out};
 
-use crate::announcer::{Announcer, AnnouncerConfig};
-use crate::clean::{CleanConfig, CleanedRoute, clean};
-use crate::config::GuideConfig;
-use crate::facing::Facing;
-use crate::ground::Ground;
-use crate::guide::Guide;
-use crate::input::GuideInput;
-use crate::maneuvers::{ManeuverPlan, ManeuverPlanConfig, Travel};
-use crate::phrases::PhraseConfig;
-use crate::route::{Confidence, Route};
 use crate::walker::Walker;
-use cairn_geometry::{Mat3, Pose, Se3, So3, Vec2, Vec3};
+use cairn_geometry::{Pose, Se3, Vec2};
+use cairn_guide::{
+    Announcer, AnnouncerConfig, CleanConfig, CleanedRoute, Facing, Ground, Guide, GuideInput, ManeuverPlan,
+    ManeuverPlanConfig, Route, Travel, camera_pose, clean,
+};
 use cairn_sensor::Stamp;
 use judge::Judge;
-
-/// Seconds between steps of a trial.
-pub const STEP_S: f64 = 0.05;
-
-/// Config of a trial.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TrialConfig {
-    /// How the camera is mounted relative to the walker.
-    pub facing: Facing,
-    /// Home right after the way out, or the same route again another day.
-    pub travel: Travel,
-    /// The noise added to the poses.
-    pub noise: Noise,
-    /// Width of the corridor in metres: off the path is half of it, the warning two thirds of that.
-    pub corridor_m: f64,
-    /// Whether detours are cut before guidance.
-    pub cut_detours: bool,
-    /// Language, unit and form of what is said; the walker understands this language.
-    pub phrases: PhraseConfig,
-    /// Seed of the walker, the recording and the noise.
-    pub seed: u64,
-}
-
-/// The level pose of a camera 1.3 m above the ground that looks along `heading`, tilted down.
-pub fn camera_pose(x: f64, y: f64, heading: f64, tilt_down: f64) -> Se3 {
-    let (s, c) = heading.sin_cos();
-    let level = Mat3::from_columns(&[Vec3::new(s, -c, 0.0), -Vec3::z(), Vec3::new(c, s, 0.0)]);
-    let tilt = So3::exp(&Vec3::new(-tilt_down, 0.0, 0.0));
-    Se3::new(So3::from_matrix(&level) * tilt, Vec3::new(x, y, 1.3))
-}
-
-/// The guide's config for a corridor of this width.
-pub fn guide_config(facing: Facing, corridor_m: f64) -> GuideConfig {
-    let off_m = 0.5 * corridor_m;
-    GuideConfig {
-        facing,
-        off_m,
-        warn_m: off_m * 2.0 / 3.0,
-        off_hysteresis_m: 0.2 * off_m,
-        ..GuideConfig::default()
-    }
-}
 
 /// Walks `line` out, records and cleans it, and guides a walker along it. Metres on the ground plane.
 pub fn run(line: &[Vec2], config: &TrialConfig) -> Outcome {
@@ -136,20 +90,11 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
             walker.hear(&said.text, now);
             judge.hear(&said, &walker, now);
         }
-        let arrived = guide.state() == crate::GuideState::Arrived;
+        let arrived = guide.state() == cairn_guide::GuideState::Arrived;
         stood_s = if arrived && walker.is_standing() { stood_s + STEP_S } else { 0.0 };
         if stood_s > 3.0 {
             break;
         }
     }
-    judge.finish(&walker, guide.state() == crate::GuideState::Arrived)
-}
-
-/// The guide's input at one instant.
-pub(crate) struct Reading {
-    pub stamp: Stamp,
-    pub odom_from_camera: Se3,
-    pub confidence: Confidence,
-    /// The odom frame relative to the world, when the map was corrected just now.
-    pub corrected: Option<Se3>,
+    judge.finish(&walker, guide.state() == cairn_guide::GuideState::Arrived)
 }

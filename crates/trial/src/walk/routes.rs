@@ -1,12 +1,12 @@
 //! Random routes, and their simulated recording by a sighted person.
 
+use super::config::STEP_S;
 use super::noise::Noise;
-use super::{STEP_S, camera_pose};
-use crate::anchor::Anchor;
-use crate::ground::{Ground, cross, direction, heading_of, wrap};
-use crate::recorder::{RecordInput, Recorder, RecorderConfig};
-use crate::route::{Confidence, Route};
 use cairn_geometry::{Pose, Se3, So3, Vec2, Vec3};
+use cairn_guide::{
+    Anchor, Confidence, Ground, RecordInput, Recorder, RecorderConfig, Route, camera_pose, cross, direction,
+    heading_of, wrap,
+};
 use cairn_random::Random;
 use cairn_sensor::Stamp;
 

@@ -4,9 +4,8 @@
 //! It reacts late, turns too far (17 degrees on average: Ahmetovic et al. 2018), veers, and keeps going
 //! until told otherwise.
 
-use crate::announcer::speaking_time;
-use crate::direction::Side;
 use crate::listener::{Meaning, is_future, understand};
+use cairn_guide::{Side, speaking_time};
 use cairn_phrases::Language;
 use cairn_random::Random;
 use cairn_sensor::Stamp;
@@ -292,7 +291,7 @@ impl Walker {
                     if left > 1e-9 { Activity::Stepping { left, direction } } else { Activity::Standing };
             }
         }
-        self.heading = crate::ground::wrap(self.heading);
+        self.heading = cairn_guide::wrap(self.heading);
     }
 
     fn advance(&mut self, metres: f64, direction: f64) {
@@ -335,7 +334,7 @@ mod tests {
                 walker.hear(text, now);
             }
             let (_, _, heading) = walker.step(0.05, now);
-            turned += crate::ground::wrap(heading - last);
+            turned += cairn_guide::wrap(heading - last);
             last = heading;
         }
         let (x, y, _) = walker.pose();

@@ -60,7 +60,7 @@ fn side(words: &[&str], left: &str, right: &str) -> f64 {
 /// The hour of a clock face as an angle in degrees, positive left.
 fn hour(word: &str) -> Option<Meaning> {
     let hour: f64 = word.parse().ok()?;
-    Some(Meaning::Turn(crate::ground::wrap(-(30.0 * hour).to_radians()).to_degrees()))
+    Some(Meaning::Turn(cairn_guide::wrap(-(30.0 * hour).to_radians()).to_degrees()))
 }
 
 /// The number before a word such as "degrees".
