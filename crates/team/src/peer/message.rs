@@ -18,7 +18,7 @@ pub(super) const WINDOW: usize = 16;
 pub(super) type Stamp = (u32, [u8; 8]);
 
 /// Kinds of messages between peers, for counting.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PeerKind {
     /// Which versions a peer has.
