@@ -1,5 +1,5 @@
-//! `cairn-rerun OUT.rrd`: writes the messages on its standard input as a recording of the rerun viewer.
-//! When the input ends early, the recording is closed with what there is, and the exit status is 1.
+//! `cairn-rerun OUT.rrd`: writes the messages on its standard input as a recording of the rerun viewer. `cairn run --rerun`
+//! starts it. When the input ends early, the recording is closed with what there is, and the exit status is 1.
 
 mod recording;
 
@@ -25,7 +25,9 @@ fn main() -> ExitCode {
             }
         },
         _ => {
-            eprintln!("usage: cairn-rerun OUT.rrd, with messages on standard input");
+            eprintln!(
+                "usage: cairn-rerun OUT.rrd, with messages on standard input; cairn run --rerun OUT.rrd starts it"
+            );
             ExitCode::from(2)
         }
     }

@@ -159,7 +159,7 @@ fn meminfo(text: &str, field: &str) -> Option<u64> {
 }
 
 /// The programs that may be started: name, argument that makes it tell its version, use, and how to get it.
-const PROGRAMS: [(&str, &str, &str, &str); 3] = [
+const PROGRAMS: [(&str, &str, &str, &str); 4] = [
     (
         "ffmpeg",
         "-version",
@@ -173,6 +173,12 @@ const PROGRAMS: [(&str, &str, &str, &str); 3] = [
         "apt install espeak-ng (Debian, Ubuntu), brew install espeak-ng (macOS), winget install espeak-ng (Windows)",
     ),
     ("aplay", "--version", "sounds beside --say speech", "apt install alsa-utils (Debian, Ubuntu)"),
+    (
+        "cairn-rerun",
+        "--version",
+        "cairn run --rerun",
+        "cargo install --path crates/rerun --features sdk, in the sources of Cairn",
+    ),
 ];
 
 fn programs(search: Option<OsString>) -> Vec<Program> {

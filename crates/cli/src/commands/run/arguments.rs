@@ -130,6 +130,10 @@ pub struct Arguments {
     /// points, images with features, spoken words, events.
     #[arg(help_heading = RESULTS, long, value_name = "OUT.mcap")]
     pub mcap: Option<PathBuf>,
+    /// Writes the run as a recording of the rerun viewer: poses, images with features, points, key frames, loops, routes,
+    /// spoken words on one time line. Needs the program cairn-rerun.
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.rrd")]
+    pub rerun: Option<PathBuf>,
     /// Watches the way of a guided walker with the depth sensor, and stops him for what is in it.
     #[arg(help_heading = RUNNING, long)]
     pub watch_way: bool,

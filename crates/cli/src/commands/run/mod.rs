@@ -11,6 +11,7 @@ mod outcome;
 mod page;
 mod picture;
 mod problems;
+mod rerun;
 mod results;
 mod route;
 mod say;
@@ -103,6 +104,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut engine = journal::engine(a, &outputs, engine, &source.info().name, replayed)?;
     let mut events = Events::begin(outputs.file("--events"), &mut engine)?;
     let mut mcap = mcap::Recording::begin(outputs.file("--mcap"))?;
+    let mut rerun = rerun::Scene::begin(outputs.file("--rerun"), &rig, &source.info().name)?;
     let mut dense = surface::begin(a, &mut engine, &rig, map_in.as_mut())?;
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
     let mut session = Session::new(engine, session_config(a, &outputs, live, settings));
@@ -125,6 +127,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut observer =
         RunObserver::new(&mut tally, source.info().frames, voice, terminal, saver, &mut events, status)
             .with_mcap(mcap.as_mut())
+            .with_rerun(rerun.as_mut())
             .with_dense(dense.as_mut());
     let (driven, skips, skipped) = if live {
         let inbox = Inbox::new();
@@ -167,13 +170,14 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         events.end()
     });
     let mcap = mcap.map_or(Ok(()), |mcap| mcap.end(session.engine()));
+    let rerun = rerun.map_or(Ok(()), |rerun| rerun.end(&session, dense.as_ref()));
     let journal_ended = journal::end(a, session.engine());
     warn_of_skipped(&skipped);
     let closed = session.close().map_err(|why| Failure::new("recording", why, "free some space on the disk"));
     let saved = saver.end(&session, dense.as_mut());
     // Nothing above or below keeps the rest from being written; all failures are reported together.
     let driven = driven.map(drop).map_err(Failure::from);
-    let mut failures: Vec<Failure> = [driven, voice_ended, closed, saved, events, mcap, journal_ended]
+    let mut failures: Vec<Failure> = [driven, voice_ended, closed, saved, events, mcap, rerun, journal_ended]
         .into_iter()
         .filter_map(Result::err)
         .collect();

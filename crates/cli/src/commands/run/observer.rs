@@ -4,6 +4,7 @@
 use super::events::Events;
 use super::map::Saver;
 use super::mcap;
+use super::rerun;
 use super::status::StatusLines;
 use super::tally::Tally;
 use crate::failure::Failure;
@@ -27,6 +28,7 @@ pub struct RunObserver<'t, 'a> {
     saver: Saver<'a>,
     events: &'t mut Option<Events>,
     mcap: Option<&'t mut mcap::Recording>,
+    rerun: Option<&'t mut rerun::Scene>,
     dense: Option<&'t mut DenseMapper>,
     /// Whether the signal that ends the run has been passed on.
     quitting: bool,
@@ -56,6 +58,7 @@ impl<'t, 'a> RunObserver<'t, 'a> {
             saver,
             events,
             mcap: None,
+            rerun: None,
             dense: None,
             quitting: false,
             replay_stopped: false,
@@ -65,6 +68,12 @@ impl<'t, 'a> RunObserver<'t, 'a> {
     /// Also writes the run to an MCAP file, if there is one.
     pub fn with_mcap(mut self, mcap: Option<&'t mut mcap::Recording>) -> Self {
         self.mcap = mcap;
+        self
+    }
+
+    /// Also writes the run to a recording of rerun, if there is one.
+    pub fn with_rerun(mut self, rerun: Option<&'t mut rerun::Scene>) -> Self {
+        self.rerun = rerun;
         self
     }
 
@@ -107,6 +116,9 @@ impl Observer for RunObserver<'_, '_> {
                 if let Some(mcap) = &mut self.mcap {
                     mcap.said(said);
                 }
+                if let Some(rerun) = &mut self.rerun {
+                    rerun.said(said);
+                }
                 self.voice.set_language(said.language);
                 self.voice.say(&said.text, said.t_s, said.interrupts);
             }
@@ -134,6 +146,9 @@ impl Observer for RunObserver<'_, '_> {
                 }
                 if let Some(mcap) = &mut self.mcap {
                     mcap.frame(packet, done, session.engine());
+                }
+                if let Some(rerun) = &mut self.rerun {
+                    rerun.frame(packet, done, session, self.dense.as_deref());
                 }
             }
             Err(why) => self.tally.rejected(packet, why),

@@ -38,6 +38,7 @@ pub fn checked(a: &Arguments) -> Result<Outputs, Failure> {
         .output("--report-html", a.report_html.as_deref())
         .output("--events", a.events.as_deref())
         .output("--mcap", a.mcap.as_deref())
+        .output("--rerun", a.rerun.as_deref())
         .output("--mesh", a.mesh.as_deref())
         .output("--journal", a.journal.as_deref())
         .output("--say wav:", wav)
