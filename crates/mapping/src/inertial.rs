@@ -46,6 +46,8 @@ pub struct InertialConfig {
 const SEEN_PIXELS: f64 = 0.5;
 /// Relative standard deviation of the scale of cameras with depth.
 const DEPTH_SCALE_SIGMA: f64 = 0.003;
+/// With the clocks known this well, seconds, nothing waits for their comparison by rotations.
+const MOST_OFFSET_SIGMA_S: f64 = 0.002;
 /// Seconds of key frames, up to the newest, used by the initialisation.
 const INITIALISATION_S: f64 = 20.0;
 /// Seconds after the first key frame of the chain at which a gravity-aligned map is adjusted as a whole
@@ -190,7 +192,8 @@ impl Inertial {
             *times += 1;
         } else {
             let mut attempt = self.attempt(&snapshot, camera, chain, INITIALISATION_S)?;
-            let compared = f64::from(u8::from(self.clocks.is_decided()));
+            let known = attempt.found.as_ref().is_some_and(|f| f.offset_sigma_s <= MOST_OFFSET_SIGMA_S);
+            let compared = f64::from(u8::from(known || self.clocks.is_decided()));
             attempt.gates.push(Gate::new(GateKind::Clocks, compared, 1.0));
             let found = attempt.accepted().cloned();
             attempt_made = Some(attempt);
@@ -199,6 +202,7 @@ impl Inertial {
             self.clocks.clear_rotations();
             self.imu.noise = self.data_sheet.times(noise_times);
             let centre_point = snapshot.world_from_camera(map.root())?.translation;
+            atlas.commit(self.settle_clocks(&snapshot, chain, &found));
             atlas.commit(self.align_gravity(&snapshot, map, chain, &found, camera.has_depth(), centre_point));
             self.refined.insert(map, REFINE_AT_S.iter().filter(|due| seconds >= **due).count());
         }
@@ -223,6 +227,22 @@ impl Inertial {
             let late = &chain[chain.len().saturating_sub(3)..chain.len().saturating_sub(1).max(1)];
             atlas.commit(self.clocks.recompute_factors(&snapshot, late, known));
         }
+    }
+
+    /// The changes that take over the clocks' offset found with the scale.
+    fn settle_clocks(
+        &mut self,
+        snapshot: &Snapshot,
+        chain: &[KeyFrameId],
+        found: &cairn_inertial::Initial,
+    ) -> Vec<Change> {
+        let known = snapshot.imu_offset();
+        let Some(offset) = self.clocks.settle(known + found.offset_s, found.offset_sigma_s, known) else {
+            return Vec::new();
+        };
+        let mut changes = vec![Change::ImuOffset(offset)];
+        changes.extend(self.clocks.recompute_factors(snapshot, chain, offset));
+        changes
     }
 
     /// The initialisation with the key frames of the last `seconds` of a chain.
@@ -253,7 +273,11 @@ impl Inertial {
             false => Scale::Free,
         };
         // `initialise` raises the noise itself, starting from that of the data sheet.
-        let config = InitialiseConfig { noise_times: 1.0, ..InitialiseConfig::default() };
+        let config = InitialiseConfig {
+            noise_times: 1.0,
+            offset_sigma_s: self.clocks.sigma_s(),
+            ..InitialiseConfig::default()
+        };
         Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
     }
 
