@@ -69,6 +69,8 @@ pub(crate) struct Inertial {
     refined: BTreeMap<MapId, usize>,
     /// The last check of the scale, where it contradicted the map.
     pub contradicted: Option<Contradiction>,
+    /// When the scale of a longer stretch was checked last.
+    pub checked_long: Option<Stamp>,
 }
 
 impl Inertial {
@@ -77,7 +79,8 @@ impl Inertial {
         let noise = data_sheet.times([config.noise_times; 2]);
         let imu = ImuModel { imu_from_camera, noise };
         let clocks = Clocks::new(&ImuSensor { noise: data_sheet, ..sensor.clone() });
-        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), contradicted: None }
+        let (contradicted, checked_long) = (None, None);
+        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), contradicted, checked_long }
     }
 
     /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
