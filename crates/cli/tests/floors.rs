@@ -11,14 +11,14 @@ use std::process::Command;
 /// Each floor with its packages; ARCHITECTURE.md has the same table.
 const FLOORS: &[(u8, &[&str])] = &[
     (0, &["cairn-settings-derive"]),
-    (1, &["cairn-files", "cairn-geometry", "cairn-phrases", "cairn-random", "cairn-settings"]),
+    (1, &["cairn-files", "cairn-geometry", "cairn-phrases", "cairn-random", "cairn-rerun", "cairn-settings"]),
     (2, &["cairn-solve", "cairn-sensor", "cairn-eval"]),
     (3, &["cairn-vision", "cairn-sim", "cairn-inertial", "cairn-bag"]),
     (4, &["cairn-sources", "cairn-atlas", "cairn-filter"]),
     (5, &["cairn-adjust", "cairn-dense", "cairn-plan", "cairn-guide"]),
     (6, &["cairn-tracking", "cairn-mapping", "cairn-lens", "cairn-voice"]),
     (7, &["cairn-team"]),
-    (8, &["cairn-engine"]),
+    (8, &["cairn-engine", "cairn-wire"]),
     (9, &["cairn-trial"]),
     (10, &["cairn-session"]),
     (11, &["cairn-web"]),
