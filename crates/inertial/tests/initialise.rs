@@ -143,6 +143,60 @@ fn known_scale_stays_and_needs_no_motion() {
     assert!(found.states.iter().all(|s| s.velocity.norm() < 0.02));
 }
 
+/// The poses of a motion, stamped so late, and the readings of the same time.
+fn stamped_late(seed: u64, key_frames: usize, late_s: f64) -> Case {
+    let mut rng = Rng::new(seed);
+    let from = rng.range(0.0, 8.0);
+    let (readings, _) = noisy(&mut rng, samples(from, 0.25 * key_frames as f64, 200.0), some_bias());
+    let pose = |t: f64| Se3::new(Motion::rotation(t - late_s), Motion::position(t - late_s));
+    case(&mut rng, readings, pose, from, key_frames, MAP_UNIT_M)
+}
+
+#[test]
+fn offset_of_the_clocks_is_found_with_the_scale() {
+    let mut nees = 0.0;
+    let runs = 20;
+    for seed in 0..runs {
+        let late_s = 0.03 * (seed as f64 / runs as f64 - 0.5);
+        let case = stamped_late(seed, 16, late_s);
+        let seen =
+            Seen { poses: &case.poses, rotation_sigma: ROTATION_SIGMA, position_sigma: case.position_sigma };
+        let config = InitialiseConfig { noise_times: 1.0, offset_sigma_s: 0.03, ..Default::default() };
+        let attempt = initialise(&seen, &case.links, &imu_from_camera(), Scale::Free, &config);
+        let found = attempt.accepted().unwrap_or_else(|| panic!("{seed}: {:?}", attempt.gates));
+        assert!(found.offset_sigma_s < 2e-3, "{seed}: {} s", found.offset_sigma_s);
+        nees += ((found.offset_s - late_s) / found.offset_sigma_s).powi(2) / runs as f64;
+        assert!((found.scale / MAP_UNIT_M).ln().abs() < 4.0 * found.scale_sigma, "{seed}: {}", found.scale);
+        // Where the clocks are taken to agree, the IMU is blamed.
+        let known = InitialiseConfig { offset_sigma_s: 0.0, ..config };
+        let blamed = initialise(&seen, &case.links, &imu_from_camera(), Scale::Free, &known).found;
+        if late_s.abs() > 0.01 {
+            let worse = blamed.is_none_or(|b| b.scale_sigma > 1.3 * found.scale_sigma);
+            assert!(worse, "{seed}: an offset of {late_s} s must show");
+        }
+    }
+    println!("NEES of the offset {nees:.2} (1)");
+    assert!(nees < 3.0, "{nees}");
+}
+
+#[test]
+fn noise_of_the_poses_is_fitted_where_it_is_overstated() {
+    for seed in 0..10 {
+        let case = in_motion(seed, 24, MAP_UNIT_M);
+        let of = |times: f64| {
+            let (rotation_sigma, position_sigma) = (times * ROTATION_SIGMA, times * case.position_sigma);
+            let seen = Seen { poses: &case.poses, rotation_sigma, position_sigma };
+            let config = InitialiseConfig { noise_times: 1.0, ..Default::default() };
+            initialise(&seen, &case.links, &imu_from_camera(), Scale::Free, &config).found.expect("a minimum")
+        };
+        let (right, over) = (of(1.0), of(8.0));
+        assert!(over.position_sigma <= 2.0 * case.position_sigma, "{seed}: {}", over.position_sigma);
+        assert!(right.position_sigma >= 0.5 * case.position_sigma, "{seed}: {}", right.position_sigma);
+        let sigmas = over.scale_sigma / right.scale_sigma;
+        assert!((0.5..2.0).contains(&sigmas), "{seed}: {sigmas}");
+    }
+}
+
 fn standing(seed: u64) -> (Case, Vec<ImuSample>) {
     let mut rng = Rng::new(seed);
     let still = |i: i64| ImuSample::new(Stamp(i * 5_000_000), Vec3::zeros(), -Gravity::level().vector());

@@ -6,7 +6,7 @@
 
 use cairn_atlas::{Change, ImuFactor, ImuSegment, KeyFrameId, Snapshot};
 use cairn_geometry::So3;
-use cairn_inertial::{Bias, ImuBuffer, OffsetConfig, Preintegrated, TimeOffset, time_offset};
+use cairn_inertial::{Bias, ImuBuffer, OffsetConfig, Preintegrated, time_offset};
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use std::collections::VecDeque;
 
@@ -18,6 +18,9 @@ const ATTEMPTS_S: [f64; 6] = [2.5, 3.5, 5.0, 7.0, 10.0, 15.0];
 const NEGLIGIBLE_S: f64 = 0.0005;
 /// Smallest change of a known offset, seconds.
 const MIN_CHANGE_S: f64 = 0.0003;
+/// Standard deviation of an offset that nobody has estimated, seconds: browsers stamp a picture up to two frames of the display after its
+/// exposure.
+const UNKNOWN_S: f64 = 0.03;
 /// Standard deviation of the extrinsic rotation between IMU and camera in a rig's file, radians: an error
 /// there and an offset partly compensate each other.
 const EXTRINSIC_SIGMA_RAD: f64 = 0.02;
@@ -30,7 +33,8 @@ pub(crate) struct Clocks {
     rotations: VecDeque<(Stamp, So3)>,
     map_created: Option<Stamp>,
     attempts: usize,
-    found: Option<TimeOffset>,
+    /// The standard deviation of the offset in use, seconds; `None` while none was estimated.
+    sigma_s: Option<f64>,
 }
 
 impl Clocks {
@@ -40,14 +44,25 @@ impl Clocks {
             rotations: VecDeque::new(),
             map_created: None,
             attempts: 0,
-            found: None,
+            sigma_s: None,
         }
     }
 
     /// Whether the offset is known, or was estimated often enough without success to conclude that it is not
     /// observable.
     pub fn is_decided(&self) -> bool {
-        self.found.is_some() || self.attempts > 2
+        self.sigma_s.is_some() || self.attempts > 2
+    }
+
+    /// The standard deviation of what the offset in use may be off, seconds.
+    pub fn sigma_s(&self) -> f64 {
+        self.sigma_s.unwrap_or(UNKNOWN_S)
+    }
+
+    /// Takes an offset that was estimated otherwise, with its standard deviation; returns it as [`Clocks::estimate`] does.
+    pub fn settle(&mut self, offset_s: f64, sigma_s: f64, known_s: f64) -> Option<f64> {
+        self.sigma_s = Some(sigma_s);
+        ((offset_s - known_s).abs() > sigma_s.max(NEGLIGIBLE_S)).then_some(offset_s)
     }
 
     /// Takes the IMU data of a key frame.
@@ -80,7 +95,10 @@ impl Clocks {
         let samples: Vec<ImuSample> = self.buffer.samples().copied().collect();
         let config = OffsetConfig { rotation_sigma: EXTRINSIC_SIGMA_RAD, ..OffsetConfig::default() };
         let found = time_offset(&rotations, &samples, imu_from_camera, &config).ok()?;
-        self.found = Some(found);
+        if self.sigma_s.is_some_and(|sigma_s| sigma_s < found.sigma_s) {
+            return None;
+        }
+        self.sigma_s = Some(found.sigma_s);
         let wanted =
             if found.offset_s.abs() < NEGLIGIBLE_S.max(2.0 * found.sigma_s) { 0.0 } else { found.offset_s };
         let least = if known_s == 0.0 { NEGLIGIBLE_S } else { MIN_CHANGE_S };

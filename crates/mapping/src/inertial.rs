@@ -46,6 +46,8 @@ pub struct InertialConfig {
 const SEEN_PIXELS: f64 = 0.5;
 /// Relative standard deviation of the scale of cameras with depth.
 const DEPTH_SCALE_SIGMA: f64 = 0.003;
+/// With the clocks known this well, seconds, nothing waits for their comparison by rotations.
+const MOST_OFFSET_SIGMA_S: f64 = 0.002;
 /// Seconds of key frames, up to the newest, used by the initialisation.
 const INITIALISATION_S: f64 = 20.0;
 /// Seconds after the first key frame of the chain at which a gravity-aligned map is adjusted as a whole
@@ -67,6 +69,8 @@ pub(crate) struct Inertial {
     refined: BTreeMap<MapId, usize>,
     /// The last check of the scale, where it contradicted the map.
     pub contradicted: Option<Contradiction>,
+    /// When the scale of a longer stretch was checked last.
+    pub checked_long: Option<Stamp>,
 }
 
 impl Inertial {
@@ -75,7 +79,8 @@ impl Inertial {
         let noise = data_sheet.times([config.noise_times; 2]);
         let imu = ImuModel { imu_from_camera, noise };
         let clocks = Clocks::new(&ImuSensor { noise: data_sheet, ..sensor.clone() });
-        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), contradicted: None }
+        let (contradicted, checked_long) = (None, None);
+        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), contradicted, checked_long }
     }
 
     /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
@@ -190,7 +195,8 @@ impl Inertial {
             *times += 1;
         } else {
             let mut attempt = self.attempt(&snapshot, camera, chain, INITIALISATION_S)?;
-            let compared = f64::from(u8::from(self.clocks.is_decided()));
+            let known = attempt.found.as_ref().is_some_and(|f| f.offset_sigma_s <= MOST_OFFSET_SIGMA_S);
+            let compared = f64::from(u8::from(known || self.clocks.is_decided()));
             attempt.gates.push(Gate::new(GateKind::Clocks, compared, 1.0));
             let found = attempt.accepted().cloned();
             attempt_made = Some(attempt);
@@ -199,6 +205,7 @@ impl Inertial {
             self.clocks.clear_rotations();
             self.imu.noise = self.data_sheet.times(noise_times);
             let centre_point = snapshot.world_from_camera(map.root())?.translation;
+            atlas.commit(self.settle_clocks(&snapshot, chain, &found));
             atlas.commit(self.align_gravity(&snapshot, map, chain, &found, camera.has_depth(), centre_point));
             self.refined.insert(map, REFINE_AT_S.iter().filter(|due| seconds >= **due).count());
         }
@@ -223,6 +230,22 @@ impl Inertial {
             let late = &chain[chain.len().saturating_sub(3)..chain.len().saturating_sub(1).max(1)];
             atlas.commit(self.clocks.recompute_factors(&snapshot, late, known));
         }
+    }
+
+    /// The changes that take over the clocks' offset found with the scale.
+    fn settle_clocks(
+        &mut self,
+        snapshot: &Snapshot,
+        chain: &[KeyFrameId],
+        found: &cairn_inertial::Initial,
+    ) -> Vec<Change> {
+        let known = snapshot.imu_offset();
+        let Some(offset) = self.clocks.settle(known + found.offset_s, found.offset_sigma_s, known) else {
+            return Vec::new();
+        };
+        let mut changes = vec![Change::ImuOffset(offset)];
+        changes.extend(self.clocks.recompute_factors(snapshot, chain, offset));
+        changes
     }
 
     /// The initialisation with the key frames of the last `seconds` of a chain.
@@ -253,7 +276,11 @@ impl Inertial {
             false => Scale::Free,
         };
         // `initialise` raises the noise itself, starting from that of the data sheet.
-        let config = InitialiseConfig { noise_times: 1.0, ..InitialiseConfig::default() };
+        let config = InitialiseConfig {
+            noise_times: 1.0,
+            offset_sigma_s: self.clocks.sigma_s(),
+            ..InitialiseConfig::default()
+        };
         Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
     }
 

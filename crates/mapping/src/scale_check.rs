@@ -6,24 +6,28 @@
 //! in a new map, from the visual poses and the readings alone ([`cairn_inertial::initialise`], which knows neither the
 //! map's scale nor its velocities). `(ln scale / sigma)^2` is the increase of chi-square when the scale is held at 1, with
 //! one degree of freedom (a Wald test): clearer than the residuals of the links, whose velocities adapt to a wrong
-//! scale.
+//! scale. Seconds of steady walking do not tell an error of a tenth; those of a longer stretch do.
 
 use crate::inertial::{Inertial, STATIONARY_M_S};
 use cairn_adjust::{Window, WindowConfig};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_inertial::{Gate, GateKind, Initial};
+use cairn_inertial::{Gate, GateKind, Initial, NavState};
 use cairn_sensor::Stamp;
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeSet;
 
-/// Seconds of key frames that are checked.
+/// Seconds of key frames that are checked with each one.
 const CHECK_S: f64 = 3.0;
+/// Seconds of key frames that are checked too, where those say nothing or agree: they tell smaller errors.
+const LONG_S: f64 = 10.0;
+/// How often that is done while nothing contradicts the scale, seconds: it takes several times as long.
+const LONG_EVERY_S: f64 = 0.5;
 /// Largest standard deviation of the logarithm of scale that says anything.
 const MOST_SIGMA: f64 = 0.1;
 /// A contradiction: so many standard deviations, and at least so much of the logarithm. Smaller errors are left to bundle
 /// adjustment.
-const CONTRADICTS: (f64, f64) = (5.0, 0.1);
+const CONTRADICTS: (f64, f64) = (5.0, 0.05);
 /// Seconds over which checks must agree on a contradiction before the map is changed.
 const AGREED_S: f64 = 0.3;
 /// Seconds of key frames that are adjusted after a correction, and their greatest number.
@@ -73,25 +77,57 @@ impl Inertial {
         if last.motion.as_ref()?.velocity.norm() < STATIONARY_M_S {
             return None;
         }
-        let attempt = self.attempt(&snapshot, camera, chain, CHECK_S)?;
-        let found = attempt.found.as_ref()?;
-        let is_good = |g: &Gate| g.passed || matches!(g.kind, GateKind::ScaleSigma | GateKind::GravitySigma);
-        if !attempt.gates.iter().all(is_good) || found.scale_sigma.is_nan() || found.scale_sigma > MOST_SIGMA
-        {
-            return None;
-        }
         let now = last.frame.stamp;
-        let verdict = self.judge(now, found.scale.ln(), found.scale_sigma);
+        let found = self.measured_scale(&snapshot, camera, chain, now)?;
+        let verdict = self.judge(now, &found);
         if verdict == ScaleVerdict::Corrected {
-            let stretch = &chain[chain.len().checked_sub(found.states.len())?..];
-            atlas.commit(scaled(&snapshot, stretch, found));
+            let long = self.measured_over(&snapshot, camera, chain, LONG_S);
+            let changes = match long.filter(|long| contradicts(long) && agree(long, &found)) {
+                Some(long) => rescaled(&snapshot, chain, &long),
+                None => scaled(&snapshot, chain, &found),
+            };
+            atlas.commit(changes);
             self.adjust_recent(atlas, camera, chain, now, config);
         }
         Some(ScaleCheck { scale: found.scale, sigma: found.scale_sigma, verdict })
     }
 
-    fn judge(&mut self, now: Stamp, log_scale: f64, sigma: f64) -> ScaleVerdict {
-        if log_scale.abs() < (CONTRADICTS.0 * sigma).max(CONTRADICTS.1) {
+    /// What the readings of the last seconds say of the scale: of [`CHECK_S`] where these contradict it, else of [`LONG_S`] when
+    /// that is due and the shorter ones do not say otherwise.
+    fn measured_scale(
+        &mut self,
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        chain: &[KeyFrameId],
+        now: Stamp,
+    ) -> Option<Initial> {
+        let short = self.measured_over(snapshot, camera, chain, CHECK_S);
+        let is_due = self.contradicted.is_some() || self.checked_long.is_none_or(|t| now - t >= LONG_EVERY_S);
+        if short.as_ref().is_some_and(contradicts) || !is_due {
+            return short;
+        }
+        self.checked_long = Some(now);
+        let long = self.measured_over(snapshot, camera, chain, LONG_S);
+        long.filter(|long| short.as_ref().is_none_or(|short| agree(long, short))).or(short)
+    }
+
+    /// The scale of the last seconds alone, where it is known well enough to say anything.
+    fn measured_over(
+        &self,
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        chain: &[KeyFrameId],
+        seconds: f64,
+    ) -> Option<Initial> {
+        let attempt = self.attempt(snapshot, camera, chain, seconds)?;
+        let is_good = |g: &Gate| g.passed || matches!(g.kind, GateKind::ScaleSigma | GateKind::GravitySigma);
+        let found = attempt.found.filter(|_| attempt.gates.iter().all(is_good))?;
+        (found.scale_sigma <= MOST_SIGMA).then_some(found)
+    }
+
+    fn judge(&mut self, now: Stamp, found: &Initial) -> ScaleVerdict {
+        let log_scale = found.scale.ln();
+        if !contradicts(found) {
             self.contradicted = None;
             return ScaleVerdict::Agrees;
         }
@@ -131,22 +167,53 @@ impl Inertial {
     }
 }
 
+/// Whether what was found contradicts a scale of 1.
+fn contradicts(found: &Initial) -> bool {
+    found.scale.ln().abs() >= (CONTRADICTS.0 * found.scale_sigma).max(CONTRADICTS.1)
+}
+
+/// Whether two estimates are of the same scale.
+fn agree(a: &Initial, b: &Initial) -> bool {
+    (a.scale / b.scale).ln().abs() < 3.0 * a.scale_sigma.hypot(b.scale_sigma)
+}
+
+/// The key frames of a chain that an estimate is of.
+fn stretch<'a>(chain: &'a [KeyFrameId], found: &Initial) -> &'a [KeyFrameId] {
+    &chain[chain.len().saturating_sub(found.states.len())..]
+}
+
+/// The velocities that were found.
+fn velocities(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<Change> {
+    let pairs = stretch(chain, found).iter().zip(&found.states);
+    let change = |(id, state): (&KeyFrameId, &NavState)| {
+        let k = snapshot.key_frame(*id)?;
+        let velocity = k.world_from_camera.rotation.inverse() * state.velocity;
+        Some(Change::InertialState(*id, velocity, k.motion.as_ref()?.bias))
+    };
+    pairs.filter_map(change).collect()
+}
+
+/// The changes that scale the whole map: where a long stretch agrees with its end, the error is not of that end.
+fn rescaled(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<Change> {
+    let map = chain.last().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map);
+    let mut changes: Vec<Change> = map.map(|map| Change::Rescale(map, found.scale)).into_iter().collect();
+    changes.extend(velocities(snapshot, chain, found));
+    changes
+}
+
 /// The changes that scale key frames about the first of them, with the landmarks that no earlier one observes, and give
 /// them the velocities that were found.
-fn scaled(snapshot: &Snapshot, stretch: &[KeyFrameId], found: &Initial) -> Vec<Change> {
+fn scaled(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<Change> {
+    let stretch = stretch(chain, found);
     let Some(first) = stretch.first().and_then(|id| snapshot.key_frame(*id)) else { return Vec::new() };
     let centre = first.world_from_camera.translation;
     let scaled = |p: Vec3| centre + (p - centre) * found.scale;
-    let mut changes = Vec::new();
+    let mut changes = velocities(snapshot, chain, found);
     let mut landmarks = BTreeSet::new();
-    for (id, state) in stretch.iter().zip(&found.states) {
+    for id in stretch {
         let Some(k) = snapshot.key_frame(*id) else { continue };
         let pose = k.world_from_camera;
         changes.push(Change::MoveKeyFrame(*id, Se3::new(pose.rotation, scaled(pose.translation))));
-        if let Some(motion) = &k.motion {
-            let velocity = pose.rotation.inverse() * state.velocity;
-            changes.push(Change::InertialState(*id, velocity, motion.bias));
-        }
         landmarks.extend(k.landmarks.iter().flatten().copied());
     }
     for id in landmarks {
@@ -156,4 +223,123 @@ fn scaled(snapshot: &Snapshot, stretch: &[KeyFrameId], found: &Initial) -> Vec<C
         }
     }
     changes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::inertial::InertialConfig;
+    use crate::synthetic::{World, mono, pose};
+    use cairn_atlas::{ImuFactor, InertialState, KeyFrame, MapId};
+    use cairn_geometry::{Sim3, So3};
+    use cairn_inertial::{Bias, Preintegrated};
+    use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, ImuSensor};
+    use std::f64::consts::{FRAC_PI_2, TAU};
+    use std::sync::Arc;
+
+    /// Seconds from key frame to key frame.
+    const STEP_S: f64 = 0.25;
+    const NOISE: ImuNoise = ImuNoise { gyro: 3e-4, gyro_walk: 1e-4, accel: 3e-3, accel_walk: 1e-3 };
+
+    /// To and fro with the gait of a walker, in the world of the views (y is down).
+    fn position(t: f64) -> Vec3 {
+        Vec3::new(0.8 * (0.8 * t).sin(), 0.008 * (1.8 * TAU * t).sin(), 0.5 * (0.6 * t).sin())
+    }
+
+    fn heading(t: f64) -> f64 {
+        0.3 * (0.8 * t).sin()
+    }
+
+    fn at(t: f64) -> Se3 {
+        Se3::new(pose(0.0, 0.0, heading(t)).rotation, position(t))
+    }
+
+    fn reading(t: f64) -> ImuSample {
+        let h = 1e-3;
+        let acceleration = (position(t + h) + position(t - h) - position(t) * 2.0) / (h * h);
+        let force = at(t).rotation.inverse() * (acceleration - Vec3::y() * GRAVITY_M_S2);
+        let rate = (heading(t + h) - heading(t - h)) / (2.0 * h);
+        ImuSample::new(Stamp::from_seconds(t), Vec3::y() * rate, force)
+    }
+
+    fn link(n: usize) -> Arc<Preintegrated> {
+        let readings = (0..=25).map(|i| reading(STEP_S * (n as f64 + i as f64 / 25.0))).collect();
+        Arc::new(Preintegrated::of(NOISE, Bias::default(), readings))
+    }
+
+    /// A gravity-aligned map of the walk, exact but for its unit.
+    fn map(count: usize, factor: f64) -> (Atlas, Vec<KeyFrameId>) {
+        let world = World::around(mono(), 71);
+        let path: Vec<Se3> = (0..count).map(|n| at(STEP_S * n as f64)).collect();
+        let mut seen = Atlas::new(Snapshot::new());
+        let ids = world.map(&mut seen, &world.walk(&path, 0.0, STEP_S), &path, None, |_| Sim3::identity());
+        let (seen, mut changes) = (seen.latest().clone(), Vec::new());
+        for (n, id) in ids.iter().enumerate() {
+            let k = seen.key_frame(*id).unwrap();
+            let t = STEP_S * n as f64;
+            let velocity = path[n].rotation.inverse() * (position(t + 1e-3) - position(t - 1e-3)) / 2e-3;
+            let imu_factor =
+                n.checked_sub(1).map(|before| ImuFactor { since: ids[before], sum: link(before) });
+            let mut k = KeyFrame::new(k.id, k.frame.clone(), k.world_from_camera, k.parent);
+            k.motion = Some(InertialState { velocity, bias: Bias::default(), imu_factor });
+            changes.push(Change::AddKeyFrame(Box::new(k)));
+        }
+        for l in seen.landmarks() {
+            changes.push(Change::AddLandmark(l.id, l.position));
+            changes.extend(l.observations.iter().map(|o| Change::Observe(l.id, o.key_frame, o.feature)));
+        }
+        let up = So3::exp(&(Vec3::x() * -FRAC_PI_2));
+        changes.push(Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() }));
+        changes.push(Change::Rescale(MapId(ids[0]), factor));
+        let mut atlas = Atlas::new(Snapshot::new());
+        assert_eq!(atlas.commit(changes).dropped, 0);
+        (atlas, ids)
+    }
+
+    /// Checks with each key frame of the last two seconds: after how many seconds a contradiction was told and put right, and
+    /// the scale of those seconds at the end.
+    fn checked(factor: f64) -> (Option<f64>, Option<f64>, f64) {
+        let count = 33;
+        let (mut atlas, ids) = map(count, factor);
+        let sensor =
+            ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
+        let mut inertial = Inertial::new(&sensor, Se3::identity(), InertialConfig::default());
+        let (mut told, mut corrected) = (None, None);
+        for n in count - 8..count {
+            let chain = &ids[..=n];
+            let check = inertial.check_scale(&mut atlas, &mono(), chain, &WindowConfig::default());
+            let seconds = STEP_S * (n + 8 - count) as f64;
+            match check.map(|c| c.verdict) {
+                Some(ScaleVerdict::Agrees) | None => {}
+                Some(verdict) => {
+                    told.get_or_insert(seconds);
+                    if verdict == ScaleVerdict::Corrected {
+                        corrected.get_or_insert(seconds);
+                        break;
+                    }
+                }
+            }
+        }
+        let place = |n: usize| atlas.latest().key_frame(ids[n]).unwrap().world_from_camera.translation;
+        let last = corrected.map_or(count - 1, |s| count - 8 + (s / STEP_S) as usize);
+        let truth = position(STEP_S * last as f64) - position(STEP_S * (last - 8) as f64);
+        (told, corrected, (place(last) - place(last - 8)).norm() / truth.norm())
+    }
+
+    #[test]
+    fn check_scale_notices_a_corrupted_scale_within_two_seconds_and_puts_it_right() {
+        for factor in [0.3, 1.1, 3.0] {
+            let (told, corrected, scale) = checked(factor);
+            assert!(told.is_some_and(|s| s <= 1.0), "{factor}: told after {told:?} s");
+            assert!(corrected.is_some_and(|s| s <= 2.0), "{factor}: put right after {corrected:?} s");
+            assert!((scale - 1.0).abs() < 0.02, "{factor}: {scale} after it was put right");
+        }
+    }
+
+    #[test]
+    fn check_scale_leaves_a_right_scale_alone() {
+        let (told, corrected, scale) = checked(1.0);
+        assert_eq!((told, corrected), (None, None));
+        assert!((scale - 1.0).abs() < 1e-6, "{scale}");
+    }
 }

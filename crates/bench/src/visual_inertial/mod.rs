@@ -2,6 +2,7 @@
 //! data; turning round in front of plain walls; one minute of standing still; cost.
 
 pub mod connect;
+mod drawn;
 pub mod phone;
 mod ran;
 mod recorded;

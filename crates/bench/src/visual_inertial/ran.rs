@@ -13,6 +13,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Seconds of odometry that the live scale is measured over.
 const SCALE_S: f64 = 2.0;
+/// Seconds after the first frame at which the live scale is told.
+const AFTER_S: f64 = 30.0;
 /// Metres that the body must have gone in that time.
 const LEAST_WALKED_M: f64 = 1.0;
 
@@ -54,6 +56,8 @@ pub struct Ran {
     pub pose_maps: usize,
     /// Time of the first metric pose.
     pub metric_at: Option<Stamp>,
+    /// The standard deviation of the logarithm of scale that the first accepted initialisation stated.
+    pub first_sigma: Option<f64>,
     /// Whether the map is metric at the end.
     pub metric: bool,
     /// Milliseconds from features to pose, per frame.
@@ -62,6 +66,19 @@ pub struct Ran {
     pub step_ms: Vec<f64>,
     /// Time offset of the IMU as estimated by the engine.
     pub offset_s: Option<f64>,
+}
+
+/// The scale of live metric poses, in percent of the logarithm.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct LiveScale {
+    /// Error over the first two seconds of walking after the first metric pose.
+    pub first_percent: Option<f64>,
+    /// Median error 30 s after the first frame.
+    pub after_percent: Option<f64>,
+    /// Largest error.
+    pub worst_percent: f64,
+    /// Seconds of walking in which it was more than 10 % off.
+    pub wrong_s: f64,
 }
 
 /// The figures of a run.
@@ -115,6 +132,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
     let mut moved = Vec::new();
     let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
     let (mut known, mut map_created, mut metric_at) = (BTreeSet::<MapId>::new(), Vec::new(), None);
+    let mut first_sigma = None;
     while stamps.len() < options.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
@@ -135,13 +153,25 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
             }
             if let Some(attempt) = &out.attempt {
                 let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
-                let found = attempt
-                    .found
-                    .as_ref()
-                    .map(|f| (f.scale, f.scale_sigma, f.residual, f.noise_times, f.bias));
-                eprintln!("initialising: {} {found:?}", gates.join("; "));
+                let found = attempt.found.as_ref().map(|f| {
+                    (
+                        f.scale,
+                        f.scale_sigma,
+                        f.residual,
+                        f.noise_times,
+                        f.offset_s,
+                        f.offset_sigma_s,
+                        f.position_sigma,
+                    )
+                });
+                eprintln!(
+                    "initialising: {} {found:?} clocks {:?}",
+                    gates.join("; "),
+                    engine.snapshot().imu_offset()
+                );
             }
         }
+        first_sigma = first_sigma.or(out.attempt.as_ref().and_then(|a| Some(a.accepted()?.scale_sigma)));
         for (map, _) in engine.snapshot().maps() {
             if known.insert(map) {
                 map_created.push(packet.stamp);
@@ -169,6 +199,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         map_created,
         pose_maps: pose_maps(&engine),
         metric_at,
+        first_sigma,
         metric: engine.is_metric(),
         track_ms,
         step_ms,
@@ -221,11 +252,11 @@ impl Ran {
         })
     }
 
-    /// The live scale of metric poses against the truth while the body walks: the largest error in percent, and for how
-    /// many seconds it was more than 10 %. Each is of the odometry over [`SCALE_S`].
-    pub fn live_scale(&self) -> (f64, f64) {
+    /// The live scale of metric poses against the truth while the body walks, each of the odometry over [`SCALE_S`].
+    pub fn live_scale(&self) -> LiveScale {
         let truth: BTreeMap<Stamp, Se3> = self.truth.iter().copied().collect();
-        let (mut worst, mut wrong_s) = (0.0_f64, 0.0);
+        let mut live = LiveScale::default();
+        let mut after = Vec::new();
         for (i, (to, now)) in self.moved.iter().enumerate() {
             let from = self.moved[..i].iter().rev().find(|(t, _)| *to - *t >= SCALE_S);
             let Some((from, then)) =
@@ -240,11 +271,18 @@ impl Ran {
             }
             let at = |o: &Odometry| o.odom_from_body.se3.translation;
             let found = (at(now) - at(then)).norm() * now.world_from_odom.sim3.scale;
-            let off = 100.0 * (found / truly).ln().abs();
-            worst = worst.max(off);
-            wrong_s += if off > 10.0 { *to - self.moved[i - 1].0 } else { 0.0 };
+            let off = 100.0 * (found / truly).ln();
+            live.first_percent.get_or_insert(off);
+            live.worst_percent = live.worst_percent.max(off.abs());
+            live.wrong_s += if off.abs() > 10.0 { *to - self.moved[i - 1].0 } else { 0.0 };
+            let since_s = *to - self.stamps[0];
+            if (since_s - AFTER_S).abs() <= SCALE_S {
+                after.push(off);
+            }
         }
-        (worst, wrong_s)
+        after.sort_by(f64::total_cmp);
+        live.after_percent = after.get(after.len() / 2).copied();
+        live
     }
 
     /// RMSE of the live poses since the first metric one, after SE3 alignment.

@@ -9,7 +9,7 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 /// Unknowns of a state.
 pub const STATE: usize = 9;
 /// Unknowns shared by all states.
-pub const SHARED: usize = 10;
+pub const SHARED: usize = 11;
 
 pub type Block = SMatrix<f64, STATE, STATE>;
 pub type Edge = SMatrix<f64, STATE, SHARED>;
@@ -33,6 +33,8 @@ pub struct Step {
     pub shared: SVector<f64, SHARED>,
     /// Of the shared unknowns, all states marginalised.
     pub covariance: Shared,
+    /// Half the logarithm of the Hessian's determinant.
+    pub half_log_det: f64,
 }
 
 impl Chain {
@@ -71,6 +73,7 @@ impl Chain {
     /// The step with the diagonal raised by the part `lambda` of itself; `None` when the equations are singular.
     pub fn solve(&self, lambda: f64) -> Option<Step> {
         let n = self.diagonal.len();
+        let mut half_log_det = 0.0;
         let mut shared = self.shared;
         for i in 0..SHARED {
             shared[(i, i)] *= 1.0 + lambda;
@@ -88,13 +91,17 @@ impl Chain {
                 e -= carried * edge;
                 b -= carried * gradient;
             }
-            let inverse = Cholesky::new(h)?.inverse();
+            let factor = Cholesky::new(h)?;
+            half_log_det += log_diagonal(&factor.l());
+            let inverse = factor.inverse();
             let weighted = e.transpose() * inverse;
             shared -= weighted * e;
             shared_gradient -= weighted * b;
             eliminated.push((inverse, e, b));
         }
-        let covariance = Cholesky::new(shared)?.inverse();
+        let factor = Cholesky::new(shared)?;
+        half_log_det += log_diagonal(&factor.l());
+        let covariance = factor.inverse();
         let common = -(covariance * shared_gradient);
         let mut states = vec![SVector::zeros(); n];
         for k in (0..n).rev() {
@@ -105,8 +112,13 @@ impl Chain {
             }
             states[k] = -(inverse * rest);
         }
-        Some(Step { states, shared: common, covariance })
+        Some(Step { states, shared: common, covariance, half_log_det })
     }
+}
+
+/// Sum of the logarithms of a matrix's diagonal.
+fn log_diagonal<const N: usize>(lower: &SMatrix<f64, N, N>) -> f64 {
+    lower.diagonal().iter().map(|x| x.ln()).sum()
 }
 
 #[cfg(test)]
@@ -144,11 +156,13 @@ mod tests {
         }
         chain.shared += Shared::identity() * 0.3;
         let inverse = h.clone().try_inverse().unwrap();
+        let half_log_det = 0.5 * h.determinant().ln();
         let x = -(&inverse * b);
         let step = chain.solve(0.0).unwrap();
         for k in 0..n {
             assert!((step.states[k] - x.fixed_rows::<STATE>(k * STATE)).norm() < 1e-9);
         }
+        assert!((step.half_log_det - half_log_det).abs() < 1e-9);
         assert!((step.shared - x.fixed_rows::<SHARED>(n * STATE)).norm() < 1e-9);
         assert!((step.covariance - inverse.fixed_view::<SHARED, SHARED>(n * STATE, n * STATE)).norm() < 1e-9);
     }

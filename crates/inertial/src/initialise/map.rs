@@ -2,7 +2,15 @@
 //!
 //! Per key frame nine unknowns: the error of its position (map units, world axes), of its rotation (the IMU's axes), its
 //! velocity (m/s, world). Shared by all: log scale, gravity's tilt (2), gravity's norm (fixed, except in one
-//! check of what it would be), gyro bias (3), accel bias (3). Levenberg-Marquardt on [`Chain`].
+//! check of what it would be), gyro bias (3), accel bias (3), and what is left of the offset between the clocks of IMU and
+//! camera (Li, Mourikis, "Online temporal calibration for camera-IMU systems", IJRR 2014, eq. 5: readings of a key
+//! frame's stamp are of a pose that is the offset later, along the velocity and the turning rate). Levenberg-Marquardt on
+//! [`Chain`].
+//!
+//! How noisy the visual poses are, the caller can only state roughly (pixels and depth). Too large a number hides
+//! what the readings tell of scale, so it is fitted: halved for as long as that makes the measurements more likely, all
+//! unknowns integrated out (MacKay, "Bayesian interpolation", Neural Computation 1992, the evidence by Laplace's
+//! approximation).
 
 use super::chain::{Block, Chain, SHARED, STATE, Step};
 use super::guess::{self, Guess};
@@ -16,6 +24,9 @@ use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Standard deviation that holds gravity's norm, relative.
 const NORM_SIGMA: f64 = 1e-5;
+
+/// The offset of the clocks changes by no more than this in a step of the solver, seconds.
+const MOST_OFFSET_STEP_S: f64 = 0.02;
 
 /// How often the noise of the IMU is fitted to the residuals.
 const ROUNDS: usize = 4;
@@ -48,6 +59,9 @@ impl cairn_solve::Problem for Search<'_> {
     }
 }
 
+/// How often the stated noise of the visual poses may be halved.
+const HALVINGS: usize = 3;
+
 /// Least factor on the covariance by the residuals.
 const LEAST_FACTOR: f64 = 0.25;
 
@@ -56,6 +70,8 @@ pub struct Problem {
     pub rotations: Vec<So3>,
     /// Of the camera, in the map's units.
     pub places: Vec<Vec3>,
+    /// The gyroscope's reading at each key frame, rad/s.
+    rates: Vec<Vec3>,
     pub links: Vec<Preintegrated>,
     pub imu_from_camera: Se3,
     pub scale: Scale,
@@ -73,12 +89,21 @@ fn worse(link: &Preintegrated, times: [f64; 2]) -> Preintegrated {
     Preintegrated::of(noise, *link.bias(), link.samples().to_vec())
 }
 
+/// The gyroscope's reading at each end of the links.
+fn rates(links: &[Preintegrated]) -> Vec<Vec3> {
+    let last = links.last().and_then(|link| link.samples().last());
+    let firsts = links.iter().map(|link| link.samples().first());
+    firsts.chain([last]).map(|sample| sample.map_or_else(Vec3::zeros, |s| s.gyro)).collect()
+}
+
 /// A state of the search.
 #[derive(Clone)]
 struct State {
     log_scale: f64,
     gravity: Gravity,
     bias: Bias,
+    /// Seconds by which the readings are of later poses than their stamps say.
+    offset_s: f64,
     errors: Vec<Vec3>,
     turns: Vec<Vec3>,
     velocities: Vec<Vec3>,
@@ -96,6 +121,7 @@ impl Problem {
         Self {
             rotations: seen.poses.iter().map(|p| p.world_from_camera.rotation * camera_from_imu).collect(),
             places: seen.poses.iter().map(|p| p.world_from_camera.translation).collect(),
+            rates: rates(links),
             links: links.iter().map(|link| worse(link, [config.noise_times; 2])).collect(),
             noise_times: [config.noise_times; 2],
             imu_from_camera: *imu_from_camera,
@@ -121,8 +147,31 @@ impl Problem {
                 best = Some((cost, state));
             }
         }
-        let (mut cost, mut state) = best?;
-        // Residuals beyond their share are attributed to the IMU: real ones err by more than their white noise.
+        let (cost, state) = self.fit_imu_noise(best?)?;
+        let mut best = (self.surprise(cost, &state)?, cost, state);
+        for _ in 0..HALVINGS {
+            let before = (self.links.clone(), self.noise_times);
+            self.position_sigma *= 0.5;
+            self.rotation_sigma *= 0.5;
+            let found = self.descend(best.2.clone()).and_then(|found| self.fit_imu_noise(found));
+            let found = found.and_then(|(cost, state)| Some((self.surprise(cost, &state)?, cost, state)));
+            match found {
+                Some(found) if found.0 < best.0 => best = found,
+                _ => {
+                    self.position_sigma *= 2.0;
+                    self.rotation_sigma *= 2.0;
+                    (self.links, self.noise_times) = before;
+                    break;
+                }
+            }
+        }
+        let (_, cost, state) = best;
+        self.follow(&state);
+        self.estimate(cost, &state)
+    }
+
+    /// Residuals beyond their share are attributed to the IMU: real ones err by more than their white noise.
+    fn fit_imu_noise(&mut self, (mut cost, mut state): (f64, State)) -> Option<(f64, State)> {
         for _ in 0..ROUNDS {
             let times = self.shares(&state)?.map(|share| if share > 1.2 { share.sqrt() } else { 1.0 });
             if times == [1.0; 2] {
@@ -132,8 +181,20 @@ impl Problem {
             self.links = self.links.iter().map(|link| worse(link, times)).collect();
             (cost, state) = self.descend(state)?;
         }
-        self.follow(&state);
-        self.estimate(cost, &state)
+        Some((cost, state))
+    }
+
+    /// The negative logarithm of the evidence of the noise assumed now, up to a constant.
+    fn surprise(&mut self, cost: f64, state: &State) -> Option<f64> {
+        self.follow(state);
+        let half_log_det = self.linearise(state, NORM_SIGMA)?.1.solve(0.0)?.half_log_det;
+        let seen = 3.0 * self.places.len() as f64 * (self.position_sigma.ln() + self.rotation_sigma.ln());
+        let mut measured = 0.0;
+        for link in &self.links {
+            // Of the whitening, the inverse of the covariance's root.
+            measured -= link.motion_whitening()?.diagonal().iter().map(|x| x.abs().ln()).sum::<f64>();
+        }
+        Some(cost + half_log_det + seen + measured)
     }
 
     /// Weighted squared residual per degree of freedom: rows are 9 a link and 6 a key frame; unknowns 9 a key frame, and
@@ -170,6 +231,7 @@ impl Problem {
             log_scale: guess.scale.ln(),
             gravity: guess.gravity,
             bias: guess.bias,
+            offset_s: 0.0,
             errors: vec![Vec3::zeros(); n],
             turns: vec![Vec3::zeros(); n],
             velocities: guess.velocities.clone(),
@@ -213,17 +275,24 @@ impl Problem {
                 gyro: s.bias.gyro + shared.fixed_rows::<3>(4),
                 accel: s.bias.accel + shared.fixed_rows::<3>(7),
             },
+            offset_s: s.offset_s + shared[10].clamp(-MOST_OFFSET_STEP_S, MOST_OFFSET_STEP_S),
             errors: s.errors.iter().zip(&step.states).map(|(e, d)| e + part(d, 0)).collect(),
             turns: s.turns.iter().zip(&step.states).map(|(t, d)| turned(t, part(d, 3))).collect(),
             velocities: s.velocities.iter().zip(&step.states).map(|(v, d)| v + part(d, 6)).collect(),
         }
     }
 
-    /// The sensor's state at a key frame, in metres.
+    /// How far the body turns at a key frame within the offset, in its own axes.
+    fn turned(&self, s: &State, k: usize) -> So3 {
+        So3::exp(&((self.rates[k] - s.bias.gyro) * s.offset_s))
+    }
+
+    /// The sensor's state at a key frame, in metres; of the time that its readings are of.
     fn nav(&self, s: &State, k: usize) -> NavState {
-        let rotation = self.rotations[k] * So3::exp(&s.turns[k]);
+        let seen = self.rotations[k] * So3::exp(&s.turns[k]);
         let camera = (self.places[k] + s.errors[k]) * s.log_scale.exp();
-        let place = camera - rotation * self.imu_from_camera.translation;
+        let place = camera - seen * self.imu_from_camera.translation + s.velocities[k] * s.offset_s;
+        let rotation = seen * self.turned(s, k);
         NavState { world_from_imu: Se3::new(rotation, place), velocity: s.velocities[k], bias: s.bias }
     }
 
@@ -247,6 +316,7 @@ impl Problem {
             (accel, a.x),
             (accel, a.y),
             (accel, a.z),
+            (self.config.offset_sigma_s.max(1e-6), s.offset_s),
         ]
     }
 
@@ -289,8 +359,8 @@ impl Problem {
             let l = link.linearise(&from, &to, &s.gravity);
             let white = link.motion_whitening()?;
             let shift = (self.places[k + 1] + s.errors[k + 1] - self.places[k] - s.errors[k]) * scale;
-            let by_first = self.by_state(&l.by_from, &from, scale);
-            let by_second = self.by_state(&l.by_to, &to, scale);
+            let by_first = self.by_state(&l.by_from, &from, s, k, scale);
+            let by_second = self.by_state(&l.by_to, &to, s, k + 1, scale);
             let mut by_shared = SMatrix::<f64, 9, SHARED>::zeros();
             by_shared.set_column(0, &l.by_log_scale(&shift).fixed_rows::<9>(0));
             by_shared.fixed_view_mut::<9, 2>(0, 1).copy_from(&l.by_gravity.fixed_view::<9, 2>(0, 0));
@@ -299,6 +369,8 @@ impl Problem {
             by_shared.fixed_view_mut::<3, 1>(3, 3).copy_from(&(g * -t));
             by_shared.fixed_view_mut::<3, 1>(6, 3).copy_from(&(g * (-0.5 * t * t)));
             by_shared.fixed_view_mut::<9, 6>(0, 4).copy_from(&l.by_from.fixed_view::<9, 6>(0, 9));
+            let by_offset = self.by_offset(&l.by_from, &from, k) + self.by_offset(&l.by_to, &to, k + 1);
+            by_shared.set_column(10, &by_offset);
             let residual = white * l.residual.fixed_rows::<9>(0);
             cost += 0.5 * residual.norm_squared();
             chain.add(k, &(white * by_first), &(white * by_second), &(white * by_shared), &residual);
@@ -307,17 +379,25 @@ impl Problem {
     }
 
     /// A link's Jacobian by a key frame's nine unknowns from that by its tangent.
-    fn by_state(&self, by: &SMatrix<f64, 15, 15>, at: &NavState, scale: f64) -> Block {
+    fn by_state(&self, by: &SMatrix<f64, 15, 15>, at: &NavState, s: &State, k: usize, scale: f64) -> Block {
         let by_place: SMatrix<f64, 9, 3> = by.fixed_view::<9, 3>(0, 0).into();
         let by_turn: SMatrix<f64, 9, 3> = by.fixed_view::<9, 3>(0, 3).into();
         let to_imu: Mat3 = at.world_from_imu.rotation.matrix().transpose();
         let mut out = Block::zeros();
         out.fixed_view_mut::<9, 3>(0, 0).copy_from(&(by_place * to_imu * scale));
         // position = camera - R exp(turn) arm: turning moves the IMU about the camera.
-        let turn = by_turn + by_place * hat(&self.imu_from_camera.translation);
+        let back = self.turned(s, k).inverse().matrix();
+        let turn = by_turn * back + by_place * back * hat(&self.imu_from_camera.translation);
         out.fixed_view_mut::<9, 3>(0, 3).copy_from(&turn);
-        out.fixed_view_mut::<9, 3>(0, 6).copy_from(&by.fixed_view::<9, 3>(0, 6));
+        let moved = by_place * to_imu * s.offset_s;
+        out.fixed_view_mut::<9, 3>(0, 6).copy_from(&(by.fixed_view::<9, 3>(0, 6) + moved));
         out
+    }
+
+    /// The same by the offset of the clocks: the key frame goes on along its velocity and its turning rate.
+    fn by_offset(&self, by: &SMatrix<f64, 15, 15>, at: &NavState, k: usize) -> SVector<f64, 9> {
+        let velocity = at.world_from_imu.rotation.inverse() * at.velocity;
+        by.fixed_view::<9, 3>(0, 0) * velocity + by.fixed_view::<9, 3>(0, 3) * (self.rates[k] - at.bias.gyro)
     }
 
     fn estimate(&self, cost: f64, state: &State) -> Option<Initial> {
@@ -331,6 +411,7 @@ impl Problem {
         let free = free.solve(0.0)?;
         let norm = GRAVITY_M_S2 * (1.0 + free.shared[3]);
         let norm_sigma = GRAVITY_M_S2 * (free.covariance[(3, 3)] * residual.max(1.0)).sqrt();
+        let offset_sigma_s = covariance[(10, 10)].sqrt();
         let kept = [0, 1, 2, 4, 5, 6, 7, 8, 9];
         let covariance = SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(kept[i], kept[j])]);
         let tilt: SMatrix<f64, 2, 2> = covariance.fixed_view::<2, 2>(1, 1).into();
@@ -341,10 +422,84 @@ impl Problem {
             gravity_sigma: tilt.symmetric_eigenvalues().max().max(0.0).sqrt(),
             gravity_norm: [norm, norm_sigma],
             bias: state.bias,
+            offset_s: state.offset_s,
+            offset_sigma_s,
             states: (0..n).map(|k| self.nav(state, k)).collect(),
             covariance,
             residual,
             noise_times: self.noise_times,
+            position_sigma: self.position_sigma,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::initialise::SeenPose;
+    use cairn_sensor::{ImuSample, Stamp};
+    use nalgebra::SMatrix;
+
+    /// Three key frames of a motion that does not fit the readings, so that every residual counts.
+    fn problem() -> (Problem, State) {
+        let noise = ImuNoise { gyro: 1e-3, gyro_walk: 1e-4, accel: 1e-2, accel_walk: 1e-3 };
+        let reading = |t: f64| {
+            let gyro = Vec3::new(0.3 * t.sin(), 0.5, -0.2 * t);
+            ImuSample::new(Stamp::from_seconds(t), gyro, Vec3::new(0.4, t.cos(), GRAVITY_M_S2))
+        };
+        let link = |k: usize| {
+            let readings = (0..=20).map(|i| reading(0.3 * (k as f64 + f64::from(i) / 20.0))).collect();
+            Preintegrated::of(noise, Bias::default(), readings)
+        };
+        let pose = |k: usize| {
+            let t = 0.3 * k as f64;
+            let turn = So3::exp(&Vec3::new(0.05 * t, 0.45 * t, 0.1 - 0.05 * t));
+            let world_from_camera = Se3::new(turn, Vec3::new(t, 0.2 * t * t, 0.1));
+            SeenPose { stamp: Stamp::from_seconds(t), world_from_camera }
+        };
+        let poses: Vec<SeenPose> = (0..3).map(pose).collect();
+        let seen = Seen { poses: &poses, rotation_sigma: 0.01, position_sigma: 0.01 };
+        let imu_from_camera = Se3::new(So3::exp(&Vec3::new(0.1, -0.2, 0.3)), Vec3::new(0.1, 0.05, -0.08));
+        let config = InitialiseConfig { noise_times: 1.0, offset_sigma_s: 0.03, ..Default::default() };
+        let links = [link(0), link(1)];
+        let problem = Problem::new(&seen, &links, &imu_from_camera, Scale::Free, &config);
+        let gravity = Gravity::along(&Vec3::new(0.1, -0.05, -1.0), GRAVITY_M_S2).unwrap();
+        let velocities = (0..3).map(|k| Vec3::new(1.2, 0.3 * f64::from(k), 0.1)).collect();
+        let mut state = problem.start(&Guess { scale: 1.3, gravity, bias: Bias::default(), velocities });
+        state.offset_s = 0.02;
+        (problem, state)
+    }
+
+    #[test]
+    fn gradient_agrees_with_differences_of_the_cost() {
+        let (problem, state) = problem();
+        let (_, chain) = problem.linearise(&state, NORM_SIGMA).unwrap();
+        let n = state.velocities.len();
+        let at = |of: Option<usize>, i: usize, by: f64| {
+            let mut step = Step {
+                states: vec![SVector::zeros(); n],
+                shared: SVector::zeros(),
+                covariance: SMatrix::zeros(),
+                half_log_det: 0.0,
+            };
+            match of {
+                Some(k) => step.states[k][i] = by,
+                None => step.shared[i] = by,
+            }
+            problem.cost(&problem.moved(&state, &step)).unwrap()
+        };
+        let check = |of: Option<usize>, i: usize, analytic: f64| {
+            let h = 1e-6;
+            let numeric = (at(of, i, h) - at(of, i, -h)) / (2.0 * h);
+            let scale = 1.0 + numeric.abs().max(analytic.abs());
+            assert!((numeric - analytic).abs() < 2e-3 * scale, "{of:?} {i}: {numeric} {analytic}");
+        };
+        for k in 0..n {
+            (0..STATE).for_each(|i| check(Some(k), i, chain.gradient[k][i]));
+        }
+        // Gravity's norm is held; that a bias turns the key frame within the offset is left out of the Jacobian.
+        for i in [0, 1, 2, 7, 8, 9, 10] {
+            check(None, i, chain.shared_gradient[i]);
+        }
     }
 }

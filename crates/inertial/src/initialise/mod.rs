@@ -61,6 +61,9 @@ pub struct InitialiseConfig {
     pub gyro_bias_sigma: f64,
     /// Prior of the accelerometer's bias around zero, m/s^2.
     pub accel_bias_sigma: f64,
+    /// Prior of what is left of the offset between the clocks of IMU and camera, around zero, seconds; 0 where they are known to
+    /// agree.
+    pub offset_sigma_s: f64,
     /// Least factor on the noise densities of the IMU: real ones are worse than their data sheets. It is raised to fit the
     /// residuals.
     pub noise_times: f64,
@@ -95,6 +98,7 @@ impl Default for InitialiseConfig {
         Self {
             gyro_bias_sigma: 0.1,
             accel_bias_sigma: 0.2,
+            offset_sigma_s: 0.0,
             noise_times: 5.0,
             most_noise_times: [30.0, 60.0],
             iterations: 20,
@@ -104,7 +108,7 @@ impl Default for InitialiseConfig {
             least_baseline: 10.0,
             most_residual: 4.0,
             most_gravity_off: 0.5,
-            most_scale_sigma: 0.02,
+            most_scale_sigma: 0.03,
             most_gravity_sigma: 0.035,
             most_gyro_bias: 0.3,
             most_accel_bias: 1.0,
@@ -127,6 +131,10 @@ pub struct Initial {
     pub gravity_norm: [f64; 2],
     /// The biases, constant over the key frames.
     pub bias: Bias,
+    /// Seconds to add to the samples' stamps to get the poses' clock, beyond what was added already.
+    pub offset_s: f64,
+    /// Its standard deviation.
+    pub offset_sigma_s: f64,
     /// Per key frame the state in the frame of the map in metres (scaled about its origin, not yet gravity-aligned).
     pub states: Vec<NavState>,
     /// Of (log scale, gravity's tilt (2), gyro bias (3), accel bias (3)).
@@ -135,6 +143,8 @@ pub struct Initial {
     pub residual: f64,
     /// Estimated factor of the white noise of gyroscope and accelerometer over their data sheets.
     pub noise_times: [f64; 2],
+    /// The fitted standard deviation of a visual position, in the map's units: that of [`Seen`], or less.
+    pub position_sigma: f64,
 }
 
 impl Initial {
