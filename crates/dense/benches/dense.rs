@@ -6,7 +6,8 @@
 
 use cairn_dense::{
     AnchorId, Backend, DenseMap, DepthConfig, DepthFrame, DepthPreparer, MapId, MeshConfig, Mesher,
-    OccupancyConfig, OccupancyGrid, SubmapConfig, TrackConfig, TsdfConfig, TsdfVolume, raycast, track,
+    OccupancyConfig, OccupancyGrid, PackedDepth, SubmapConfig, TrackConfig, TsdfConfig, TsdfVolume, raycast,
+    track,
 };
 use cairn_geometry::{Se3, So3, Vec3, umeyama};
 use cairn_sensor::{DepthImage, Image};
@@ -88,6 +89,9 @@ fn main() {
     }
     if section("occupancy") {
         occupancy(&kitchen);
+    }
+    if section("codec") {
+        codec(&kitchen);
     }
     if section("submaps") {
         submaps(&kitchen);
@@ -252,6 +256,33 @@ fn memory(kitchen: &Kitchen) {
 }
 
 /// A loop closure over 1,000 key frames: correcting the poses, and re-fusing the frames that moved.
+/// Lossless compression of the images of key frames.
+fn codec(kitchen: &Kitchen) {
+    let images = kitchen.raw.len() as f64;
+    let (pack_ms, packed) = least(9, || kitchen.raw.iter().map(PackedDepth::pack).collect::<Vec<_>>());
+    let (unpack_ms, ()) = least(9, || {
+        for one in &packed {
+            std::hint::black_box(one.unpack().expect("whole"));
+        }
+    });
+    let mut preparer = preparer();
+    let (prepare_ms, ()) = least(9, || {
+        for image in &kitchen.raw {
+            std::hint::black_box(preparer.prepare(image).expect("a frame"));
+        }
+    });
+    let same = packed.iter().zip(&kitchen.raw).all(|(p, raw)| p.unpack().expect("whole") == *raw);
+    let bytes = packed.iter().map(PackedDepth::bytes).sum::<usize>() as f64;
+    println!(
+        "codec: {:.1} kB an image, packed in {:.3} ms, unpacked in {:.3} ms ({}); prepared in {:.3} ms",
+        bytes / images / 1e3,
+        pack_ms / images,
+        unpack_ms / images,
+        if same { "bit by bit the same" } else { "NOT THE SAME" },
+        prepare_ms / images
+    );
+}
+
 fn submaps(kitchen: &Kitchen) {
     let mut map =
         DenseMap::new(SubmapConfig::default(), common::camera(), 0.001).expect("the data set's camera");
