@@ -144,7 +144,7 @@ impl SimConfig {
     }
 
     /// The keys of the short form and their meaning.
-    pub const KEYS: [(&'static str, &'static str); 37] = [
+    pub const KEYS: [(&'static str, &'static str); 38] = [
         ("seed", "whole number, 1"),
         ("sensor", "mono, stereo, rgbd, mono-imu, stereo-imu, rgbd-imu (default stereo-imu)"),
         ("rate", "frames a second, 20"),
@@ -172,6 +172,10 @@ impl SimConfig {
         ("flicker", "share by which the light flickers, 0.01"),
         ("blur", "exposure time in ms, 0"),
         ("depth_noise", "metres at 1 m, 0.0012"),
+        (
+            "projector",
+            "metres from the camera to a projector of structured light, 0: none; 0.075 is a Kinect's",
+        ),
         ("mount", "pose of the camera on the body: x,y,z,qx,qy,qz,qw, metres; identity without it"),
         ("imu_noise", "0 or 1, 1"),
         ("imu_rate", "readings a second, 200"),
@@ -236,6 +240,7 @@ impl SimConfig {
             "flicker" => self.effects.flicker = number(0.0, 0.9)?,
             "blur" => self.effects.blur_s = number(0.0, 100.0)? / 1000.0,
             "depth_noise" => self.effects.depth_noise = number(0.0, 0.1)?,
+            "projector" => self.effects.projector_m = Some(number(0.0, 1.0)?).filter(|m| *m > 0.0),
             "imu_noise" => {
                 let noisy = number(0.0, 1.0)? > 0.5;
                 self.imu = self.imu.map(|i| ImuConfig { noisy, ..i });
@@ -350,6 +355,7 @@ impl SimConfig {
             e.depth_noise,
             e.depth_range[0],
             e.depth_range[1],
+            e.projector_m.unwrap_or(0.0),
         ];
         if numbers.iter().any(|v| !(0.0..1e4).contains(v)) {
             return fail(

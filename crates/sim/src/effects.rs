@@ -1,5 +1,6 @@
 //! Image effects of a sensor: motion blur, exposure, vignette, noise.
 
+use crate::structured::StructuredLight;
 use cairn_random::Random;
 use cairn_sensor::{Camera, DepthImage, GrayImage};
 
@@ -22,6 +23,9 @@ pub struct Effects {
     pub depth_noise: f64,
     /// Depth outside this range (metres) is not measured by a depth sensor.
     pub depth_range: [f64; 2],
+    /// Depth is measured with structured light, from a projector this far to the right of the camera, metres: disparity is
+    /// quantised, edges are ragged, and what the projector does not light has no depth. Replaces [`Self::depth_noise`].
+    pub projector_m: Option<f64>,
 }
 
 impl Default for Effects {
@@ -35,6 +39,7 @@ impl Default for Effects {
             blur_frames: 6,
             depth_noise: 0.0012,
             depth_range: [0.3, 10.0],
+            projector_m: None,
         }
     }
 }
@@ -51,6 +56,7 @@ impl Effects {
             blur_frames: 6,
             depth_noise: 0.0,
             depth_range: [0.0, 65.5],
+            projector_m: None,
         }
     }
 }
@@ -64,6 +70,7 @@ pub(crate) struct Sensor {
     noise: Vec<i16>,
     random: Random,
     sum: Vec<u32>,
+    structured: Option<StructuredLight>,
 }
 
 const NOISE_TABLE: usize = 1 << 16;
@@ -88,7 +95,8 @@ impl Sensor {
                 ((1.0 - effects.vignette.clamp(0.0, 1.0) * (x * x + y * y) / reach) * 4096.0) as u16
             })
             .collect();
-        Self { effects, vignette, noise, random, sum: Vec::new() }
+        let structured = effects.projector_m.map(|m| StructuredLight::new(camera.fx, m, &mut random));
+        Self { effects, vignette, noise, random, sum: Vec::new(), structured }
     }
 
     /// Starts the mean of several sub-frames.
@@ -139,7 +147,10 @@ impl Sensor {
     pub fn depth(&mut self, depth: &mut DepthImage) {
         let [near, far] = self.effects.depth_range;
         let (near, far) = ((near * 1000.0) as u16, (far * 1000.0).min(65535.0) as u16);
-        let k = self.effects.depth_noise / 1000.0;
+        if let Some(structured) = &mut self.structured {
+            structured.measure(depth, &mut self.random);
+        }
+        let k = if self.structured.is_some() { 0.0 } else { self.effects.depth_noise / 1000.0 };
         let width = depth.width().max(1);
         let mut table = [0f32; 1024];
         if k > 0.0 {

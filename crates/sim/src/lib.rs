@@ -8,6 +8,7 @@ mod phone;
 mod render;
 mod smooth;
 mod source;
+mod structured;
 mod texture;
 mod walk;
 mod world;

@@ -3,7 +3,7 @@
 //! Geiger, Lenz and Urtasun, "Are we ready for autonomous driving?" (2012). A pose line is the 3x4 matrix
 //! from camera 0 to the first pose of camera 0.
 
-use crate::decode;
+use crate::numbered::{NumberedImage, image_size, numbered};
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig::{self, kitti as calib};
 use crate::text::{data_lines, fields, numbers, place, read_text, stamp_seconds};
@@ -75,19 +75,6 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     })
 }
 
-/// Width and height of the first readable image of a camera.
-pub fn image_size(folder: &Path, camera: usize) -> Result<[usize; 2], String> {
-    let files = numbered(&folder.join(format!("image_{camera}")))?;
-    let mut problem = format!("no image in image_{camera}");
-    for file in files {
-        match decode::size(&file.path) {
-            Ok(size) => return Ok(size),
-            Err(e) => problem = e,
-        }
-    }
-    Err(problem)
-}
-
 fn own_rig(folder: &Path, present: &[usize]) -> Result<Rig, SourceError> {
     let path = folder.join("calib.txt");
     if !path.is_file() {
@@ -105,33 +92,9 @@ fn unreadable(folder: &Path, why: &str) -> SourceError {
     )
 }
 
-struct File {
-    number: usize,
-    path: PathBuf,
-}
-
-/// The images of a folder whose names are numbers, in numeric order.
-fn numbered(folder: &Path) -> Result<Vec<File>, String> {
-    let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    let mut files: Vec<File> = entries
-        .filter_map(|e| Some(e.ok()?.path()))
-        .filter_map(|path| {
-            let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-            let number = path.file_stem()?.to_str()?.parse().ok()?;
-            matches!(extension.as_str(), "png" | "jpg" | "jpeg").then_some(File { number, path })
-        })
-        .collect();
-    files.sort_by(|a, b| (a.number, &a.path).cmp(&(b.number, &b.path)));
-    files.dedup_by_key(|f| f.number);
-    match files.is_empty() {
-        true => Err(format!("{} holds no numbered PNG or JPEG", folder.display())),
-        false => Ok(files),
-    }
-}
-
 /// The line of `times.txt` and `poses.txt` for each file: its number, or its index in order where the numbers
 /// do not start near 0 (a part cut from a longer sequence, with its lines cut as well).
-fn match_lines(files: &[File]) -> Vec<usize> {
+fn match_lines(files: &[NumberedImage]) -> Vec<usize> {
     let cut = files.first().is_some_and(|f| f.number >= files.len());
     files.iter().enumerate().map(|(i, f)| if cut { i } else { f.number }).collect()
 }

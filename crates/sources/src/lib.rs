@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod bag;
+mod bag_reader;
 mod cancel;
 mod decode;
 mod euroc;
@@ -8,6 +9,7 @@ mod images;
 mod imu;
 mod kitti;
 mod live;
+mod numbered;
 mod open;
 mod options;
 mod paced;

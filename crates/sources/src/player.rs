@@ -1,6 +1,6 @@
 //! Plays a recording: decodes the images of each instant and adds the IMU samples.
 
-use crate::bag::{BagImu, BagReader};
+use crate::bag_reader::{BagImu, BagReader};
 use crate::decode;
 use crate::imu::ImuStream;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};

@@ -1,6 +1,6 @@
 //! The common form of all data sets: instants in time with the files of their images.
 
-use crate::bag::{BagReader, ImuTopics};
+use crate::bag_reader::{BagReader, ImuTopics};
 use crate::text::{data_lines, fields, numbers, place, read_text};
 use cairn_bag::Entry;
 use cairn_geometry::{Se3, So3, Vec3};

@@ -5,15 +5,14 @@
 //! `camera_info` and `tf_static` ([`rig`]), or from what the RealSense SDK records ([`realsense`]).
 
 mod frames;
-mod reader;
 mod realsense;
 mod rig;
 mod topics;
 
 pub use frames::Frames;
-pub use reader::{BagImu, BagReader};
-pub use topics::{ImuTopics, NamedTopic, TopicRole};
+pub use topics::{NamedTopic, TopicRole};
 
+use crate::bag_reader::{BagReader, ImuTopics, median_step_ns};
 use crate::recording::{ImageAt, ImuAt, Instant, Recording, forward_only, join_depth, pair};
 use cairn_bag::{Bag, BagError, MessageKind, Topic, is_bag};
 use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
@@ -130,7 +129,7 @@ fn instants(reader: &BagReader, chosen: &Chosen, skipped: &mut Vec<Skipped>) -> 
     let lists: Vec<_> = chosen.cameras.iter().map(|topic| list(*topic)).collect();
     let depth = chosen.depth.map(list);
     let [Some(left), right] = [lists.first(), lists.get(1)] else { return Vec::new() };
-    let period_ns = reader::median_step_ns(left.iter().map(|(stamp, _)| stamp.0));
+    let period_ns = median_step_ns(left.iter().map(|(stamp, _)| stamp.0));
     let within = |most: u64| most.min(period_ns * 2 / 5);
     let mut instants: Vec<Instant> = match right {
         Some(right) => {

@@ -6,8 +6,8 @@
 //! device's. No recording of a real device was at hand: the tests write files in this layout.
 
 use super::frames::Frames;
-use super::reader::BagReader;
-use super::topics::{Chosen, ImuTopics};
+use super::topics::Chosen;
+use crate::bag_reader::{BagReader, ImuTopics};
 use cairn_bag::{float32, transform};
 
 /// Metres per unit where the recording does not tell.

@@ -4,9 +4,9 @@
 //! baseline in `P`, the rotations `R`), else by the transforms; depth and the IMU by the transforms.
 
 use super::frames::Frames;
-use super::reader::{BagReader, median_step_ns};
 use super::realsense::{Recorder, stream};
-use super::topics::{Chosen, ImuTopics, namespace};
+use super::topics::{Chosen, namespace};
+use crate::bag_reader::{BagReader, ImuTopics, median_step_ns};
 use cairn_bag::{CameraInfo, MessageKind, static_transforms, stereo_left_from_right};
 use cairn_geometry::Se3;
 use cairn_sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};

@@ -4,7 +4,7 @@
 //! that differ in left and right or in one digit, the IMU by its type. What could be meant in two ways is an error that
 //! lists the topics.
 
-use super::reader::BagReader;
+use crate::bag_reader::{BagReader, ImuTopics};
 use cairn_bag::{MessageKind, Topic, WireFormat};
 use cairn_sensor::SourceError;
 use std::str::FromStr;
@@ -67,22 +67,6 @@ impl FromStr for NamedTopic {
         }
         Ok(Self { role: *role, topic: topic.to_owned() })
     }
-}
-
-/// The topics of the IMU.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ImuTopics {
-    /// There is none.
-    None,
-    /// Both sensors in one message.
-    One(usize),
-    /// Two topics of different rates.
-    Split {
-        /// The gyroscope's.
-        gyro: usize,
-        /// The accelerometer's.
-        accel: usize,
-    },
 }
 
 /// Indices of the topics that are read.

@@ -136,7 +136,7 @@ fn kitti_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError>
     let which: [usize; 2] = if gray { [0, 1] } else { [2, 3] };
     let size = match size {
         Some(size) => size,
-        None => crate::kitti::image_size(folder, which[0]).map_err(|why| {
+        None => crate::numbered::image_size(folder, which[0]).map_err(|why| {
             SourceError::new(
                 path.display().to_string(),
                 format!("does not state the size of the images ({why})"),

@@ -1,6 +1,5 @@
 //! Reads the images and samples of a bag.
 
-use super::topics::ImuTopics;
 use crate::decode;
 use cairn_bag::{Bag, CameraInfo, CompressedImage, Entry, ImageMessage, ImuMessage, MessageKind, Topic};
 use cairn_geometry::Vec3;
@@ -13,6 +12,22 @@ fn unreadable(text: String) -> Skipped {
 
 /// A bag whose messages are images and samples.
 pub struct BagReader(Bag);
+
+/// The topics of the IMU.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ImuTopics {
+    /// There is none.
+    None,
+    /// Both sensors in one message.
+    One(usize),
+    /// Two topics of different rates.
+    Split {
+        /// The gyroscope's.
+        gyro: usize,
+        /// The accelerometer's.
+        accel: usize,
+    },
+}
 
 /// An image of either kind.
 enum Picture<'a> {
