@@ -67,6 +67,7 @@ mod error;
 mod events;
 mod map;
 mod merge;
+mod shared;
 mod slam;
 mod walk;
 
@@ -79,6 +80,7 @@ pub use error::Error;
 pub use events::{MapEvent, MapEvents};
 pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
 pub use merge::{Attempt, MapOfFile, MergeError, MergedMaps, merge_maps};
+pub use shared::{SharedAtlas, own_map, shared_atlas};
 pub use slam::Slam;
 
 #[doc(no_inline)]

@@ -18,7 +18,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (5, &["cairn-adjust", "cairn-dense", "cairn-plan", "cairn-guide"]),
     (6, &["cairn-tracking", "cairn-mapping", "cairn-lens", "cairn-voice"]),
     (7, &["cairn-team"]),
-    (8, &["cairn-engine"]),
+    (8, &["cairn-engine", "cairn-wire"]),
     (9, &["cairn-trial"]),
     (10, &["cairn-session"]),
     (11, &["cairn-web"]),

@@ -61,6 +61,18 @@ pub enum Refused {
     /// There are more robots than [`crate::MAX_ROBOTS`].
     #[error("there are too many robots to listen to one more")]
     TooManyRobots,
+    /// It is not sealed with the key of this team, or was changed on its way.
+    #[error("the message is not sealed with the key of this team")]
+    Seal,
+    /// Its signature is not of the key that it names.
+    #[error("a map of robot {0} has a wrong signature")]
+    Signature(RobotId),
+    /// It is signed with another key than the first from this robot: another robot uses its number.
+    #[error("a map of robot {0} is signed with another key than the first one: two robots use this number")]
+    OtherKey(RobotId),
+    /// More would have to be held than this many bytes.
+    #[error("the maps of the team have more than {0} bytes")]
+    TooMuch(usize),
 }
 
 const HEADER: usize = 6;

@@ -12,6 +12,7 @@ mod judge;
 mod keep;
 mod message;
 mod network;
+pub mod peer;
 mod robot;
 mod words;
 

@@ -1,0 +1,59 @@
+//! The atlas that the robots of a team share: their maps in one, joined where they show the same places.
+
+use crate::{MergeError, MergedMaps, merge_maps};
+use cairn_atlas::RobotId;
+use cairn_atlas::store::MapFile;
+use cairn_engine::Config;
+use std::collections::BTreeMap;
+
+/// The atlas that robots share.
+#[derive(Clone, Debug)]
+pub struct SharedAtlas {
+    /// The maps in one, by rising number of the robot; each is named `robot N`.
+    pub merged: MergedMaps,
+    /// Whose map is not in it, and why.
+    pub left_out: BTreeMap<RobotId, String>,
+}
+
+/// Puts the maps of the robots of a team into one atlas. The same maps always give the same atlas, so that robots which
+/// have the same maps need not exchange what came of them. `None` when no map can be used.
+///
+/// Left out are maps that are damaged, of another camera than that of the lowest robot, or that hold key frames of
+/// another robot than the one that published them.
+pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Option<SharedAtlas> {
+    let mut left_out = BTreeMap::new();
+    let mut files: BTreeMap<RobotId, MapFile> = BTreeMap::new();
+    for (robot, bytes) in parts {
+        match own_map(*robot, bytes) {
+            Ok(file) => drop(files.insert(*robot, file)),
+            Err(why) => drop(left_out.insert(*robot, why)),
+        }
+    }
+    loop {
+        let named = files.iter().map(|(robot, file)| (format!("robot {robot}"), file.clone())).collect();
+        let (name, why) = match merge_maps(named, config) {
+            Ok(merged) => return Some(SharedAtlas { merged, left_out }),
+            Err(MergeError::Empty) => return None,
+            Err(MergeError::Unfit { name, why }) => (name, format!("it does not fit the first map: {why}")),
+            Err(MergeError::Route { name, route, source }) => (name, format!("route {route}: {source}")),
+            Err(MergeError::Depth { name, source }) => (name, source.to_string()),
+        };
+        let robot = files.keys().copied().find(|robot| name == format!("robot {robot}"))?;
+        files.remove(&robot);
+        left_out.insert(robot, why);
+    }
+}
+
+/// The map that a robot made by itself.
+///
+/// # Errors
+/// A sentence: it is damaged, empty, or holds key frames of other robots.
+pub fn own_map(robot: RobotId, bytes: &[u8]) -> Result<MapFile, String> {
+    let file = MapFile::read(bytes).map_err(|e| e.to_string())?;
+    let robots = file.snapshot.robots();
+    match robots.keys().find(|r| **r != robot) {
+        Some(other) => Err(format!("it holds {} key frames of robot {other}", robots[other])),
+        None if robots.is_empty() => Err("it has no key frame".into()),
+        None => Ok(file),
+    }
+}

@@ -1,0 +1,170 @@
+//! Three robots on simulated walks share their maps over a network that loses, delays and repeats: each of them ends
+//! with the same atlas, joined where walks share a way, and apart where they do not.
+
+use cairn::geometry::{Se3, umeyama};
+use cairn::sensor::Stamp;
+use cairn::team::peer::{Identity, Peer, TeamKey, To};
+use cairn::team::{Network, NetworkConfig, RobotId};
+use cairn::{Config, SharedAtlas, Slam, map_file, open, shared_atlas};
+use cairn_atlas::store::MapFile;
+use std::collections::{BTreeMap, BTreeSet};
+
+struct Walk {
+    map: Vec<u8>,
+    /// The true pose of the body at each time.
+    truth: BTreeMap<Stamp, Se3>,
+}
+
+fn walk(robot: RobotId, world: &str, options: &str) -> Walk {
+    let mut source =
+        open(&format!("sim:{world}?resolution=320x240&rate=10&detail=0.5&sensor=rgbd&{options}"))
+            .expect("a world");
+    let config = Config { robot, ..Config::default() };
+    let mut slam = Slam::for_source(&*source).config(&config).build().expect("it can be built");
+    while let Some(frame) = source.next_packet().expect("a simulated world can be read") {
+        slam.track(&frame).expect("a frame in order");
+    }
+    slam.finish();
+    let truth = source.info().truth.iter().copied().collect();
+    let file = map_file(slam.session(), &BTreeMap::new()).expect("a map with key frames");
+    Walk { map: file.write().expect("it can be written"), truth }
+}
+
+/// All robots say what they have until they have the same; returns what each of them holds.
+fn exchanged(walks: &BTreeMap<RobotId, Walk>) -> Vec<BTreeMap<RobotId, Vec<u8>>> {
+    let network = NetworkConfig { loss: 0.3, delayed: 0.3, delay_rounds: 3, duplicated: 0.2, seed: 4 };
+    let mut network = Network::new(network);
+    let mut peers: BTreeMap<RobotId, Peer> = BTreeMap::new();
+    for (robot, walk) in walks {
+        let identity = Identity::from_seed(*robot, &[*robot as u8; 32]).expect("a seed");
+        let mut peer = Peer::new(identity, TeamKey::new(b"three"));
+        peer.publish(&walk.map).expect("it is short enough");
+        peers.insert(*robot, peer);
+    }
+    let robots: Vec<RobotId> = walks.keys().copied().collect();
+    for round in 0..200 {
+        let digests: BTreeSet<_> = peers.values().map(Peer::digest).collect();
+        if digests.len() == 1 {
+            let sent = |p: &Peer| p.traffic().sent.values().map(|a| a.bytes).sum::<u64>() / 1000;
+            let sent: Vec<u64> = peers.values().map(sent).collect();
+            println!("the same after {round} rounds; kB sent {sent:?}");
+            return peers.values().map(|p| p.parts().map(|(h, bytes)| (h.robot, bytes)).collect()).collect();
+        }
+        let mut out: Vec<_> = Vec::new();
+        for (robot, peer) in &mut peers {
+            out.extend(peer.tick().into_iter().map(|m| (*robot, m)));
+        }
+        for packet in network.deliver() {
+            let peer = peers.get_mut(&packet.to).expect("a robot");
+            out.extend(peer.receive(&packet.bytes).expect("honest").into_iter().map(|m| (packet.to, m)));
+        }
+        for (from, message) in out {
+            let to = robots
+                .iter()
+                .filter(|r| **r != from && (message.to == To::All || message.to == To::Robot(**r)));
+            for robot in to {
+                peers.get_mut(&from).expect("a robot").sent(&message);
+                network.send(from, *robot, &message.bytes);
+            }
+        }
+    }
+    panic!("not the same after 200 rounds");
+}
+
+/// The atlas that all robots come to, each for itself; it must be the same to the last byte.
+fn atlas_of_all(walks: &BTreeMap<RobotId, Walk>) -> SharedAtlas {
+    let held = exchanged(walks);
+    let atlases: Vec<SharedAtlas> =
+        held[..2].iter().map(|parts| shared_atlas(parts, &Config::default()).expect("maps")).collect();
+    let bytes: Vec<Vec<u8>> = atlases.iter().map(|a| a.merged.file.write().expect("written")).collect();
+    assert!(held.iter().all(|parts| *parts == held[0]));
+    assert!(bytes[0] == bytes[1], "two robots made different atlases of the same maps");
+    atlases.into_iter().next().expect("two")
+}
+
+/// Root mean square error of the positions of the key frames of some robots, aligned by SE3.
+fn ate(file: &MapFile, walks: &BTreeMap<RobotId, Walk>, robots: &[RobotId]) -> f64 {
+    let (mut estimated, mut truth) = (Vec::new(), Vec::new());
+    for k in file.snapshot.key_frames() {
+        let robot = file.snapshot.key_frame_name(k.id).robot;
+        if robots.contains(&robot) {
+            let body = walks[&robot].truth.get(&k.frame.stamp).expect("a true pose at each frame");
+            estimated.push(k.world_from_camera.translation);
+            truth.push((*body * file.about.camera.body_from_camera).translation);
+        }
+    }
+    let fit = umeyama(&truth, &estimated, false).expect("a walk is not a straight line");
+    let squares: f64 = estimated.iter().zip(&truth).map(|(e, t)| (fit * *e - *t).norm_squared()).sum();
+    (squares / estimated.len() as f64).sqrt()
+}
+
+#[test]
+fn three_robots_that_share_a_way_have_one_map_and_none_gets_worse() {
+    let options = [
+        "duration=24",
+        "start=6&duration=16&speed=1.05&height=1.4",
+        "start=9&duration=16&speed=0.95&height=1.35",
+    ];
+    let walks: BTreeMap<RobotId, Walk> =
+        (1..).zip(options).map(|(r, o)| (r, walk(r, "demo", &format!("seed=5&{o}")))).collect();
+    let shared = atlas_of_all(&walks);
+    let file = &shared.merged.file;
+    file.snapshot.check().expect("a sound map");
+    let alone: Vec<f64> =
+        walks.iter().map(|(r, w)| ate(&MapFile::read(&w.map).unwrap(), &walks, &[*r])).collect();
+    let merged: Vec<f64> = walks.keys().map(|r| ate(file, &walks, &[*r])).collect();
+    let all = ate(file, &walks, &[1, 2, 3]);
+    let best = alone.iter().copied().fold(f64::INFINITY, f64::min);
+    let times = all / best;
+    println!(
+        "ATE alone {alone:.3?} m, each in the atlas {merged:.3?} m, all {all:.3} m: {times:.2} times the best alone"
+    );
+    assert_eq!(file.snapshot.maps().count(), 1, "{:?}", shared.merged.attempts);
+    assert!(shared.left_out.is_empty());
+    assert!(
+        alone.iter().zip(&merged).all(|(alone, merged)| *merged <= 1.2 * alone),
+        "{merged:?} of {alone:?}"
+    );
+    assert!(all <= alone.iter().copied().fold(0.0, f64::max), "{all} m of {alone:?}");
+}
+
+#[test]
+fn robots_in_different_houses_share_an_atlas_of_separate_maps() {
+    let house = |robot: RobotId| walk(robot, "demo", &format!("seed={}&duration=12", 20 + robot));
+    let walks: BTreeMap<RobotId, Walk> = (1..=3).map(|r| (r, house(r))).collect();
+    let shared = atlas_of_all(&walks);
+    assert_eq!(shared.merged.file.snapshot.maps().count(), 3, "{:?}", shared.merged.attempts);
+}
+
+/// Rooms that look the same, each robot in another one: what is joined is joined where it is.
+#[test]
+fn robots_in_rooms_that_look_alike_are_never_joined_wrongly() {
+    let options = |start: u32| format!("seed=1&look_alike=1&duration=26&start={start}");
+    let walks: BTreeMap<RobotId, Walk> =
+        (1..).zip([0, 26, 52]).map(|(r, start)| (r, walk(r, "office", &options(start)))).collect();
+    let shared = atlas_of_all(&walks);
+    for (root, members) in &shared.merged.maps {
+        let robots: Vec<RobotId> =
+            members.iter().filter_map(|m| m.name.strip_prefix("robot ")?.parse().ok()).collect();
+        println!("map {root:?}: robots {robots:?}");
+        if robots.len() > 1 {
+            let all = ate(&shared.merged.file, &walks, &robots);
+            assert!(all < 0.1, "joined wrongly: ATE {all} m of {robots:?}");
+        }
+    }
+}
+
+#[test]
+fn damaged_and_foreign_maps_are_left_out_with_a_sentence() {
+    let walks: BTreeMap<RobotId, Walk> = [(1, walk(1, "demo", "seed=5&duration=4"))].into();
+    let own = &walks[&1].map;
+    let mut damaged = own.clone();
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 1;
+    let parts = [(1, own.clone()), (2, own.clone()), (3, damaged), (4, b"no map".to_vec())].into();
+    let shared = shared_atlas(&parts, &Config::default()).expect("robot 1 has a map");
+    println!("{:?}", shared.left_out);
+    assert_eq!(shared.left_out.keys().copied().collect::<Vec<_>>(), [2, 3, 4]);
+    assert!(shared.left_out[&2].contains("key frames of robot 1"));
+    assert!(shared_atlas(&BTreeMap::new(), &Config::default()).is_none());
+}

@@ -1,0 +1,138 @@
+//! Messages between peers: what each has, what a robot published, and its blocks on request.
+
+use super::seal::{Identity, hash, is_signed};
+use crate::{MAX_ROBOTS, Refused, RobotId};
+use serde::{Deserialize, Serialize};
+
+/// Bytes of a block; the last one of a part may be shorter.
+pub const BLOCK_BYTES: usize = 64 << 10;
+/// Greatest length of what a robot publishes, in bytes.
+pub const MAX_PART_BYTES: usize = 64 << 20;
+/// Greatest length of a message between peers, in bytes.
+pub const MAX_PEER_MESSAGE_BYTES: usize = BLOCK_BYTES + 1024;
+/// Blocks asked for at once.
+pub(super) const WINDOW: usize = 16;
+
+/// A version of what a robot published: its number, and of versions with one number (a robot restored from a copy) the
+/// hash decides, so that everyone chooses the same.
+pub(super) type Stamp = (u32, [u8; 8]);
+
+/// Kinds of messages between peers, for counting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PeerKind {
+    /// Which versions a peer has.
+    Have,
+    /// What a robot published: lengths and hashes of the blocks, signed.
+    Manifest,
+    /// A request for blocks.
+    Want,
+    /// A block.
+    Block,
+}
+
+impl std::fmt::Display for PeerKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Have => "have",
+            Self::Manifest => "manifest",
+            Self::Want => "want",
+            Self::Block => "block",
+        })
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct PeerMessage {
+    pub from: RobotId,
+    pub body: Body,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) enum Body {
+    Have(Vec<(RobotId, Stamp)>),
+    Manifest(Manifest),
+    Want { robot: RobotId, stamp: Stamp, blocks: Vec<u16> },
+    Block { robot: RobotId, stamp: Stamp, index: u16, bytes: Vec<u8> },
+}
+
+impl PeerMessage {
+    pub fn kind(&self) -> PeerKind {
+        match self.body {
+            Body::Have(_) => PeerKind::Have,
+            Body::Manifest(_) => PeerKind::Manifest,
+            Body::Want { .. } => PeerKind::Want,
+            Body::Block { .. } => PeerKind::Block,
+        }
+    }
+
+    pub fn decode(body: &[u8]) -> Result<Self, Refused> {
+        let (message, rest) = postcard::take_from_bytes::<Self>(body).map_err(|_| Refused::Encoding)?;
+        let sound = match &message.body {
+            Body::Have(known) => known.len() <= MAX_ROBOTS,
+            Body::Want { blocks, .. } => blocks.len() <= WINDOW,
+            Body::Block { bytes, .. } => bytes.len() <= BLOCK_BYTES,
+            Body::Manifest(_) => true,
+        };
+        if rest.is_empty() && sound { Ok(message) } else { Err(Refused::Encoding) }
+    }
+}
+
+/// What a robot published: signed, so that anybody can pass it on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Manifest {
+    pub robot: RobotId,
+    pub version: u32,
+    pub length: u32,
+    pub blocks: Vec<[u8; 16]>,
+    pub key: [u8; 32],
+    pub signature: Vec<u8>,
+}
+
+impl Manifest {
+    pub fn new(identity: &Identity, version: u32, bytes: &[u8]) -> Self {
+        let mut manifest = Self {
+            robot: identity.robot(),
+            version,
+            length: bytes.len() as u32,
+            blocks: bytes.chunks(BLOCK_BYTES).map(hash).collect(),
+            key: identity.public(),
+            signature: Vec::new(),
+        };
+        manifest.signature = identity.sign(&manifest.signed());
+        manifest
+    }
+
+    /// The bytes that the signature covers.
+    fn signed(&self) -> Vec<u8> {
+        let mut bytes = b"cairn part".to_vec();
+        bytes.extend(self.robot.to_le_bytes());
+        bytes.extend(self.version.to_le_bytes());
+        bytes.extend(self.length.to_le_bytes());
+        bytes.extend(self.blocks.as_flattened());
+        bytes
+    }
+
+    pub fn stamp(&self) -> Stamp {
+        (self.version, hash(&self.signed()))
+    }
+
+    pub fn check(&self) -> Result<(), Refused> {
+        let length = self.length as usize;
+        if length == 0 || self.blocks.len() != length.div_ceil(BLOCK_BYTES) {
+            return Err(Refused::Inconsistent("its blocks do not make up its length"));
+        }
+        if length > MAX_PART_BYTES {
+            return Err(Refused::TooLong(length));
+        }
+        match is_signed(&self.key, &self.signed(), &self.signature) {
+            true => Ok(()),
+            false => Err(Refused::Signature(self.robot)),
+        }
+    }
+
+    /// Length of a block in bytes.
+    pub fn block_length(&self, index: usize) -> usize {
+        (self.length as usize).saturating_sub(index * BLOCK_BYTES).min(BLOCK_BYTES)
+    }
+}
