@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn size_of_unpacked_images_is_checked_before_memory_is_taken() {
-        let packed = PackedDepth::from_bytes(1 << 20, 1 << 20, vec![BLOCKS, 0, 0, 0, 0].into());
+        let packed = PackedDepth::from_bytes(1 << 31, 1 << 31, vec![BLOCKS, 0, 0, 0, 0, 0, 0].into());
         assert!(packed.unpack().is_err());
     }
 }
