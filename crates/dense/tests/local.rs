@@ -127,6 +127,57 @@ fn what_comes_is_seen_and_what_left_is_free_within_a_second() {
     }
 }
 
+/// The corridor with a counter across it: its front stands at `front` along z, and its top, at `top` along y, reaches to `back`.
+fn with_counter(pose: &Se3, front: f64, back: f64, top: f64) -> DepthImage {
+    let far = corridor().depth(&camera(), pose);
+    let mut image = DepthImage::new(far.width(), far.height());
+    for (k, out) in image.data_mut().iter_mut().enumerate() {
+        let (x, y) = (k % far.width(), k / far.width());
+        let ray = camera().unproject(&Vec2::new(x as f64, y as f64)).expect("a pixel");
+        let turned = pose.rotation * ray;
+        let at = |t: f64| pose.translation + turned * t;
+        let mut z = f64::from(far.at(x, y));
+        let (to_front, to_top) =
+            ((front - pose.translation.z) / turned.z, (top - pose.translation.y) / turned.y);
+        if to_front > 0.0 && at(to_front).y > top {
+            z = z.min(to_front * ray.z);
+        }
+        if to_top > 0.0 && (front..back).contains(&at(to_top).z) {
+            z = z.min(to_top * ray.z);
+        }
+        *out = (z * 1000.0) as u16;
+    }
+    image
+}
+
+#[test]
+fn a_counter_close_by_is_not_the_ground() {
+    let mut space = space();
+    for i in 0..60u64 {
+        let pose = eye(0.04 * f64::from(i.min(50) as u32));
+        space.observe(&with_counter(&pose, 2.6, 9.0, 0.4), &pose, &level()).expect("depth");
+        let ground = space.ground_m(&Vec2::new(pose.translation.z, 0.0)).expect("ground");
+        assert!((ground + 1.2).abs() < 0.1, "the ground at {ground} m in image {i}");
+    }
+    assert!(ahead(&space, 2.0).is_some_and(|m| (m - 0.6).abs() < 0.15), "{:?}", ahead(&space, 2.0));
+}
+
+#[test]
+fn what_was_taken_away_close_by_is_gone_as_a_whole() {
+    let mut space = space();
+    for i in 0..50u64 {
+        let pose = eye(0.03 * f64::from(i.min(40) as u32));
+        space.observe(&with_counter(&pose, 2.3, 2.4, 0.2), &pose, &level()).expect("depth");
+    }
+    assert!(ahead(&space, 1.2).is_some_and(|m| (m - 1.1).abs() < 0.15), "{:?}", ahead(&space, 1.2));
+    // From here its lower half is below the image.
+    let gone = (0..20).any(|i| {
+        space.observe(&depth(&corridor(), &eye(1.2), i + 1), &eye(1.2), &level()).expect("depth");
+        ahead(&space, 1.2).is_none()
+    });
+    assert!(gone, "still there: {:?}", ahead(&space, 1.2));
+}
+
 #[test]
 fn ground_that_ends_is_a_drop() {
     // A floor 0.8 m lower beyond 3 m: the near part hides its edge only from below.

@@ -157,14 +157,6 @@ impl Guiding {
         self.facing.heading(&self.reference_path.ground, &self.in_metres(place))
     }
 
-    /// What in the way the guide has stopped for, if for that.
-    pub fn stopped_for(&self) -> Option<StopReason> {
-        match self.guide.state() {
-            GuideState::Stopped(reason) if reason.is_in_the_way() => Some(reason),
-            _ => None,
-        }
-    }
-
     pub fn in_metres(&self, place: &Place) -> Pose<Odom, Camera> {
         let pose = place.odom_from_camera.se3;
         Pose::new(Se3::new(pose.rotation, pose.translation * self.reference_path.metres_per_unit()))

@@ -8,12 +8,10 @@
 //! that is left to warn of what he is about to walk into, wherever he was led. A way past an obstacle is searched on a grid
 //! of what is seen (A*), with as much clearance as there is, up to [`CLEARANCES_M`].
 
-use crate::guidance::Guiding;
-use crate::place::Place;
 use cairn_dense::DenseError;
 use cairn_dense::walk::{Blocked, Hit, LocalConfig, LocalSpace, first_hit};
 use cairn_geometry::{Se2, Se3, So3, Vec2};
-use cairn_guide::{Facing, Ground, GuideState, Heading, Obstacle, StopReason};
+use cairn_guide::{Ground, Guide, GuideState, Heading, Obstacle, StopReason};
 use cairn_plan::search::{self, AStar, free_cell};
 use cairn_plan::{DistanceField, Grid, GridFrame, Passable};
 use cairn_sensor::{FramePacket, Rig, Stamp};
@@ -44,7 +42,7 @@ const STANDING_M_S: f64 = 0.15;
 const STOOD_S: f64 = 1.5;
 /// Distances of the way past an obstacle from what is seen, metres: the first that leaves a way. The last is a gap as wide as
 /// a narrow door.
-const CLEARANCES_M: [f64; 4] = [0.7, 0.55, 0.42, 0.34];
+const CLEARANCES_M: [f64; 4] = [0.7, 0.55, 0.42, 0.32];
 /// A way that was found is not given up because it is not found for a moment, seconds: what is seen has noise.
 const FOUND_S: f64 = 0.6;
 /// The point of the way past an obstacle that the walker is led to, metres ahead.
@@ -54,7 +52,7 @@ const BEYOND_M: [f64; 2] = [0.6, 2.4];
 /// ... and no farther aside from it, metres: what lies behind the walls is unknown, not free.
 const ASIDE_M: f64 = 1.3;
 /// Side of the cells that are searched, metres.
-const CELL_M: f64 = 0.1;
+const CELL_M: f64 = 0.05;
 /// A sensor that gave no usable depth for this long is blind, seconds.
 const BLIND_S: f64 = 1.0;
 /// Speed is measured over this time, seconds.
@@ -133,33 +131,33 @@ impl WayAhead {
         }
     }
 
-    /// Adds the depth of a packet, seen from a place.
-    pub fn observe(&mut self, packet: &FramePacket, guiding: &Guiding, place: &Place) {
+    /// Adds the depth of a packet, seen from a pose of the camera in the odometry frame, in metres; `segment` names that
+    /// frame, `ground` its ground plane.
+    pub fn observe(&mut self, packet: &FramePacket, odom_from_camera: &Se3, segment: u32, ground: &Ground) {
         let begin = Instant::now();
         self.began.get_or_insert(packet.stamp);
-        if self.segment.replace(place.segment).is_some_and(|before| before != place.segment) {
+        if self.segment.replace(segment).is_some_and(|before| before != segment) {
             self.space.clear();
             self.track.clear();
         }
         if let Some(depth) = &packet.depth {
-            let pose = guiding.in_metres(place).se3 * self.camera_from_depth;
-            if self.space.observe(depth, &pose, &level(&guiding.reference_path.ground)).is_ok() {
+            let pose = *odom_from_camera * self.camera_from_depth;
+            if self.space.observe(depth, &pose, &level(ground)).is_ok() {
                 self.seen = Some(packet.stamp);
             }
         }
         self.cost_ms = begin.elapsed().as_secs_f64() * 1e3;
     }
 
-    /// Looks at the way of the walker, before a step of the guide.
-    pub fn look(&mut self, guiding: &Guiding, place: &Place, now: Stamp) -> Found {
+    /// Looks at the way of a walker who goes where his camera looks, before a step of his guide.
+    pub fn look(&mut self, guide: &Guide, walker: &Heading, now: Stamp) -> Found {
         let begin = Instant::now();
-        let walker = guiding.walker(place).filter(|_| guiding.facing == Facing::Home);
-        let found = walker.map_or_else(Found::default, |walker| self.found(guiding, &walker, now));
+        let found = self.found(guide, walker, now);
         self.cost_ms += begin.elapsed().as_secs_f64() * 1e3;
         found
     }
 
-    fn found(&mut self, guiding: &Guiding, walker: &Heading, now: Stamp) -> Found {
+    fn found(&mut self, guide: &Guide, walker: &Heading, now: Stamp) -> Found {
         let speed = self.speed(walker.position, now);
         if speed > STANDING_M_S {
             self.standing = None;
@@ -171,7 +169,11 @@ impl WayAhead {
             return Found { stop: Some(StopReason::UnknownGround), detour: None };
         }
         let obstacles = self.space.obstacles();
-        let Some(line) = strip(guiding, walker) else { return Found::default() };
+        let turning = guide.state() == GuideState::Turning;
+        // He stands or is about to; the strip is looked at when he sets out, from where he stands then.
+        let waits = turning && self.state == State::Free;
+        let line = strip(guide, walker).filter(|_| !waits);
+        let Some(line) = line else { return Found::default() };
         let stop_m = MARGIN_M + STOP_S * speed.max(WALKING_M_S);
         if self.space.drop_along(&line, HALF_M, stop_m.min(2.5)).is_some() {
             self.state = State::Stopped;
@@ -181,17 +183,16 @@ impl WayAhead {
         let reach = if self.state == State::Free { stop_m } else { stop_m.max(HELD_M) };
         let on_route = first_hit(&obstacles, &line, HALF_M, reach, CLUSTER_VOXELS);
         let straight = [walker.position, walker.position + direction(walker.course) * 4.0];
-        let turning = guiding.guide.state() == GuideState::Turning;
         let near_s = NEAR_S[usize::from(self.state != State::Free)];
-        let near = (speed > STANDING_M_S && !(turning && self.state == State::Free))
+        let near = (speed > STANDING_M_S)
             .then(|| first_hit(&obstacles, &straight, HALF_M - 0.02, NEAR_M + near_s * speed, CLUSTER_VOXELS))
             .flatten();
-        self.decide(guiding, walker, &obstacles, on_route, near, now)
+        self.decide(guide, walker, &obstacles, on_route, near, now)
     }
 
     fn decide(
         &mut self,
-        guiding: &Guiding,
+        guide: &Guide,
         walker: &Heading,
         obstacles: &[Blocked],
         on_route: Option<Hit>,
@@ -208,7 +209,7 @@ impl WayAhead {
             }
         };
         let way = |ahead: &mut Self| {
-            let found = ahead.past(guiding, walker, obstacles, on_route);
+            let found = ahead.past(guide, walker, obstacles, on_route);
             ahead.hold(found, now)
         };
         let stood = self.standing.is_some_and(|since| now - since >= STOOD_S);
@@ -231,7 +232,7 @@ impl WayAhead {
             }
             State::Stopped => {
                 let hit = near.or(on_route);
-                let passing = stood.then(|| self.past(guiding, walker, obstacles, on_route)).flatten();
+                let passing = stood.then(|| self.past(guide, walker, obstacles, on_route)).flatten();
                 self.way = passing.map(|heading| (now, heading));
                 match (passing, hit) {
                     (Some(heading), _) => {
@@ -240,15 +241,13 @@ impl WayAhead {
                     }
                     (None, Some(hit)) => stop(&hit),
                     // Free since a moment: the reason stays until that is sure.
-                    (None, None) => Found { stop: guiding.stopped_for(), detour: None },
+                    (None, None) => Found { stop: stopped_for(guide), detour: None },
                 }
             }
             State::Passing => match (near, way(self)) {
                 (None, Some(heading)) => Found { stop: None, detour: Some(heading) },
                 // The way straight back to the route is free, but not for long enough yet.
-                (None, None) if on_route.is_none() => {
-                    Found { stop: None, detour: guiding.guide.detour_heading() }
-                }
+                (None, None) if on_route.is_none() => Found { stop: None, detour: guide.detour_heading() },
                 (near, _) => {
                     self.state = State::Stopped;
                     near.or(on_route).map_or_else(Found::default, |hit| stop(&hit))
@@ -268,12 +267,12 @@ impl WayAhead {
     /// The heading of a way past what is in the way, back to the route beyond it.
     fn past(
         &mut self,
-        guiding: &Guiding,
+        guide: &Guide,
         walker: &Heading,
         obstacles: &[Blocked],
         on_route: Option<Hit>,
     ) -> Option<f64> {
-        let (place, plan) = (guiding.guide.place()?, guiding.guide.plan());
+        let (place, plan) = (guide.place()?, guide.plan());
         let begin = place.along_m + on_route.map_or(0.0, |hit| hit.along_m);
         let reach = self.space.config().reach_m;
         let side = (2.0 * reach / CELL_M) as usize;
@@ -351,6 +350,14 @@ fn free_around(free: &mut Grid<bool>, distances: &DistanceField, clearance_m: f6
     }
 }
 
+/// What in the way the guide has stopped for, if for that.
+fn stopped_for(guide: &Guide) -> Option<StopReason> {
+    match guide.state() {
+        GuideState::Stopped(reason) if reason.is_in_the_way() => Some(reason),
+        _ => None,
+    }
+}
+
 /// The heading to the point of a path that is [`AIM_M`] away.
 fn aim_along(path: &[Vec2], from: &Vec2) -> Option<f64> {
     let aim = path.iter().find(|p| (*p - from).norm() >= AIM_M).or(path.last())?;
@@ -359,9 +366,9 @@ fn aim_along(path: &[Vec2], from: &Vec2) -> Option<f64> {
 }
 
 /// The line that the walker will follow: to where he is led, then along the route.
-fn strip(guiding: &Guiding, walker: &Heading) -> Option<Vec<Vec2>> {
-    let (aim_m, aim) = guiding.guide.aim_point()?;
-    let plan = guiding.guide.plan();
+fn strip(guide: &Guide, walker: &Heading) -> Option<Vec<Vec2>> {
+    let (aim_m, aim) = guide.aim_point()?;
+    let plan = guide.plan();
     let mut line = vec![walker.position];
     if (aim - walker.position).norm() > 0.1 {
         line.push(aim);

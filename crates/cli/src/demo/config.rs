@@ -3,10 +3,11 @@
 use crate::commands::run::Sensor;
 use crate::speaking::Speaking;
 use cairn_engine::SensorMode;
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, Vec2};
 use cairn_guide::Facing;
 use cairn_sensor::Camera;
 use cairn_sim::{ImuConfig, SimConfig, SimSensor, Walker, WorldKind};
+use cairn_trial::way::Body;
 
 /// Frames per second.
 const RATE_HZ: f64 = 20.0;
@@ -50,6 +51,14 @@ impl DemoConfig {
             ..SimConfig::new(WorldKind::Demo, seed)
         };
         Self { sim, sensor, facing, metres, seed, obstacles: 0, dense: false, speaking }
+    }
+
+    /// The walker, standing at a place (metres) with a heading (radians).
+    pub fn body(&self, place: Vec2, heading: f64) -> Body {
+        let walker = cairn_trial::Walker::new(self.seed, (place.x, place.y, heading))
+            .with_language(self.speaking.language)
+            .with_speech_rate(self.speaking.announcer().rate);
+        Body::new(walker, self.sim.walker.clone())
     }
 
     /// The name of the source, written into the route's file.

@@ -3,10 +3,8 @@
 //! Each frame: an image from the walker's true pose, a step of the session, announcements, a step of the walker. Walls
 //! block the walker.
 
-use super::body::Body;
 use super::camera::DemoCamera;
 use super::config::DemoConfig;
-use super::obstacles::Obstacles;
 use super::out::WalkedOut;
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -14,6 +12,7 @@ use cairn_geometry::{Vec2, Vec3};
 use cairn_guide::{CleanedRoute, Facing, Route, RouteConfig, Travel, reason_words};
 use cairn_sensor::Stamp;
 use cairn_session::{Command, ReferencePath, Said};
+use cairn_trial::way::{Body, Obstacles};
 use std::f64::consts::PI;
 
 /// Seconds it takes to turn the camera round on the chest.
@@ -71,7 +70,7 @@ pub fn walk_back(
 ) -> Result<Return, Failure> {
     let dt = config.step_s();
     let (place, heading) = out.turning_point;
-    let mut body = Body::new(config, place, heading);
+    let mut body = config.body(place, heading);
     let mut now = out.end;
     if config.facing == Facing::Back {
         now = turn_camera(camera, &mut body, now, dt)?;

@@ -5,11 +5,9 @@
 //! The guide gets only the engine's output. The up direction is estimated from the walk itself (`Ground::of_walk`): the
 //! map starts at the first camera and is not gravity-aligned. Ground truth is used only for the figures.
 
-mod body;
 mod camera;
 mod config;
 mod home;
-mod obstacles;
 mod once;
 mod out;
 mod phone;

@@ -371,6 +371,27 @@ impl OccupancyGrid {
         }
     }
 
+    /// Forgets what is known of a voxel.
+    pub fn forget(&mut self, voxel: [i32; 3]) {
+        let (block, i) = BlockKey::of_voxel(voxel);
+        let place = block.0.map(|v| (v & 3) as usize);
+        let Some(&group) = self.table.get(&BlockKey(block.0.map(|v| v >> 2))) else { return };
+        let place = place[0] | place[1] << 2 | place[2] << 4;
+        let entry = self.groups.at(group).0[place];
+        let slot = if entry & FULL != 0 {
+            entry & !FULL
+        } else if value(entry) == 0 {
+            return;
+        } else {
+            let slot = self.blocks.take();
+            self.blocks.at_mut(slot).0 = [value(entry); VOXELS];
+            self.groups.at_mut(group).0[place] = FULL | slot;
+            self.full += 1;
+            slot
+        };
+        self.blocks.at_mut(slot).0[i] = 0;
+    }
+
     /// Forgets what lies farther from a place than `radius_m`, by groups of 32 voxels along each axis: memory stays
     /// bounded on a long walk.
     pub fn forget_beyond(&mut self, centre: &Vec3, radius_m: f64) {

@@ -21,11 +21,16 @@ const LEAST: usize = 40;
 const STEEPEST: f64 = 0.12;
 /// Share of a new fit that is taken over.
 const GAIN: f64 = 0.3;
+/// Who climbs carries the camera along: ground that is nearer to the camera than the ground before by more than this is a table
+/// or a shelf in front of it, in metres.
+const CARRIED_M: f64 = 0.3;
 
 /// The ground plane near the walker: height `base + slope . (at - origin)`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Floor {
     plane: Option<Plane>,
+    /// Height of the camera above the ground when the plane was last fitted, in metres.
+    eye_above_m: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,7 +65,8 @@ impl Floor {
                 let (here, there) = (on(&plane), on(&other));
                 let below = plane.height(&eye.xy()) - other.base > 2.0 * OFF_M && 2 * there > here;
                 let apart = (plane.height(&eye.xy()) - other.base).abs() > 2.0 * OFF_M;
-                let replaced = there >= LEAST && (below || apart && there > 3 * here);
+                let carried = self.eye_above_m - (eye.z - other.base) < CARRIED_M;
+                let replaced = there >= LEAST && (below || apart && carried && there > 3 * here);
                 if replaced { other } else { plane }
             }
             (Some(plane), None) => plane,
@@ -70,6 +76,7 @@ impl Floor {
         let Some(fitted) = fit(&points, &from, &eye.xy()) else { return };
         let gain = if self.plane == Some(from) { GAIN } else { 1.0 };
         let before = from.height(&eye.xy());
+        self.eye_above_m = eye.z - (before + gain * (fitted.base - before));
         self.plane = Some(Plane {
             origin: eye.xy(),
             base: before + gain * (fitted.base - before),

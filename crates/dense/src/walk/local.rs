@@ -10,6 +10,7 @@ use super::floor::Floor;
 use crate::{DenseError, DepthConfig, DepthPreparer, OccupancyConfig, OccupancyGrid};
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage};
+use std::collections::BTreeMap;
 
 /// Configuration of [`LocalSpace`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,7 +86,14 @@ pub struct LocalSpace {
     floor: Floor,
     /// The last camera, in the level frame.
     camera: Vec3,
+    /// The most occupied voxels above the ground that each cell of the level frame has had since something came there.
+    most: BTreeMap<[i32; 2], u32>,
 }
+
+/// When so many voxels of a cell have been seen through, and this share of what was there (as 1 over it), what stood there has
+/// gone: the rest of it, too low or too high to be seen from here, is forgotten, and counts again when it is seen again.
+const GONE_VOXELS: u32 = 5;
+const GONE_SHARE: u32 = 3;
 
 impl LocalSpace {
     /// For a depth camera with images in units of `metres_per_unit`.
@@ -109,6 +117,7 @@ impl LocalSpace {
             level_from_here: So3::identity(),
             floor: Floor::default(),
             camera: Vec3::zeros(),
+            most: BTreeMap::new(),
         })
     }
 
@@ -123,6 +132,7 @@ impl LocalSpace {
             self.grid = grid;
         }
         self.floor = Floor::default();
+        self.most.clear();
     }
 
     /// Adds a depth image. `level_from_here` turns the frame of the poses upright (z up); it may change slowly.
@@ -149,7 +159,37 @@ impl LocalSpace {
         self.camera = level_from_camera.translation;
         self.floor.update(frame, &level_from_camera);
         self.grid.forget_beyond(&here_from_camera.translation, self.config.keep_m);
+        self.forget_gone();
         Ok(())
+    }
+
+    /// Forgets the rest of what was seen to have gone: of a barrier that is taken away only the upper part is in view from
+    /// near by, of a lamp only the lower.
+    fn forget_gone(&mut self) {
+        let (reach, voxel) = (self.config.reach_m, self.config.occupancy.voxel_m);
+        let Some(ground) = self.floor.height(&self.camera.xy()) else { return };
+        let centre = self.level_from_here.inverse() * self.camera;
+        let half = Vec3::repeat(reach + 0.5);
+        let mut cells: BTreeMap<[i32; 2], Vec<[i32; 3]>> = BTreeMap::new();
+        self.grid.occupied_within(&(centre - half), &(centre + half), self.config.confirmed, |p| {
+            let level = self.level_from_here * p;
+            let near = (level - self.camera).xy().norm() < reach;
+            if near && level.z - ground > self.config.clear_m {
+                let cell = [level.x, level.y].map(|v| (v / voxel).floor() as i32);
+                cells.entry(cell).or_default().push([p.x, p.y, p.z].map(|v| (v / voxel).floor() as i32));
+            }
+        });
+        for (cell, voxels) in &cells {
+            let most = self.most.entry(*cell).or_default();
+            let gone = most.saturating_sub(voxels.len() as u32);
+            if gone >= GONE_VOXELS && gone * GONE_SHARE >= *most {
+                voxels.iter().for_each(|v| self.grid.forget(*v));
+                *most = 0;
+            } else {
+                *most = (*most).max(voxels.len() as u32);
+            }
+        }
+        self.most.retain(|cell, _| cells.contains_key(cell));
     }
 
     /// Height of the ground at a place of the level frame, in metres; `None` until it was seen.

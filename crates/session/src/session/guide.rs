@@ -96,7 +96,8 @@ impl Session {
         match (&self.guiding, &self.place) {
             (Some(guiding), Some(place)) if guiding.facing == Facing::Home => {
                 if tracked {
-                    way_ahead.observe(packet, guiding, place);
+                    let (pose, ground) = (guiding.in_metres(place).se3, &guiding.reference_path.ground);
+                    way_ahead.observe(packet, &pose, place.segment, ground);
                 }
             }
             _ => way_ahead.reset(),
@@ -127,7 +128,8 @@ impl Session {
         }
         guiding.started = true;
         let hazard = hazard.or_else(|| {
-            let found = self.way_ahead.as_mut()?.look(guiding, &place, now);
+            let walker = guiding.walker(&place).filter(|_| guiding.facing == Facing::Home)?;
+            let found = self.way_ahead.as_mut()?.look(&guiding.guide, &walker, now);
             guiding.guide.detour(found.detour);
             found.stop
         });

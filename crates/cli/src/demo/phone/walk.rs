@@ -3,9 +3,7 @@
 //! The phone's pictures and readings are drawn from the walker's true body on a thread of its own; everything that the
 //! engine learns of the world comes over the socket, and everything that the walker hears too. Truth is only used to judge.
 
-use super::super::body::Body;
 use super::super::config::DemoConfig;
-use super::super::obstacles::Obstacles;
 use super::super::once::distance_to;
 use super::super::out::corners;
 use super::jpeg::JpegEncoder;
@@ -19,6 +17,7 @@ use cairn_sensor::{GrayImage, Rig, Stamp};
 use cairn_session::SessionConfig;
 use cairn_sim::{Effects, Motion, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World};
 use cairn_sources::phone_imu;
+use cairn_trial::way::{Body, Obstacles};
 use cairn_web::{CameraSource, ServeConfig, Server};
 use serde_json::json;
 use std::f64::consts::PI;
@@ -280,7 +279,7 @@ impl<'a> Phone<'a> {
             [.., a, b] => (*b, (b - a).y.atan2((b - a).x)),
             _ => return Err("the world has no route".into()),
         };
-        self.body = Some(Body::new(self.config, place, heading));
+        self.body = Some(self.config.body(place, heading));
         let facing = self.config.facing;
         if facing == Facing::Back {
             self.turning = Some(self.motion.end_s());

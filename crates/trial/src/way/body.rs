@@ -4,12 +4,11 @@
 //! The walker detects obstacles ahead with a cane and slides along them, on the side with more room, without turning:
 //! the announced heading is kept. Where that does not help, the walker stops and waits for an announcement.
 
-use super::config::DemoConfig;
 use super::obstacles::Obstacles;
+use crate::walker::Walker;
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::Stamp;
 use cairn_sim::{Stride, World};
-use cairn_trial::Walker;
 
 /// Radius of the body, metres: half the width of a person, the least distance to a wall.
 pub const BODY_M: f64 = 0.25;
@@ -47,17 +46,9 @@ pub struct Body {
 }
 
 impl Body {
-    /// A body standing at a place (metres) with a heading (radians).
-    pub fn new(config: &DemoConfig, place: Vec2, heading: f64) -> Self {
-        Self {
-            walker: Walker::new(config.seed, (place.x, place.y, heading))
-                .with_language(config.speaking.language)
-                .with_speech_rate(config.speaking.announcer().rate),
-            mount: 0.0,
-            blocked: 0,
-            stride: Stride::new(config.sim.walker.clone()),
-            detour: None,
-        }
+    /// The body of a walker, with a gait.
+    pub fn new(walker: Walker, gait: cairn_sim::Walker) -> Self {
+        Self { walker, mount: 0.0, blocked: 0, stride: Stride::new(gait), detour: None }
     }
 
     /// Advances by `dt` seconds; returns the camera's true pose.

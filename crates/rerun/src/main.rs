@@ -1,0 +1,54 @@
+//! `cairn-rerun OUT.rrd`: writes the messages on its standard input as a recording of the rerun viewer.
+//! When the input ends early, the recording is closed with what there is, and the exit status is 1.
+
+mod recording;
+
+use cairn_rerun::{Message, read};
+use recording::Recording;
+use std::io::{BufReader, stdin};
+use std::path::Path;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args_os().skip(1);
+    let (first, more) = (arguments.next(), arguments.next());
+    match first {
+        Some(flag) if flag == "--version" => {
+            println!("cairn-rerun {}", env!("CARGO_PKG_VERSION"));
+            ExitCode::SUCCESS
+        }
+        Some(path) if more.is_none() => match record(Path::new(&path)) {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(why) => {
+                eprintln!("{why}");
+                ExitCode::FAILURE
+            }
+        },
+        _ => {
+            eprintln!("usage: cairn-rerun OUT.rrd, with messages on standard input");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Writes all messages; the recording is closed also after a failure.
+fn record(path: &Path) -> Result<(), String> {
+    let mut messages = read(BufReader::new(stdin().lock())).map_err(|e| e.to_string())?;
+    let Some(Ok(Message::Begin { name })) = messages.next() else {
+        return Err("the first message is not the beginning of a recording".into());
+    };
+    let to = Recording::create(path, &name)?;
+    let written = (|| {
+        for message in messages {
+            match message.map_err(|e| e.to_string())? {
+                Message::Begin { .. } => return Err("the recording begins twice".to_owned()),
+                Message::At { stamp_ns, frame } => to.at(stamp_ns, frame),
+                Message::Show { entity, what } => to.show(&entity, &what)?,
+                Message::End => return Ok(()),
+            }
+        }
+        Err("the messages end before the run does".to_owned())
+    })();
+    let ended = to.end();
+    written.and(ended)
+}

@@ -1,0 +1,167 @@
+//! Walkers are guided home through a simulated flat with things in their way that their route does not know: depth
+//! images, watch, guide and words together, with true poses.
+
+use crate::way_ahead::WayAhead;
+use cairn_geometry::{Camera, Pose, Se3, Vec2, Vec3};
+use cairn_guide::{
+    Announcer, AnnouncerConfig, Confidence, Facing, Ground, Guide, GuideConfig, GuideInput, GuideState,
+    ManeuverPlan, ManeuverPlanConfig, PhraseConfig,
+};
+use cairn_sensor::Stamp;
+use cairn_sim::{Effects, LiveRig, SimConfig, SimSensor, WorldKind};
+use cairn_trial::Walker;
+use cairn_trial::way::{Body, Obstacles};
+
+const RATE_HZ: f64 = 20.0;
+/// Metres of the flat's route that are walked.
+const LENGTH_M: f64 = 20.0;
+/// A walker who has stood this long has been given up, seconds.
+const STOOD_S: f64 = 40.0;
+
+/// How a walk went, by the truth.
+struct Walked {
+    arrived: bool,
+    error_m: f64,
+    /// Metres from the walker's middle to the nearest thing, the least of the walk.
+    nearest_m: f64,
+    walked_m: f64,
+    seconds: f64,
+    obstacles: Obstacles,
+    said: Vec<String>,
+}
+
+/// The corners of the flat's route, cut off.
+fn corners(points: &[Vec2]) -> Vec<Vec2> {
+    let mut left = LENGTH_M;
+    let mut out: Vec<Vec2> = points.first().copied().into_iter().collect();
+    for leg in points.windows(2) {
+        let d = leg[1] - leg[0];
+        let share = (left / d.norm()).min(1.0);
+        out.push(leg[0] + d * share);
+        left -= d.norm();
+        if left <= 0.0 {
+            break;
+        }
+    }
+    out
+}
+
+/// Guides a walker home past this many things.
+fn walk(seed: u64, things: usize) -> Walked {
+    let config = SimConfig {
+        sensor: SimSensor::Rgbd,
+        imu: None,
+        camera: cairn_sensor::Camera::pinhole(240, 180, 157.5, 157.5, 119.5, 89.5),
+        rate_hz: RATE_HZ,
+        body_from_camera: Se3::identity(),
+        effects: Effects { blur_s: 0.0, ..Effects::default() },
+        ..SimConfig::new(WorldKind::Demo, seed)
+    };
+    let mut rig = LiveRig::new(&config).expect("a flat");
+    let world = std::sync::Arc::clone(rig.world());
+    let mut back = corners(&world.routes()[0].points);
+    back.reverse();
+    let line: Vec<Vec3> = back.iter().map(|p| Vec3::new(p.x, p.y, 1.3)).collect();
+    let ground = Ground::z_up();
+    let plan = ManeuverPlan::new(&line, &ground, &ManeuverPlanConfig::default()).expect("a plan");
+    let mut guide = Guide::new(plan, ground, GuideConfig::default()).expect("a guide");
+    let mut watch = WayAhead::new(rig.rig(), &Se3::identity()).expect("a depth camera").expect("depth");
+    let (mut voice, phrases) = (Announcer::new(AnnouncerConfig::default()), PhraseConfig::default());
+    // Facing away from home, as on the way out.
+    let out = back[0] - back[1];
+    let walker = Walker::new(seed, (back[0].x, back[0].y, out.y.atan2(out.x)));
+    let mut body = Body::new(walker, config.walker.clone());
+    let mut obstacles = Obstacles::along(&back, things, seed);
+    rig.put(obstacles.things());
+    let mut walked = Walked {
+        arrived: false,
+        error_m: f64::INFINITY,
+        nearest_m: f64::INFINITY,
+        walked_m: 0.0,
+        seconds: 0.0,
+        obstacles: Obstacles::default(),
+        said: Vec::new(),
+    };
+    let (mut stood_s, mut before) = (0.0, body.place());
+    for tick in 1..(300.0 * RATE_HZ) as i64 {
+        let now = Stamp::from_seconds(tick as f64 / RATE_HZ);
+        let pose: Pose<cairn_geometry::Odom, Camera> =
+            Pose::new(body.step(&world, &obstacles, 1.0 / RATE_HZ, now));
+        if obstacles.step(&body.place(), body.walker.is_standing(), 1.0 / RATE_HZ) {
+            rig.put(obstacles.things());
+        }
+        walked.nearest_m = walked.nearest_m.min(obstacles.clearance(&body.place()));
+        walked.walked_m += (body.place() - before).norm();
+        before = body.place();
+        walked.seconds = now.seconds();
+        let packet = rig.packet(now, &pose.se3).expect("a frame");
+        watch.observe(&packet, &pose.se3, 0, &ground);
+        let hazard = Facing::Home.heading(&ground, &pose).and_then(|walker| {
+            let found = watch.look(&guide, &walker, now);
+            guide.detour(found.detour);
+            found.stop
+        });
+        let cue = guide.step(&GuideInput {
+            now,
+            pose_stamp: now,
+            odom_from_camera: pose,
+            confidence: Confidence::Good,
+            speed: None,
+            hazard,
+        });
+        if let Some((words, cue)) = cue.and_then(|cue| Some((phrases.words(&cue)?, cue))) {
+            voice.push(words, cue.priority(), now);
+        }
+        if let Some(said) = voice.poll(now) {
+            body.walker.hear(&said.text, now);
+            let heading = body.walker.pose().2;
+            obstacles.hear(&said.text, &world, &body.place(), heading, &back);
+            let at = body.place();
+            walked.said.push(format!("{:6.1} ({:5.2} {:5.2})  {}", now.seconds(), at.x, at.y, said.text));
+        }
+        walked.arrived = guide.state() == GuideState::Arrived;
+        stood_s = if body.walker.is_standing() { stood_s + 1.0 / RATE_HZ } else { 0.0 };
+        if stood_s > if walked.arrived { 2.0 } else { STOOD_S } {
+            break;
+        }
+    }
+    walked.error_m = (body.place() - back[back.len() - 1]).norm();
+    walked.obstacles = obstacles;
+    walked
+}
+
+/// Walks these seeds and prints a table; returns how many arrived within a metre, touches, false stops and metres.
+fn table(seeds: std::ops::RangeInclusive<u64>, things: usize) -> (usize, usize, usize, f64) {
+    println!("seed  things  arrived  error m  touched  stops  false  nearest m  walked m  seconds");
+    let (mut arrived, mut touched, mut wrong, mut metres) = (0, 0, 0, 0.0);
+    for seed in seeds {
+        let w = walk(seed, things);
+        let Obstacles { count, touched: touches, stops, false_stops, .. } = w.obstacles;
+        println!(
+            "{seed:4}  {count:6}  {:7}  {:7.2}  {touches:7}  {stops:5}  {false_stops:5}  {:9.2}  {:8.1}  {:7.0}",
+            w.arrived, w.error_m, w.nearest_m, w.walked_m, w.seconds
+        );
+        w.said.iter().for_each(|said| println!("    {said}"));
+        arrived += usize::from(w.arrived && w.error_m <= 1.0);
+        touched += touches;
+        wrong += false_stops;
+        metres += w.walked_m;
+    }
+    println!("{arrived} arrived within 1 m, {touched} touched, {wrong} false stops in {metres:.0} m");
+    (arrived, touched, wrong, metres)
+}
+
+#[test]
+fn walkers_get_past_what_was_put_in_their_way() {
+    let (arrived, touched, wrong, _) = table(1..=2, 3);
+    assert_eq!((arrived, touched, wrong), (2, 0, 0));
+}
+
+/// `cargo test --release -p cairn-session --lib -- --ignored --nocapture ten_walks` prints a table. It fails at present
+/// (docs/dense.md): one walker is led into a box.
+#[test]
+#[ignore = "takes minutes, and seed 6 touches a box"]
+fn ten_walks_past_what_was_put_in_the_way() {
+    let (_, touched, ..) = table(1..=10, 3);
+    assert_eq!(touched, 0);
+}
