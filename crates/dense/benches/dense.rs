@@ -6,7 +6,8 @@
 
 use cairn_dense::{
     AnchorId, Backend, DenseMap, DepthConfig, DepthFrame, DepthPreparer, MapId, MeshConfig, Mesher,
-    OccupancyConfig, OccupancyGrid, SubmapConfig, TrackConfig, TsdfConfig, TsdfVolume, raycast, track,
+    OccupancyConfig, OccupancyGrid, PackedDepth, SubmapConfig, TrackConfig, TsdfConfig, TsdfVolume, raycast,
+    track,
 };
 use cairn_geometry::{Se3, So3, Vec3, umeyama};
 use cairn_sensor::{DepthImage, Image};
@@ -88,6 +89,9 @@ fn main() {
     }
     if section("occupancy") {
         occupancy(&kitchen);
+    }
+    if section("codec") {
+        codec(&kitchen);
     }
     if section("submaps") {
         submaps(&kitchen);
@@ -252,6 +256,33 @@ fn memory(kitchen: &Kitchen) {
 }
 
 /// A loop closure over 1,000 key frames: correcting the poses, and re-fusing the frames that moved.
+/// Lossless compression of the images of key frames.
+fn codec(kitchen: &Kitchen) {
+    let images = kitchen.raw.len() as f64;
+    let (pack_ms, packed) = least(9, || kitchen.raw.iter().map(PackedDepth::pack).collect::<Vec<_>>());
+    let (unpack_ms, ()) = least(9, || {
+        for one in &packed {
+            std::hint::black_box(one.unpack().expect("whole"));
+        }
+    });
+    let mut preparer = preparer();
+    let (prepare_ms, ()) = least(9, || {
+        for image in &kitchen.raw {
+            std::hint::black_box(preparer.prepare(image).expect("a frame"));
+        }
+    });
+    let same = packed.iter().zip(&kitchen.raw).all(|(p, raw)| p.unpack().expect("whole") == *raw);
+    let bytes = packed.iter().map(PackedDepth::bytes).sum::<usize>() as f64;
+    println!(
+        "codec: {:.1} kB an image, packed in {:.3} ms, unpacked in {:.3} ms ({}); prepared in {:.3} ms",
+        bytes / images / 1e3,
+        pack_ms / images,
+        unpack_ms / images,
+        if same { "bit by bit the same" } else { "NOT THE SAME" },
+        prepare_ms / images
+    );
+}
+
 fn submaps(kitchen: &Kitchen) {
     let mut map =
         DenseMap::new(SubmapConfig::default(), common::camera(), 0.001).expect("the data set's camera");
@@ -296,16 +327,22 @@ fn submaps(kitchen: &Kitchen) {
         }
     }
     println!("submaps: {images} images fused anew, {:.0} ms in slices of 16", now_ms() - start);
-    let (mut preparer, mut grid) =
-        (preparer(), OccupancyGrid::new(OccupancyConfig::default()).expect("in range"));
-    let start = now_ms();
-    for ((_, pose), image) in bent.iter().zip(kitchen.raw.iter().cycle()) {
-        grid.integrate(preparer.prepare(image).expect("a frame"), pose).expect("a pose in range");
+    let packed: Vec<_> = kitchen.raw.iter().map(PackedDepth::pack).collect();
+    for unpacking in [true, false] {
+        let (mut preparer, mut grid) =
+            (preparer(), OccupancyGrid::new(OccupancyConfig::default()).expect("in range"));
+        let start = now_ms();
+        for ((_, pose), (image, packed)) in bent.iter().zip(kitchen.raw.iter().zip(&packed).cycle()) {
+            let unpacked = unpacking.then(|| packed.unpack().expect("whole"));
+            let frame = preparer.prepare(unpacked.as_ref().unwrap_or(image)).expect("a frame");
+            grid.integrate(frame, pose).expect("a pose in range");
+        }
+        println!(
+            "submaps: occupancy at 5 cm of 1000 key frames afresh, {} unpacking: {:.0} ms",
+            if unpacking { "with" } else { "without" },
+            now_ms() - start
+        );
     }
-    println!(
-        "submaps: occupancy at 5 cm of 1000 key frames afresh, without unpacking: {:.0} ms",
-        now_ms() - start
-    );
 }
 
 /// Tracking by depth alone against the field it builds: starts at the first true pose, with every frame and every

@@ -2,11 +2,14 @@
 //! nothing. Programs that do not know them keep them as they are.
 //!
 //! ```text
-//! layout u8 = 1 | camera: width u32, height u32, fx fy cx cy f64, lens text, coefficients u8 and f64 each
+//! layout u8 = 2 | camera: width u32, height u32, fx fy cx cy f64, lens text, coefficients u8 and f64 each
 //! metres per unit f64 | submap: place | images u32
 //! image: place | bytes u32 | the compressed image
 //! place: robot u16 and number u32 of a key frame, pose there as quaternion (x y z w) and translation, 7 f64
 //! ```
+//!
+//! Layout 1 differs only in how the images are compressed, and compressed images tell that themselves: both are read.
+//! The number went up so that programs that know only the older compression say so.
 
 use super::about::{numbers, pose};
 use super::error::StoreError;
@@ -19,8 +22,8 @@ use std::sync::Arc;
 
 /// Prefix of the names of attached parts that hold depth.
 pub const DEPTH_PREFIX: &str = "depth/";
-/// The layout that is written.
-const LAYOUT: u8 = 1;
+/// The layout that is written; all older ones are read.
+const LAYOUT: u8 = 2;
 /// Images in one part: at about 0.2 MB each, a damaged part costs a few metres of a walk.
 const IMAGES: usize = 32;
 /// Pixels of a depth image, at most.
@@ -83,8 +86,10 @@ impl DepthPart {
     fn decode(name: &str, bytes: &[u8]) -> Result<Self, StoreError> {
         let mut d = Decoder::new(name, bytes);
         match d.u8()? {
-            LAYOUT => {}
-            other => return Err(d.wrong(format!("depth in layout {other}, this program reads {LAYOUT}"))),
+            1..=LAYOUT => {}
+            other => {
+                return Err(d.wrong(format!("depth in layout {other}, this program reads 1 to {LAYOUT}")));
+            }
         }
         let camera = decode_camera(&mut d)?;
         let metres_per_unit = d.f64()?;

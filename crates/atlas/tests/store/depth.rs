@@ -95,3 +95,18 @@ fn every_altered_byte_of_a_part_is_an_error_or_other_numbers() {
     saved.attached.get_mut(&name).unwrap().clear();
     assert!(saved.take_depth().is_err() && saved.attached.contains_key(&name));
 }
+
+#[test]
+fn older_layouts_are_read_and_newer_ones_refused() {
+    let mut saved = file(3, 4, 6);
+    let depth = parts(&mut Dice(13), &[2]);
+    saved.add_depth(&depth);
+    let name = format!("{DEPTH_PREFIX}00000");
+    for (layout, read) in [(0, false), (1, true), (2, true), (3, false)] {
+        saved.attached.get_mut(&name).unwrap()[0] = layout;
+        match saved.depth() {
+            Ok(found) => assert!(read && found == depth, "layout {layout}"),
+            Err(e) => assert!(!read && e.to_string().contains(&format!("layout {layout}")), "{e}"),
+        }
+    }
+}
