@@ -2,6 +2,8 @@
 
 mod bag;
 mod bag_reader;
+#[cfg(all(feature = "camera", target_os = "linux", target_pointer_width = "64"))]
+pub mod camera;
 mod cancel;
 mod decode;
 mod euroc;

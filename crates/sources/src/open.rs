@@ -32,7 +32,8 @@ const KINDS: [Kind; 5] = [
 const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*), a folder of PNG or JPEG images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
 
 /// Opens a recording (a folder, a bag or an MCAP file), a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
-/// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender.
+/// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender; with the feature
+/// `camera` on Linux, cameras of the kernel (`v4l2:/dev/video0`, `realsense:`).
 /// Packets are read on a thread, which ends when the source is dropped; live sources deliver the newest
 /// image.
 ///
@@ -54,6 +55,9 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
         let cancel = options.cancel.clone();
         return Ok(Box::new(Prefetch::start(simulated(source, options)?)?.cancelled_by(cancel)));
     }
+    if let Some(camera) = camera_of(source, &options) {
+        return camera;
+    }
     if let Some(video) = live::open(source, &options) {
         return video;
     }
@@ -62,7 +66,7 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
             source,
             format!("sources of the kind \"{scheme}:\" cannot be read"),
             format!(
-                "give a folder, a video, camera:N, rtmp://, rtmp-listen://, rtsp:// or sim:WORLD; {KNOWN}"
+                "give a folder, a video, camera:N, v4l2:NODE, realsense:, rtmp://, rtmp-listen://, rtsp:// or sim:WORLD; {KNOWN}"
             ),
         ));
     }
@@ -73,6 +77,19 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
     };
     recording.select(options.start_s, options.frames)?;
     Ok(Box::new(Prefetch::start(Player::new(recording)?)?.cancelled_by(options.cancel)))
+}
+
+/// A camera of the kernel, in builds that have them.
+#[cfg(all(feature = "camera", target_os = "linux", target_pointer_width = "64"))]
+fn camera_of(source: &str, options: &OpenOptions) -> Option<Result<Box<dyn Source>, SourceError>> {
+    crate::camera::open(source, options)
+}
+
+#[cfg(not(all(feature = "camera", target_os = "linux", target_pointer_width = "64")))]
+fn camera_of(source: &str, _: &OpenOptions) -> Option<Result<Box<dyn Source>, SourceError>> {
+    let cure = "build it with them, on 64-bit Linux: cargo build --release --features camera; camera:0 reads a webcam through ffmpeg";
+    live::is_camera(source)
+        .then(|| Err(SourceError::new(source, "this build has no cameras of the kernel", cure)))
 }
 
 fn simulated(source: &str, options: OpenOptions) -> Result<SimSource, SourceError> {

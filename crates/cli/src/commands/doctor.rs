@@ -1,5 +1,6 @@
 //! `cairn doctor`: what this machine has and lacks, what was tried to find it, and what is affected by each missing item.
 
+use super::cameras::{self, Cameras};
 use crate::failure::Failure;
 use crate::output::Output;
 use serde::Serialize;
@@ -9,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Checks this machine: processor, memory, optional programs and test recordings.
+/// Checks this machine: processor, memory, optional programs, cameras and test recordings.
 #[derive(clap::Args)]
 pub struct Arguments {}
 
@@ -23,6 +24,7 @@ struct Report {
     memory_available_mb: Option<u64>,
     cpu_features: Vec<Feature>,
     programs: Vec<Program>,
+    cameras: Cameras,
     data: Data,
 }
 
@@ -73,6 +75,7 @@ pub fn run(_: &Arguments, output: &Output) -> Result<(), Failure> {
         memory_available_mb,
         cpu_features: cpu_features(),
         programs: programs(std::env::var_os("PATH")),
+        cameras: cameras::found(),
         data: data(std::env::var_os("CAIRN_DATA").map(PathBuf::from)),
     };
     output.result(&report, table)
@@ -121,6 +124,7 @@ fn table(report: &Report) -> String {
             lines.push((String::new(), format!("cure: {}", program.install)));
         }
     }
+    lines.extend(cameras::lines(&report.cameras));
     let data = &report.data;
     let recordings = match (data.present, data.recordings.is_empty()) {
         (false, _) => "not found: tests on recordings are skipped; set CAIRN_DATA".to_owned(),

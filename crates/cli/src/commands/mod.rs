@@ -1,6 +1,7 @@
 //! One file per command: its arguments and its output.
 
 pub mod bench;
+mod cameras;
 pub mod completions;
 pub mod config;
 pub mod doctor;

@@ -21,7 +21,12 @@ use cairn_sensor::{Camera, Rig, Source, SourceError};
 
 /// Whether a source is live, so that it must not be paced.
 pub fn is_live(source: &str) -> bool {
-    matches!(Address::of(source), Some(Ok(address)) if address.live)
+    is_camera(source) || matches!(Address::of(source), Some(Ok(address)) if address.live)
+}
+
+/// Whether an address is of a camera of the kernel, whether or not this build can open it.
+pub fn is_camera(source: &str) -> bool {
+    source.starts_with("v4l2:") || source.starts_with("realsense:")
 }
 
 /// Width and height of the images of a video file; `None` for anything else.
@@ -58,7 +63,7 @@ fn open_video(address: &Address, options: &OpenOptions) -> Result<Box<dyn Source
 ///
 /// Without a calibration the focal length is taken as 0.7 of the longer side (a horizontal field of view of
 /// 71 degrees, as most phones film), and the centre of the image as the principal point.
-fn rig_for(
+pub(crate) fn rig_for(
     shown: &str,
     [width, height]: [usize; 2],
     given: Option<Rig>,

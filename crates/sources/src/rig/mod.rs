@@ -7,6 +7,7 @@ pub mod kitti;
 mod named;
 mod orbslam;
 mod own;
+mod realsense;
 mod ros;
 mod stella;
 mod yaml;
@@ -21,7 +22,8 @@ use document::Document;
 use std::path::{Path, PathBuf};
 
 /// Reads a rig: Cairn's own `.toml`, an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file next to
-/// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info`, a KITTI `calib.txt` next to its images, a folder that contains one of these, or a
+/// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info`, a KITTI `calib.txt` next to its images, the factory calibration of a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
+/// `FILE:infrared`, `FILE:848x480` choose other cameras and another size than colour with depth in 640x480), a folder that contains one of these, or a
 /// known name (see [`named_rig`]).
 ///
 /// # Errors
@@ -41,7 +43,12 @@ pub fn read_rig_for(path: impl AsRef<Path>, size: Option<[usize; 2]>) -> Result<
     if let Some(named) = path.to_str().and_then(named_rig).filter(|_| !path.exists()) {
         return Ok(named.rig);
     }
-    let rig = if path.is_dir() { in_folder(path, size)? } else { in_file(path, size)? };
+    let realsense = if path.exists() { None } else { realsense::choice(path) };
+    let rig = match realsense {
+        Some(choice) => of_realsense(&choice, size)?,
+        None if path.is_dir() => in_folder(path, size)?,
+        None => in_file(path, size)?,
+    };
     rig.validate().map_err(|e| {
         SourceError::new(path.display().to_string(), e.to_string(), "correct the calibration")
     })?;
@@ -101,10 +108,15 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     if kitti {
         return kitti_file(path, size);
     }
+    if realsense::is(&text)
+        && let Some(choice) = realsense::choice(path)
+    {
+        return realsense::rig(&text, &choice, size);
+    }
     let unknown = |line_cure: &str| {
         SourceError::new(
             path.display().to_string(),
-            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt)",
+            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, rs-enumerate-devices -c)",
             line_cure,
         )
     };
@@ -127,6 +139,20 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     } else {
         Err(unknown("give one of these"))
     }
+}
+
+/// A RealSense's calibration with a choice after its name.
+fn of_realsense(choice: &realsense::Choice, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+    let text = read_text(&choice.path)?;
+    if !realsense::is(&text) {
+        let why = "is no calibration of a RealSense, so nothing can be chosen of it";
+        return Err(SourceError::new(
+            choice.path.display().to_string(),
+            why,
+            "leave out what follows the colon",
+        ));
+    }
+    realsense::rig(&text, choice, size)
 }
 
 fn kitti_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
