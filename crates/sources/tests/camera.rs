@@ -6,26 +6,36 @@ use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, DepthSensor, FramePacket, ImuNoise, ImuSensor, Rig, RigCamera, Source};
 use cairn_sources::OpenOptions;
 use cairn_sources::camera::{
-    CameraAddress, CameraSource, DepthAligner, FramesOf, Mode, MotionFound, MotionKind, PixelFormat,
-    Simulated, SimulatedMotion, SimulatedVideo, Trouble, VideoFound,
+    CameraAddress, CameraSource, Mode, MotionFound, MotionKind, PixelFormat, REPLAYED_SERIAL, Simulated,
+    SimulatedMotion, SimulatedVideo, Trouble, VideoFound,
 };
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Packets of the kitchen recording; `None` without it, which is said.
-fn kitchen(count: usize) -> Option<(Rig, Vec<FramePacket>)> {
-    let root =
-        std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from("../../../shared/data"), PathBuf::from);
-    let folder = root.join("7scenes-kitchen");
-    if !folder.is_dir() {
-        println!("skipped: {} is missing", folder.display());
-        return None;
-    }
-    let options = OpenOptions { frames: Some(count), ..Default::default() };
+/// Frames of a folder of the recordings; `None` without it, which is said.
+fn recording(name: &str, frames: usize) -> Option<(Rig, Vec<FramePacket>)> {
+    let folder = data(name)?;
+    let options = OpenOptions { frames: Some(frames), ..Default::default() };
     let mut source = cairn_sources::open(folder.to_str().unwrap(), options).unwrap();
     let packets = std::iter::from_fn(|| source.next_packet().unwrap()).collect();
     Some((source.rig().clone(), packets))
+}
+
+/// A folder of the recordings.
+fn data(name: &str) -> Option<PathBuf> {
+    let root =
+        std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from("../../../shared/data"), PathBuf::from);
+    let folder = root.join(name);
+    if !folder.is_dir() {
+        println!("skipped: {} is missing", folder.display());
+    }
+    folder.is_dir().then_some(folder)
+}
+
+/// The same of the kitchen.
+fn kitchen(frames: usize) -> Option<(Rig, Vec<FramePacket>)> {
+    recording("7scenes-kitchen", frames)
 }
 
 fn node(n: usize) -> PathBuf {
@@ -201,55 +211,8 @@ fn d435i_rig(camera: Camera) -> Rig {
 /// A D435i over frames of a recording: depth seen by a sensor beside the colour camera and triggered 12 ms after it, gyroscope
 /// at 200 Hz and accelerometer at 63 Hz, both in a clock that is 4321.5 s behind the machine's. What they measure tells when.
 fn d435i(rig: &Rig, packets: &[FramePacket]) -> Simulated {
-    let machine = Simulated::new();
-    let usb = Simulated::d435i("2-1", "841612");
-    let video = |n, modes, frames, phase_s| SimulatedVideo {
-        found: VideoFound {
-            node: node(n),
-            name: "Intel(R) RealSense(TM) Depth Ca".into(),
-            usb: Some(usb.clone()),
-        },
-        modes,
-        frames,
-        phase_s,
-    };
-    // The recording's depth is the colour camera's: seen from the depth sensor it is moved there.
-    let own = rig.depth.clone().unwrap();
-    let of_colour = DepthSensor {
-        camera: rig.cameras[0].camera,
-        body_from_depth: rig.cameras[0].body_from_camera,
-        ..own.clone()
-    };
-    let beside =
-        RigCamera { name: "depth".into(), camera: own.camera, body_from_camera: own.body_from_depth };
-    let moved = DepthAligner::new(&of_colour, &beside);
-    let depth: Vec<Vec<u8>> = packets
-        .iter()
-        .map(|p| {
-            moved
-                .align(p.depth.as_ref().unwrap())
-                .unwrap()
-                .data()
-                .iter()
-                .flat_map(|z| z.to_le_bytes())
-                .collect()
-        })
-        .collect();
-    let colour: Vec<Vec<u8>> = packets.iter().map(|p| yuyv(p.images[0].data())).collect();
-    let size = [640, 480];
-    let at = |frames: Vec<Vec<u8>>| -> FramesOf {
-        Arc::new(move |k, _| Some(frames[k as usize % frames.len()].clone()))
-    };
-    machine.add_video(video(0, vec![mode(PixelFormat::Z16, size, 30.0)], at(depth), 0.012));
-    machine.add_video(video(
-        2,
-        vec![mode(PixelFormat::GREY, size, 30.0), mode(PixelFormat::Y8I, size, 30.0)],
-        Arc::new(|_, m| {
-            Some(if m.format == PixelFormat::Y8I { [50, 60].repeat(640 * 480) } else { vec![50; 640 * 480] })
-        }),
-        0.0,
-    ));
-    machine.add_video(video(4, vec![mode(PixelFormat::YUYV, size, 30.0)], at(colour), 0.0));
+    let machine = Simulated::replay(rig, packets, 30.0);
+    let usb = Simulated::d435i("2-1", REPLAYED_SERIAL);
     for (n, kind, rate_hz) in [(0, MotionKind::Accel, 63.0), (1, MotionKind::Gyro, 200.0)] {
         machine.add_motion(SimulatedMotion {
             found: MotionFound { node: format!("/dev/iio:device{n}").into(), kind, usb: Some(usb.clone()) },
@@ -264,7 +227,7 @@ fn d435i(rig: &Rig, packets: &[FramePacket]) -> Simulated {
 
 #[test]
 fn a_depth_camera_delivers_aligned_depth_and_motion_in_one_clock() {
-    let Some((recorded, packets)) = kitchen(4) else { return };
+    let Some((recorded, packets)) = kitchen(60) else { return };
     let rig = d435i_rig(recorded.cameras[0].camera);
     let machine = d435i(&rig, &packets);
     let mut source = open(&machine, "realsense:", Some(rig.clone())).unwrap();
@@ -324,8 +287,9 @@ fn a_depth_camera_delivers_aligned_depth_and_motion_in_one_clock() {
 fn without_depth_for_a_while_images_go_on_and_it_is_told() {
     let Some((recorded, packets)) = kitchen(1) else { return };
     let rig = d435i_rig(recorded.cameras[0].camera);
-    let machine = d435i(&rig, &packets);
-    let mut source = open(&machine, "realsense:841612", Some(rig)).unwrap();
+    // The first picture, for four seconds.
+    let machine = d435i(&rig, &vec![packets[0].clone(); 120]);
+    let mut source = open(&machine, &format!("realsense:{REPLAYED_SERIAL}"), Some(rig)).unwrap();
     next(&mut source);
     machine.silence(&node(0), true);
     let until = machine.seconds() + 1.4;
@@ -376,6 +340,48 @@ fn the_infrared_pair_is_taken_apart_and_motion_that_is_denied_is_left_out() {
     });
     let rig = d435i_rig(Camera::pinhole(640, 480, 600.0, 600.0, 320.0, 240.0));
     let error = open(&machine, "realsense:", Some(rig.clone())).err().unwrap();
-    assert!(error.contains("841612, 999"), "{error}");
+    assert!(error.contains(&format!("{REPLAYED_SERIAL}, 999")), "{error}");
     assert!(open(&machine, "realsense:77", Some(rig)).err().unwrap().contains("serial number 77"));
+}
+
+#[test]
+fn a_webcam_that_sends_jpegs_is_decoded() {
+    let Some(folder) = data("7scenes-kitchen") else { return };
+    let file = folder.join("frame-000000.color.jpg");
+    let (bytes, gray) = (std::fs::read(&file).unwrap(), cairn_sources::read_gray(&file).unwrap());
+    let machine = Simulated::new();
+    let mut camera = webcam(Vec::new());
+    camera.modes = vec![mode(PixelFormat::MJPG, [640, 480], 30.0)];
+    // Every third is cut off on the way.
+    camera.frames =
+        Arc::new(move |k, _| Some(if k % 3 == 1 { bytes[..9000].to_vec() } else { bytes.clone() }));
+    machine.add_video(camera);
+    let mut source = open(&machine, "v4l2:0", None).unwrap();
+    for _ in 0..6 {
+        assert_eq!(*next(&mut source).images[0], gray);
+    }
+    let told = source.skipped().join("\n");
+    assert!(told.contains("a picture cannot be read"), "{told}");
+}
+
+#[test]
+fn a_stereo_recording_goes_through_an_interleaved_pair_unchanged() {
+    let Some((rig, packets)) = recording("euroc-mh01", 8) else { return };
+    let pair: Vec<Vec<u8>> = packets
+        .iter()
+        .map(|p| p.images[0].data().iter().zip(p.images[1].data()).flat_map(|(l, r)| [*l, *r]).collect())
+        .collect();
+    let machine = Simulated::new();
+    let mut camera = webcam(Vec::new());
+    camera.modes = vec![mode(PixelFormat::Y8I, [752, 480], 20.0)];
+    camera.frames = Arc::new(move |k, _| Some(pair[k as usize % pair.len()].clone()));
+    machine.add_video(camera);
+    let mut source = open(&machine, "v4l2:0?rate=20", Some(rig)).unwrap();
+    assert_eq!((source.rig().cameras.len(), source.rig().imu.is_some()), (2, false));
+    for _ in 0..10 {
+        let live = next(&mut source);
+        let recorded =
+            packets.iter().find(|p| p.images[0] == live.images[0]).expect("a left image that was recorded");
+        assert_eq!(recorded.images[1], live.images[1], "the right one of the same instant");
+    }
 }

@@ -138,6 +138,10 @@ fn data_folder() -> Option<PathBuf> {
 
 fn camera_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> CameraSource {
     let name = source.to_owned();
+    let rig = match sensor.filter(|_| is_live(source)) {
+        Some(sensor) => rig.map(|rig| sensor.live_rig(rig)),
+        None => rig,
+    };
     if let Some(message) = waiting_for(source) {
         eprintln!("{message}");
     }

@@ -2,6 +2,7 @@
 
 use super::device::{Kernel, MotionKind, PixelFormat, Usb};
 use super::linux::Linux;
+use super::select::realsenses;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -65,6 +66,14 @@ pub(super) fn of(kernel: &dyn Kernel) -> CamerasReport {
                     problem,
                 });
             }
+            let whole = realsenses(videos.clone()).into_iter().map(|(usb, nodes)| CameraReport {
+                address: format!("realsense:{}", usb.serial),
+                name: nodes.first().map_or(String::new(), |n| n.name.clone()),
+                serial: Some(usb.serial).filter(|s| !s.is_empty()),
+                formats: vec![format!("depth, infrared and colour together; USB port {}", usb.port)],
+                problem: None,
+            });
+            report.cameras.splice(0..0, whole);
             if report.cameras.is_empty() {
                 report
                     .tried
@@ -123,6 +132,18 @@ mod tests {
         machine.refuse(&node, Some(Trouble::Denied));
         let problem = of(&machine).cameras[0].problem.clone().unwrap();
         assert!(problem.contains("usermod -aG video"), "{problem}");
+        machine.add_video(SimulatedVideo {
+            found: VideoFound {
+                node: "/dev/video4".into(),
+                name: "Intel RealSense".into(),
+                usb: Some(Simulated::d435i("2-1", "841612")),
+            },
+            modes: vec![mode(640, 480, 30.0)],
+            frames: Arc::new(|_, _| None),
+            phase_s: 0.0,
+        });
+        let addresses: Vec<String> = of(&machine).cameras.into_iter().map(|c| c.address).collect();
+        assert_eq!(addresses, ["realsense:841612", "v4l2:/dev/video0", "v4l2:/dev/video4"]);
         machine.unplug(true);
         assert!(of(&machine).tried[0].contains("none of 0 video devices"));
     }

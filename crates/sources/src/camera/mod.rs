@@ -17,6 +17,7 @@ mod inspect;
 mod linux;
 mod motion;
 mod reader;
+mod replayed;
 mod select;
 mod simulated;
 mod source;
@@ -32,6 +33,7 @@ pub use device::{
 };
 pub use inspect::{CameraReport, CamerasReport, inspect};
 pub use linux::Linux;
+pub use replayed::SERIAL as REPLAYED_SERIAL;
 pub use simulated::{FramesOf, Simulated, SimulatedMotion, SimulatedVideo, ValuesOf};
 pub use source::CameraSource;
 

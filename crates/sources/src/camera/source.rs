@@ -26,6 +26,8 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(5);
 const LOOK: Duration = Duration::from_millis(50);
 /// How long an image waits for its depth and for a motion reading after it, seconds.
 const WAIT_S: f64 = 0.1;
+/// Lines for people that are kept; a camera with a loose plug would add to them without end.
+const MAX_LINES: usize = 1000;
 /// What the line of counts begins with.
 const COUNTS: &str = "frames lost: ";
 
@@ -364,7 +366,7 @@ impl CameraSource {
 
     /// A line for people, once while it stays the same.
     fn tell(&mut self, line: String) {
-        if !self.skipped.contains(&line) && self.skipped.len() < 1000 {
+        if !self.skipped.contains(&line) && self.skipped.len() < MAX_LINES {
             self.skipped.push(line);
         }
     }
@@ -375,7 +377,8 @@ impl CameraSource {
         if self.skipped.last().is_some_and(|l| l.starts_with(COUNTS)) {
             self.skipped.pop();
         }
-        lines.into_iter().for_each(|line| self.skipped.push(line));
+        let room = MAX_LINES.saturating_sub(self.skipped.len());
+        self.skipped.extend(lines.into_iter().take(room));
         let merged = *self.merge.counts();
         let overtaken = counts.overtaken + self.overtaken;
         let parts = [

@@ -291,6 +291,11 @@ fn open_source(
         cancel: interrupt::cancel(),
     };
     let given = a.rig.as_deref().map(|path| rig_of(path, &a.source, config)).transpose()?;
+    let of_live = a.sensor.filter(|_| is_live(&a.source));
+    let given = match of_live {
+        Some(sensor) => given.map(|rig| sensor.live_rig(rig)),
+        None => given,
+    };
     if let Some(message) = waiting_for(&a.source) {
         note(&message);
     }

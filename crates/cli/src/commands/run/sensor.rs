@@ -65,6 +65,12 @@ impl Sensor {
         Self::with(sensor_mode_of(rig), rig.imu.is_some())
     }
 
+    /// What of a rig a live source is opened with: nothing that these sensors do not use.
+    pub fn live_rig(self, rig: Rig) -> Rig {
+        let rig = self.only(&rig).unwrap_or(rig);
+        Rig { imu: rig.imu.filter(|_| self.has_imu()), ..rig }
+    }
+
     /// The rig without the cameras and depth that are not used, so that they are not even read; `None` if
     /// nothing is left out.
     pub fn only(self, rig: &Rig) -> Option<Rig> {
