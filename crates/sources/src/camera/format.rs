@@ -170,6 +170,8 @@ mod tests {
         assert_eq!(of(None, 30.0).unwrap(), "YUYV 640x480 at 30 Hz");
         assert_eq!(of(Some([1280, 720]), 30.0).unwrap(), "MJPG 1280x720 at 30 Hz");
         assert_eq!(of(Some([640, 480]), 90.0).unwrap(), "YUYV 640x480 at 60 Hz");
+        // Faster is better than slower.
+        assert_eq!(of(Some([640, 480]), 45.0).unwrap(), "YUYV 640x480 at 60 Hz");
         let error = of(Some([800, 600]), 30.0).unwrap_err().to_string();
         assert!(error.contains("no images of 800x600") && error.contains("640x480, 1280x720"), "{error}");
         let depth = Wanted { formats: vec![PixelFormat::Z16], size: None, rate_hz: 30.0 };
