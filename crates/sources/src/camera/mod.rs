@@ -1,10 +1,10 @@
 //! Cameras plugged into this machine, read through the kernel (Video4Linux2, Industrial I/O), without a vendor's SDK.
 //!
 //! `v4l2:/dev/videoN` is any camera of the kernel (UVC webcams), `realsense:` an Intel RealSense D4xx with depth, infrared,
-//! colour and motion. Everything above [`device::Kernel`] is the same for real devices and for [`Simulated`] ones, which feed
+//! colour and motion. Everything above [`Kernel`] is the same for real devices and for [`Simulated`] ones, which feed
 //! frames of a recording and can be unplugged; tests use those. No RealSense was at hand when this was written.
 //!
-//! One thread a stream takes buffers as they come ([`reader`]); the source synchronises what they took ([`source`]).
+//! One thread a stream takes buffers as they come (`reader.rs`); the source synchronises what they took (`source.rs`).
 
 mod abi;
 mod address;
@@ -24,7 +24,7 @@ mod source;
 mod sysfs;
 mod v4l2;
 
-pub use address::CameraAddress;
+pub use address::{CameraAddress, Place};
 pub use align::DepthAligner;
 pub use clock::DeviceClock;
 pub use device::{
