@@ -107,7 +107,8 @@ pub fn merge_maps(files: Vec<(String, MapFile)>, config: &Config) -> Result<Merg
 
 impl MergedMaps {
     /// Puts another file beside what is there.
-    fn add(&mut self, name: &str, mut other: MapFile) -> Result<Shift, MergeError> {
+    fn add(&mut self, name: &str, other: MapFile) -> Result<Shift, MergeError> {
+        let mut other = other.with_depth_weighed_for(&self.file.about.camera).into_owned();
         let unfit = |why: String| MergeError::Unfit { name: name.to_owned(), why };
         let (a, b) = (&other.about, &self.file.about);
         let octaves = (other.snapshot.octaves(), self.file.snapshot.octaves());

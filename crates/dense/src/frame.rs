@@ -1,14 +1,9 @@
 //! One depth image prepared for fusion: metres along the optical axis of an ideal pinhole, with a weight for each
-//! pixel.
-//!
-//! A pixel is one `u32`: a depth in metres as `f32` whose five lowest bits hold the weight, 1 to 31, or 0 where
-//! there is no depth. A single gather reads both, and 18 bits of depth are left (20 micrometres at 5 m).
+//! pixel ([`crate::pixel`]).
 
+use crate::pixel::{depth_of, weight_of};
 use crate::pyramid::DepthPyramid;
 use cairn_sensor::Camera;
-
-/// The bits of a pixel that hold its weight.
-pub const WEIGHT_BITS: u32 = 31;
 
 /// A prepared depth image; [`crate::DepthPreparer`] makes them.
 #[derive(Clone, Debug)]
@@ -17,18 +12,6 @@ pub struct DepthFrame {
     pub(crate) pixels: Vec<u32>,
     pub(crate) pyramid: DepthPyramid,
     pub(crate) valid: usize,
-}
-
-/// Depth in metres of a pixel; meaningless where its weight is zero.
-#[inline(always)]
-pub fn depth_of(pixel: u32) -> f32 {
-    f32::from_bits(pixel & !WEIGHT_BITS)
-}
-
-/// Weight of a pixel, 0 where there is no depth.
-#[inline(always)]
-pub fn weight_of(pixel: u32) -> u32 {
-    pixel & WEIGHT_BITS
 }
 
 impl DepthFrame {

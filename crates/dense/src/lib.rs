@@ -9,10 +9,12 @@ mod grid;
 mod mesh;
 mod noise;
 mod occupancy;
+mod pixel;
 mod prepare;
 mod project;
 mod pyramid;
 mod raycast;
+mod rendered;
 mod sample;
 mod submap;
 mod track;
@@ -29,7 +31,8 @@ pub use mesh::{Mesh, MeshConfig, Mesher, draw, overview};
 pub use noise::DepthNoise;
 pub use occupancy::{Occupancy, OccupancyConfig, OccupancyGrid};
 pub use prepare::{DepthConfig, DepthPreparer};
-pub use raycast::{RayCast, raycast};
+pub use raycast::raycast;
+pub use rendered::RayCast;
 pub use submap::{
     AnchorId, DenseMap, MapId, PackedDepth, Progress, SavedFrame, SavedSubmap, SubmapConfig, SubmapView,
 };

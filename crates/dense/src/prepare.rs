@@ -1,7 +1,8 @@
 //! From a sensor's depth image to a [`DepthFrame`]: unit, range, lens, edges, noise.
 
 use crate::backend::dispatch;
-use crate::frame::{DepthFrame, WEIGHT_BITS};
+use crate::frame::DepthFrame;
+use crate::pixel::WEIGHT_BITS;
 use crate::pyramid::DepthPyramid;
 use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::Vec2;

@@ -5,7 +5,7 @@
 
 use crate::Backend;
 use crate::backend::dispatch;
-use crate::frame::{WEIGHT_BITS, weight_of};
+use crate::pixel::{WEIGHT_BITS, weight_of};
 
 /// The level whose squares have eight pixels a side: the finest one that blocks are compared with.
 pub(crate) const TILE_LEVEL: usize = 3;
@@ -174,7 +174,7 @@ fn halve<T: Copy>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::depth_of;
+    use crate::pixel::depth_of;
 
     #[test]
     fn every_level_holds_the_least_and_greatest_of_its_pixels() {

@@ -1,24 +1,18 @@
 //! Depth and normals of the surface as a camera at any pose would see it.
 //!
-//! Each ray starts at the nearest block in front of it (block projections are first drawn into squares of eight
-//! pixels), advances by the distances it reads, and ends at the zero crossing: Newcombe et al., "KinectFusion" (ISMAR
-//! 2011), section 3.3.
+//! The field ends each ray where its trilinear interpolation is zero (Newcombe et al., "KinectFusion", ISMAR 2011, section
+//! 3.3). For an ideal pinhole the triangles in view are drawn first, which tells every ray the cell that it ends in, and a
+//! step of Newton's method finds the place in it. For a lens that distorts each ray starts at the nearest block in front of
+//! it (block projections are first drawn into squares of eight pixels) and advances by the distances it reads.
 
 use crate::DenseError;
+use crate::RayCast;
 use crate::block::{BlockKey, SIDE, index};
+use crate::mesh::{MeshConfig, Mesher};
 use crate::sample::{Sampler, floor};
 use crate::tsdf::{STEPS, TsdfVolume};
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::{Camera, Distortion, Image};
-
-/// A rendered view.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RayCast {
-    /// Depth along the optical axis in metres; 0 where the ray meets no surface.
-    pub depth_m: Image<f32>,
-    /// Unit normals in the camera frame, towards the camera; zero where the ray meets no surface.
-    pub normals: Image<[f32; 3]>,
-}
 
 /// Pixels along each side of a square.
 const TILE: usize = 8;
@@ -37,30 +31,59 @@ pub fn raycast(
     if !volume_from_camera.is_finite() {
         return Err(DenseError::Pose("a number is not finite".into()));
     }
+    match camera.distortion {
+        Distortion::None => from_drawn(volume, camera, volume_from_camera, farthest_m),
+        _ => Ok(marched(volume, camera, volume_from_camera, farthest_m)),
+    }
+}
+
+/// Every ray begins where its pixel was drawn.
+fn from_drawn(
+    volume: &TsdfVolume,
+    camera: &Camera,
+    pose: &Se3,
+    farthest_m: f64,
+) -> Result<RayCast, DenseError> {
+    let mut out = Mesher::new(MeshConfig::of_key_frames()).view(volume, camera, pose, farthest_m)?;
+    let caster = Caster::new(volume, pose);
+    let [by_fx, by_fy] = [1.0 / camera.fx, 1.0 / camera.fy].map(|v| v as f32);
+    let [cx, cy] = [camera.cx, camera.cy].map(|v| v as f32);
+    for y in 0..camera.height {
+        let (depths, normals) = (out.depth_m.row_mut(y), out.normals.row_mut(y));
+        for (x, (depth, normal)) in depths.iter_mut().zip(normals).enumerate() {
+            if *depth > farthest_m as f32 {
+                (*depth, *normal) = (0.0, [0.0; 3]);
+            }
+            if *depth > 0.0 {
+                let ray = [(x as f32 - cx) * by_fx, (y as f32 - cy) * by_fy];
+                // At a silhouette or a seam the field may not say more than the triangle.
+                (*depth, *normal) = caster.polish(ray, *depth).unwrap_or((*depth, *normal));
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// Every ray goes from the nearest block on.
+fn marched(volume: &TsdfVolume, camera: &Camera, pose: &Se3, farthest_m: f64) -> RayCast {
     let mut out = RayCast {
         depth_m: Image::new(camera.width, camera.height),
         normals: Image::new(camera.width, camera.height),
     };
-    let tiles = Tiles::new(volume, camera, volume_from_camera, farthest_m as f32);
-    let caster = Caster::new(volume, volume_from_camera);
-    let lens = (camera.distortion != Distortion::None).then_some(camera);
+    let tiles = Tiles::new(volume, camera, pose, farthest_m as f32);
+    let caster = Caster::new(volume, pose);
     for y in 0..camera.height {
         for x in 0..camera.width {
             let Some([near, far]) = tiles.range(x, y) else { continue };
-            let ray = match lens {
-                None => [(x as f64 - camera.cx) / camera.fx, (y as f64 - camera.cy) / camera.fy],
-                Some(lens) => match lens.unproject(&Vec2::new(x as f64, y as f64)).filter(|r| r.z > 0.1) {
-                    Some(r) => [r.x / r.z, r.y / r.z],
-                    None => continue,
-                },
-            };
-            if let Some((depth, normal)) = caster.cast(ray.map(|v| v as f32), near, far) {
+            let ray = camera.unproject(&Vec2::new(x as f64, y as f64)).filter(|r| r.z > 0.1);
+            let Some(ray) = ray.map(|r| [r.x / r.z, r.y / r.z].map(|v| v as f32)) else { continue };
+            if let Some((depth, normal)) = caster.cast(ray, near, far) {
                 out.depth_m.row_mut(y)[x] = depth;
                 out.normals.row_mut(y)[x] = normal;
             }
         }
     }
-    Ok(out)
+    out
 }
 
 /// The depth interval in which each square of pixels meets blocks.
@@ -162,6 +185,31 @@ impl<'a> Caster<'a> {
         None
     }
 
+    /// Depth and normal of the zero crossing next to a depth; `None` where the field is not seen there, not crossed from
+    /// the front, or the crossing is more than a voxel away.
+    #[inline]
+    fn polish(&self, [x, y]: [f32; 2], z: f32) -> Option<(f32, [f32; 3])> {
+        let ray: [f32; 3] =
+            std::array::from_fn(|i| self.axes[0][i] * x + self.axes[1][i] * y + self.axes[2][i]);
+        let sample = self.sampler.at(std::array::from_fn(|i| self.centre[i] + ray[i] * z))?;
+        let g = sample.gradient;
+        // In steps per metre of depth.
+        let slope = (g[0] * ray[0] + g[1] * ray[1] + g[2] * ray[2]) / self.voxel_m;
+        let by = -sample.steps / slope;
+        if !(slope < 0.0 && by.abs() < self.voxel_m) {
+            return None;
+        }
+        Some((z + by, self.in_camera(g)?))
+    }
+
+    /// A gradient as a unit normal in the camera frame.
+    #[inline]
+    fn in_camera(&self, g: [f32; 3]) -> Option<[f32; 3]> {
+        let turned: [f32; 3] = std::array::from_fn(|k| (0..3).map(|i| self.axes[k][i] * g[i]).sum());
+        let length = turned.iter().map(|v| v * v).sum::<f32>().sqrt();
+        (length > 0.0).then(|| turned.map(|v| v / length))
+    }
+
     /// Depth where the ray leaves a block, plus a small margin.
     fn leave(&self, key: BlockKey, ray: [f32; 3], z: f32) -> f32 {
         let side = self.voxel_m * SIDE as f32;
@@ -210,8 +258,6 @@ impl<'a> Caster<'a> {
         let z = a + (b - a) * share;
         let g: [f32; 3] =
             std::array::from_fn(|i| at_a.gradient[i] + (at_b.gradient[i] - at_a.gradient[i]) * share);
-        let turned: [f32; 3] = std::array::from_fn(|k| (0..3).map(|i| self.axes[k][i] * g[i]).sum());
-        let length = turned.iter().map(|v| v * v).sum::<f32>().sqrt();
-        (length > 0.0).then(|| (z, turned.map(|v| v / length)))
+        Some((z, self.in_camera(g)?))
     }
 }

@@ -133,6 +133,48 @@ fn the_surface_is_where_it_is() {
     }
 }
 
+/// Rays of a pinhole begin at the drawn triangles, those of a lens march from block to block: both end at the same surface, and
+/// next to none that marches finds what was not drawn.
+#[test]
+fn a_lens_that_hardly_distorts_casts_what_a_pinhole_does() {
+    let scene = Scene::room();
+    let mut volume = volume(0.03, false);
+    for pose in turn(16) {
+        volume.integrate(&scene.frame(&camera(), &pose), None, &pose).expect("a pose");
+    }
+    let at = pose([0.1, 0.05, -0.1], [0.0, 0.4, 0.1]);
+    let lens = Camera { distortion: Distortion::RadialTangential([1e-9, 0.0, 0.0, 0.0, 0.0]), ..camera() };
+    let [drawn, marched] = [camera(), lens].map(|c| raycast(&volume, &c, &at, 5.0).expect("a pose"));
+    let truth = scene.depth(&camera(), &at);
+    let (mut both, mut one, mut off, mut turned) = (0, [0; 2], Vec::new(), 0);
+    let mut wrong = [0; 2];
+    let pixels = drawn.depth_m.data().iter().zip(marched.depth_m.data()).zip(truth.data());
+    for (((&a, &b), &z), (m, n)) in pixels.zip(drawn.normals.data().iter().zip(marched.normals.data())) {
+        if (a > 0.0) != (b > 0.0) {
+            let which = usize::from(b > 0.0);
+            one[which] += 1;
+            wrong[which] += usize::from((a.max(b) - z).abs() > 0.03);
+        }
+        if a > 0.0 && b > 0.0 {
+            both += 1;
+            off.push((a - b).abs());
+            turned += usize::from(m[0] * n[0] + m[1] * n[1] + m[2] * n[2] < 0.99);
+        }
+    }
+    off.sort_by(f32::total_cmp);
+    let (median, most) = (off[off.len() / 2], off[off.len() * 98 / 100]);
+    println!(
+        "{both} pixels in both, {one:?} in one alone, of these {wrong:?} wrong, {turned} normals differ, depths by {median} m, 98 % {most} m"
+    );
+    assert!(
+        both > 160 * 120 * 8 / 10 && one[1] * 50 < both && wrong[0] * 50 < both && turned * 50 < both,
+        "{both} {one:?} {turned}"
+    );
+    assert!(median < 1e-4 && most < 0.003, "{median} {most}");
+    let near = raycast(&volume, &camera(), &at, 1.5).expect("a pose");
+    assert!(near.depth_m.data().iter().any(|&z| z > 0.0) && near.depth_m.data().iter().all(|&z| z <= 1.5));
+}
+
 #[test]
 fn a_ball_seen_from_all_sides_is_closed_across_blocks() {
     let scene = Scene { room: None, spheres: vec![(Vec3::zeros(), 0.5)] };

@@ -34,6 +34,7 @@ impl Engine {
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
+        let file = file.with_depth_weighed_for(front_end.model());
         let notes = file
             .about
             .fits(file.snapshot.octaves(), mode, front_end.model(), front_end.octaves())

@@ -13,6 +13,7 @@ mod depth;
 mod encode;
 mod error;
 mod layout;
+mod virtual_baseline;
 mod wire;
 
 pub use about::{About, sensor_name};

@@ -6,7 +6,7 @@
 //! again exactly.
 
 use crate::block::VOXELS;
-use crate::frame::{depth_of, weight_of};
+use crate::pixel::{depth_of, weight_of};
 use crate::project::Offsets;
 use crate::view::NEAREST_M;
 

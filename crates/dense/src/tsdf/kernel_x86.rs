@@ -3,7 +3,7 @@
 
 use super::kernel::{Colours, Pass, Planes, STEPS};
 use crate::block::VOXELS;
-use crate::frame::WEIGHT_BITS;
+use crate::pixel::WEIGHT_BITS;
 use crate::view::NEAREST_M;
 use std::arch::x86_64::*;
 
