@@ -5,7 +5,7 @@ use crate::digest::Digest;
 use crate::journal::{FrameRecord, Header, Journal};
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
-use crate::scale::{Scale, ScaleStretch, map_of, scale_of, stretches};
+use crate::scale::{Scale, ScaleStretch, is_adrift, map_of, scale_of, stretches};
 use crate::status::{FrameResult, Status, StatusTracker};
 use cairn_atlas::{KeyFrameId, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
@@ -126,7 +126,9 @@ impl Engine {
         let snapshot = snapshot.continued_by(config.robot);
         // Opened and checked before the first image rather than at it.
         cairn_vision::bow::Vocabulary::current();
-        let tracker = Tracker::new(model, config.front_end_for(rig).orb.features, rate_hz, config.tracker);
+        let rows = rig.cameras.first().map_or(0, |c| c.camera.height);
+        let features = config.front_end_for(rig).orb.features;
+        let tracker = Tracker::new(model, features, rate_hz, config.tracker).with_rows(rows);
         let mut mapper = config.mapper;
         if mode != SensorMode::Stereo {
             mapper.window.right_offset_sigma = 0.0;
@@ -165,6 +167,12 @@ impl Engine {
     /// ([`State::Coasting`]). A journal does not hold it: a run with measured motions cannot be replayed.
     pub fn motion_measured(&mut self, motion: &MeasuredMotion) {
         self.tracker.motion_measured(Some(motion));
+    }
+
+    /// The readout time of the camera's rows (rolling shutter) in seconds, and its standard deviation (zero where it is not
+    /// estimated).
+    pub fn readout_s(&self) -> [f64; 2] {
+        self.tracker.readout_s()
     }
 
     /// Processes one packet: extract features, track, and submit key frames to mapping.
@@ -224,7 +232,10 @@ impl Engine {
             .pose
             .and_then(|p| map_of(&snapshot, p.reference))
             .map(|map| Scale { metric, ..scale_of(&snapshot, map, depth, scale_supported) })
-            .map(|scale| Scale { supported: scale.supported && !self.scale_contradicted, ..scale });
+            .map(|scale| {
+                let is_doubtful = self.scale_contradicted || (!depth && is_adrift(&tracked.state));
+                Scale { supported: scale.supported && !is_doubtful, ..scale }
+            });
         let stage_failed = done.stage_failed.filter(|_| self.stage_failed.is_none());
         self.stage_failed = self.stage_failed.take().or_else(|| stage_failed.clone());
         self.status_tracker.update(&FrameResult {

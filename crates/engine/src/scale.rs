@@ -2,6 +2,7 @@
 
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
 use cairn_sensor::Stamp;
+use cairn_tracking::State;
 
 /// What is known of the unit of length of a pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,7 +15,8 @@ pub struct Scale {
     /// and for metric maps, about 0.15 where the walker's pace sets it.
     pub sigma_log: f64,
     /// False while the unit of length rests on nothing (a turn on the spot with one camera): lengths of this frame are
-    /// assumed; and while the IMU contradicts it ([`crate::ScaleCheck`]).
+    /// assumed; while the IMU contradicts it ([`crate::ScaleCheck`]); and while, with one camera, the motion sensors alone
+    /// carry the pose and have made it uncertain by more than 5 cm.
     pub supported: bool,
 }
 
@@ -24,6 +26,15 @@ impl Scale {
     pub fn is_known(&self) -> bool {
         self.supported && (self.metric || self.sigma_log == 0.0)
     }
+}
+
+/// Standard deviation of a coasted position from which on lengths are not told as known, metres: a few per cent of the way that
+/// is walked in a second or two.
+const ADRIFT_M: f64 = 0.05;
+
+/// Whether a pose is carried by the motion sensors alone, too long for its lengths to be told.
+pub(crate) fn is_adrift(state: &State) -> bool {
+    matches!(state, State::Coasting { sigma, .. } if *sigma > ADRIFT_M)
 }
 
 /// A stretch of a run in one unit of length.
@@ -120,6 +131,13 @@ mod tests {
         assert!(scale_of(&snapshot, MapId(id(0)), false, true).is_known());
         assert!(!scale_of(&snapshot, MapId(id(2)), false, true).is_known());
         assert!(!scale_of(&snapshot, MapId(id(0)), false, false).is_known(), "nothing supports it");
+    }
+
+    #[test]
+    fn a_pose_is_adrift_when_coasting_has_made_it_uncertain() {
+        let coasting = |sigma| State::Coasting { since_s: 1.0, sigma };
+        assert!(!is_adrift(&State::Tracking) && !is_adrift(&coasting(0.01)));
+        assert!(is_adrift(&coasting(0.06)));
     }
 
     #[test]

@@ -33,6 +33,8 @@ const ZERO_VELOCITY_SIGMA_M_S: f64 = 0.003;
 const SILENT_S: f64 = 1.0;
 /// Seconds of specific force averaged to estimate the up direction.
 const MEAN_FORCE_S: f64 = 0.5;
+/// Seconds of angular velocity around an instant that are averaged.
+const TURNING_S: f64 = 0.03;
 /// Estimated speed up to which the camera may be stationary, m/s.
 const STATIONARY_M_S: f64 = 0.15;
 
@@ -279,6 +281,16 @@ impl InertialFilter {
         let recent = self.buffer.within(stamp.plus_seconds(-MEAN_FORCE_S), stamp);
         let force = recent.map(|s| s.accel).sum::<Vec3>();
         Some(self.imu_from_camera.rotation.inverse() * force.try_normalize(1e-6)?)
+    }
+
+    /// The camera's angular velocity at an instant, in the camera frame, rad/s; `None` without readings about it.
+    pub fn turning(&self, stamp: Stamp) -> Option<Vec3> {
+        let half_s = 0.5 * TURNING_S;
+        let about = self.buffer.within(stamp.plus_seconds(-half_s), stamp.plus_seconds(half_s));
+        let (mut sum, mut count) = (Vec3::zeros(), 0.0);
+        about.for_each(|s| (sum, count) = (sum + s.gyro, count + 1.0));
+        let rate = (count > 0.0).then(|| sum / count - self.bias.gyro)?;
+        Some(self.imu_from_camera.rotation.inverse() * rate)
     }
 
     fn is_at_rest(&self, stamp: Stamp, estimate: &NavEstimate) -> bool {

@@ -15,6 +15,9 @@ mod reckoning_tests;
 mod recover;
 mod rotation;
 mod scale;
+mod shutter;
+#[cfg(test)]
+mod shutter_tests;
 mod start;
 mod state;
 mod static_landmarks;

@@ -9,6 +9,7 @@ use crate::parallax::ParallaxWatch;
 use crate::reckoning::{DeadReckoning, MeasuredMotion, Reckoned};
 use crate::recover::{candidates, match_key_frame};
 use crate::scale::{Pace, PaceComparison, ScaleSupport};
+use crate::shutter::{Moving, Shutter, in_camera};
 use crate::start::Starter;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, State, Tracked};
 use cairn_adjust::{Located, RecogniseConfig, locate, recognise};
@@ -44,6 +45,13 @@ pub struct TrackerConfig {
     /// Longest time in motion for which it may do so, in seconds.
     #[setting(default = 6.0, range = 0.0..=15.0)]
     pub coast_s: f64,
+    /// Seconds from the exposure of the first row of an image to that of the last (rolling shutter); negative where the last
+    /// row is first, 0 where all are exposed at once. Stamps are those of the middle row.
+    #[setting(default = 0.0, range = -0.05..=0.05)]
+    pub readout_s: f64,
+    /// True to estimate the time above from the images and the motion, beginning with the value given.
+    #[setting(default = false)]
+    pub estimate_readout: bool,
 }
 
 /// Frames buffered while there is no map, so that they get their poses afterwards.
@@ -111,6 +119,7 @@ pub struct Tracker {
     /// Motion that is measured by other means than the camera and the IMU.
     pub(crate) reckoning: DeadReckoning,
     odometry: OdometryFilter,
+    shutter: Shutter,
 }
 
 impl Tracker {
@@ -144,12 +153,24 @@ impl Tracker {
             inertial: None,
             reckoning: DeadReckoning::default(),
             odometry: OdometryFilter::new(camera),
+            shutter: Shutter::new(config.readout_s, config.estimate_readout, rows_of(&camera)),
         }
     }
 
     /// Adds an IMU, whose white noise is `noise_times` that of its data sheet; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, noise_times: f64) -> Self {
         Self { inertial: Some(InertialFilter::new(sensor, imu_from_camera, noise_times)), ..self }
+    }
+
+    /// The rows of the raw image, for a rolling shutter; without them, they are taken from the bounds of the rectified one.
+    pub fn with_rows(self, rows: usize) -> Self {
+        let shutter = Shutter::new(self.config.readout_s, self.config.estimate_readout, rows);
+        Self { shutter, ..self }
+    }
+
+    /// The readout time of the camera's rows in seconds, and its standard deviation (zero where it is given).
+    pub fn readout_s(&self) -> [f64; 2] {
+        self.shutter.readout_s()
     }
 
     /// Reports that mapping has created a map from the last request: the last frame is now key frame `id`.
@@ -201,6 +222,7 @@ impl Tracker {
             inertial.take(imu, snapshot);
         }
         if snapshot.key_frame_count() == 0 {
+            let frame = self.at_middle_row(frame, snapshot);
             return self.start(frame);
         }
         self.since_key_frame = self.since_key_frame.saturating_add(1);
@@ -210,6 +232,7 @@ impl Tracker {
             inertial.refresh(snapshot);
         }
         let earlier = self.track_waiting_frames(snapshot);
+        let frame = self.at_middle_row(frame, snapshot);
         let imu_motion = (self.inertial.as_ref().zip(self.odometry.last_stamp()))
             .and_then(|(inertial, last)| inertial.moved(last, frame.stamp));
         let other_motion = (imu_motion.map(|motion| (motion, MotionSource::Imu)))
@@ -226,6 +249,39 @@ impl Tracker {
         }
         tracked.earlier = earlier;
         tracked
+    }
+
+    /// The frame as it would be if all rows were exposed with the middle one.
+    fn at_middle_row(&mut self, mut frame: Arc<Frame>, snapshot: &Snapshot) -> Arc<Frame> {
+        if self.shutter.is_global() {
+            return frame;
+        }
+        let known = !self.lost && self.recent(&frame, BRIDGE_S);
+        let predicted = self.inertial.as_ref().filter(|_| known).and_then(|i| i.predict(frame.stamp));
+        let last_motion = self.velocity.filter(|_| known);
+        let turning = (self.inertial.as_ref().and_then(|i| i.turning(frame.stamp)))
+            .or(last_motion.map(|v| v.fixed_rows::<3>(3).into_owned()));
+        let velocity = (predicted.as_ref().map(|p| p.world_from_camera.rotation.inverse() * p.velocity))
+            .or(last_motion.map(|v| v.fixed_rows::<3>(0).into_owned()));
+        let moving = Moving { turning: turning.unwrap_or_default(), velocity: velocity.unwrap_or_default() };
+        let last = self.last.as_ref().filter(|_| known);
+        let pose = predicted.map(|p| p.world_from_camera).or(last.map(|l| l.anchored.world_from_camera));
+        let seen = last.into_iter().flat_map(|l| l.landmarks.iter().flatten());
+        let points = seen.filter_map(|id| snapshot.landmark(*id)).map(|l| l.position);
+        let points = in_camera(&pose.unwrap_or_default(), points);
+        self.shutter.correct(Arc::make_mut(&mut frame), &self.camera, &moving, points);
+        frame
+    }
+
+    /// Learns the readout time from a pose that the camera alone gave.
+    fn learn_readout(&mut self, frame: &Frame, snapshot: &Snapshot, matches: &Matches, pose: &Se3) {
+        let camera_from_world = pose.inverse();
+        let octaves = snapshot.octaves();
+        let found = matches.landmarks.iter().enumerate().filter_map(|(i, id)| {
+            let p = camera_from_world * snapshot.landmark((*id)?)?.position;
+            Some((i, p, octaves.scale(frame.octave[i])))
+        });
+        self.shutter.learn(frame, &self.camera, found);
     }
 
     /// Finds the pose of a frame: by the motion model, by the reference key frame, or by relocalisation.
@@ -567,6 +623,7 @@ impl Tracker {
             return self.miss(frame, snapshot, located.inliers, predicted, idle);
         }
         let world_from_camera = located.world_from_camera;
+        self.learn_readout(&frame, snapshot, &matches, &world_from_camera);
         if reckoned.is_some_and(|r| !r.agrees(&world_from_camera)) {
             return self.miss(frame, snapshot, located.inliers, predicted, idle);
         }
@@ -661,6 +718,11 @@ impl Tracker {
     pub(crate) fn recent(&self, frame: &Frame, seconds: f64) -> bool {
         self.located.is_none_or(|t| frame.stamp - t < seconds)
     }
+}
+
+/// Rows of the image, by the bounds of its rectified pixels.
+fn rows_of(camera: &RectifiedCamera) -> usize {
+    (camera.bounds[3] - camera.bounds[1]).round().max(1.0) as usize
 }
 
 /// The pose without the prior: at the solution the gradients of the prior and of the observations cancel.

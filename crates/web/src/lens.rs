@@ -1,5 +1,5 @@
 //! The lens of a phone whose calibration nobody gave: estimated while a session runs with a guess, and kept in the data
-//! folder for the next session of the same phone.
+//! folder for the next session of the same phone. There it is checked in the same way, and replaced where it does not fit.
 
 use cairn_engine::Engine;
 use cairn_lens::{Lens, LensEstimate, LensProblem};
@@ -24,6 +24,8 @@ const LEAST_TURN_RAD: f64 = 1.0;
 /// Two estimates in a row, of more and more key frames, agree to this: focal length (relative) and distortion. What a model
 /// lacks (a rolling shutter, stamps behind the exposure) is not in their standard deviations.
 const AGREE: [f64; 2] = [0.015, 0.03];
+/// A kept lens is contradicted beyond that, and beyond so many standard deviations of both.
+const CONTRADICTED: f64 = 3.0;
 
 /// A kept lens: focal length as a share of the longer side, distortion of the ray's offset (as in [`Lens`]), and their
 /// standard deviations.
@@ -40,6 +42,19 @@ impl KeptLens {
         let f = self.focal * guess.width.max(guess.height) as f64;
         let camera = Lens { focal: f / guess.fx, radial: self.radial }.camera(guess);
         camera.validate().is_ok().then_some(camera)
+    }
+
+    /// This lens followed by what was found to be left of it, to first order in the distortions.
+    fn followed_by(&self, left: &LensEstimate) -> Self {
+        let radial = self.radial * left.lens.focal.powi(2) + left.lens.radial;
+        Self { focal: self.focal * left.lens.focal, radial, sigma: left.sigma }
+    }
+
+    /// Whether an estimate of what is left of the lens differs from nothing.
+    fn is_contradicted(&self, left: &LensEstimate) -> bool {
+        let off = [left.lens.focal.ln().abs(), left.lens.radial.abs()];
+        let sigma = |k: usize| self.sigma[k].hypot(left.sigma[k]);
+        (0..2).any(|k| off[k] > AGREE[k].max(CONTRADICTED * sigma(k)))
     }
 }
 
@@ -72,11 +87,13 @@ fn keep(folder: &Path, phone: &str, camera: &Camera, lens: KeptLens) -> std::io:
     std::fs::rename(beside, folder.join(FILE))
 }
 
-/// Estimates the lens of the phone of a running session.
+/// Estimates the lens of the phone of a running session, or checks the one that was kept.
 pub(crate) struct LensWatch {
     folder: PathBuf,
     phone: String,
     guess: Camera,
+    /// The lens that the images are read with, where it was kept.
+    kept: Option<KeptLens>,
     tried: Option<Instant>,
     job: Option<JoinHandle<Option<LensEstimate>>>,
     /// The last certain estimate.
@@ -85,9 +102,10 @@ pub(crate) struct LensWatch {
 }
 
 impl LensWatch {
-    /// For a phone whose images are read with a guess; what is found is kept in the folder.
-    pub fn new(folder: PathBuf, phone: String, guess: Camera) -> Self {
-        Self { folder, phone, guess, tried: None, job: None, before: None, done: false }
+    /// For a phone whose images are read with a guess, or with the lens that was kept for it; what is found is kept in the
+    /// folder.
+    pub fn new(folder: PathBuf, phone: String, guess: Camera, kept: Option<KeptLens>) -> Self {
+        Self { folder, phone, guess, kept, tried: None, job: None, before: None, done: false }
     }
 
     /// Called often: begins an estimate on a thread of its own, or takes a finished one. Returns what was found, once.
@@ -101,16 +119,28 @@ impl LensWatch {
                 return None;
             }
             self.done = true;
-            let focal = estimate.lens.focal * self.guess.fx / self.guess.width.max(self.guess.height) as f64;
-            let lens = KeptLens { focal, radial: estimate.lens.radial, sigma: estimate.sigma };
+            let lens = self.found(&estimate)?;
             let kept = keep(&self.folder, &self.phone, &self.guess, lens);
-            return Some(LensFound { lens, not_kept: kept.err().map(|e| e.to_string()) });
+            let not_kept = kept.err().map(|e| e.to_string());
+            return Some(LensFound { lens, not_kept });
         }
         if self.job.is_none() && self.tried.is_none_or(|t| t.elapsed() >= AGAIN) {
             self.job = self.begin(engine);
             self.tried = self.job.as_ref().map(|_| Instant::now());
         }
         None
+    }
+
+    /// The lens by a trusted estimate; `None` where that agrees with the one that was kept.
+    fn found(&self, estimate: &LensEstimate) -> Option<KeptLens> {
+        match self.kept {
+            Some(kept) => kept.is_contradicted(estimate).then(|| kept.followed_by(estimate)),
+            None => {
+                let guessed = self.guess.fx / self.guess.width.max(self.guess.height) as f64;
+                let guess = KeptLens { focal: guessed, radial: 0.0, sigma: [0.0; 2] };
+                Some(guess.followed_by(estimate))
+            }
+        }
     }
 
     /// Whether an estimate is certain and agrees with the one before it.
@@ -178,7 +208,7 @@ mod tests {
     #[test]
     fn one_estimate_alone_and_one_that_differs_are_not_trusted() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
-        let mut watch = LensWatch::new(PathBuf::new(), "a".into(), guess);
+        let mut watch = LensWatch::new(PathBuf::new(), "a".into(), guess, None);
         let of = |focal: f64, sigma: f64| LensEstimate {
             lens: Lens { focal, radial: 0.04 },
             sigma: [sigma, 0.002],
@@ -189,5 +219,30 @@ mod tests {
         assert!(!watch.is_trusted(&of(1.18, 0.003)), "another");
         assert!(!watch.is_trusted(&of(1.18, 0.05)), "an uncertain one");
         assert!(!watch.is_trusted(&of(1.185, 0.003)) && watch.is_trusted(&of(1.18, 0.003)));
+    }
+    #[test]
+    fn kept_lens_that_does_not_fit_is_replaced_and_one_that_fits_stays() {
+        let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
+        let kept = KeptLens { focal: 0.88, radial: -0.075, sigma: [0.004, 0.01] };
+        let watch = LensWatch::new(PathBuf::new(), "a".into(), guess, Some(kept));
+        let left = |focal: f64, radial: f64, sigma: [f64; 2]| LensEstimate {
+            lens: Lens { focal, radial },
+            sigma,
+            rms_px: 0.5,
+            converged: true,
+        };
+        assert_eq!(watch.found(&left(1.01, 0.01, [0.003, 0.005])), None);
+        assert_eq!(watch.found(&left(0.985, -0.02, [0.009, 0.02])), None, "within what both are known to");
+        let other = watch.found(&left(0.94, 0.11, [0.003, 0.005])).unwrap();
+        assert!((other.focal - 0.8272).abs() < 1e-9 && other.sigma == [0.003, 0.005], "{other:?}");
+        // A distortion that was kept wrong alone is replaced too.
+        assert!(watch.found(&left(1.0, 0.06, [0.003, 0.005])).is_some());
+        // The ray of a pixel by the new lens is that by the kept one and then by what was left.
+        let (f, d) = (640.0 * kept.focal, 200.0);
+        let x = d * (1.0 + kept.radial * (d / f).powi(2));
+        let ray = x * (1.0 + 0.11 * (x / (0.94 * f)).powi(2)) / (0.94 * f);
+        let f = 640.0 * other.focal;
+        let direct = d * (1.0 + other.radial * (d / f).powi(2)) / f;
+        assert!((ray / direct - 1.0).abs() < 5e-3, "{ray} {direct}");
     }
 }

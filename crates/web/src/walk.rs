@@ -95,19 +95,17 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
     closed.map_err(|why| SourceError::new(&name, why, "make room on the disk"))
 }
 
-/// Takes the lens that is kept for the phone; where none is, it is watched for. Nothing is kept without a folder, or for a
-/// page that does not say which phone it is on.
+/// Takes the lens that is kept for the phone, and checks it; where none is, it is watched for. Nothing is kept without a
+/// folder, or for a page that does not say which phone it is on.
 fn lens_of(hub: &Hub, folder: Option<PathBuf>, source: &mut PhoneSource) -> Option<LensWatch> {
     let (folder, phone) = (folder?, hub.phone());
     let guess = source.rig().cameras.first()?.camera;
     if phone.is_empty() {
         return None;
     }
-    let known = lens::kept(&folder, &phone, &guess).and_then(|lens| lens.camera(&guess));
-    if source.set_camera(known) {
-        return None;
-    }
-    Some(LensWatch::new(folder, phone, guess))
+    let kept = lens::kept(&folder, &phone, &guess);
+    let kept = kept.filter(|lens| source.set_camera(lens.camera(&guess)));
+    Some(LensWatch::new(folder, phone, guess, kept))
 }
 
 fn cure_of(error: &LibraryError) -> &'static str {
@@ -133,7 +131,7 @@ struct PageObserver {
     frame_ms: Option<f64>,
     /// The routes that the pages have: a version, and the route at hand.
     routes: Option<(u64, Option<PathBuf>)>,
-    /// While the lens is a guess.
+    /// While the lens is a guess, or was kept and is not checked yet.
     lens: Option<LensWatch>,
 }
 
@@ -159,7 +157,7 @@ impl PageObserver {
         self.hub.routes.send_replace(ToPage::Routes(&session.routes()).text().into());
     }
 
-    /// Estimates the lens while it is a guess.
+    /// Estimates the lens while it is a guess; checks a kept one.
     fn watch_lens(&mut self, session: &Session) {
         let Some(found) = self.lens.as_mut().and_then(|lens| lens.step(session.engine())) else { return };
         let lens = found.lens;

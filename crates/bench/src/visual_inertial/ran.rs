@@ -50,6 +50,8 @@ pub struct Ran {
     pub live: Vec<(Stamp, Se3)>,
     /// Odometry of the metric poses.
     pub moved: Vec<(Stamp, Odometry)>,
+    /// Those whose scale was said to be known.
+    pub told: BTreeSet<Stamp>,
     /// When each map was created; the first is the start.
     pub map_created: Vec<Stamp>,
     /// Number of maps that contain final poses.
@@ -66,6 +68,8 @@ pub struct Ran {
     pub step_ms: Vec<f64>,
     /// Time offset of the IMU as estimated by the engine.
     pub offset_s: Option<f64>,
+    /// Readout time of the camera's rows and its standard deviation (zero where it is not estimated).
+    pub readout_s: [f64; 2],
 }
 
 /// The scale of live metric poses, in percent of the logarithm.
@@ -75,10 +79,14 @@ pub struct LiveScale {
     pub first_percent: Option<f64>,
     /// Median error 30 s after the first frame.
     pub after_percent: Option<f64>,
-    /// Largest error.
+    /// Largest error of stretches whose scale was said to be known throughout.
     pub worst_percent: f64,
-    /// Seconds of walking in which it was more than 10 % off.
+    /// Seconds after the first frame at which that was.
+    pub worst_at_s: f64,
+    /// Seconds of walking in which it was more than 10 % off and said to be known.
     pub wrong_s: f64,
+    /// The same where it was said to be unknown somewhere in those seconds.
+    pub unknown_s: f64,
 }
 
 /// The figures of a run.
@@ -129,7 +137,7 @@ pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, String>
 pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> Result<Ran, String> {
     let rig = source.rig().clone();
     let mut engine = connect::engine(&rig, options.sensor, source.info().rate_hz, runner, &options.config)?;
-    let mut moved = Vec::new();
+    let (mut moved, mut told) = (Vec::new(), BTreeSet::new());
     let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
     let (mut known, mut map_created, mut metric_at) = (BTreeSet::<MapId>::new(), Vec::new(), None);
     let mut first_sigma = None;
@@ -181,6 +189,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
             metric_at = Some(packet.stamp);
         }
         moved.extend(out.odometry.filter(|_| out.metric).map(|o| (packet.stamp, o)));
+        told.extend(out.scale.filter(|scale| scale.metric && scale.is_known()).map(|_| packet.stamp));
         stamps.push(packet.stamp);
         track_ms.push(out.track_ms);
         step_ms.push(out.extract_ms + out.track_ms);
@@ -196,6 +205,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         poses: engine.trajectory(),
         live: since_metric(engine.live_trajectory(), metric_at),
         moved,
+        told,
         map_created,
         pose_maps: pose_maps(&engine),
         metric_at,
@@ -204,6 +214,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         track_ms,
         step_ms,
         offset_s: connect::offset_s(&engine, options.sensor),
+        readout_s: engine.readout_s(),
         stamps,
     })
 }
@@ -273,9 +284,17 @@ impl Ran {
             let found = (at(now) - at(then)).norm() * now.world_from_odom.sim3.scale;
             let off = 100.0 * (found / truly).ln();
             live.first_percent.get_or_insert(off);
-            live.worst_percent = live.worst_percent.max(off.abs());
-            live.wrong_s += if off.abs() > 10.0 { *to - self.moved[i - 1].0 } else { 0.0 };
             let since_s = *to - self.stamps[0];
+            let told = self.moved[..=i]
+                .iter()
+                .rev()
+                .take_while(|(t, _)| t >= from)
+                .all(|(t, _)| self.told.contains(t));
+            if told && off.abs() > live.worst_percent {
+                (live.worst_percent, live.worst_at_s) = (off.abs(), since_s);
+            }
+            let wrong = if told { &mut live.wrong_s } else { &mut live.unknown_s };
+            *wrong += if off.abs() > 10.0 { *to - self.moved[i - 1].0 } else { 0.0 };
             if (since_s - AFTER_S).abs() <= SCALE_S {
                 after.push(off);
             }
