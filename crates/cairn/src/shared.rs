@@ -2,7 +2,7 @@
 
 use crate::{MergeError, MergedMaps, merge_maps};
 use cairn_atlas::RobotId;
-use cairn_atlas::store::MapFile;
+use cairn_atlas::store::{MapFile, pieces};
 use cairn_engine::Config;
 use std::collections::BTreeMap;
 
@@ -44,12 +44,16 @@ pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Opti
     }
 }
 
-/// The map that a robot made by itself.
+/// The map that a robot made by itself: a saved map, or one in pieces ([`pieces`]).
 ///
 /// # Errors
 /// A sentence: it is damaged, empty, or holds key frames of other robots.
 pub fn own_map(robot: RobotId, bytes: &[u8]) -> Result<MapFile, String> {
-    let file = MapFile::read(bytes).map_err(|e| e.to_string())?;
+    let file = match pieces::is_in_pieces(bytes) {
+        true => MapFile::read(&pieces::whole(bytes).map_err(|e| e.to_string())?),
+        false => MapFile::read(bytes),
+    };
+    let file = file.map_err(|e| e.to_string())?;
     let robots = file.snapshot.robots();
     match robots.keys().find(|r| **r != robot) {
         Some(other) => Err(format!("it holds {} key frames of robot {other}", robots[other])),

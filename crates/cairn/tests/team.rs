@@ -6,7 +6,7 @@ use cairn::sensor::Stamp;
 use cairn::team::peer::{Identity, Peer, TeamKey, To};
 use cairn::team::{Network, NetworkConfig, RobotId};
 use cairn::{Config, SharedAtlas, Slam, map_file, open, shared_atlas};
-use cairn_atlas::store::MapFile;
+use cairn_atlas::store::{MapFile, pieces};
 use std::collections::{BTreeMap, BTreeSet};
 
 struct Walk {
@@ -38,7 +38,8 @@ fn exchanged(walks: &BTreeMap<RobotId, Walk>) -> Vec<BTreeMap<RobotId, Vec<u8>>>
     for (robot, walk) in walks {
         let identity = Identity::from_seed(*robot, &[*robot as u8; 32]).expect("a seed");
         let mut peer = Peer::new(identity, TeamKey::new(b"three"));
-        peer.publish(&walk.map).expect("it is short enough");
+        let pieces = pieces::cut(&walk.map).expect("a whole map");
+        peer.publish_pieces(&pieces.bytes, &pieces.lengths).expect("it is short enough");
         peers.insert(*robot, peer);
     }
     let robots: Vec<RobotId> = walks.keys().copied().collect();

@@ -309,3 +309,102 @@ fn refusals_are_said_once_then_ever_more_rarely() {
     assert!(lines[3].starts_with("1000 messages were refused"), "{lines:?}");
     assert!(complaints.line(&Refused::OwnId).is_some());
 }
+
+fn received(peer: &Peer, what: &str) -> u64 {
+    let of = peer.traffic().received.iter().filter(|((_, kind), _)| kind.to_string() == what);
+    of.map(|(_, amount)| amount.bytes).sum()
+}
+
+#[test]
+fn what_is_late_is_not_asked_for_again() {
+    // Every message takes one round more.
+    let mut team =
+        Team::new(NetworkConfig { loss: 0.0, delayed: 1.0, delay_rounds: 1, duplicated: 0.0, seed: 1 });
+    let length = 40 * BLOCK_BYTES;
+    team.publish(1, length);
+    team.peers.insert(2, peer(2));
+    let rounds = team.settle(60);
+    let blocks = received(&team.peers[&2], "block");
+    println!("{length} bytes after {rounds} rounds: {blocks} bytes of blocks");
+    assert!(blocks < length as u64 + length as u64 / 50, "{blocks} bytes for {length}");
+    let manifests =
+        team.peers[&2].traffic().received.iter().filter(|((_, k), _)| k.to_string() == "manifest");
+    let manifests: u64 = manifests.map(|(_, amount)| amount.messages).sum();
+    assert!(manifests <= 1 + rounds as u64 / 4, "{manifests} manifests in {rounds} rounds");
+}
+
+#[test]
+fn pieces_that_others_have_are_not_sent_again() {
+    let (mut a, mut b) = (peer(1), peer(2));
+    let piece = |k: usize| -> Vec<u8> { (0..9000).map(|i| (i * (2 * k + 1) + k) as u8).collect() };
+    let publish = |a: &mut Peer, pieces: &[Vec<u8>]| {
+        let lengths: Vec<usize> = pieces.iter().map(Vec::len).collect();
+        a.publish_pieces(&pieces.concat(), &lengths).unwrap()
+    };
+    let mut pieces: Vec<Vec<u8>> = (0..100).map(piece).collect();
+    publish(&mut a, &pieces);
+    talk(&mut [&mut a, &mut b]);
+    let first = received(&b, "block");
+    // A new one in front moves all others, as a longer index does.
+    pieces.insert(0, b"an index".to_vec());
+    pieces.push(piece(100));
+    pieces.push(piece(7));
+    publish(&mut a, &pieces);
+    talk(&mut [&mut a, &mut b]);
+    assert_eq!(b.parts().next().unwrap().1, pieces.concat());
+    assert!(received(&b, "block") - first < 10_000, "{first}, then {}", received(&b, "block"));
+    // Pieces that are not what they say.
+    assert!(a.publish_pieces(b"abc", &[2]).is_err() && a.publish_pieces(b"abc", &[2, 2]).is_err());
+    assert!(a.publish_pieces(&[0; 5000], &[1; 5000]).is_err());
+}
+
+/// One round is a second: 30 % are lost, all others take a second, one robot is cut off for a minute while all go on
+/// publishing, and a fourth one sends garbage, plays everything again and claims to be robot 1.
+#[test]
+fn loss_delay_a_minute_apart_garbage_replays_and_a_claimed_number_cost_nothing() {
+    let mut team =
+        Team::new(NetworkConfig { loss: 0.3, delayed: 1.0, delay_rounds: 1, duplicated: 0.0, seed: 8 });
+    let length = 12 * BLOCK_BYTES;
+    (1..=3).for_each(|robot| team.publish(robot, length));
+    (0..3).for_each(|_| team.round());
+    let mut liar = Peer::new(Identity::from_seed(1, &[77; 32]).unwrap(), TeamKey::new(b"a team"));
+    for version in 0..9 {
+        liar.publish(&map(7, version, 5000)).unwrap();
+    }
+    let (mut complaints, mut said, mut noise) = (Complaints::default(), Vec::new(), 1u64);
+    let mut played: Vec<Arc<Vec<u8>>> = Vec::new();
+    let mut most = 0;
+    for second in 0..90 {
+        team.island = if (10..70).contains(&second) { [2].into() } else { BTreeSet::new() };
+        if second % 10 == 5 {
+            (1..=3).for_each(|robot| team.publish(robot, length + second));
+        }
+        team.round();
+        let robots: Vec<RobotId> = team.peers.keys().copied().collect();
+        for robot in robots {
+            let peer = team.peers.get_mut(&robot).unwrap();
+            let own = peer.tick();
+            let garbage = (0..200).map(|_| {
+                noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                (noise >> 56) as u8
+            });
+            let mut attack = vec![Arc::new(garbage.collect::<Vec<u8>>())];
+            attack.extend(liar.receive(&own[0].bytes).into_iter().flatten().map(|m| m.bytes));
+            attack.extend(played.iter().filter(|_| robot == 3).cloned());
+            for bytes in attack {
+                said.extend(peer.receive(&bytes).err().and_then(|why| complaints.line(&why)));
+            }
+            played.extend(own.into_iter().map(|m| m.bytes));
+            most = most.max(peer.held_bytes());
+        }
+        let old = played.len().saturating_sub(40);
+        played.drain(..old);
+    }
+    let rounds = team.settle(60);
+    println!("the same {rounds} s after the last one; at most {most} bytes held; said: {said:#?}");
+    assert_eq!(team.digests().len(), 1);
+    // Three maps, and a newer one of each on its way.
+    assert!(most <= 6 * (length + 100), "{most} bytes held");
+    assert!(said.len() < 12, "{said:#?}");
+    assert!(said.iter().any(|line| line.contains("robot 1")), "{said:#?}");
+}

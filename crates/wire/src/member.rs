@@ -78,7 +78,9 @@ impl Member {
                 Some(Event::Message(link, bytes)) => lines.extend(self.take(link, &bytes)),
                 Some(Event::Closed(link, why)) => {
                     let robot = self.robots.remove(&link);
-                    lines.extend(why.map(|why| match robot {
+                    // Two robots that dial each other have two links, of which one falls silent.
+                    let still = robot.is_some_and(|robot| self.reached().any(|other| other == robot));
+                    lines.extend(why.filter(|_| !still).map(|why| match robot {
                         Some(robot) => format!("the link to robot {robot} was closed: {why}"),
                         None => format!("a link was closed: {why}"),
                     }));

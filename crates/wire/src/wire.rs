@@ -166,6 +166,9 @@ fn carry(stream: TcpStream, shared: &Arc<Shared>) {
             }
             Ok(None) => break None,
             Err(_) if shared.has_ended() => return,
+            Err(e) if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
+                break Some(format!("{address}: nothing came for {} s", SILENT.as_secs()));
+            }
             Err(e) => break Some(format!("{address}: {e}")),
         }
     };

@@ -13,6 +13,7 @@ mod depth;
 mod encode;
 mod error;
 mod layout;
+pub mod pieces;
 mod virtual_baseline;
 mod wire;
 

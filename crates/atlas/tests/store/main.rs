@@ -6,6 +6,7 @@ mod damage;
 mod depth;
 mod fixtures;
 mod history;
+mod pieces;
 mod round_trip;
 mod salvage;
 mod saving;

@@ -14,6 +14,7 @@ mod phone;
 mod report;
 mod robot;
 mod seeds;
+mod team;
 
 use crate::commands::run::Sensor;
 use crate::failure::Failure;
@@ -51,6 +52,11 @@ pub struct Arguments {
     /// people walk about and a door closes.
     #[arg(long, conflicts_with_all = ["facing", "sensor", "metres"])]
     robot: bool,
+    /// N robots instead of a walker: they walk through one world at once, each in processes of its own, and share their
+    /// maps over the loopback; one is killed in the middle and brought back (about a minute).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..=4),
+        conflicts_with_all = ["facing", "sensor", "metres", "robot", "phone", "obstacles", "dense", "seeds"])]
+    team: Option<u16>,
     /// A phone as phones are instead of a calibrated camera: pictures at 10 to 20 Hz with a rolling shutter and an unknown
     /// lens, motion at 60 Hz, through the page's own protocol and in real time (about three minutes for each walk).
     #[arg(long, conflicts_with_all = ["robot", "sensor", "obstacles", "dense"])]
@@ -108,6 +114,9 @@ fn readout(text: &str) -> Result<f64, String> {
 
 /// Runs one demo or a table of them.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
+    if let Some(count) = arguments.team {
+        return team::run(count, arguments.seed, &arguments.out, arguments.overwrite, output);
+    }
     if arguments.robot {
         let seeds = arguments.seeds.map(|count| (0..count).map(|k| arguments.seed.saturating_add(k)));
         return match seeds {

@@ -1,6 +1,8 @@
 //! `cairn team`.
 
 use crate::{cairn, fails, folder, json, stderr, stdout};
+use serde_json::Value;
+use std::process::Command;
 
 /// A walk around a block of 24 steps, with loops across.
 fn block() -> String {
@@ -51,4 +53,125 @@ fn what_is_no_team_is_said_in_one_line() {
     fails(&["team", "graph", name, other.to_str().unwrap()], &["other.g2o, line 1"]);
     // Edges alone say whose poses they are of nobody.
     fails(&["team", "graph", name, name], &["vertex 0 is in none of the texts"]);
+}
+
+/// A process that does not outlive its test.
+struct Running(std::process::Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn two_robots_share_their_maps_and_come_to_the_same_file() {
+    let folder = folder("team-join");
+    let path = |name: String| folder.join(name).to_str().unwrap().to_owned();
+    let free = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let address = [free(), free()];
+    let mut running = Vec::new();
+    for n in [1, 2] {
+        let (own, out, robot) = (path(format!("own-{n}.map")), path(format!("all-{n}.map")), n.to_string());
+        let world = format!("sim:demo?seed={n}&sensor=rgbd&resolution=320x240&rate=10&detail=0.5&duration=4");
+        let walked = cairn(&["run", &world, "--robot", &robot, "--map-out", &own]);
+        assert!(walked.status.success(), "{}", stderr(&walked));
+        let arguments = ["team", "join", &own, "--robot", &robot, "--team", "test", "--out", &out];
+        let mut join = Command::new(env!("CARGO_BIN_EXE_cairn"));
+        join.args(arguments).args(["--listen", &address[n - 1], "--peer", &address[2 - n]]);
+        join.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null());
+        running.push(Running(join.spawn().expect("the binary starts")));
+    }
+    let status =
+        |n: usize| json_if_there(&cairn(&["team", "status", &path(format!("all-{n}.map")), "--json"]));
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(50);
+    loop {
+        let [Some(a), Some(b)] = [status(1), status(2)] else {
+            assert!(std::time::Instant::now() < until, "no status");
+            std::thread::sleep(std::time::Duration::from_millis(200));
+            continue;
+        };
+        let made = |s: &Value| s["atlas"]["digest"] == s["digest"];
+        if a["digest"] == b["digest"] && a["maps"].as_array().unwrap().len() == 2 && made(&a) && made(&b) {
+            // Two houses: nothing is joined, and that is said.
+            assert_eq!(a["atlas"]["maps"].as_array().unwrap().len(), 2, "{a}");
+            assert_eq!(a["refused"], 0);
+            break;
+        }
+        assert!(std::time::Instant::now() < until, "{a} {b}");
+        std::thread::sleep(std::time::Duration::from_millis(200));
+    }
+    drop(running);
+    let bytes = [1, 2].map(|n| std::fs::read(path(format!("all-{n}.map"))).unwrap());
+    assert!(bytes[0] == bytes[1], "different files of the same maps");
+    let text = stdout(&cairn(&["team", "status", &path("all-1.map".into())]));
+    assert!(
+        text.starts_with("robot     1, hears 2") && text.contains("received  block from robot 2"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_run_shares_its_map_while_it_walks() {
+    let folder = folder("team-run");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let free = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let (base, walker) = (free(), free());
+    let mut join = Command::new(env!("CARGO_BIN_EXE_cairn"));
+    join.args(["team", "join", &path("none.map"), "--robot", "9", "--team", "t", "--out", &path("base.map")]);
+    join.args(["--listen", &base, "--for", "40"]);
+    join.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null());
+    let base_station = Running(join.spawn().expect("the binary starts"));
+    let world = "sim:demo?seed=3&sensor=rgbd&resolution=320x240&rate=10&detail=0.5&duration=6";
+    let run = ["run", world, "--realtime", "--map-every", "1", "--robot", "4", "--map-out", &path("own.map")];
+    let team = ["--team", "t", "--listen", &walker, "--peer", &base, "--team-map", &path("all.map")];
+    let walked = cairn(&[&run[..], &team].concat());
+    assert!(walked.status.success(), "{}", stderr(&walked));
+    let status = json(&cairn(&["team", "status", &path("all.map"), "--json"]));
+    // It saved several times, and stayed until the base station had the last map.
+    let version = status["maps"][0]["version"].as_u64().unwrap();
+    assert!(version >= 3 && status["reached"][0] == 9, "{status}");
+    let until = std::time::Instant::now() + std::time::Duration::from_secs(20);
+    loop {
+        let there = json_if_there(&cairn(&["team", "status", &path("base.map"), "--json"]));
+        if there.is_some_and(|s| s["maps"] == status["maps"] && s["atlas"]["key_frames"].as_u64() > Some(1)) {
+            break;
+        }
+        assert!(std::time::Instant::now() < until, "the base station has not got the map");
+        std::thread::sleep(std::time::Duration::from_millis(200));
+    }
+    drop(base_station);
+    // The pieces of earlier versions were not sent again.
+    let sent = status["sent"].as_array().unwrap().iter().find(|s| s["kind"] == "block").unwrap();
+    let bytes = std::fs::metadata(path("own.map")).unwrap().len();
+    assert!(
+        sent["bytes"].as_u64().unwrap() < 3 * bytes,
+        "{sent} for a map of {bytes} bytes, {version} times"
+    );
+    // What is missing is usage.
+    let alone = cairn(&["run", world, "--peer", &base]);
+    assert_eq!(alone.status.code(), Some(2), "{}", stderr(&alone));
+    assert_eq!(cairn(&["run", world, "--team", "t"]).status.code(), Some(2));
+}
+
+fn json_if_there(output: &std::process::Output) -> Option<Value> {
+    output.status.success().then(|| json(output))
+}
+
+#[test]
+fn what_cannot_be_shared_is_said_in_one_line() {
+    let folder = folder("team-join-wrong");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (own, out) = (path("own.map"), path("all.map"));
+    fails(&["team", "status", &out], &["all.map.team.json"]);
+    let onto_itself = cairn(&["team", "join", &own, "--robot", "1", "--out", &own, "--for", "0"]);
+    assert_eq!(onto_itself.status.code(), Some(2), "{}", stderr(&onto_itself));
+    assert!(stderr(&onto_itself).contains("is the same file as MAP"), "{}", stderr(&onto_itself));
+    let join = ["team", "join", &own, "--robot", "1", "--out", &out, "--for", "0"];
+    fails(&[&join[..], &["--listen", "127.0.0.1:99999"]].concat(), &["--listen 127.0.0.1:99999"]);
+    std::fs::write(path("secret"), "short").unwrap();
+    fails(&[&join[..], &["--secret", &path("secret")]].concat(), &["it has 5 bytes"]);
+    std::fs::write(path("own.map.robot-key"), "no key").unwrap();
+    fails(&join, &["own.map.robot-key", "a key has 32 bytes"]);
 }

@@ -4,14 +4,19 @@ use super::seal::{Identity, hash, is_signed};
 use crate::{MAX_ROBOTS, Refused, RobotId};
 use serde::{Deserialize, Serialize};
 
-/// Bytes of a block; the last one of a part may be shorter.
+/// Greatest length of a block, in bytes.
 pub const BLOCK_BYTES: usize = 64 << 10;
+/// Greatest number of blocks of a part.
+pub(super) const MAX_BLOCKS: usize = 4096;
+/// Bytes of a block in a manifest: its hash, and its length as a varint.
+const ENTRY_BYTES: usize = 16 + 3;
 /// Greatest length of what a robot publishes, in bytes.
 pub const MAX_PART_BYTES: usize = 64 << 20;
 /// Greatest length of a message between peers, in bytes.
-pub const MAX_PEER_MESSAGE_BYTES: usize = BLOCK_BYTES + 1024;
-/// Blocks asked for at once.
-pub(super) const WINDOW: usize = 16;
+pub const MAX_PEER_MESSAGE_BYTES: usize = MAX_BLOCKS * ENTRY_BYTES + 1024;
+/// Blocks that may be on their way from one peer, by number and bytes.
+pub(super) const WINDOW: usize = 48;
+pub(super) const WINDOW_BYTES: usize = 1 << 20;
 
 /// A version of what a robot published: its number, and of versions with one number (a robot restored from a copy) the
 /// hash decides, so that everyone chooses the same.
@@ -72,7 +77,7 @@ impl PeerMessage {
             Body::Have(known) => known.len() <= MAX_ROBOTS,
             Body::Want { blocks, .. } => blocks.len() <= WINDOW,
             Body::Block { bytes, .. } => bytes.len() <= BLOCK_BYTES,
-            Body::Manifest(_) => true,
+            Body::Manifest(manifest) => manifest.blocks.len() <= MAX_BLOCKS,
         };
         if rest.is_empty() && sound { Ok(message) } else { Err(Refused::Encoding) }
     }
@@ -83,19 +88,18 @@ impl PeerMessage {
 pub(super) struct Manifest {
     pub robot: RobotId,
     pub version: u32,
-    pub length: u32,
-    pub blocks: Vec<[u8; 16]>,
+    /// Hash and length of each block.
+    pub blocks: Vec<([u8; 16], u32)>,
     pub key: [u8; 32],
     pub signature: Vec<u8>,
 }
 
 impl Manifest {
-    pub fn new(identity: &Identity, version: u32, bytes: &[u8]) -> Self {
+    pub fn new(identity: &Identity, version: u32, blocks: &[&[u8]]) -> Self {
         let mut manifest = Self {
             robot: identity.robot(),
             version,
-            length: bytes.len() as u32,
-            blocks: bytes.chunks(BLOCK_BYTES).map(hash).collect(),
+            blocks: blocks.iter().map(|block| (hash(block), block.len() as u32)).collect(),
             key: identity.public(),
             signature: Vec::new(),
         };
@@ -108,8 +112,10 @@ impl Manifest {
         let mut bytes = b"cairn part".to_vec();
         bytes.extend(self.robot.to_le_bytes());
         bytes.extend(self.version.to_le_bytes());
-        bytes.extend(self.length.to_le_bytes());
-        bytes.extend(self.blocks.as_flattened());
+        for (hash, length) in &self.blocks {
+            bytes.extend(hash);
+            bytes.extend(length.to_le_bytes());
+        }
         bytes
     }
 
@@ -118,12 +124,12 @@ impl Manifest {
     }
 
     pub fn check(&self) -> Result<(), Refused> {
-        let length = self.length as usize;
-        if length == 0 || self.blocks.len() != length.div_ceil(BLOCK_BYTES) {
-            return Err(Refused::Inconsistent("its blocks do not make up its length"));
+        let fits = |(_, length): &([u8; 16], u32)| (1..=BLOCK_BYTES).contains(&(*length as usize));
+        if self.blocks.is_empty() || !self.blocks.iter().all(fits) {
+            return Err(Refused::Inconsistent("its blocks do not make up a map"));
         }
-        if length > MAX_PART_BYTES {
-            return Err(Refused::TooLong(length));
+        if self.length() > MAX_PART_BYTES {
+            return Err(Refused::TooLong(self.length()));
         }
         match is_signed(&self.key, &self.signed(), &self.signature) {
             true => Ok(()),
@@ -131,8 +137,8 @@ impl Manifest {
         }
     }
 
-    /// Length of a block in bytes.
-    pub fn block_length(&self, index: usize) -> usize {
-        (self.length as usize).saturating_sub(index * BLOCK_BYTES).min(BLOCK_BYTES)
+    /// Length in bytes.
+    pub fn length(&self) -> usize {
+        self.blocks.iter().map(|(_, length)| *length as usize).sum()
     }
 }

@@ -22,7 +22,7 @@ pub use seal::{Identity, IdentityError, TeamKey};
 pub use traffic::{Amount, Traffic};
 
 use crate::{MAX_ROBOTS, Refused, RobotId};
-use message::{Body, Manifest, PeerMessage, Stamp};
+use message::{Body, MAX_BLOCKS, Manifest, PeerMessage, Stamp};
 use part::Part;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -32,6 +32,9 @@ const MAX_HELD_BYTES: usize = 512 << 20;
 
 /// A peer that said nothing for this many ticks is taken for gone: nothing is expected from it.
 const SILENT_TICKS: usize = 6;
+
+/// A manifest is not sent again to the same peer within so many ticks.
+const OFFER_TICKS: usize = 4;
 
 /// Where a message goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,6 +86,8 @@ pub struct Peer {
     /// The key that each robot signed with first; any other is refused.
     keys: BTreeMap<RobotId, [u8; 32]>,
     heard: BTreeMap<RobotId, Heard>,
+    /// Which manifest was sent to whom last, of which robot, and at which tick.
+    offered: BTreeMap<(RobotId, RobotId), (Stamp, usize)>,
     ticks: usize,
     traffic: Traffic,
 }
@@ -98,6 +103,7 @@ impl Peer {
             coming: BTreeMap::new(),
             keys,
             heard: BTreeMap::new(),
+            offered: BTreeMap::new(),
             ticks: 0,
             traffic: Traffic::default(),
         }
@@ -114,24 +120,45 @@ impl Peer {
     /// # Errors
     /// When it is empty or too long ([`MAX_PART_BYTES`]).
     pub fn publish(&mut self, bytes: &[u8]) -> Result<u32, Refused> {
+        self.publish_pieces(bytes, &[bytes.len()])
+    }
+
+    /// As [`Peer::publish`], for bytes made of pieces of these lengths, of which later versions have many in common: a
+    /// piece that others already have is not sent again.
+    ///
+    /// # Errors
+    /// As [`Peer::publish`], and when the pieces do not make up the bytes or are too many.
+    pub fn publish_pieces(&mut self, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {
         if bytes.is_empty() || bytes.len() > MAX_PART_BYTES {
             return Err(Refused::TooLong(bytes.len()));
+        }
+        let mut blocks: Vec<&[u8]> = Vec::new();
+        let mut rest = bytes;
+        for length in lengths {
+            let (piece, after) = rest
+                .split_at_checked(*length)
+                .ok_or(Refused::Inconsistent("its pieces are longer than it"))?;
+            blocks.extend(piece.chunks(BLOCK_BYTES));
+            rest = after;
+        }
+        if !rest.is_empty() || blocks.len() > MAX_BLOCKS {
+            return Err(Refused::Inconsistent("its pieces do not make it up, or are too many"));
         }
         let robot = self.robot();
         let before = self.parts.get(&robot).map_or(0, |part| part.manifest.version);
         let version = before.max(self.coming.get(&robot).map_or(0, |part| part.manifest.version));
         let same = self.parts.get(&robot).filter(|part| {
-            let m = Manifest::new(&self.identity, part.manifest.version, bytes);
+            let m = Manifest::new(&self.identity, part.manifest.version, &blocks);
             part.manifest.version == version && m.stamp() == part.stamp
         });
         if same.is_some() {
             return Ok(version);
         }
-        Ok(self.publish_as(version.saturating_add(1), bytes))
+        Ok(self.publish_as(version.saturating_add(1), &blocks))
     }
 
-    fn publish_as(&mut self, version: u32, bytes: &[u8]) -> u32 {
-        let part = Part::whole(Manifest::new(&self.identity, version, bytes), bytes);
+    fn publish_as(&mut self, version: u32, blocks: &[&[u8]]) -> u32 {
+        let part = Part::whole(Manifest::new(&self.identity, version, blocks), blocks);
         self.coming.remove(&self.robot());
         self.parts.insert(self.robot(), part);
         version
@@ -147,8 +174,10 @@ impl Peer {
             let holders = holders(&self.heard, self.ticks, *robot, part.stamp);
             // Another one each time: the one asked before may not hear.
             let Some(from) = holders.get(self.ticks % holders.len().max(1)) else { continue };
-            let blocks = part.next();
-            wants.push((*from, Body::Want { robot: *robot, stamp: part.stamp, blocks }));
+            let blocks = part.next(self.ticks);
+            if !blocks.is_empty() {
+                wants.push((*from, Body::Want { robot: *robot, stamp: part.stamp, blocks }));
+            }
         }
         out.extend(wants.into_iter().map(|(from, want)| self.message(To::Robot(from), want)));
         out
@@ -204,7 +233,7 @@ impl Peer {
         let holding = |p: &Part| Holding {
             robot: p.manifest.robot,
             version: p.manifest.version,
-            bytes: p.manifest.length as usize,
+            bytes: p.manifest.length(),
         };
         self.parts.values().map(move |part| (holding(part), part.bytes()))
     }
@@ -233,7 +262,7 @@ impl Peer {
 
     /// Bytes held, complete or not.
     pub fn held_bytes(&self) -> usize {
-        self.parts.values().chain(self.coming.values()).map(|part| part.manifest.length as usize).sum()
+        self.parts.values().chain(self.coming.values()).map(|part| part.manifest.length()).sum()
     }
 
     fn message(&self, to: To, body: Body) -> Outgoing {
@@ -247,7 +276,17 @@ impl Peer {
     fn compare(&mut self, from: RobotId, have: Vec<(RobotId, Stamp)>) -> Vec<Outgoing> {
         let have: BTreeMap<RobotId, Stamp> = have.into_iter().collect();
         let newer = self.parts.iter().filter(|(robot, part)| have.get(robot).is_none_or(|s| *s < part.stamp));
-        let manifests: Vec<Manifest> = newer.map(|(_, part)| part.manifest.clone()).collect();
+        let (now, offered) = (self.ticks, &mut self.offered);
+        let due = |(robot, part): &(&RobotId, &Part)| {
+            let last = offered.insert((from, **robot), (part.stamp, now));
+            // A peer may still be fetching what it was offered.
+            let waits = last.filter(|(stamp, tick)| *stamp == part.stamp && now - tick < OFFER_TICKS);
+            waits.is_none_or(|last| {
+                offered.insert((from, **robot), last);
+                false
+            })
+        };
+        let manifests: Vec<Manifest> = newer.filter(due).map(|(_, part)| part.manifest.clone()).collect();
         self.heard.entry(from).or_default().has = have;
         manifests.into_iter().map(|m| self.message(To::Robot(from), Body::Manifest(m))).collect()
     }
@@ -273,8 +312,8 @@ impl Peer {
         if self.coming.get(&robot).is_some_and(better) {
             return Ok(Vec::new());
         }
-        let replaced = self.coming.get(&robot).map_or(0, |part| part.manifest.length as usize);
-        if self.held_bytes() - replaced + manifest.length as usize > MAX_HELD_BYTES {
+        let replaced = self.coming.get(&robot).map_or(0, |part| part.manifest.length());
+        if self.held_bytes() - replaced + manifest.length() > MAX_HELD_BYTES {
             return Err(Refused::TooMuch(MAX_HELD_BYTES));
         }
         self.keys.insert(robot, manifest.key);
@@ -282,8 +321,8 @@ impl Peer {
             && let Some(own) = self.parts.get(&robot)
         {
             // Published before this robot was started again: what it has now is newer.
-            let bytes = own.bytes();
-            self.publish_as(stamp.0.saturating_add(1), &bytes);
+            let own = own.clone();
+            self.publish_as(stamp.0.saturating_add(1), &own.blocks());
             return Ok(Vec::new());
         }
         let before = [self.parts.get(&robot), self.coming.get(&robot)];
@@ -329,10 +368,11 @@ impl Peer {
             }
             return Vec::new();
         }
-        if !part.is_idle() {
+        let blocks = if part.has_room() { part.next(self.ticks) } else { Vec::new() };
+        if blocks.is_empty() {
             return Vec::new();
         }
-        let want = Body::Want { robot, stamp: part.stamp, blocks: part.next() };
+        let want = Body::Want { robot, stamp: part.stamp, blocks };
         vec![self.message(To::Robot(from), want)]
     }
 }

@@ -1,9 +1,12 @@
 //! What a robot published, as far as it has arrived.
 
-use super::message::{Manifest, Stamp, WINDOW};
+use super::message::{Manifest, Stamp, WINDOW, WINDOW_BYTES};
 use super::seal::hash;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
+
+/// A block that did not come within so many ticks is asked for again, of another peer.
+const PATIENCE_TICKS: usize = 5;
 
 #[derive(Clone, Debug)]
 pub(super) struct Part {
@@ -11,8 +14,8 @@ pub(super) struct Part {
     pub stamp: Stamp,
     blocks: Vec<Option<Arc<Vec<u8>>>>,
     missing: usize,
-    /// Blocks that were asked for and have not come yet.
-    asked: BTreeSet<u16>,
+    /// Blocks that were asked for and have not come yet, and at which tick.
+    asked: BTreeMap<u16, usize>,
 }
 
 impl Part {
@@ -21,18 +24,18 @@ impl Part {
         let mut known = BTreeMap::new();
         for part in before {
             let with_hash = part.manifest.blocks.iter().zip(&part.blocks);
-            known.extend(with_hash.filter_map(|(hash, block)| Some((*hash, block.clone()?))));
+            known.extend(with_hash.filter_map(|(entry, block)| Some((*entry, block.clone()?))));
         }
-        let blocks: Vec<_> = manifest.blocks.iter().map(|hash| known.get(hash).cloned()).collect();
+        let blocks: Vec<_> = manifest.blocks.iter().map(|entry| known.get(entry).cloned()).collect();
         let missing = blocks.iter().filter(|b| b.is_none()).count();
         let stamp = manifest.stamp();
-        Self { manifest, stamp, blocks, missing, asked: BTreeSet::new() }
+        Self { manifest, stamp, blocks, missing, asked: BTreeMap::new() }
     }
 
-    pub fn whole(manifest: Manifest, bytes: &[u8]) -> Self {
-        let blocks = bytes.chunks(super::BLOCK_BYTES).map(|b| Some(Arc::new(b.to_vec()))).collect();
+    pub fn whole(manifest: Manifest, blocks: &[&[u8]]) -> Self {
+        let blocks = blocks.iter().map(|b| Some(Arc::new(b.to_vec()))).collect();
         let stamp = manifest.stamp();
-        Self { manifest, stamp, blocks, missing: 0, asked: BTreeSet::new() }
+        Self { manifest, stamp, blocks, missing: 0, asked: BTreeMap::new() }
     }
 
     pub fn is_complete(&self) -> bool {
@@ -43,6 +46,11 @@ impl Part {
         self.blocks.get(usize::from(index))?.as_ref()
     }
 
+    /// The blocks that are there.
+    pub fn blocks(&self) -> Vec<&[u8]> {
+        self.blocks.iter().flatten().map(|block| &block[..]).collect()
+    }
+
     pub fn bytes(&self) -> Vec<u8> {
         self.blocks.iter().flatten().flat_map(|block| block.iter().copied()).collect()
     }
@@ -51,27 +59,45 @@ impl Part {
     pub fn put(&mut self, index: u16, bytes: Vec<u8>) -> bool {
         let k = usize::from(index);
         let Some(expected) = self.manifest.blocks.get(k) else { return false };
-        if bytes.len() != self.manifest.block_length(k) || hash::<16>(&bytes) != *expected {
+        if (hash::<16>(&bytes), bytes.len() as u32) != *expected {
             return false;
         }
         self.asked.remove(&index);
-        if let Some(slot @ None) = self.blocks.get_mut(k) {
-            *slot = Some(Arc::new(bytes));
-            self.missing -= 1;
+        // The same block may be needed in several places.
+        let bytes = Arc::new(bytes);
+        for (slot, entry) in self.blocks.iter_mut().zip(&self.manifest.blocks) {
+            if entry == expected && slot.is_none() {
+                *slot = Some(bytes.clone());
+                self.missing -= 1;
+            }
         }
         true
     }
 
-    /// Whether nothing that was asked for is still to come.
-    pub fn is_idle(&self) -> bool {
-        self.asked.is_empty()
+    /// The next blocks to ask for: those that nobody was asked for, or that did not come for long, as long as not too many
+    /// are on their way.
+    pub fn next(&mut self, now: usize) -> Vec<u16> {
+        let (asked, blocks) = (&mut self.asked, &self.blocks);
+        let is_missing = |k: u16| blocks.get(usize::from(k)).is_some_and(Option::is_none);
+        asked.retain(|k, tick| is_missing(*k) && now.saturating_sub(*tick) < PATIENCE_TICKS);
+        let length = |k: u16| self.manifest.blocks.get(usize::from(k)).map_or(0, |(_, n)| *n as usize);
+        let mut bytes: usize = asked.keys().map(|k| length(*k)).sum();
+        let mut next = Vec::new();
+        for k in (0..blocks.len()).filter_map(|k| u16::try_from(k).ok()) {
+            if asked.len() >= WINDOW || bytes >= WINDOW_BYTES {
+                break;
+            }
+            if is_missing(k) && !asked.contains_key(&k) {
+                asked.insert(k, now);
+                bytes += length(k);
+                next.push(k);
+            }
+        }
+        next
     }
 
-    /// The next blocks to ask for. Those that did not come are asked for again.
-    pub fn next(&mut self) -> Vec<u16> {
-        let missing = self.blocks.iter().enumerate().filter(|(_, block)| block.is_none());
-        let next: Vec<u16> = missing.filter_map(|(k, _)| u16::try_from(k).ok()).take(WINDOW).collect();
-        self.asked = next.iter().copied().collect();
-        next
+    /// Whether so few are on their way that the next can be asked for.
+    pub fn has_room(&self) -> bool {
+        2 * self.asked.len() <= WINDOW
     }
 }

@@ -2,6 +2,7 @@
 
 use super::say::Say;
 use super::sensor::Sensor;
+use crate::commands::team::join::Reach;
 use crate::speaking::{Speaking, between};
 use cairn_guide::Facing;
 use cairn_sources::{NamedTopic, SourceKind};
@@ -10,6 +11,7 @@ use std::path::PathBuf;
 const SOURCE: &str = "Source and calibration";
 const RESULTS: &str = "Results";
 const MAPS: &str = "Maps";
+const TEAM: &str = "Team";
 const ROUTES: &str = "Routes and guidance";
 const SPEECH: &str = crate::speaking::HEADING;
 const RUNNING: &str = "How it runs";
@@ -102,6 +104,15 @@ pub struct Arguments {
     /// renaming anything.
     #[arg(help_heading = MAPS, long, value_name = "N")]
     pub robot: Option<u16>,
+    /// Shares the map with the other robots of this team while it grows, each time --map-out is saved; --team-map becomes
+    /// the atlas of all. See cairn team status.
+    #[arg(help_heading = TEAM, long, value_name = "NAME", requires_all = ["robot", "map_out", "team_map"])]
+    pub team: Option<String>,
+    /// With --team: the atlas of all robots; beside it OUT.team.json, which cairn team status shows.
+    #[arg(help_heading = TEAM, long, value_name = "OUT.map", requires = "team")]
+    pub team_map: Option<PathBuf>,
+    #[command(flatten)]
+    pub reach: Reach,
     /// Keeps the depth of key frames, and saves it with the map of --map-out: about 0.2 MB each at 640x480. A map that
     /// has depth goes on with it; --mesh keeps it too. See cairn mesh.
     #[arg(help_heading = MAPS, long)]

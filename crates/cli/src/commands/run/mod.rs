@@ -21,6 +21,7 @@ mod surface;
 mod tally;
 
 use super::given::{read_config, rig_of};
+use super::team::join::Sharing;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::map_lock::MapLock;
@@ -113,6 +114,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         lines.update(&session.engine_status(), session.age());
     }
     begin(&mut session, a, &outputs, map_in.as_ref())?;
+    let sharing = sharing(a, &outputs)?;
     if interrupt::requested() {
         return Err(Failure::new("the run", "interrupted before its first frame", "start it again"));
     }
@@ -175,12 +177,14 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     warn_of_skipped(&skipped);
     let closed = session.close().map_err(|why| Failure::new("recording", why, "free some space on the disk"));
     let saved = saver.end(&session, dense.as_mut());
+    let shared = sharing.map_or(Ok(()), Sharing::end);
     // Nothing above or below keeps the rest from being written; all failures are reported together.
     let driven = driven.map(drop).map_err(Failure::from);
-    let mut failures: Vec<Failure> = [driven, voice_ended, closed, saved, events, mcap, rerun, journal_ended]
-        .into_iter()
-        .filter_map(Result::err)
-        .collect();
+    let mut failures: Vec<Failure> =
+        [driven, voice_ended, closed, saved, shared, events, mcap, rerun, journal_ended]
+            .into_iter()
+            .filter_map(Result::err)
+            .collect();
     let engine = session.engine();
     let interrupted = interrupt::requested();
     let mut report = tally.report(engine, &FileConfig { engine: config, route: settings }, &skips);
@@ -206,6 +210,21 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     }
     Failure::all(failures)?;
     output.result(&ended, |ended| tally::text(ended, a.realtime || live))
+}
+
+/// Begins to share the map with the team, where --team asks for it.
+fn sharing(a: &Arguments, outputs: &Outputs) -> Result<Option<Sharing>, Failure> {
+    let Some(team) = &a.team else {
+        let given = !a.reach.peer.is_empty() || a.reach.listen.is_some() || a.reach.secret.is_some();
+        return match given {
+            true => Err(Failure::usage("--peer, --listen and --secret", "need --team", "add --team NAME")),
+            false => Ok(None),
+        };
+    };
+    match (a.robot, outputs.file("--map-out"), outputs.file("--team-map")) {
+        (Some(robot), Some(map), Some(out)) => Sharing::begin(robot, team, &a.reach, map, out).map(Some),
+        _ => Err(Failure::usage("--team", "needs --robot, --map-out and --team-map", "add them")),
+    }
 }
 
 fn session_config(a: &Arguments, outputs: &Outputs, live: bool, route: RouteConfig) -> SessionConfig {

@@ -42,6 +42,7 @@ pub fn checked(a: &Arguments) -> Result<Outputs, Failure> {
         .output("--mesh", a.mesh.as_deref())
         .output("--journal", a.journal.as_deref())
         .output("--say wav:", wav)
+        .output_map("--team-map", a.team_map.as_deref())
         .output_map_over("--map-out", a.map_out.as_deref(), "--map-in")
         .output_kept("--record", a.record.as_deref())
         .checked()?;

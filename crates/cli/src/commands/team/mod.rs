@@ -1,11 +1,13 @@
-//! `cairn team`: several robots with one graph.
+//! `cairn team`: several robots with one graph, or one atlas.
 
 mod graph;
+pub mod join;
+pub mod status;
 
 use crate::failure::Failure;
 use crate::output::Output;
 
-/// Several robots with one graph.
+/// Several robots with one graph, or one atlas.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -15,6 +17,8 @@ pub struct Arguments {
 #[derive(clap::Subcommand)]
 enum Command {
     Graph(graph::Arguments),
+    Join(join::Arguments),
+    Status(status::Arguments),
 }
 
 /// Runs the subcommand.
@@ -24,5 +28,7 @@ enum Command {
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     match &arguments.command {
         Command::Graph(arguments) => graph::run(arguments, output),
+        Command::Join(arguments) => join::run(arguments, output),
+        Command::Status(arguments) => status::run(arguments, output),
     }
 }

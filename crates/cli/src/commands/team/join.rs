@@ -1,0 +1,340 @@
+//! `cairn team join`: shares a saved map, as it grows, with other robots, and keeps the atlas of all of them.
+
+use super::status::{Shown, Status};
+use crate::commands::map::failed;
+use crate::failure::Failure;
+use crate::interrupt;
+use crate::map_lock::MapLock;
+use crate::output::{Output, note, warn};
+use crate::outputs::Outputs;
+use cairn::team::RobotId;
+use cairn::team::peer::{Identity, Peer, TeamKey};
+use cairn::{Config, SharedAtlas, own_map, shared_atlas};
+use cairn_atlas::store::pieces;
+use cairn_files::MIB;
+use cairn_wire::Member;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant, SystemTime};
+
+/// Shares a saved map with other robots, and keeps one atlas of all their maps.
+///
+/// For a walk of another program than cairn run --team: each time the map is saved, the others get it. They need not be
+/// reached all at once: whoever has a robot's map passes it on. The atlas of all is written to --out whenever something
+/// new has come, and is the same file on every robot that has the same maps. Ends with Ctrl-C.
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// The map of this robot; it need not exist yet.
+    map: PathBuf,
+    /// The number of this robot, as in cairn run --robot.
+    #[arg(long, value_name = "N")]
+    robot: RobotId,
+    /// The name of the team; robots of other teams are not heard.
+    #[arg(long, value_name = "NAME", default_value = "cairn")]
+    team: String,
+    #[command(flatten)]
+    reach: Reach,
+    /// The atlas of all robots; beside it OUT.team.json, which cairn team status shows.
+    #[arg(long, value_name = "OUT.map")]
+    out: PathBuf,
+    /// Replace the atlas of an earlier time.
+    #[arg(long)]
+    overwrite: bool,
+    /// Ends after this many seconds.
+    #[arg(long = "for", value_name = "S", value_parser = seconds)]
+    time: Option<f64>,
+}
+
+/// How the other robots are reached.
+#[derive(clap::Args, Clone)]
+pub struct Reach {
+    /// A file with a secret that only the robots of the team have; without it anybody who knows the name of the team can
+    /// take part.
+    #[arg(help_heading = "Team", long, value_name = "FILE")]
+    pub secret: Option<PathBuf>,
+    /// The address at which other robots reach this one [default: 0.0.0.0:7450].
+    #[arg(help_heading = "Team", long, value_name = "HOST:PORT")]
+    pub listen: Option<String>,
+    /// The address of another robot; may be repeated. One that is away is tried again twice a second.
+    #[arg(help_heading = "Team", long, value_name = "HOST:PORT")]
+    pub peer: Vec<String>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if (0.0..=1e9).contains(&s) => Ok(s),
+        _ => Err("must be a number of seconds".into()),
+    }
+}
+
+/// How long messages are exchanged before files are looked at again.
+const STEP: Duration = Duration::from_millis(500);
+
+/// At the end, how long is waited for the others to get the last map.
+const LAST: Duration = Duration::from_secs(10);
+
+/// Shares until interrupted or the time is over.
+///
+/// # Errors
+/// When a file cannot be read or written, or the address cannot be listened on.
+pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
+    // The map need not exist yet, and is not written here; its place is checked like that of an output.
+    let outputs = Outputs::new(a.overwrite).output_kept("MAP", Some(&a.map));
+    let outputs = outputs.output_map("--out", Some(&a.out)).checked()?;
+    let out = outputs.file("--out").unwrap_or(&a.out).to_owned();
+    let _lock = MapLock::take(&out)?;
+    let mut robot = Robot::open(a.robot, &a.team, &a.reach, &a.map, out)?;
+    interrupt::in_order();
+    let began = Instant::now();
+    let ends = |began: Instant| a.time.is_some_and(|s| began.elapsed().as_secs_f64() >= s);
+    while !interrupt::requested() && !ends(began) {
+        robot.step()?;
+    }
+    robot.finish()?;
+    output.result(&robot.status(), Status::text)
+}
+
+/// The map of a run, shared on a thread of its own while it grows.
+pub struct Sharing {
+    ends: Arc<AtomicBool>,
+    thread: JoinHandle<Result<(), Failure>>,
+}
+
+impl Sharing {
+    /// Begins to share the map of this robot; `out` becomes the atlas of all.
+    ///
+    /// # Errors
+    /// When a file cannot be read, or the address cannot be listened on.
+    pub fn begin(robot: RobotId, team: &str, reach: &Reach, map: &Path, out: &Path) -> Result<Self, Failure> {
+        let lock = MapLock::take(out)?;
+        let mut robot = Robot::open(robot, team, reach, map, out.to_owned())?;
+        let ends = Arc::new(AtomicBool::new(false));
+        let ended = ends.clone();
+        let share = move || {
+            let _lock = lock;
+            while !ended.load(Ordering::SeqCst) {
+                robot.step()?;
+            }
+            robot.until_heard()?;
+            robot.finish()
+        };
+        let thread = std::thread::Builder::new().name("team-share".into()).spawn(share);
+        let thread = thread
+            .map_err(|e| Failure::new("--team", e.to_string(), "close other programs and try again"))?;
+        Ok(Self { ends, thread })
+    }
+
+    /// Shares the last map, and ends when the others that are reached have it.
+    ///
+    /// # Errors
+    /// When the atlas cannot be written.
+    pub fn end(self) -> Result<(), Failure> {
+        self.ends.store(true, Ordering::SeqCst);
+        let stopped = || Failure::new("--team", "sharing stopped", "see the lines above");
+        self.thread.join().unwrap_or_else(|_| Err(stopped()))
+    }
+}
+
+/// The identity of a robot: its key is in a file beside the map, made the first time.
+fn identity(robot: RobotId, map: &Path) -> Result<Identity, Failure> {
+    let path = beside(map, "robot-key");
+    let shown = path.display().to_string();
+    let fail = |why: String| {
+        Failure::new(&shown, why, "give the file back that was there, or remove it and take a new --robot")
+    };
+    let seed = if path.exists() {
+        let bytes = cairn_files::read(&path, 32).map_err(|e| fail(e.to_string()))?;
+        <[u8; 32]>::try_from(bytes).map_err(|b| fail(format!("a key has 32 bytes, it has {}", b.len())))?
+    } else {
+        let seed = Identity::new_seed().map_err(|e| fail(e.to_string()))?;
+        write_secret(&path, &seed).map_err(|e| Failure::new(&shown, e.to_string(), "check its folder"))?;
+        seed
+    };
+    Identity::from_seed(robot, &seed).map_err(|e| fail(e.to_string()))
+}
+
+/// Writes a file that only its owner can read; never over one that exists.
+fn write_secret(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut options = std::fs::File::options();
+    options.write(true).create_new(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    std::io::Write::write_all(&mut options.open(path)?, bytes)
+}
+
+fn team_key(team: &str, secret_file: Option<&Path>) -> Result<TeamKey, Failure> {
+    let mut secret = team.as_bytes().to_vec();
+    if let Some(path) = secret_file {
+        let fail = |why: String| {
+            Failure::new(path.display().to_string(), why, "give a file with at least 16 bytes of secret")
+        };
+        let bytes = cairn_files::read(path, MIB).map_err(|e| fail(e.to_string()))?;
+        if bytes.len() < 16 {
+            return Err(fail(format!("it has {} bytes", bytes.len())));
+        }
+        secret.push(0);
+        secret.extend(bytes);
+    }
+    Ok(TeamKey::new(&secret))
+}
+
+/// `NAME.EXTENSION` beside a file.
+pub(super) fn beside(path: &Path, extension: &str) -> PathBuf {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".");
+    name.push(extension);
+    path.with_file_name(name)
+}
+
+/// This robot with its files.
+struct Robot {
+    member: Member,
+    map: PathBuf,
+    out: PathBuf,
+    /// The map file as it was read last.
+    seen: Option<(SystemTime, u64)>,
+    /// What became of the maps, and of which (by the digest).
+    atlas: Option<Shown>,
+    digest: [u8; 8],
+    /// The maps being joined, on a thread of their own: the others go on being heard.
+    work: Option<JoinHandle<([u8; 8], Option<SharedAtlas>)>>,
+    /// The version of each robot's map, as it was said last.
+    heard: BTreeMap<RobotId, u32>,
+}
+
+impl Robot {
+    fn open(robot: RobotId, team: &str, reach: &Reach, map: &Path, out: PathBuf) -> Result<Self, Failure> {
+        let peer = Peer::new(identity(robot, map)?, team_key(team, reach.secret.as_deref())?);
+        let listen = reach.listen.as_deref().unwrap_or("0.0.0.0:7450");
+        let member = Member::open(peer, listen, &reach.peer).map_err(|e| {
+            Failure::new(format!("--listen {listen}"), e.to_string(), "choose another address or port")
+        })?;
+        note(&format!("robot {robot} of team {team} listens on {}", member.address()));
+        Ok(Self {
+            member,
+            map: map.to_owned(),
+            out,
+            seen: None,
+            atlas: None,
+            digest: [0; 8],
+            work: None,
+            heard: BTreeMap::new(),
+        })
+    }
+
+    /// Goes on until all robots that are reached have the last map, or it takes too long.
+    fn until_heard(&mut self) -> Result<(), Failure> {
+        let until = Instant::now() + LAST;
+        loop {
+            self.step()?;
+            let peer = self.member.peer();
+            let own = peer.parts().find(|(h, _)| h.robot == peer.robot()).map(|(h, _)| h.version);
+            let reached: Vec<RobotId> = self.member.reached().collect();
+            let has = |r: &RobotId| {
+                peer.heard().any(|(other, has)| other == *r && has.get(&peer.robot()).copied() == own)
+            };
+            if own.is_none() || reached.iter().all(has) || Instant::now() > until || interrupt::requested() {
+                return Ok(());
+            }
+        }
+    }
+
+    fn step(&mut self) -> Result<(), Failure> {
+        self.publish();
+        self.member.step(STEP).iter().for_each(|line| warn(line));
+        for (holding, _) in self.member.peer().parts() {
+            if self.heard.insert(holding.robot, holding.version) != Some(holding.version) {
+                let megabytes = holding.bytes as f64 / 1e6;
+                note(&format!("robot {}: version {}, {megabytes:.3} MB", holding.robot, holding.version));
+            }
+        }
+        if self.work.as_ref().is_some_and(JoinHandle::is_finished) {
+            self.take_over()?;
+        }
+        if self.work.is_none() && !self.member.peer().is_fetching() {
+            self.begin_join();
+        }
+        self.write_status()
+    }
+
+    /// Publishes the map if its file has changed.
+    fn publish(&mut self) {
+        let Ok(about) = std::fs::metadata(&self.map) else { return };
+        let Ok(at) = about.modified() else { return };
+        if self.seen == Some((at, about.len())) {
+            return;
+        }
+        self.seen = Some((at, about.len()));
+        let shown = self.map.display();
+        let most = cairn::team::peer::MAX_PART_BYTES as u64;
+        let bytes = match cairn_files::read(&self.map, most) {
+            Ok(bytes) => bytes,
+            Err(e) => return warn(&format!("{shown} is not shared: {e}")),
+        };
+        let robot = self.member.peer().robot();
+        let published = own_map(robot, &bytes).and_then(|_| {
+            let pieces = pieces::cut(&bytes).map_err(|e| e.to_string())?;
+            let peer = self.member.peer_mut();
+            peer.publish_pieces(&pieces.bytes, &pieces.lengths).map_err(|e| e.to_string())
+        });
+        if let Err(why) = published {
+            warn(&format!("{shown} is not shared: {why}; it must be made by cairn run --robot {robot}"));
+        }
+    }
+
+    /// Starts to join the maps if they are others than last time.
+    fn begin_join(&mut self) {
+        let peer = self.member.peer();
+        let digest = peer.digest();
+        if digest == self.digest || peer.parts().next().is_none() {
+            return;
+        }
+        let parts: BTreeMap<RobotId, Vec<u8>> = peer.parts().map(|(h, bytes)| (h.robot, bytes)).collect();
+        let join = move || (digest, shared_atlas(&parts, &Config::default()));
+        self.work = std::thread::Builder::new().name("team-join".into()).spawn(join).ok();
+    }
+
+    /// Writes the atlas that was made.
+    fn take_over(&mut self) -> Result<(), Failure> {
+        let Some(Ok((digest, atlas))) = self.work.take().map(JoinHandle::join) else {
+            return Err(Failure::new("the atlas", "joining the maps failed", "see the lines above"));
+        };
+        self.digest = digest;
+        let Some(atlas) = atlas else { return Ok(()) };
+        atlas.merged.file.save(&self.out).map_err(|e| failed(&self.out, &e))?;
+        let shown = Shown::of(&atlas, digest);
+        note(&shown.line());
+        self.atlas = Some(shown);
+        Ok(())
+    }
+
+    /// Joins what came last.
+    fn finish(&mut self) -> Result<(), Failure> {
+        if self.work.is_some() {
+            self.take_over()?;
+        }
+        self.begin_join();
+        if self.work.is_some() {
+            self.take_over()?;
+        }
+        self.write_status()
+    }
+
+    fn status(&self) -> Status {
+        Status::of(&self.member, self.atlas.clone())
+    }
+
+    fn write_status(&self) -> Result<(), Failure> {
+        let path = beside(&self.out, "team.json");
+        let fail = |e: std::io::Error| {
+            Failure::new(path.display().to_string(), e.to_string(), "check that the disk has room")
+        };
+        let text = serde_json::to_string_pretty(&self.status()).map_err(|e| fail(e.into()))?;
+        // Replaced whole, so that nobody reads half of it.
+        let new = beside(&self.out, "team.json.new");
+        std::fs::write(&new, text).and_then(|()| std::fs::rename(&new, &path)).map_err(fail)
+    }
+}
