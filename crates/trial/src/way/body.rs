@@ -4,14 +4,12 @@
 //! The walker detects obstacles ahead with a cane and slides along them, on the side with more room, without turning:
 //! the announced heading is kept. Where that does not help, the walker stops and waits for an announcement.
 
-use super::obstacles::Obstacles;
+use super::obstacles::{BODY_M, Obstacles};
 use crate::walker::Walker;
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::Stamp;
 use cairn_sim::{Stride, World};
 
-/// Radius of the body, metres: half the width of a person, the least distance to a wall.
-pub const BODY_M: f64 = 0.25;
 /// How far the body gives way to what it runs into, metres.
 const HELD_M: f64 = 0.05;
 /// Reach of the cane ahead of the body, metres.

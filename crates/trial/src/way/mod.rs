@@ -3,5 +3,5 @@
 mod body;
 mod obstacles;
 
-pub use body::{BODY_M, Body};
-pub use obstacles::Obstacles;
+pub use body::Body;
+pub use obstacles::{BODY_M, Obstacles};

@@ -3,10 +3,11 @@
 //! They are in no map and no floor plan, and the walker's cane does not feel them: only the words keep him from them. Truth
 //! is used to place them and to judge, never by the guide.
 
-use super::body::BODY_M;
 use cairn_geometry::{Vec2, Vec3};
 use cairn_sim::{Thing, World};
 
+/// Radius of the body, metres: half the width of a person, the least distance to a wall.
+pub const BODY_M: f64 = 0.25;
 /// Metres between things, and from them to the corners and ends of the route.
 const APART_M: f64 = 5.0;
 const FROM_CORNERS_M: f64 = 3.0;
