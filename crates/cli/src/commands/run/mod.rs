@@ -3,6 +3,7 @@
 mod arguments;
 mod events;
 mod history;
+mod isolated;
 mod journal;
 mod map;
 mod mcap;
@@ -57,7 +58,15 @@ use tracing::debug;
 /// When an input cannot be used, the run fails or gives no pose, or a result cannot be written. Once a frame has been
 /// processed, every result is written all the same.
 pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure> {
+    if a.isolated.worker.is_some() {
+        return isolated::work(a);
+    }
     let outputs = results::checked(a)?;
+    if a.isolated.isolated
+        && let Some(parent) = isolated::shared_memory(a)?
+    {
+        return isolated::supervise(a, &outputs, output, began, parent);
+    }
     let _lock = outputs.file("--map-out").map(MapLock::take).transpose()?;
     if let Some(path) = &a.vocabulary {
         vocabulary(path)?;
