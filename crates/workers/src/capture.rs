@@ -2,7 +2,7 @@
 
 use crate::message::{Failure, Frame, Opened, Order, Report, read, write};
 use crate::{pixels, ring::Ring};
-use cairn_sensor::{Source, Stamp};
+use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, channel};
@@ -15,18 +15,31 @@ pub const SLOTS: u32 = 32;
 struct Begin {
     ring: std::path::PathBuf,
     next: u64,
-    after: Option<Stamp>,
+    delivered: Option<Delivered>,
     until: u64,
 }
 
+/// What a capture process before this one has delivered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Delivered {
+    /// The stamp of its first frame.
+    pub first: Stamp,
+    /// The stamp of its last frame.
+    pub last: Stamp,
+    /// How many frames.
+    pub frames: u64,
+}
+
 /// Runs until the source has ended or the supervisor is gone. `open` opens the source and says which sensors are used, as
-/// on the command line; its argument is the stamp up to which a process before has delivered frames.
+/// on the command line; its argument is what a process before has delivered, which the source should leave out ([`rest_of`]).
 pub fn run<F>(mut from: impl Read + Send + 'static, to: impl Write + Send + 'static, open: F)
 where
-    F: FnOnce(Option<Stamp>) -> Result<(Box<dyn Source>, String), Failure>,
+    F: FnOnce(Option<Delivered>) -> Result<(Box<dyn Source>, String), Failure>,
 {
-    let Ok(Some(Order::Capture { ring, next, after, until })) = read(&mut from) else { return };
-    let begin = Begin { ring, next, after: after.map(Stamp), until };
+    let Ok(Some(Order::Capture { ring, next, delivered, until })) = read(&mut from) else { return };
+    let delivered =
+        delivered.map(|(first, last)| Delivered { first: Stamp(first), last: Stamp(last), frames: next });
+    let begin = Begin { ring, next, delivered, until };
     let to = Arc::new(Mutex::new(to));
     let (credits, credit) = channel();
     let pings = to.clone();
@@ -55,9 +68,9 @@ where
 /// `Ok` when the supervisor is gone or all is delivered.
 fn deliver<F>(begin: &Begin, credit: &Receiver<u64>, to: &Mutex<impl Write>, open: F) -> Result<(), Failure>
 where
-    F: FnOnce(Option<Stamp>) -> Result<(Box<dyn Source>, String), Failure>,
+    F: FnOnce(Option<Delivered>) -> Result<(Box<dyn Source>, String), Failure>,
 {
-    let (mut source, sensor) = open(begin.after)?;
+    let (mut source, sensor) = open(begin.delivered)?;
     let (info, rig) = (source.info(), source.rig());
     let opened = Opened {
         name: info.name.clone(),
@@ -72,9 +85,6 @@ where
     }
     let (mut number, mut until) = (begin.next, begin.until);
     while let Some(packet) = source.next_packet()? {
-        if begin.after.is_some_and(|after| packet.stamp <= after) {
-            continue;
-        }
         until = credit.try_iter().fold(until, u64::max);
         while number >= until {
             let Ok(further) = credit.recv() else { return Ok(()) };
@@ -96,6 +106,43 @@ where
 /// False when the supervisor is gone.
 fn say(to: &Mutex<impl Write>, report: &Report) -> bool {
     write(&mut *to.lock().unwrap_or_else(PoisonError::into_inner), report).is_ok()
+}
+
+/// The packets of a source after those that were delivered.
+///
+/// # Errors
+/// The source's error.
+pub fn rest_of(mut source: Box<dyn Source>, delivered: &Delivered) -> Result<Box<dyn Source>, Failure> {
+    while let Some(packet) = source.next_packet()? {
+        if packet.stamp > delivered.last {
+            return Ok(Box::new(Resumed { first: Some(packet), source }));
+        }
+    }
+    Ok(source)
+}
+
+/// A source with a packet that was read before.
+struct Resumed {
+    first: Option<FramePacket>,
+    source: Box<dyn Source>,
+}
+
+impl Source for Resumed {
+    fn info(&self) -> &SourceInfo {
+        self.source.info()
+    }
+
+    fn rig(&self) -> &Rig {
+        self.source.rig()
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        self.first.take().map_or_else(|| self.source.next_packet(), |packet| Ok(Some(packet)))
+    }
+
+    fn skipped(&self) -> &[String] {
+        self.source.skipped()
+    }
 }
 
 /// The ring of a run: made by its first capture process, opened by those after it.

@@ -2,7 +2,8 @@
 //!
 //! SLAM appends each commit as soon as it knows of it (after every frame, and at every ping: 100 ms). What `write` has
 //! taken survives the death of the process. [`recover`] reads the base, applies the commits in order of their versions and
-//! stops at the first that is not whole, which is where the writer was killed. Dense reads the same files ([`Tail`]).
+//! stops at the first that is not whole, which is where the writer was killed. Others follow the same files while they
+//! are written ([`Tail`]).
 //!
 //! ```text
 //! map-VERSION.cairn       a saved map (atlas::store)
@@ -11,6 +12,10 @@
 //!
 //! Once the log has [`MAX_LOG_BYTES`], a new base is saved on a thread while commits go on into the next log; the old files
 //! are removed when it is complete.
+
+mod tail;
+
+pub use tail::Tail;
 
 use cairn_atlas::store::{COMMIT_VERSION, MapFile, StoreError, decode_commit, encode_commit};
 use cairn_atlas::{ChangeSet, Published, Snapshot};

@@ -3,6 +3,7 @@
 
 mod backoff;
 pub mod capture;
+pub mod guide;
 pub mod journal;
 mod limits;
 pub mod message;
@@ -30,6 +31,8 @@ pub enum Role {
     Capture,
     /// Tracks and maps.
     Slam,
+    /// Guides along a route.
+    Guide,
 }
 
 impl Role {
@@ -38,12 +41,13 @@ impl Role {
         match self {
             Self::Capture => "capture",
             Self::Slam => "slam",
+            Self::Guide => "guide",
         }
     }
 
     /// The role of this name.
     pub fn named(name: &str) -> Option<Self> {
-        [Self::Capture, Self::Slam].into_iter().find(|role| role.name() == name)
+        [Self::Capture, Self::Slam, Self::Guide].into_iter().find(|role| role.name() == name)
     }
 }
 

@@ -6,8 +6,10 @@
 //! a worker had not acknowledged when it died is sent again to its successor by the supervisor.
 
 use cairn_atlas::KeyFrameId;
-use cairn_geometry::{Se3, So3, Vec3};
+use cairn_geometry::{Pose, Se3, Sim3, Similarity, So3, Vec3};
+use cairn_guide::{Anchor, Confidence};
 use cairn_sensor::{ImuSample, Stamp};
+use cairn_session::TrackedPlace;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
@@ -25,8 +27,8 @@ pub enum Order {
         ring: PathBuf,
         /// The number of the next frame.
         next: u64,
-        /// Frames up to this stamp (ns) were delivered before, by a process that has ended.
-        after: Option<i64>,
+        /// The stamps (ns) of the first and the last frame that a process before this one delivered.
+        delivered: Option<(i64, i64)>,
         /// The first frame number that may not be written yet.
         until: u64,
     },
@@ -40,7 +42,20 @@ pub enum Order {
         folder: PathBuf,
         /// What was opened.
         opened: Opened,
+        /// The number of this process among all of the run: odometry of another one is in another frame.
+        start: u64,
     },
+    /// To the guide, first.
+    Guide {
+        /// The folder of the map's journal.
+        folder: PathBuf,
+        /// The stamp of the first frame of the run (ns), where there was one.
+        began: Option<i64>,
+    },
+    /// To the guide: SLAM has done a frame.
+    Tracked(Box<Tracked>),
+    /// To the guide: whether poses come, or what makes them is late or dead.
+    PosesCome(bool),
     /// A frame lies in the ring.
     Frame(Frame),
     /// Answer, and write what is due.
@@ -69,7 +84,7 @@ pub enum Report {
         version: u64,
     },
     /// SLAM: a frame is done.
-    Tracked(Tracked),
+    Tracked(Box<Tracked>),
     /// SLAM: the pose of an earlier frame is known by now.
     Amended {
         /// Its number.
@@ -77,6 +92,8 @@ pub enum Report {
         /// Its pose.
         pose: Anchored,
     },
+    /// Guide: something is to be heard now.
+    Said(Said),
     /// The answer to a ping.
     Pong,
     /// All is done and written.
@@ -153,6 +170,44 @@ pub struct Tracked {
     pub metric: bool,
     /// From image to pose, ms.
     pub ms: f64,
+    /// The pose as the guide needs it, when it is known.
+    pub place: Option<Place>,
+}
+
+/// A pose for the guide; the fields are those of `cairn_session::TrackedPlace`, poses as in [`Anchored`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    world_from_camera: [f64; 7],
+    odom_from_camera: [f64; 7],
+    world_from_odom: ([f64; 7], f64),
+    segment: u32,
+    anchor: Anchor,
+    anchor_from_camera: [f64; 7],
+    /// Good 0, low 1, lost 2.
+    confidence: u8,
+}
+
+/// Something to be heard.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Said {
+    /// Words.
+    Words {
+        /// The text.
+        text: String,
+        /// Seconds since the first frame.
+        t_s: f64,
+        /// They break off what is being said.
+        interrupts: bool,
+    },
+    /// An earcon ([`crate::guide::earcon_of`]).
+    Sound {
+        /// Its number.
+        earcon: u8,
+        /// Where it is heard from, positive to the left.
+        bearing_rad: f64,
+        /// Seconds since the first frame.
+        t_s: f64,
+    },
 }
 
 /// What became of a frame.
@@ -228,6 +283,42 @@ impl Anchored {
             reference: KeyFrameId::from_index(self.reference as usize)?,
             reference_from_camera: se3(&self.reference_from_camera)?,
             world_from_camera: se3(&self.world_from_camera)?,
+        })
+    }
+}
+
+/// In order of the numbers of [`Place::confidence`].
+const CONFIDENCES: [Confidence; 3] = [Confidence::Good, Confidence::Low, Confidence::Lost];
+
+impl Place {
+    /// Of a frame that SLAM's process number `start` has tracked: its odometry is a segment of its own.
+    pub fn of(place: &TrackedPlace, start: u64) -> Self {
+        let s = &place.world_from_odom.sim3;
+        let confidence = CONFIDENCES.iter().position(|c| *c == place.confidence);
+        Self {
+            world_from_camera: numbers(&place.world_from_camera.se3),
+            odom_from_camera: numbers(&place.odom_from_camera.se3),
+            world_from_odom: (numbers(&Se3::new(s.rotation, s.translation)), s.scale),
+            segment: (start as u32) << 16 | place.segment & 0xffff,
+            anchor: place.anchor,
+            anchor_from_camera: numbers(&place.anchor_from_camera),
+            confidence: confidence.unwrap_or(2) as u8,
+        }
+    }
+
+    /// Back; `None` when a pose is none.
+    pub fn to_tracked(&self, stamp: Stamp, metric: bool) -> Option<TrackedPlace> {
+        let (rigid, scale) = (se3(&self.world_from_odom.0)?, self.world_from_odom.1);
+        Some(TrackedPlace {
+            stamp,
+            world_from_camera: Pose::new(se3(&self.world_from_camera)?),
+            odom_from_camera: Pose::new(se3(&self.odom_from_camera)?),
+            world_from_odom: Similarity::new(Sim3::new(rigid.rotation, rigid.translation, scale)),
+            segment: self.segment,
+            anchor: self.anchor,
+            anchor_from_camera: se3(&self.anchor_from_camera)?,
+            confidence: *CONFIDENCES.get(usize::from(self.confidence))?,
+            metric,
         })
     }
 }

@@ -5,13 +5,14 @@
 
 use crate::journal::{JournalWriter, recover};
 use crate::message::{
-    Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Report, Tracked, read, write,
+    Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Place, Report, Tracked, read, write,
 };
 use crate::ring::{Borrowed, Ring};
 use crate::{mode_of, pixels};
 use cairn_atlas::Subscription;
-use cairn_engine::{Config, Engine, Joined, Runner, Verdict};
+use cairn_engine::{Config, Engine, Joined, Runner, Verdict, record_input};
 use cairn_sensor::{FramePacket, ImuSample, Stamp};
+use cairn_session::TrackedPlace;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -24,9 +25,9 @@ const MOST_UNPOSED: usize = 1000;
 
 /// Runs until the frames have ended or the supervisor is gone.
 pub fn run(mut from: impl Read, mut to: impl Write, config: &Config, runner: Runner) {
-    let Ok(Some(Order::Map { ring, folder, opened })) = read(&mut from) else { return };
-    let said =
-        Slam::begin(&ring, &folder, &opened, config, runner).and_then(|slam| slam.work(&mut from, &mut to));
+    let Ok(Some(Order::Map { ring, folder, opened, start })) = read(&mut from) else { return };
+    let said = Slam::begin(&ring, &folder, &opened, start, config, runner)
+        .and_then(|slam| slam.work(&mut from, &mut to));
     if let Err(why) = said {
         // Without a supervisor there is nobody to tell.
         let _ = write(&mut to, &Report::Failed(why));
@@ -44,6 +45,7 @@ struct Slam<'a> {
     /// Frames of this process that were told without a pose: number and index in the engine's log.
     unposed: Vec<(u64, usize)>,
     finished: Finished,
+    start: u64,
     bytes: Vec<u8>,
 }
 
@@ -52,6 +54,7 @@ impl<'a> Slam<'a> {
         ring: &Path,
         folder: &'a Path,
         opened: &Opened,
+        start: u64,
         config: &Config,
         runner: Runner,
     ) -> Result<Self, Failure> {
@@ -92,6 +95,7 @@ impl<'a> Slam<'a> {
             imu: Vec::new(),
             unposed: Vec::new(),
             finished: Finished::default(),
+            start,
             bytes: Vec::new(),
         })
     }
@@ -111,7 +115,7 @@ impl<'a> Slam<'a> {
             match read(from) {
                 Ok(Some(Order::Frame(frame))) => {
                     let tracked = self.frame(&frame)?;
-                    reports.extend(self.amended().into_iter().chain([Report::Tracked(tracked)]));
+                    reports.extend(self.amended().into_iter().chain([Report::Tracked(Box::new(tracked))]));
                 }
                 Ok(Some(Order::Ping)) => {
                     self.flush()?;
@@ -132,6 +136,7 @@ impl<'a> Slam<'a> {
             pose: None,
             metric: false,
             ms: 0.0,
+            place: None,
         };
         self.imu.extend(frame.imu_samples());
         let found = self.ring.read(frame.number, &mut self.bytes);
@@ -151,6 +156,8 @@ impl<'a> Slam<'a> {
                 self.count(&output.verdicts);
                 tracked.outcome = Outcome::State(format!("{:?}", output.state));
                 tracked.pose = output.anchored.as_ref().map(Anchored::of);
+                let seen = record_input(&output, &self.engine.snapshot());
+                tracked.place = TrackedPlace::of(&output, &seen).map(|p| Place::of(&p, self.start));
                 (tracked.metric, tracked.ms) = (output.metric, output.extract_ms + output.track_ms);
                 if tracked.pose.is_none() && self.unposed.len() < MOST_UNPOSED {
                     self.unposed.push((frame.number, self.engine.log().frames().len() - 1));

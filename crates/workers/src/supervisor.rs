@@ -6,7 +6,7 @@
 
 use crate::backoff::Backoff;
 use crate::capture::SLOTS;
-use crate::message::{Anchored, Finished, Frame, Opened, Order, Outcome, Report, Tracked};
+use crate::message::{Anchored, Finished, Frame, Opened, Order, Outcome, Report, Said, Tracked};
 use crate::process::{Event, Process, What};
 use crate::run_folder::RunFolder;
 use crate::slam::FINAL_MAP;
@@ -31,6 +31,8 @@ const IN_HAND: usize = 4;
 const BEGIN_LIMIT: Duration = Duration::from_secs(60);
 /// The final adjustment of a map may take this long.
 const FINISH_LIMIT: Duration = Duration::from_secs(900);
+/// A process that lived so long is not in a crash loop.
+const LONG_LIFE: Duration = Duration::from_secs(10);
 /// A frame at which SLAM has died so often is left out.
 const DEATHS_AT_A_FRAME: usize = 2;
 
@@ -40,6 +42,10 @@ pub struct Supervision {
     pub command: Box<dyn Fn(Role) -> Command>,
     /// A worker that has not answered for so long is killed and started again.
     pub hang_limit: Duration,
+    /// SLAM that has frames in hand and says nothing for so long is late: the guide says stop.
+    pub late_limit: Duration,
+    /// Whether there is a guide.
+    pub guide: bool,
 }
 
 /// What the supervisor tells while the run goes on.
@@ -82,6 +88,13 @@ pub enum Told<'a> {
         after_s: f64,
         /// Seconds since it resumed.
         resumed_s: f64,
+    },
+    /// The guide has something to say.
+    Said(&'a Said),
+    /// A process died so often that it is not started again; the run goes on without it.
+    GivenUp {
+        /// What it did.
+        role: Role,
     },
     /// A frame is left out, because SLAM died at it twice.
     LeftOut {
@@ -142,11 +155,15 @@ pub fn supervise(
         starts: 0,
         capture: Worker::new(),
         slam: Worker::new(),
+        guide: Worker::new(),
+        poses_come: true,
         opened: None,
         pending: VecDeque::new(),
         sent: 0,
         next: 0,
+        first_stamp: None,
         last_stamp: None,
+        fresh_from: 0,
         credit: u64::from(SLOTS),
         log: BTreeMap::new(),
         source_ended: false,
@@ -169,6 +186,7 @@ struct Worker {
     start: u64,
     /// It has begun its work.
     ready: bool,
+    began: Instant,
     heard: Instant,
     pinged: Instant,
     /// What it has done counts since its start: only deaths without any are a crash loop.
@@ -187,6 +205,7 @@ impl Worker {
             process: None,
             start: 0,
             ready: false,
+            began: now,
             heard: now,
             pinged: now,
             progress: false,
@@ -219,12 +238,18 @@ struct Run<'a, 't> {
     starts: u64,
     capture: Worker,
     slam: Worker,
+    guide: Worker,
+    /// Poses of frames before this one are old: capture has died since.
+    fresh_from: u64,
+    /// What the guide was told last.
+    poses_come: bool,
     opened: Option<Opened>,
     /// Frames that SLAM has not acknowledged, oldest first; the first `sent` were given to its process.
     pending: VecDeque<Frame>,
     sent: usize,
-    /// The number of the next frame of capture, and the stamp of the last.
+    /// The number of the next frame of capture, and the stamps of the first and the last.
     next: u64,
+    first_stamp: Option<i64>,
     last_stamp: Option<i64>,
     credit: u64,
     log: BTreeMap<u64, Tracked>,
@@ -251,7 +276,7 @@ impl Run<'_, '_> {
             // A supervisor that was stopped itself must not take its workers for hanging.
             let was_away = looked.elapsed() > Duration::from_secs(1);
             looked = Instant::now();
-            for role in [Role::Capture, Role::Slam] {
+            for role in [Role::Capture, Role::Slam, Role::Guide] {
                 if was_away {
                     self.worker(role).heard = looked;
                 }
@@ -274,6 +299,15 @@ impl Run<'_, '_> {
         match role {
             Role::Capture => &mut self.capture,
             Role::Slam => &mut self.slam,
+            Role::Guide => &mut self.guide,
+        }
+    }
+
+    /// Tells the guide whether poses come.
+    fn poses_come(&mut self, lives: bool) {
+        if self.poses_come != lives {
+            self.poses_come = lives;
+            self.guide.order(Order::PosesCome(lives));
         }
     }
 
@@ -284,17 +318,21 @@ impl Run<'_, '_> {
             Role::Capture => Order::Capture {
                 ring: self.folder.ring(),
                 next: self.next,
-                after: self.last_stamp,
+                delivered: self.first_stamp.zip(self.last_stamp),
                 until: self.credit,
             },
             Role::Slam => {
                 let Some(opened) = self.opened.clone() else { return Ok(()) };
-                Order::Map { ring: self.folder.ring(), folder: self.folder.path().to_owned(), opened }
+                Order::Map { ring: self.folder.ring(), folder: self.folder.path().to_owned(), opened, start }
             }
+            Role::Guide => Order::Guide { folder: self.folder.path().to_owned(), began: self.first_stamp },
         };
         let process = Process::start((self.how.command)(role), role, start, to)
             .map_err(|e| SuperviseError::Start { role, why: e.to_string() })?;
         process.order(first);
+        if role == Role::Guide {
+            process.order(Order::PosesCome(self.poses_come));
+        }
         (self.tell)(Told::Started { role, id: process.id() });
         let now = Instant::now();
         let worker = self.worker(role);
@@ -311,7 +349,7 @@ impl Run<'_, '_> {
             What::Said(report) => {
                 if is_current {
                     worker.heard = Instant::now();
-                    self.report(report)?;
+                    self.report(event.role, report)?;
                 }
             }
             What::Closed(why) if is_current => self.died(event.role, why)?,
@@ -320,7 +358,7 @@ impl Run<'_, '_> {
         Ok(())
     }
 
-    fn report(&mut self, report: Report) -> Result<(), SuperviseError> {
+    fn report(&mut self, role: Role, report: Report) -> Result<(), SuperviseError> {
         match report {
             Report::Opened(opened) => {
                 self.capture.ready = true;
@@ -328,10 +366,14 @@ impl Run<'_, '_> {
                     (self.tell)(Told::Opened(&opened));
                     self.opened = Some(opened);
                     self.start(Role::Slam)?;
+                    if self.how.guide {
+                        self.start(Role::Guide)?;
+                    }
                 }
             }
             Report::Frame(frame) => {
                 self.capture.progress = true;
+                self.first_stamp.get_or_insert(frame.stamp);
                 (self.next, self.last_stamp) = (frame.number + 1, Some(frame.stamp));
                 self.pending.push_back(frame);
             }
@@ -340,6 +382,7 @@ impl Run<'_, '_> {
                 self.skipped = skipped;
                 self.capture.process = None;
             }
+            Report::Ready { .. } if role == Role::Guide => self.guide.ready = true,
             Report::Ready { key_frames, .. } => {
                 self.slam.ready = true;
                 if let Some(r) = &mut self.recovering {
@@ -347,13 +390,14 @@ impl Run<'_, '_> {
                     (self.tell)(Told::Resumed { key_frames, after_s: r.died.elapsed().as_secs_f64() });
                 }
             }
-            Report::Tracked(tracked) => self.tracked(tracked),
+            Report::Tracked(tracked) => self.tracked(*tracked),
             Report::Amended { number, pose } => {
                 if let Some(frame) = self.log.get_mut(&number) {
                     frame.pose = Some(pose);
                 }
             }
             Report::Pong => {}
+            Report::Said(said) => (self.tell)(Told::Said(&said)),
             Report::Finished(finished) => self.finished = Some(finished),
             Report::Failed(why) => return Err(why.into()),
         }
@@ -377,6 +421,12 @@ impl Run<'_, '_> {
             } else {
                 r.frames += 1;
             }
+        }
+        if self.how.guide {
+            if tracked.number >= self.fresh_from {
+                self.poses_come(true);
+            }
+            self.guide.order(Order::Tracked(Box::new(tracked.clone())));
         }
         (self.tell)(Told::Tracked(&tracked));
         self.log.insert(tracked.number, tracked);
@@ -423,7 +473,11 @@ impl Run<'_, '_> {
             (true, true) => FINISH_LIMIT,
             (true, false) => hang_limit,
         };
-        if worker.heard.elapsed() > limit {
+        let silent = worker.heard.elapsed();
+        if role == Role::Slam && self.sent > 0 && silent > self.how.late_limit {
+            self.poses_come(false);
+        }
+        if silent > limit {
             let why = format!("it did not answer for {:.1} s and was killed", limit.as_secs_f64());
             return self.died(role, Some(why));
         }
@@ -435,7 +489,7 @@ impl Run<'_, '_> {
         let (at_frame, t_s) = (self.pending.front().map_or(self.next, |f| f.number), self.began.elapsed());
         let worker = self.worker(role);
         let Some(process) = worker.process.take() else { return Ok(()) };
-        let (had_begun, progress) = (worker.ready, worker.progress);
+        let (had_begun, progress) = (worker.ready, worker.progress || worker.began.elapsed() > LONG_LIFE);
         let status = process.end();
         let how = why.unwrap_or(status);
         worker.ready = false;
@@ -443,6 +497,17 @@ impl Run<'_, '_> {
         let times = worker.backoff.times();
         let death = Death { role, how, at_frame, t_s: t_s.as_secs_f64() };
         (self.tell)(Told::Died(&death));
+        if role == Role::Capture {
+            self.fresh_from = self.next;
+        }
+        if role != Role::Guide {
+            self.poses_come(false);
+        }
+        if role == Role::Guide && delay.is_none() {
+            (self.tell)(Told::GivenUp { role });
+            self.deaths.push(death);
+            return Ok(());
+        }
         let Some(delay) = delay else {
             return Err(SuperviseError::CrashLoop { role, how: death.how, times });
         };
@@ -471,7 +536,10 @@ impl Run<'_, '_> {
                 (self.tell)(Told::LeftOut { number });
                 let outcome = Outcome::State("left out: SLAM died at it twice".into());
                 let (stamp, ms) = (frame.stamp, 0.0);
-                self.log.insert(number, Tracked { number, stamp, outcome, pose: None, metric: false, ms });
+                self.log.insert(
+                    number,
+                    Tracked { number, stamp, outcome, pose: None, metric: false, ms, place: None },
+                );
             }
         }
         self.sent = 0;

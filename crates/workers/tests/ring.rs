@@ -179,3 +179,27 @@ fn too_little_room_and_too_large_frames_are_errors() {
     assert!(large.starts_with("a frame of 101 bytes does not fit a slot of 100"), "{large}");
     ring.write(0, &[&[0; 100]]).unwrap();
 }
+
+/// `cargo test --release -p cairn-workers --test ring -- --ignored --nocapture`: what a frame of 640x480 costs.
+#[test]
+#[ignore = "measures times"]
+fn cost_of_a_frame() {
+    let folder = std::path::Path::new("/dev/shm");
+    let path = if folder.is_dir() { folder.to_owned() } else { std::env::temp_dir() };
+    let file = File(path.join(format!("cost-{}.ring", std::process::id())));
+    let ring = Ring::create(&file.0, 32, 640 * 480).unwrap();
+    let (pixels, mut bytes) = (vec![77; 640 * 480], Vec::new());
+    let (mut write_us, mut read_us) = (Vec::new(), Vec::new());
+    for number in 0..2000 {
+        let start = std::time::Instant::now();
+        ring.write(number, &[&pixels]).unwrap();
+        let written = start.elapsed();
+        assert_eq!(ring.read(number, &mut bytes).unwrap(), Borrowed::Whole(()));
+        write_us.push(written.as_secs_f64() * 1e6);
+        read_us.push((start.elapsed() - written).as_secs_f64() * 1e6);
+    }
+    for (what, us) in [("write", &mut write_us), ("read", &mut read_us)] {
+        us.sort_by(f64::total_cmp);
+        println!("{what}: median {:.0} us, smallest {:.0}, p95 {:.0}", us[1000], us[0], us[1900]);
+    }
+}

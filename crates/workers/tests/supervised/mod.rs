@@ -2,8 +2,9 @@
 
 use cairn_engine::{Config, Engine, PoseTime, Runner, SensorMode};
 use cairn_random::Random;
-use cairn_sensor::{Source, Stamp};
+use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, open};
+use cairn_workers::capture::rest_of;
 use cairn_workers::message::{Failure, Outcome};
 use cairn_workers::{
     Role, RunFolder, SuperviseError, Supervised, Supervision, Told, capture, slam, supervise,
@@ -21,6 +22,7 @@ pub fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.first().map(String::as_str) {
         Some("worker") => worker(arguments.get(1).and_then(|name| Role::named(name)).expect("a role")),
+        Some("fifty") => fifty_kills(),
         filter => tests(filter.unwrap_or_default()),
     }
 }
@@ -51,13 +53,11 @@ fn data() -> Option<PathBuf> {
     Some(folder.join("euroc-mh01")).filter(|path| path.is_dir())
 }
 
-fn source(after: Option<Stamp>) -> Box<dyn Source> {
+fn source() -> Box<dyn Source> {
     let all = open(data().unwrap().to_str().unwrap(), OpenOptions::default()).unwrap();
     let mut rig = all.rig().clone();
     rig.imu = None;
     let options = OpenOptions { rig: Some(rig), frames: Some(FRAMES), ..OpenOptions::default() };
-    // From the beginning: what was delivered before is passed over.
-    let _ = after;
     open(data().unwrap().to_str().unwrap(), options).unwrap()
 }
 
@@ -68,8 +68,12 @@ fn worker(role: Role) {
         Role::Capture if std::env::var_os("NO_SOURCE").is_some() => {
             capture::run(from, to, |_| Err(Failure::new("the camera", "it is in use", "close it")));
         }
-        Role::Capture => capture::run(from, to, |after| Ok((source(after), "stereo".to_owned()))),
+        Role::Capture => capture::run(from, to, |delivered| {
+            let source = delivered.map_or_else(|| Ok(source()), |d| rest_of(source(), &d))?;
+            Ok((source, "stereo".to_owned()))
+        }),
         Role::Slam => slam::run(from, to, &Config::default(), Runner::Lockstep),
+        Role::Guide => unreachable!("no test has a guide"),
     }
 }
 
@@ -90,7 +94,7 @@ fn run_with(
     mut tell: impl FnMut(&Told, &BTreeMap<Role, u32>),
 ) -> Result<Supervised, SuperviseError> {
     let folder = RunFolder::create(&std::env::temp_dir()).unwrap();
-    let how = Supervision { command: Box::new(command), hang_limit };
+    let how = Supervision { command: Box::new(command), hang_limit, late_limit: hang_limit, guide: false };
     let mut ids = BTreeMap::new();
     supervise(&how, &folder, &AtomicBool::new(false), &mut |told| {
         if let Told::Started { role, id } = told {
@@ -113,7 +117,7 @@ fn no_frame_is_lost(run: &Supervised) {
 }
 
 fn result_equals_that_of_one_process() {
-    let mut source = source(None);
+    let mut source = source();
     let (rate_hz, rig) = (source.info().rate_hz, source.rig().clone());
     let mut config = Config::default();
     config.inertial.enabled = false;
@@ -161,6 +165,49 @@ fn killed_processes_go_on() {
     }
 }
 
+/// `cargo test --release -p cairn-workers --test processes -- fifty`: each process killed at fifty random moments, with
+/// the times until it works again.
+fn fifty_kills() {
+    println!(
+        "process | kills | started again after [s] median, max | pose after [s] median, max | frames without pose | lost"
+    );
+    for role in [Role::Slam, Role::Capture] {
+        let (mut random, mut back_s, mut pose_s) = (Random::new(11), Vec::new(), Vec::new());
+        let (mut kills, mut unposed, mut lost) = (0, 0, 0);
+        while kills < 50 {
+            let (mut due, mut killed) = (random.below(25) as u64, None);
+            let run = run(|told, ids| match told {
+                Told::Tracked(frame) if frame.number >= due && kills < 50 && killed.is_none() => {
+                    // At any moment of the frames after.
+                    std::thread::sleep(Duration::from_micros(random.below(30_000) as u64));
+                    // Capture that has delivered its last frame is gone.
+                    let id = Pid::from_raw(ids[&role] as i32).unwrap();
+                    if kill_process(id, Signal::KILL).is_ok() {
+                        (killed, kills) = (Some(Instant::now()), kills + 1);
+                    }
+                    due = frame.number + 8 + random.below(25) as u64;
+                }
+                Told::Started { role: started, .. } if *started == role => {
+                    back_s.extend(killed.take().map(|at: Instant| at.elapsed().as_secs_f64()));
+                }
+                _ => {}
+            });
+            let run = run.unwrap();
+            no_frame_is_lost(&run);
+            assert_eq!(run.map.snapshot.maps().count(), 1);
+            unposed += run.frames.iter().filter(|f| f.pose.is_none()).count();
+            lost += FRAMES - run.frames.len();
+            pose_s.extend(run.relocalised.iter().map(|(_, after_s)| *after_s));
+        }
+        let words = |s: &mut Vec<f64>| {
+            s.sort_by(f64::total_cmp);
+            s.last().map_or("-".into(), |last| format!("{:.3}, {last:.3}", s[s.len() / 2]))
+        };
+        let (back, pose) = (words(&mut back_s), words(&mut pose_s));
+        println!("{} | {kills} | {back} | {pose} | {unposed} | {lost}", role.name());
+    }
+}
+
 fn stopped_process_is_started_again() {
     let mut stopped_at = None;
     let mut found_after = None;
@@ -183,7 +230,7 @@ fn crash_loop_backs_off_and_is_given_up() {
     let (mut waits, began) = (Vec::new(), Instant::now());
     let command = |role| match role {
         Role::Capture => this_program(role),
-        Role::Slam => Command::new("false"),
+        Role::Slam | Role::Guide => Command::new("false"),
     };
     let failed = run_with(command, Duration::from_secs(1), |told, _| {
         if let Told::Waits { delay_s, .. } = told {

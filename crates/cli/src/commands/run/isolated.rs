@@ -15,8 +15,8 @@ const SHARED_MEMORY: &str = "/dev/shm";
 /// The arguments of a run as processes.
 #[derive(clap::Args)]
 pub struct Isolated {
-    /// Runs capture and SLAM as processes under a supervisor: one that dies or hangs is started again, and the run goes on
-    /// in the map of a moment ago. Needs /dev/shm.
+    /// Runs capture, SLAM and the guide as processes under a supervisor: one that dies or hangs is started again, the guide
+    /// says stop meanwhile, and the run goes on in the map of a moment ago. Needs /dev/shm.
     #[arg(help_heading = super::arguments::RUNNING, long, conflicts_with_all = NOT_ISOLATED)]
     pub isolated: bool,
     /// Memory that each process may use, MB; one that needs more dies and is started again.
@@ -29,12 +29,10 @@ pub struct Isolated {
 }
 
 /// What only one process can do so far.
-const NOT_ISOLATED: [&str; 18] = [
+const NOT_ISOLATED: [&str; 16] = [
     "frame",
     "record",
-    "guide",
     "script",
-    "say",
     "status",
     "lines",
     "events",
@@ -85,7 +83,8 @@ pub fn supervise(_: &Arguments, _: &Outputs, _: &Output, _: Instant, _: &Path) -
 #[cfg(unix)]
 mod unix {
     use super::super::outcome::Outcome;
-    use super::super::{map, open_source, problems, results, tally};
+    use super::super::say::Say;
+    use super::super::{map, open_part, open_source, problems, results, tally};
     use super::*;
     use crate::commands::given::read_config;
     use crate::interrupt;
@@ -96,17 +95,23 @@ mod unix {
     use cairn_engine::{PoseTime, Runner};
     use cairn_eval::{Align, EvalOptions, Lost, Percentiles, RunReport, evaluate};
     use cairn_geometry::{Se3, Trajectory};
+    use cairn_guide::{Cue, CueKind, Route, StopReason, Travel};
     use cairn_sensor::{Skips, Source, Stamp};
-    use cairn_session::FileConfig;
+    use cairn_session::{FileConfig, RouteGuide};
     use cairn_sources::{Paced, Validator};
-    use cairn_workers::message::Tracked;
-    use cairn_workers::{Role, RunFolder, Supervised, Supervision, Told};
+    use cairn_voice::Voice;
+    use cairn_workers::capture::{Delivered, rest_of};
+    use cairn_workers::message::{Said, Tracked};
+    use cairn_workers::{Death, Role, RunFolder, Supervised, Supervision, Told};
     use serde::Serialize;
     use std::collections::BTreeMap;
     use std::process::Command;
     use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;
+
+    /// In real time SLAM has done a frame after this time, or the guide says stop.
+    const LATE: Duration = Duration::from_millis(250);
 
     /// What the result says of the processes.
     #[derive(Serialize)]
@@ -153,10 +158,15 @@ mod unix {
         let mut config = config_of(a)?.engine;
         let (from, to) = (std::io::stdin(), std::io::stdout());
         match role {
-            Role::Capture => cairn_workers::capture::run(from, to, |_| {
+            Role::Capture => cairn_workers::capture::run(from, to, |delivered| {
                 let told = |e: Failure| cairn_workers::message::Failure::new(e.what, e.why, e.hint);
                 let map_in = map::opened(a).map_err(told)?;
-                let (source, sensor) = open_source(a, &mut config, map_in.as_ref()).map_err(told)?;
+                let part = delivered.map_or((a.start, a.frames), |d| rest(a, &d));
+                let (source, sensor) = open_part(a, part, &mut config, map_in.as_ref()).map_err(told)?;
+                let source = match &delivered {
+                    Some(delivered) => rest_of(source, delivered)?,
+                    None => source,
+                };
                 let source: Box<dyn Source> = Box::new(Validator::new(source, warn));
                 let source = match a.realtime {
                     true => Box::new(Paced::new(source)) as Box<dyn Source>,
@@ -170,8 +180,35 @@ mod unix {
                 }
                 cairn_workers::slam::run(from, to, &config, runner(a));
             }
+            Role::Guide => cairn_workers::guide::run(from, to, a.realtime, || guide_of(a)),
         }
         Ok(())
+    }
+
+    /// Where to begin reading again, seconds, and how many frames: a second before what was delivered last, since the first
+    /// packet of a source has no earlier IMU samples.
+    fn rest(a: &Arguments, delivered: &Delivered) -> (f64, Option<usize>) {
+        let start_s = a.start + (delivered.last - delivered.first - 1.0).max(0.0);
+        // With --frames from the beginning: how many frames that second has is not known. A simulated world, too: it would
+        // end later.
+        match a.frames.is_some() || a.source.starts_with("sim:") {
+            true => (a.start, a.frames),
+            false => (start_s, None),
+        }
+    }
+
+    /// The guide along the route of --guide.
+    fn guide_of(a: &Arguments) -> Result<RouteGuide, cairn_workers::message::Failure> {
+        let told = |what: String, why: String| {
+            cairn_workers::message::Failure::new(what, why, "give a file that cairn run --record wrote")
+        };
+        let path = a.guide.as_ref().ok_or_else(|| told("--guide".into(), "there is no route".into()))?;
+        let shown = path.display().to_string();
+        let route = Route::load(path).map_err(|e| told(shown.clone(), e.to_string()))?;
+        let travel = if a.back { Travel::Home } else { Travel::Again };
+        let config = config_of(a).map_err(|e| told(e.what, e.why))?.route;
+        let announcer = super::super::announcer_of(a);
+        Ok(RouteGuide::new(route, travel, a.facing.facing(), config, a.speaking.phrases(), announcer))
     }
 
     fn config_of(a: &Arguments) -> Result<FileConfig, Failure> {
@@ -197,6 +234,14 @@ mod unix {
     ) -> Result<(), Failure> {
         let _lock = outputs.file("--map-out").map(MapLock::take).transpose()?;
         let config = config_of(a)?;
+        a.guide.as_deref().map(super::super::route::check).transpose()?;
+        if a.guide.is_some() && a.map_in.is_none() {
+            let hint = "load its map with --map-in";
+            return Err(Failure::usage("--guide", "the route needs the map it was recorded in", hint));
+        }
+        let say = a.say.clone().unwrap_or(if a.guide.is_some() { Say::Text } else { Say::None });
+        let speech = super::super::speech_of(a);
+        say.check(speech)?;
         for (id, bytes) in cairn_workers::remove_abandoned(parent) {
             let mb = bytes as f64 / 1e6;
             note(&format!(
@@ -213,17 +258,29 @@ mod unix {
         interrupt::in_order();
         let stop = Arc::new(AtomicBool::new(false));
         interrupt::sets(stop.clone());
-        let how = Supervision { command: Box::new(command), hang_limit: hang_limit(a) };
-        let mut watched = Watched::new(began);
+        let hang_limit = hang_limit(a);
+        let late_limit = if a.realtime { LATE } else { hang_limit };
+        let how =
+            Supervision { command: Box::new(command), hang_limit, late_limit, guide: a.guide.is_some() };
+        let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
+        let mut watched = Watched::new(a, began, voice);
         let run = cairn_workers::supervise(&how, &folder, &stop, &mut |told| watched.tell(&told));
         let mut run = run.map_err(|e| match e {
             cairn_workers::SuperviseError::Worker(e) => Failure::new(e.what, e.why, e.cure),
             e => Failure::new("the run", e.to_string(), "run without --isolated to see where it fails"),
         })?;
+        let heard = watched.voice.end().map_err(super::super::say::fail);
         run.map.attached = attached;
         drop(std::mem::replace(&mut watched.progress, Progress::hidden()));
         let report = report(a, &run, &watched, &config, began);
-        written(a, outputs, output, &run, &report)
+        let written = written(a, outputs, output, &run, &report);
+        heard.and(written)
+    }
+
+    /// The sentence that stops the walker.
+    fn stop_words(a: &Arguments, reason: StopReason) -> Option<String> {
+        let cue = Cue { stamp: Stamp::default(), facing: a.facing.facing(), kind: CueKind::Stop(reason) };
+        a.speaking.phrases().words(&cue)
     }
 
     /// Lockstep adjusts whole maps between two frames, which takes seconds in a large one.
@@ -254,11 +311,47 @@ mod unix {
         progress: Progress,
         frames: usize,
         first_pose_s: Option<f64>,
+        first: Option<Stamp>,
+        /// Seconds from the first frame to the last.
+        t_s: f64,
+        voice: Box<dyn Voice>,
+        /// What is said when the guide itself has died.
+        guide_died: String,
     }
 
     impl Watched {
-        fn new(began: Instant) -> Self {
-            Self { began, progress: Progress::new(None), frames: 0, first_pose_s: None }
+        fn new(a: &Arguments, began: Instant, voice: Box<dyn Voice>) -> Self {
+            let language = a.speaking.language;
+            Self {
+                began,
+                progress: Progress::new(None),
+                frames: 0,
+                first_pose_s: None,
+                first: None,
+                t_s: 0.0,
+                voice,
+                guide_died: stop_words(a, StopReason::StageDied)
+                    .unwrap_or_else(|| language.text("stop-stage-died")),
+            }
+        }
+
+        fn died(&mut self, death: &Death) {
+            if death.role == Role::Guide {
+                self.voice.say(&self.guide_died, self.t_s, true);
+            }
+            let text = format!("{} died at frame {}: {}", death.role.name(), death.at_frame, death.how);
+            self.progress.note(&text);
+        }
+
+        fn said(&mut self, said: &Said) {
+            match said {
+                Said::Words { text, t_s, interrupts } => self.voice.say(text, *t_s, *interrupts),
+                Said::Sound { earcon, bearing_rad, t_s } => {
+                    if let Some(earcon) = cairn_workers::guide::earcon_of(*earcon) {
+                        self.voice.sound(earcon, *bearing_rad, *t_s);
+                    }
+                }
+            }
         }
 
         fn tell(&mut self, told: &Told) {
@@ -268,17 +361,19 @@ mod unix {
                 Told::Opened(opened) => self.progress = Progress::new(opened.frames),
                 Told::Tracked(frame) => {
                     self.frames += 1;
+                    let stamp = Stamp(frame.stamp);
+                    self.t_s = stamp - *self.first.get_or_insert(stamp);
+                    self.voice.pass(self.t_s);
                     if frame.pose.is_some() {
                         self.first_pose_s.get_or_insert(self.began.elapsed().as_secs_f64());
                     }
                     self.progress.step(self.frames);
                 }
-                Told::Died(d) => say(format!(
-                    "{} died at frame {}: {}; it is started again",
-                    d.role.name(),
-                    d.at_frame,
-                    d.how
-                )),
+                Told::Died(death) => self.died(death),
+                Told::Said(said) => self.said(said),
+                Told::GivenUp { role } => {
+                    say(format!("{} died too often: the run goes on without it", role.name()))
+                }
                 Told::Waits { role, delay_s, times } => {
                     say(format!(
                         "{} died {times} times in a row: it is started again after {delay_s} s",
@@ -328,7 +423,8 @@ mod unix {
         };
         let tracked = run.frames.iter().filter(|f| f.pose.is_some()).count();
         report.set_frames(run.frames.len() + run.skipped.len(), tracked);
-        report.set_usage(began.elapsed().as_secs_f64());
+        // Those of the supervisor would say nothing of the run.
+        report.wall_s = began.elapsed().as_secs_f64();
         report
     }
 

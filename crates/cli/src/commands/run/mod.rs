@@ -291,11 +291,21 @@ fn open_source(
     config: &mut Config,
     map: Option<&MapFile>,
 ) -> Result<(Box<dyn Source>, Sensor), Failure> {
+    open_part(a, (a.start, a.frames), config, map)
+}
+
+/// The same from another second on, and another number of frames.
+fn open_part(
+    a: &Arguments,
+    (start_s, frames): (f64, Option<usize>),
+    config: &mut Config,
+    map: Option<&MapFile>,
+) -> Result<(Box<dyn Source>, Sensor), Failure> {
     let options = |rig: Option<Rig>| OpenOptions {
         rig,
         kind: a.kind.map(Kind::kind),
-        start_s: a.start,
-        frames: a.frames,
+        start_s,
+        frames,
         topics: a.topics.clone(),
         cancel: interrupt::cancel(),
     };
