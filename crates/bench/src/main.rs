@@ -5,8 +5,8 @@ use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
-    MeasureOptions, Sensor, accuracy, busy, graphs, halves, inertial, live, long, measure, places, revisit,
-    store, visual_inertial, walks,
+    MeasureOptions, Sensor, accuracy, busy, depth_scale, graphs, halves, inertial, live, long, measure,
+    places, revisit, store, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -105,6 +105,15 @@ enum Command {
         /// Prints every frame on stderr.
         #[arg(long, short)]
         verbose: bool,
+        /// Configuration entries in TOML that differ from the defaults.
+        #[arg(long)]
+        config: Option<PathBuf>,
+    },
+    /// RGB-D with structured light on simulated walks: by how much the maps are too large.
+    DepthScale {
+        /// Number of seeds; each is walked in four worlds.
+        #[arg(long, default_value_t = 5)]
+        seeds: u64,
         /// Configuration entries in TOML that differ from the defaults.
         #[arg(long)]
         config: Option<PathBuf>,
@@ -373,6 +382,11 @@ fn run(command: Command) -> Result<(), String> {
                     }
                 }
             }
+            Ok(())
+        }
+        Command::DepthScale { seeds, config } => {
+            let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
+            print!("{}", depth_scale::table(&depth_scale::run(seeds, &config)?));
             Ok(())
         }
         Command::Halves { data } => {

@@ -5,9 +5,17 @@
 //!
 //! Source: Triggs et al., "Bundle adjustment: a modern synthesis" (2000), section 6.
 
-use crate::sparse::{Analysis, Blocks, Factor};
+mod normal;
+mod pattern;
+mod reduced;
+
+pub use normal::Normal;
+
+use crate::sparse::{Analysis, Factor};
 use cairn_geometry::{Mat3, Vec3};
 use nalgebra::{SMatrix, SVector};
+use pattern::{Pattern, covisible, table_of};
+use reduced::Reduced;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -24,50 +32,6 @@ pub struct Schur<const P: usize> {
     /// Index of the block of two cameras, where there are few enough for a table.
     table: Vec<u32>,
     reduced: Reduced<P>,
-}
-
-/// Where blocks stand.
-#[derive(Debug)]
-pub struct Pattern {
-    analysis: Arc<Analysis>,
-    cameras: usize,
-    /// Pairs of two cameras; in the sorted list of pairs they come first.
-    camera_pairs: usize,
-    /// First pair of each row, and the number of pairs.
-    row_start: Vec<u32>,
-    /// Pairs of two cameras that share a factor beside points, rising.
-    camera_links: Vec<u32>,
-    /// First number of each further variable's diagonal block, and of each further pair's block.
-    diagonal_start: Vec<usize>,
-    off_start: Vec<usize>,
-}
-
-/// The reduced, damped system.
-struct Reduced<const P: usize> {
-    pattern: Arc<Pattern>,
-    diagonal: Vec<SMatrix<f64, P, P>>,
-    off: Vec<SMatrix<f64, P, P>>,
-    more_diagonal: Vec<f64>,
-    more_off: Vec<f64>,
-}
-
-/// The undamped normal equations at a state.
-#[derive(Clone)]
-pub struct Normal<const P: usize> {
-    /// Of each free camera.
-    pub cameras: Vec<SMatrix<f64, P, P>>,
-    pub camera_gradients: Vec<SVector<f64, P>>,
-    /// Of each point.
-    pub points: Vec<Mat3>,
-    pub point_gradients: Vec<Vec3>,
-    pub cost: f64,
-    pattern: Arc<Pattern>,
-    /// Blocks of two cameras from factors beside points, in the order of the pattern's links.
-    camera_links: Vec<SMatrix<f64, P, P>>,
-    /// Of the further variables: gradient, diagonal blocks, and blocks with cameras and each other.
-    more_gradient: Vec<f64>,
-    more_diagonal: Vec<f64>,
-    more_off: Vec<f64>,
 }
 
 /// A step of all free cameras, further variables and points, and by how much the linear model lowers the cost.
@@ -111,176 +75,6 @@ pub struct More {
 
 /// Most free cameras for which a table of pairs is kept.
 const TABLE: usize = 1024;
-
-impl Pattern {
-    fn new(analysis: Analysis, cameras: usize, linked: &[(usize, usize)]) -> Self {
-        let pairs = analysis.pairs();
-        let row_start = (0..=analysis.rows()).map(|a| pairs.partition_point(|p| (p.0 as usize) < a) as u32);
-        let row_start: Vec<u32> = row_start.collect();
-        let camera_pairs = row_start[cameras] as usize;
-        let mut camera_links: Vec<u32> =
-            linked.iter().filter_map(|(a, b)| analysis.pair(*a, *b)).map(|p| p as u32).collect();
-        camera_links.retain(|p| (*p as usize) < camera_pairs);
-        camera_links.sort_unstable();
-        camera_links.dedup();
-        let running = |sizes: &mut dyn Iterator<Item = usize>| {
-            let mut all = vec![0];
-            let mut sum = 0;
-            for s in sizes {
-                sum += s;
-                all.push(sum);
-            }
-            all
-        };
-        let diagonal_start = running(&mut (cameras..analysis.rows()).map(|i| analysis.size(i).pow(2)));
-        let block = |p: &(u32, u32)| analysis.size(p.0 as usize) * analysis.size(p.1 as usize);
-        let off_start = running(&mut pairs[camera_pairs..].iter().map(block));
-        let analysis = Arc::new(analysis);
-        Self { analysis, cameras, camera_pairs, row_start, camera_links, diagonal_start, off_start }
-    }
-
-    /// Index of the block of two rows, the first of higher place; that there is one is the caller's business.
-    fn pair(&self, a: usize, b: usize) -> usize {
-        let row = self.row_start[a] as usize..self.row_start[a + 1] as usize;
-        row.start + self.analysis.pairs()[row].partition_point(|p| (p.1 as usize) < b)
-    }
-
-    /// First of a further variable's entries in gradients and steps.
-    fn gradient_start(&self, row: usize) -> usize {
-        self.analysis.offset(row) - self.analysis.offset(self.cameras.min(row))
-    }
-}
-
-impl<const P: usize> Normal<P> {
-    /// Zeros again.
-    pub fn clear(&mut self) {
-        self.cameras.fill(SMatrix::zeros());
-        self.camera_gradients.fill(SVector::zeros());
-        self.points.fill(Mat3::zeros());
-        self.point_gradients.fill(Vec3::zeros());
-        self.camera_links.fill(SMatrix::zeros());
-        self.more_gradient.fill(0.0);
-        self.more_diagonal.fill(0.0);
-        self.more_off.fill(0.0);
-        self.cost = 0.0;
-    }
-
-    /// Adds whitened rows of a factor that touches some block rows: for each the columns of the Jacobian that are its. Rows
-    /// of variables that are not free are `None`. Block rows that share a factor were announced to [`Schur::new`].
-    pub fn add_factor<const R: usize, const C: usize>(
-        &mut self,
-        residual: &SVector<f64, R>,
-        jacobian: &SMatrix<f64, R, C>,
-        parts: &[(Option<usize>, Range<usize>)],
-    ) {
-        self.cost += 0.5 * residual.norm_squared();
-        let (hessian, gradient) = (jacobian.tr_mul(jacobian), jacobian.tr_mul(residual));
-        let parts = || parts.iter().filter_map(|(row, range)| Some(((*row)?, range.clone())));
-        for (a, ra) in parts() {
-            self.add_gradient(a, &gradient.as_slice()[ra.clone()]);
-            for (b, rb) in parts().filter(|(b, _)| *b <= a) {
-                let block = self.block_mut(a, b);
-                for (to, c) in block.chunks_exact_mut(ra.len()).zip(rb) {
-                    to.iter_mut().zip(ra.clone()).for_each(|(t, r)| *t += hessian[(r, c)]);
-                }
-            }
-        }
-    }
-
-    fn add_gradient(&mut self, row: usize, gradient: &[f64]) {
-        let to = match self.camera_gradients.get_mut(row) {
-            Some(camera) => camera.as_mut_slice(),
-            None => &mut self.more_gradient[self.pattern.gradient_start(row)..],
-        };
-        to.iter_mut().zip(gradient).for_each(|(t, g)| *t += g);
-    }
-
-    /// The block of two rows, the first not of lower place, by columns.
-    fn block_mut(&mut self, a: usize, b: usize) -> &mut [f64] {
-        let pattern = &self.pattern;
-        if a == b {
-            return match self.cameras.get_mut(a) {
-                Some(camera) => camera.as_mut_slice(),
-                None => {
-                    let k = a - pattern.cameras;
-                    &mut self.more_diagonal[pattern.diagonal_start[k]..pattern.diagonal_start[k + 1]]
-                }
-            };
-        }
-        let pair = pattern.pair(a, b);
-        match pair.checked_sub(pattern.camera_pairs) {
-            Some(k) => &mut self.more_off[pattern.off_start[k]..pattern.off_start[k + 1]],
-            None => {
-                let link = pattern.camera_links.partition_point(|p| (*p as usize) < pair);
-                self.camera_links[link].as_mut_slice()
-            }
-        }
-    }
-}
-
-impl<const P: usize> Blocks for Reduced<P> {
-    fn diagonal(&self, row: usize) -> &[f64] {
-        match self.diagonal.get(row) {
-            Some(block) => block.as_slice(),
-            None => {
-                let k = row - self.pattern.cameras;
-                &self.more_diagonal[self.pattern.diagonal_start[k]..self.pattern.diagonal_start[k + 1]]
-            }
-        }
-    }
-
-    fn off_diagonal(&self, pair: usize) -> &[f64] {
-        match self.off.get(pair) {
-            Some(block) => block.as_slice(),
-            None => {
-                let k = pair - self.pattern.camera_pairs;
-                &self.more_off[self.pattern.off_start[k]..self.pattern.off_start[k + 1]]
-            }
-        }
-    }
-}
-
-impl<const P: usize> Reduced<P> {
-    /// Takes components of a variable out of the system: their step is zero.
-    fn hold(&mut self, row: usize, components: &Range<usize>, right: &mut [f64]) {
-        let pattern = Arc::clone(&self.pattern);
-        let analysis = &pattern.analysis;
-        let d = analysis.size(row);
-        let own = match self.diagonal.get_mut(row) {
-            Some(block) => block.as_mut_slice(),
-            None => &mut self.more_diagonal[pattern.diagonal_start[row - pattern.cameras]..][..d * d],
-        };
-        for k in components.clone() {
-            for other in 0..d {
-                own[k * d + other] = 0.0;
-                own[other * d + k] = 0.0;
-            }
-            own[k * d + k] = 1.0;
-            right[analysis.offset(row) + k] = 0.0;
-        }
-        for (pair, (a, b)) in analysis.pairs().iter().enumerate() {
-            let (a, b) = (*a as usize, *b as usize);
-            if a != row && b != row {
-                continue;
-            }
-            let block = match self.off.get_mut(pair) {
-                Some(block) => block.as_mut_slice(),
-                None => {
-                    let k = pair - pattern.camera_pairs;
-                    &mut self.more_off[pattern.off_start[k]..pattern.off_start[k + 1]]
-                }
-            };
-            let height = analysis.size(a);
-            for k in components.clone() {
-                if a == row {
-                    block.iter_mut().skip(k).step_by(height).for_each(|v| *v = 0.0);
-                } else {
-                    block[k * height..(k + 1) * height].fill(0.0);
-                }
-            }
-        }
-    }
-}
 
 impl<const P: usize> Schur<P> {
     /// Of `cameras` free cameras and observations grouped by point (those of a point stand together): the point of each,
@@ -592,40 +386,4 @@ fn promise<const P: usize>(
         sum += (0..3).map(|k| of(s[k], g[k], h[(k, k)])).sum::<f64>();
     }
     sum
-}
-
-/// For each camera, the cameras of lower place that share a point with it, rising.
-fn covisible(cameras: usize, ranges: &[Range<usize>], slots: &[Option<u32>]) -> Vec<Vec<u32>> {
-    const FEW: usize = 256;
-    let mut shared: Vec<Vec<u32>> = vec![Vec::new(); cameras];
-    // Repeats are dropped whenever a list has doubled, so that memory stays near what is kept.
-    let mut limits = vec![FEW; cameras];
-    for range in ranges {
-        let seen = &slots[range.clone()];
-        for a in seen.iter().flatten() {
-            let list = &mut shared[*a as usize];
-            list.extend(seen.iter().flatten().filter(|b| *b < a));
-            let limit = &mut limits[*a as usize];
-            if list.len() > *limit {
-                list.sort_unstable();
-                list.dedup();
-                *limit = FEW.max(2 * list.len());
-            }
-        }
-    }
-    for list in &mut shared {
-        list.sort_unstable();
-        list.dedup();
-        list.shrink_to_fit();
-    }
-    shared
-}
-
-fn table_of(pattern: &Pattern) -> Vec<u32> {
-    let n = pattern.cameras;
-    let mut table = vec![0; n * n];
-    for (k, (a, b)) in pattern.analysis.pairs()[..pattern.camera_pairs].iter().enumerate() {
-        table[*a as usize * n + *b as usize] = k as u32;
-    }
-    table
 }

@@ -5,6 +5,7 @@
 //! epipolar line (Lucas and Kanade 1981, one unknown). The right patch is warped by the local affine map between the
 //! two images, and the gain and offset of the exposure are free. Images are never rectified.
 
+mod lattice;
 mod patch;
 mod sample;
 #[cfg(target_arch = "x86_64")]
@@ -191,7 +192,8 @@ impl StereoMatcher {
             (right_x[i], depth[i]) = self.right_x_and_depth(left.px[i][0], f.disparity as f64);
         }
         if self.config.borrow_correlation <= 1.0 {
-            self.seeds.fill(left.px, &found, depth);
+            let matched = found.iter().filter(|f| depth[f.left as usize] > 0.0);
+            self.seeds.fill(matched.map(|f| (left.px[f.left as usize], f.disparity)));
             let correlation_gate = correlation_gate.max(self.config.borrow_correlation);
             let this = &*self;
             let matched = &*right_x;
@@ -326,7 +328,7 @@ impl StereoMatcher {
         let scale = self.octaves.scale(level);
         let centre = self.centre(left, i);
         let warp = Warp::new(&self.left, &self.right, centre, scale, start)?;
-        let fit = template.prepare(&warp)?;
+        let fit = template.prepare(warp.direction_left)?;
         let mut shift = 0.0; // of the disparity, in pixels of the level
         let mut patch = [0.0; PADDED];
         let mut gain = 0.0;

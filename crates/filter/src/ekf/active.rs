@@ -2,7 +2,7 @@
 //! covariance.
 
 use super::config::Linearisation;
-use super::passive::Deferred;
+use super::deferred::Deferred;
 use crate::angle::wrap;
 use crate::covariance::{Covariance, Form, Rows};
 use crate::measure::{Measurement, jacobians};

@@ -6,8 +6,9 @@
 //! compatibility test", IEEE TRA 17(6), 2001.
 
 use super::active::Active;
+use super::config::Association;
 use super::landmark::{LandmarkId, Verdict};
-use super::{Association, EkfSlam};
+use super::state::EkfSlam;
 use crate::chi2;
 use crate::covariance::Rows;
 use crate::log::{Sighting, Target};

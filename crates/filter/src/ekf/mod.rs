@@ -1,18 +1,25 @@
 //! EKF-SLAM in the plane: poses of robots and landmarks in one Gaussian.
 //!
 //! Source: Smith, Self, Cheeseman, "Estimating uncertain spatial relationships in robotics" (1990); Dissanayake et al.
-//! (2001). Modules: `active` predicts and updates, `associate` does the data association, `delayed` initialises
-//! landmarks that one measurement does not determine, `upkeep` confirms and removes landmarks, `recover` widens the
-//! pose when many sightings are rejected, `region` keeps the far part of the map passive.
+//! (2001). Modules: `state` is what all work on; `active` predicts and updates, `associate` does the data association,
+//! `initialise` adds landmarks that one measurement does not determine (`delayed` searches their positions), `upkeep`
+//! confirms and removes landmarks (`reach` is what the sensor sees), `recover` widens the pose when many sightings are
+//! rejected (`recent`), `exchange` keeps the far part of the map passive (`region`, `passive`, `deferred`, `tiles`).
 
 mod active;
 mod associate;
 mod config;
+mod deferred;
 mod delayed;
+mod exchange;
+mod initialise;
 mod landmark;
 mod passive;
+mod reach;
+mod recent;
 mod recover;
 mod region;
+mod state;
 mod tiles;
 mod upkeep;
 
@@ -22,50 +29,18 @@ pub use landmark::{FilterError, Landmark, LandmarkId, Verdict};
 
 use crate::log::{Sighting, Target};
 use crate::motion::Motion;
-use active::{Active, Linear, Place};
+use active::{Active, Linear};
 use cairn_geometry::Se2;
 use delayed::Delayed;
 use landmark::Record;
 use nalgebra::{Matrix3, Vector3};
-use recover::Recent;
+use reach::Reach;
+use recent::Recent;
 use region::Region;
+use state::Robot;
 use std::collections::BTreeMap;
-use upkeep::Reach;
 
-/// A landmark rejected this often in a row, while others are accepted, has moved; it is removed and initialised again.
-const MOVED: usize = 15;
-
-/// A robot of the state.
-#[derive(Clone, Debug)]
-struct Robot {
-    place: Place,
-    store: Option<usize>,
-    recent: Recent,
-    /// Distance travelled, in metres.
-    travelled_m: f64,
-    /// Number of motions so far.
-    moves: usize,
-}
-
-/// The filter.
-#[derive(Clone, Debug)]
-pub struct EkfSlam {
-    config: EkfConfig,
-    active: Active,
-    robots: Vec<Robot>,
-    /// In order of rising numbers.
-    landmarks: Vec<Record>,
-    by_label: BTreeMap<u32, LandmarkId>,
-    next_id: u32,
-    /// Chi-square bounds by degrees of freedom.
-    gates: [f64; 4],
-    delayed: Delayed,
-    region: Option<Region>,
-    reach: Reach,
-    /// Landmarks that turned out to be the same as another, and that other one.
-    joined: BTreeMap<LandmarkId, LandmarkId>,
-    recoveries: usize,
-}
+pub use state::EkfSlam;
 
 impl EkfSlam {
     /// A filter with an empty state.

@@ -7,89 +7,14 @@
 //! not with the map.
 
 use super::active::{Active, HEADING, Place};
+use super::deferred::Deferred;
 use super::tiles::Tiles;
-use crate::covariance::{Covariance, Form, Rows};
-use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
+use crate::covariance::{Covariance, Form};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use std::collections::BTreeSet;
 
 /// Number of updates over which a subtraction from the passive part is spread.
 const SPREAD: usize = 20;
-
-/// Updates that the passive part has not received yet.
-#[derive(Clone, Debug)]
-pub(crate) struct Deferred {
-    /// Present active size by active size at the start, by rows: rows are added and removed together with variables.
-    phi: Vec<Vec<f64>>,
-    psi: DMatrix<f64>,
-    theta: DVector<f64>,
-}
-
-impl Deferred {
-    fn new(n: usize) -> Self {
-        let unit = |i: usize| (0..n).map(|j| f64::from(i == j)).collect();
-        Self { phi: (0..n).map(unit).collect(), psi: DMatrix::zeros(n, n), theta: DVector::zeros(n) }
-    }
-
-    /// `H phi`, by rows.
-    fn seen(&self, h: &Rows) -> Vec<Vec<f64>> {
-        let mut seen = vec![vec![0.0; self.theta.len()]; h.rows];
-        for (at, width, values) in &h.blocks {
-            for k in 0..*width {
-                for (r, seen) in seen.iter_mut().enumerate() {
-                    let by = values[(r, k)];
-                    seen.iter_mut().zip(&self.phi[at + k]).for_each(|(s, p)| *s += by * p);
-                }
-            }
-        }
-        seen
-    }
-
-    pub fn augment(&mut self, g: &Rows) {
-        let rows = self.seen(g);
-        self.phi.extend(rows);
-    }
-
-    pub fn remove(&mut self, at: usize, size: usize) {
-        self.phi.drain(at..at + size);
-    }
-
-    pub fn predict(&mut self, at: usize, f: &Matrix3<f64>) {
-        let rows: [Vec<f64>; 3] = std::array::from_fn(|k| std::mem::take(&mut self.phi[at + k]));
-        for i in 0..3 {
-            let of = |c: usize| (0..3).map(|k| f[(i, k)] * rows[k][c]).sum();
-            self.phi[at + i] = (0..rows[0].len()).map(of).collect();
-        }
-    }
-
-    pub fn shear(&mut self, d: &[f64], at: usize) {
-        let own = self.phi[at].clone();
-        for (row, by) in self.phi.iter_mut().zip(d) {
-            row.iter_mut().zip(&own).for_each(|(p, o)| *p += by * o);
-        }
-    }
-
-    /// Accumulates a measurement with this gain (column-major), inverse innovation covariance and innovation.
-    pub fn update(&mut self, h: &Rows, gain: &[f64], inverse: &Matrix3<f64>, innovation: &Vector3<f64>) {
-        let seen = self.seen(h);
-        let n = self.phi.len();
-        for r in 0..h.rows {
-            // A row of S^-1 H phi.
-            let mut weighted = vec![0.0; self.theta.len()];
-            for (k, seen) in seen.iter().enumerate() {
-                weighted.iter_mut().zip(seen).for_each(|(w, s)| *w += inverse[(r, k)] * s);
-            }
-            for (j, by) in weighted.iter().enumerate() {
-                self.theta[j] += by * innovation[r];
-                self.psi.column_mut(j).iter_mut().zip(&seen[r]).for_each(|(p, s)| *p += by * s);
-            }
-        }
-        for (r, seen) in seen.iter().enumerate() {
-            for (row, by) in self.phi.iter_mut().zip(&gain[r * n..(r + 1) * n]) {
-                row.iter_mut().zip(seen).for_each(|(p, s)| *p -= by * s);
-            }
-        }
-    }
-}
 
 /// A variable of the map: its place in the active state, and its first index in the passive store.
 #[derive(Clone, Copy, Debug)]
@@ -107,12 +32,12 @@ pub(crate) struct Passive {
     /// Rows of the active region against everything, as they were when it became active: `W`.
     cross: DMatrix<f64>,
     free: Vec<usize>,
-    /// First inrandoms of all landmarks.
+    /// First indices of all landmarks.
     landmarks: BTreeSet<usize>,
 }
 
 impl Passive {
-    /// Allocates inrandoms for a variable of this size; those of removed landmarks are used again.
+    /// Allocates indices for a variable of this size; those of removed landmarks are used again.
     pub fn allot(&mut self, size: usize) -> usize {
         if let (2, Some(store)) = (size, self.free.pop()) {
             self.landmarks.insert(store);
@@ -128,7 +53,7 @@ impl Passive {
         store
     }
 
-    /// Releases the inrandoms of a landmark.
+    /// Releases the indices of a landmark.
     pub fn release(&mut self, store: usize) {
         self.landmarks.remove(&store);
         self.free.push(store);
@@ -181,7 +106,7 @@ impl Passive {
     ) {
         let Some(heading) = numbers.iter().position(|(at, _)| *at == HEADING) else { return };
         let mut d = DVector::zeros(moved.len());
-        // Robots are always active, so passive variables are landmarks, two inrandoms each.
+        // Robots are always active, so passive variables are landmarks, two indices each.
         for store in self.landmarks.iter().filter(|s| !numbers.iter().any(|(_, n)| n == *s)) {
             (d[*store], d[store + 1]) = (-moved[store + 1], moved[*store]);
         }

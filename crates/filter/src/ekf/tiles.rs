@@ -63,7 +63,7 @@ impl Tiles {
         tile.values[(row % EDGE, column % EDGE)] - owed.sum::<f64>()
     }
 
-    /// The rows with these inrandoms over all columns `0..n`, returned as columns.
+    /// The rows with these indices over all columns `0..n`, returned as columns.
     pub fn rows(&self, numbers: &[usize], n: usize) -> DMatrix<f64> {
         let mut found = DMatrix::zeros(n, numbers.len());
         for (k, &number) in numbers.iter().enumerate() {
@@ -89,7 +89,7 @@ impl Tiles {
         found
     }
 
-    /// Overwrites the rows (and columns) with these inrandoms: `values` holds them as columns over all of `0..n`.
+    /// Overwrites the rows (and columns) with these indices: `values` holds them as columns over all of `0..n`.
     ///
     /// Every entry of these rows is replaced, so no subtraction is pending for them any more.
     pub fn write(&mut self, numbers: &[usize], values: &DMatrix<f64>) {
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_inrandoms_undone() {
+    fn places_are_indices_undone() {
         for k in 0..20_000 {
             let (i, j) = place(k);
             assert!(j <= i && index(i, j) == k);

@@ -2,40 +2,18 @@
 
 use super::active::{Linear, Place};
 use super::landmark::{LandmarkId, Record, Verdict};
-use super::{EkfSlam, MOVED};
+use super::state::EkfSlam;
 use crate::covariance::Rows;
 use crate::log::Sighting;
 use crate::measure::{Kind, expected};
 use nalgebra::{Matrix3, Vector3};
 
+/// A landmark rejected this often in a row, while others are accepted, has moved; it is removed and initialised again.
+const MOVED: usize = 15;
 /// Log odds of absence at which a tentative landmark is removed (a chance of 1 in 20 that it still exists).
 const PROVISIONAL: f64 = 3.0;
 /// The same for a confirmed landmark: a person who stands in front of it for a while must not cause its removal.
 const CONFIRMED: f64 = 20.0;
-
-/// Range and field of view of the sensor, learned from its sightings, and how often it sees what is within them.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Reach {
-    range_m: f64,
-    bearing_rad: f64,
-    seen: f64,
-    missed: f64,
-}
-
-impl Reach {
-    fn learn(&mut self, sighting: &Sighting) {
-        if let (Kind::RangeBearing, v) = (sighting.measurement.kind(), sighting.measurement.value()) {
-            self.range_m = self.range_m.max(v.x);
-            self.bearing_rad = self.bearing_rad.max(v.y.abs());
-        }
-    }
-
-    /// The weight of one miss, in log odds.
-    fn miss(&self) -> f64 {
-        let detection = (1.0 + self.seen) / (2.0 + self.seen + self.missed);
-        -(1.0 - detection).max(1e-3).ln()
-    }
-}
 
 impl EkfSlam {
     /// Initialises a landmark from a sighting.

@@ -10,8 +10,8 @@ import pytest
 from viewer import Recording
 
 CAIRN = os.environ["CAIRN"]
-# Once around a corridor, with depth: the end meets the start, so that a loop is closed.
-WORLD = "sim:corridor?sensor=rgbd&resolution=320x240"
+# A walk of 30 s through an office, with depth, that comes back to a room it has seen, so that a loop is closed.
+WORLD = "sim:office?sensor=rgbd&resolution=320x240&seed=3&duration=30"
 SCRIPT = "tracked 5 record\nat 12 stop\n"
 
 

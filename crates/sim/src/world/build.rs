@@ -1,7 +1,9 @@
 //! The builder that worlds are made with: painted quads and boxes, lights, obstacles, routes.
 
-use super::plan::{Footprint, distance_to_segment};
-use super::{Face, NamedRoute, WorldOptions};
+use super::face::Face;
+use super::footprint::{Footprint, distance_to_segment};
+use super::options::WorldOptions;
+use super::route::NamedRoute;
 use crate::texture::{Canvas, Noise, Texture};
 use cairn_geometry::{Vec2, Vec3};
 use cairn_random::Random;

@@ -1,6 +1,6 @@
 //! A flat textured piece of surface.
 
-use super::plan::distance_to_segment;
+use super::footprint::distance_to_segment;
 use cairn_geometry::{Vec2, Vec3};
 
 /// A convex polygon in a plane. The plane's frame has its origin at the texture's upper left corner, `along`

@@ -1,7 +1,7 @@
 //! Things that are put into a finished world and taken out again: boxes on the floor or hanging in the air.
 
 use super::build::{sides, turned};
-use super::plan::Footprint;
+use super::footprint::Footprint;
 use super::{Face, World};
 use cairn_geometry::{Vec2, Vec3};
 

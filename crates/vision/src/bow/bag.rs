@@ -1,6 +1,6 @@
 //! The bag-of-words vector of one image.
 
-use super::VocabularyError;
+use super::error::VocabularyError;
 
 /// A word of a vocabulary: the index of its leaf among all nodes of the tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

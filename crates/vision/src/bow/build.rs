@@ -1,6 +1,7 @@
 //! Serialises a tree to the bytes of a vocabulary file.
 
-use super::format::{HEADER_BYTES, MAGIC, MAX_NODES, VERSION, file_length};
+use super::error::VERSION;
+use super::format::{HEADER_BYTES, MAGIC, MAX_NODES, file_length};
 use crate::Descriptor;
 
 /// A tree whose nodes are stored level by level (breadth first); node 0 is the root.

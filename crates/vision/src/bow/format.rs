@@ -21,58 +21,38 @@
 //! | .. | first child of each node, u32, plus one final entry: node `n` has the children `first[n]..first[n + 1]` |
 //! | .. | weight of each node, f32: the inverse document frequency of a word, zero for inner nodes |
 
-use super::vocabulary::VocabularyFacts;
+use super::error::{VERSION, VocabularyError};
 use crate::Descriptor;
-use std::fmt;
 
 pub(super) const MAGIC: [u8; 8] = *b"CAIRNVOC";
-pub(super) const VERSION: u32 = 1;
 pub(super) const HEADER_BYTES: usize = 64;
 /// Limits on branching, depth and node count, far above any useful size: they bound the work on a corrupt file.
 pub(super) const MAX_BRANCHING: u32 = 4096;
 pub(super) const MAX_DEPTH: u32 = 16;
 pub(super) const MAX_NODES: u32 = 1 << 26;
 
-/// Why bytes are not a valid vocabulary.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum VocabularyError {
-    /// Does not begin with the magic bytes of a vocabulary.
-    NotAVocabulary,
-    /// Unsupported format version.
-    Version(u32),
-    /// The length does not match the header.
-    Length {
-        /// Actual length in bytes.
-        found: usize,
-        /// Length in bytes that follows from the header.
-        expected: usize,
-    },
-    /// The checksum does not match: the file was altered.
-    Checksum,
-    /// The checksum matches, but the content is inconsistent.
-    Content(&'static str),
+/// Header of a vocabulary: size, origin and checksum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct VocabularyFacts {
+    /// Maximum number of children of a node.
+    pub branching: u32,
+    /// Levels below the root.
+    pub depth: u32,
+    /// Number of nodes including the root.
+    pub nodes: u32,
+    /// Number of words (leaves).
+    pub words: u32,
+    /// Level of the direct index, whose node a bag keeps for each feature; the root is level 0.
+    pub index_level: u32,
+    /// Number of training images; 0 if unknown.
+    pub images: u32,
+    /// Number of training descriptors; 0 if unknown.
+    pub descriptors: u64,
+    /// Training seed.
+    pub seed: u64,
+    /// CRC-32 of the file: bags of vocabularies with different checksums cannot be compared.
+    pub checksum: u32,
 }
-
-impl fmt::Display for VocabularyError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NotAVocabulary => write!(f, "not a vocabulary file (it does not begin with CAIRNVOC)"),
-            Self::Version(v) => {
-                write!(f, "the vocabulary has format version {v}, only version {VERSION} is supported")
-            }
-            Self::Length { found, expected } => {
-                write!(
-                    f,
-                    "the vocabulary has {found} bytes, its header requires {expected}: it is cut off or damaged"
-                )
-            }
-            Self::Checksum => write!(f, "the vocabulary is damaged (its checksum does not match)"),
-            Self::Content(what) => write!(f, "the vocabulary is inconsistent: {what}"),
-        }
-    }
-}
-
-impl std::error::Error for VocabularyError {}
 
 /// The arrays of the file, borrowed from its bytes.
 #[derive(Clone, Copy)]

@@ -13,6 +13,7 @@
 mod bag;
 mod build;
 mod dbow2;
+mod error;
 mod format;
 mod matching;
 mod train;
@@ -20,7 +21,8 @@ mod vocabulary;
 
 pub use bag::{BagOfWords, WordId};
 pub use dbow2::{Dbow2Error, import_dbow2};
-pub use format::VocabularyError;
+pub use error::VocabularyError;
+pub use format::VocabularyFacts;
 pub use matching::{NodeMatchConfig, match_through_nodes};
 pub use train::{TrainConfig, TrainError, Trained, train};
-pub use vocabulary::{Vocabulary, VocabularyFacts};
+pub use vocabulary::Vocabulary;

@@ -1,34 +1,11 @@
 //! The vocabulary: a validated view of its file, and quantisation of descriptors by descending its tree.
 
-use super::bag::BagOfWords;
-use super::format::{self, Arrays};
-use super::{VocabularyError, WordId};
+use super::bag::{BagOfWords, WordId};
+use super::error::VocabularyError;
+use super::format::{self, Arrays, VocabularyFacts};
 use crate::{Descriptor, best_two_of};
 use std::borrow::Cow;
 use std::sync::OnceLock;
-
-/// Header of a vocabulary: size, origin and checksum.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct VocabularyFacts {
-    /// Maximum number of children of a node.
-    pub branching: u32,
-    /// Levels below the root.
-    pub depth: u32,
-    /// Number of nodes including the root.
-    pub nodes: u32,
-    /// Number of words (leaves).
-    pub words: u32,
-    /// Level of the direct index, whose node a bag keeps for each feature; the root is level 0.
-    pub index_level: u32,
-    /// Number of training images; 0 if unknown.
-    pub images: u32,
-    /// Number of training descriptors; 0 if unknown.
-    pub descriptors: u64,
-    /// Training seed.
-    pub seed: u64,
-    /// CRC-32 of the file: bags of vocabularies with different checksums cannot be compared.
-    pub checksum: u32,
-}
 
 /// A vocabulary tree over binary descriptors; see the [module documentation](super).
 #[derive(Clone)]

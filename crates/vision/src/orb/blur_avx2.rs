@@ -1,7 +1,7 @@
 //! AVX2 version of [`super::blur`], bit-identical.
 #![allow(unsafe_code)]
 
-use super::blur::KERNEL;
+use super::blur_scalar::KERNEL;
 use std::arch::x86_64::*;
 
 /// Vertical pass over rows of equal length into `out`, which is at least as long.
@@ -10,7 +10,7 @@ pub(super) fn columns(rows: [&[u8]; 7], out: &mut [u8]) {
     assert!(rows.iter().all(|r| r.len() == n) && out.len() >= n && is_x86_feature_detected!("avx2"));
     // SAFETY: AVX2 is available; all blocks of 32 end at n at most.
     unsafe { columns_avx2(rows, out) };
-    super::blur::columns(rows, out, n / 32 * 32);
+    super::blur_scalar::columns(rows, out, n / 32 * 32);
 }
 
 fn pair(a: u8, b: u8) -> i16 {

@@ -1,7 +1,7 @@
 //! AVX-512 version of [`super::blur`], bit-identical.
 #![allow(unsafe_code)]
 
-use super::blur::KERNEL;
+use super::blur_scalar::KERNEL;
 use std::arch::x86_64::*;
 
 /// Pixels of a block.

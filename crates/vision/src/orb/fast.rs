@@ -9,21 +9,13 @@
 //! keeps only such corners; another cell keeps all that pass the low one. Once a row of a cell has a strong corner, the
 //! rows below are searched with the high threshold only, which saves most of the work.
 
+use super::fast_scalar::CELL;
 use super::fast_score::score_row;
 use super::{BORDER, Backend};
 use cairn_sensor::GrayImage;
 
-/// A corner on one pyramid level.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Corner {
-    pub(super) x: u16,
-    pub(super) y: u16,
-    /// FAST score.
-    pub(super) score: u8,
-}
+pub(super) use super::fast_scalar::Corner;
 
-/// Side of a cell in pixels; vector code processes this many columns at once.
-pub(super) const CELL: usize = 32;
 /// The first column and row with a score: one before the first corner, for non-maximum suppression.
 const FIRST: usize = BORDER - 1;
 
@@ -116,18 +108,7 @@ fn peaks(rows: [&[u8]; 3], y: usize, x0: usize, x1: usize, out: &mut Vec<Corner>
         Backend::Scalar => {}
     }
     let _ = backend;
-    let [above, here, below] = rows;
-    for x in x0..x1 {
-        let s = here[x];
-        if s == 0 {
-            continue;
-        }
-        let before = above[x - 1].max(above[x]).max(above[x + 1]).max(here[x - 1]);
-        let after = below[x - 1].max(below[x]).max(below[x + 1]).max(here[x + 1]);
-        if s > before && s >= after {
-            out.push(Corner { x: x as u16, y: y as u16, score: s });
-        }
-    }
+    super::fast_scalar::peaks(rows, y, x0, x1, out);
 }
 
 #[cfg(test)]

@@ -2,8 +2,7 @@
 #![allow(unsafe_code)]
 
 use super::BORDER;
-use super::fast::{CELL, Corner};
-use super::fast_score::CIRCLE;
+use super::fast_scalar::{CELL, CIRCLE, Corner};
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 

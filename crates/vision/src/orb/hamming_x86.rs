@@ -1,7 +1,7 @@
 //! Versions of [`super::hamming`] for x86-64 with `popcnt` or the AVX-512 vector popcount; identical results.
 #![allow(unsafe_code)]
 
-use super::hamming::{self, BestTwo};
+use super::hamming_scalar::{self as scalar, BestTwo};
 use crate::Descriptor;
 use std::arch::x86_64::*;
 
@@ -35,7 +35,7 @@ pub(super) fn distance(a: &Descriptor, b: &Descriptor) -> Option<u32> {
 /// `popcnt` must be available.
 #[target_feature(enable = "popcnt")]
 unsafe fn distance_popcnt(a: &Descriptor, b: &Descriptor) -> u32 {
-    hamming::distance(a, b)
+    scalar::distance(a, b)
 }
 
 fn has_vector_popcount() -> bool {
@@ -72,7 +72,7 @@ unsafe fn nearest_popcnt(
     n: usize,
     candidate: impl Fn(usize) -> u32,
 ) -> BestTwo {
-    hamming::nearest(query, among, (0..n).map(candidate))
+    scalar::nearest(query, among, (0..n).map(candidate))
 }
 
 /// Four candidates at a time; a lane holds `distance << 32 | k`, so the minimum is the nearest, and the first of

@@ -15,6 +15,7 @@ mod blur;
 mod blur_avx2;
 #[cfg(target_arch = "x86_64")]
 mod blur_avx512;
+mod blur_scalar;
 mod descriptor;
 #[cfg(target_arch = "x86_64")]
 mod descriptor_avx2;
@@ -27,8 +28,10 @@ mod fast;
 mod fast_avx2;
 #[cfg(target_arch = "x86_64")]
 mod fast_avx512;
+mod fast_scalar;
 mod fast_score;
 mod hamming;
+mod hamming_scalar;
 #[cfg(target_arch = "x86_64")]
 mod hamming_x86;
 mod orientation;
@@ -36,11 +39,13 @@ mod orientation;
 mod orientation_avx2;
 #[cfg(target_arch = "x86_64")]
 mod orientation_avx512;
+mod orientation_scalar;
 mod pattern;
 mod pyramid;
 mod resize;
 #[cfg(target_arch = "x86_64")]
 mod resize_avx2;
+mod resize_scalar;
 mod subpixel;
 
 #[cfg(test)]

@@ -3,15 +3,7 @@
 use super::Backend;
 use cairn_sensor::GrayImage;
 
-/// Radius of the disc in pixels.
-pub(super) const RADIUS: usize = 15;
-
-/// Half width of the disc in the row `dy` from its centre: the largest `x` with `x^2 + dy^2 <= RADIUS^2`, for `dy` 0 to
-/// 15.
-pub(super) const HALF_WIDTH: [usize; RADIUS + 1] =
-    [15, 14, 14, 14, 14, 14, 13, 13, 12, 12, 11, 10, 9, 7, 5, 0];
-
-/// First moments `[m10, m01]` of the disc around a pixel at least [`RADIUS`] from the edge (at least 16 for AVX2).
+/// First moments `[m10, m01]` of the disc around a pixel at least [`RADIUS`](super::orientation_scalar::RADIUS) from the edge (at least 16 for AVX2).
 pub(super) fn moments(image: &GrayImage, x: usize, y: usize, backend: Backend) -> [i32; 2] {
     #[cfg(target_arch = "x86_64")]
     match backend {
@@ -20,18 +12,7 @@ pub(super) fn moments(image: &GrayImage, x: usize, y: usize, backend: Backend) -
         Backend::Scalar => {}
     }
     let _ = backend;
-    let (mut m10, mut m01) = (0i32, 0i32);
-    for dy in -(RADIUS as isize)..=RADIUS as isize {
-        let half = HALF_WIDTH[dy.unsigned_abs()];
-        let row = &image.row(y.wrapping_add_signed(dy))[x - half..=x + half];
-        let mut sum = 0;
-        for (i, &v) in row.iter().enumerate() {
-            sum += v as i32;
-            m10 += (i as i32 - half as i32) * v as i32;
-        }
-        m01 += dy as i32 * sum;
-    }
-    [m10, m01]
+    super::orientation_scalar::moments(image, x, y)
 }
 
 /// Cosine and sine of a direction in units of 1/16384; uses only correctly rounded operations, so the result is the
@@ -48,14 +29,6 @@ pub(super) fn direction([m10, m01]: [i32; 2]) -> [i16; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn half_widths_match_the_disc() {
-        for (dy, &half) in HALF_WIDTH.iter().enumerate() {
-            assert!(half * half + dy * dy <= RADIUS * RADIUS);
-            assert!((half + 1) * (half + 1) + dy * dy > RADIUS * RADIUS);
-        }
-    }
 
     #[test]
     fn ramp_orientation_is_its_gradient() {

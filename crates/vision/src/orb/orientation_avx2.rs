@@ -1,7 +1,7 @@
 //! AVX2 version of [`super::orientation`], identical results.
 #![allow(unsafe_code)]
 
-use super::orientation::{HALF_WIDTH, RADIUS};
+use super::orientation_scalar::{HALF_WIDTH, RADIUS};
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 

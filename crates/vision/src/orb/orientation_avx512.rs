@@ -1,7 +1,7 @@
 //! AVX-512 version of [`super::orientation`]: two rows at a time, identical results.
 #![allow(unsafe_code)]
 
-use super::orientation::{HALF_WIDTH, RADIUS};
+use super::orientation_scalar::{HALF_WIDTH, RADIUS};
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 

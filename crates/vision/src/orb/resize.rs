@@ -4,19 +4,11 @@
 //! rounding of the sizes. Weights are in units of 1/128; rows are combined first, then columns.
 
 use super::Backend;
+use super::resize_scalar::{TAPS, Tap, combine_columns, combine_rows};
 use cairn_sensor::GrayImage;
 
-/// Taps per destination pixel and axis; enough for ratios below 2.
-pub(super) const TAPS: usize = 4;
 /// Bytes that vector code may read beyond a row of scratch.
 const SLACK: usize = 64;
-
-/// Four neighbouring source pixels and their weights (sum 128, each 0 to 127).
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Tap {
-    pub(super) start: usize,
-    pub(super) weights: [u8; TAPS],
-}
 
 /// A resize plan, independent of the pixel values: taps of both axes and a scratch row.
 #[derive(Clone, Debug)]
@@ -65,23 +57,6 @@ impl Resize {
             combine_rows(rows, tap.weights, &mut self.scratch, 0);
             combine_columns(&self.scratch, &self.columns, out.row_mut(y), 0);
         }
-    }
-}
-
-/// Weighted sum of four rows, from column `from` on.
-pub(super) fn combine_rows(rows: [&[u8]; TAPS], weights: [u8; TAPS], out: &mut [u8], from: usize) {
-    for x in from..rows[0].len() {
-        let sum: u32 = (0..TAPS).map(|k| rows[k][x] as u32 * weights[k] as u32).sum();
-        out[x] = ((sum + 64) >> 7) as u8;
-    }
-}
-
-/// Weighted sum of four neighbours for each destination pixel, from column `from` on.
-pub(super) fn combine_columns(row: &[u8], columns: &[Tap], out: &mut [u8], from: usize) {
-    for (out, tap) in out.iter_mut().zip(columns).skip(from) {
-        let source = &row[tap.start..tap.start + TAPS];
-        let sum: u32 = (0..TAPS).map(|k| source[k] as u32 * tap.weights[k] as u32).sum();
-        *out = ((sum + 64) >> 7) as u8;
     }
 }
 

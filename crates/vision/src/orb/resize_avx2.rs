@@ -1,7 +1,7 @@
 //! AVX2 version of [`super::resize`], bit-identical.
 #![allow(unsafe_code)]
 
-use super::resize::{TAPS, Tap};
+use super::resize_scalar::{TAPS, Tap};
 use std::arch::x86_64::*;
 
 /// Sixteen destination pixels: each half of eight is computed from sixteen consecutive source pixels.
@@ -41,7 +41,7 @@ pub(super) fn combine_rows(rows: [&[u8]; TAPS], weights: [u8; TAPS], out: &mut [
     assert!(rows.iter().all(|r| r.len() == n) && out.len() >= n && is_x86_feature_detected!("avx2"));
     // SAFETY: AVX2 is available; all blocks of 32 end at n at most.
     unsafe { combine_rows_avx2(rows, weights, out) };
-    super::resize::combine_rows(rows, weights, out, n / 32 * 32);
+    super::resize_scalar::combine_rows(rows, weights, out, n / 32 * 32);
 }
 
 /// # Safety
@@ -78,7 +78,7 @@ pub(super) fn combine_columns(row: &[u8], blocks: &[Block], columns: &[Tap], out
     assert!(blocks.iter().all(|b| b.base[0].max(b.base[1]) + 16 <= row.len()));
     // SAFETY: AVX2 is available; every block reads sixteen bytes from its bases and writes its own sixteen.
     unsafe { combine_columns_avx2(row, blocks, out) };
-    super::resize::combine_columns(row, columns, out, blocks.len() * 16);
+    super::resize_scalar::combine_columns(row, columns, out, blocks.len() * 16);
 }
 
 /// # Safety

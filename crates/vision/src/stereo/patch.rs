@@ -1,6 +1,5 @@
 //! The left patch of an alignment: its pixels at integer positions and its derivative along the epipolar line.
 
-use super::warp::Warp;
 use cairn_sensor::GrayImage;
 
 /// Half side of the patch in pixels of its level.
@@ -60,8 +59,9 @@ impl Template {
         Some(t)
     }
 
-    /// Computes the derivative along the epipolar line; `None` without contrast or without texture along the line.
-    pub(super) fn prepare(&self, warp: &Warp) -> Option<Fit> {
+    /// Computes the derivative along the epipolar line, whose direction in this image is given (pixels per pixel of
+    /// disparity); `None` without contrast or without texture along the line.
+    pub(super) fn prepare(&self, [dx, dy]: [f32; 2]) -> Option<Fit> {
         let mut contrast = self.value;
         centre(&mut contrast);
         let contrast_energy = dot(&contrast, &contrast);
@@ -70,7 +70,6 @@ impl Template {
             return None;
         }
         let mut slope = [0.0; PADDED];
-        let [dx, dy] = warp.direction_left;
         for k in 0..PADDED {
             slope[k] = self.gradient_x[k] * dx + self.gradient_y[k] * dy;
         }

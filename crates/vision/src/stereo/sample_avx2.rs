@@ -1,8 +1,8 @@
 //! AVX2 version of [`super::sample`]: eight samples at a time with gathered loads, bit-identical.
 #![allow(unsafe_code)]
 
+use super::lattice::Lattice;
 use super::patch::{AREA, PADDED, Patch, RADIUS, SIDE};
-use super::sample::Lattice;
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
 

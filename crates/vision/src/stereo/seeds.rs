@@ -1,7 +1,5 @@
 //! Disparity seeds: matched features in a grid, so that features without a match can try the disparities of neighbours.
 
-use super::StereoMatch;
-
 /// Side of a cell in rectified pixels; neighbours are searched in the 3 x 3 cells around a feature.
 const CELL: f32 = 32.0;
 /// Maximum number of different disparities to try.
@@ -20,11 +18,10 @@ pub(super) struct DisparitySeeds {
 }
 
 impl DisparitySeeds {
-    /// Fills the grid with the features of `found` that have a depth.
-    pub(super) fn fill(&mut self, px: &[[f32; 2]], found: &[StereoMatch], depth: &[f32]) {
-        let with_depth = || found.iter().filter(|f| depth[f.left as usize] > 0.0);
+    /// Fills the grid with features that have a depth: their rectified positions and disparities.
+    pub(super) fn fill(&mut self, features: impl Iterator<Item = ([f32; 2], f32)> + Clone) {
         let mut bounds = [f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
-        for [x, y] in with_depth().map(|f| px[f.left as usize]) {
+        for [x, y] in features.clone().map(|(p, _)| p) {
             bounds = [bounds[0].min(x), bounds[1].min(y), bounds[2].max(x), bounds[3].max(y)];
         }
         self.starts.clear();
@@ -42,18 +39,17 @@ impl DisparitySeeds {
             ((p[1] - origin[1]) / CELL) as usize * columns + ((p[0] - origin[0]) / CELL) as usize
         };
         self.starts.resize(self.columns * self.rows + 1, 0);
-        for f in with_depth() {
-            self.starts[cell(px[f.left as usize]) + 1] += 1;
+        for (p, _) in features.clone() {
+            self.starts[cell(p) + 1] += 1;
         }
         for c in 1..self.starts.len() {
             self.starts[c] += self.starts[c - 1];
         }
         self.items.resize(self.starts[self.starts.len() - 1] as usize, [0.0; 3]);
         // Filling moves each start to the end of its cell, which is the start of the next: shifted back below.
-        for f in with_depth() {
-            let p = px[f.left as usize];
+        for (p, disparity) in features {
             let slot = &mut self.starts[cell(p)];
-            self.items[*slot as usize] = [p[0], p[1], f.disparity];
+            self.items[*slot as usize] = [p[0], p[1], disparity];
             *slot += 1;
         }
         self.starts.rotate_right(1);
