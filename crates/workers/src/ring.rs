@@ -46,7 +46,7 @@ pub enum RingError {
     },
     /// There is too little room.
     #[error(
-        "{}: {free_mb} MB are free, the shared frames need {need_mb} MB: free some of it, or run without --isolated",
+        "{}: {free_mb} MB are free, the shared frames need {need_mb} MB",
         folder.display()
     )]
     Full {

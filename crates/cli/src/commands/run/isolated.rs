@@ -21,7 +21,7 @@ pub struct Isolated {
     pub isolated: bool,
     /// Memory that each process may use, MB; one that needs more dies and is started again.
     #[arg(help_heading = super::arguments::RUNNING, long, default_value_t = 8000, value_name = "MB", requires = "isolated")]
-    #[arg(value_parser = clap::value_parser!(u64).range(200..=1_000_000))]
+    #[arg(value_parser = clap::value_parser!(u64).range(50..=1_000_000))]
     pub worker_memory: u64,
     /// What this process does for its supervisor.
     #[arg(long, hide = true)]
