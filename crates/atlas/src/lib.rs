@@ -35,4 +35,4 @@ pub use mirror::{Mirror, Mirrored};
 pub use names::{KeyFrameName, LandmarkName, RobotId};
 pub use places::PlaceIndex;
 pub use snapshot::Snapshot;
-pub use stream::{Published, Removed, Subscription};
+pub use stream::{Feed, Published, Removed, Subscription};

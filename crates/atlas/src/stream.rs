@@ -47,6 +47,29 @@ impl Subscription {
     }
 }
 
+/// The other end of a subscription whose commits come from elsewhere, a journal for instance, in place of an
+/// [`crate::Atlas`].
+#[derive(Debug)]
+pub struct Feed {
+    to: Sender<Arc<Published>>,
+    latest: Arc<AtomicU64>,
+}
+
+impl Feed {
+    /// A subscription that starts at a snapshot, and the end where its commits are put in.
+    pub fn new(start: Arc<Snapshot>) -> (Self, Subscription) {
+        let (to, changes) = channel();
+        let latest = Arc::new(AtomicU64::new(start.version));
+        (Self { to, latest: latest.clone() }, Subscription { start, changes, latest })
+    }
+
+    /// Puts in the next commit; false when the subscriber is gone.
+    pub fn put(&self, commit: Published) -> bool {
+        self.latest.fetch_max(commit.version, Ordering::AcqRel);
+        self.to.send(Arc::new(commit)).is_ok()
+    }
+}
+
 /// The senders of all subscriptions.
 #[derive(Debug, Default)]
 pub(crate) struct Subscribers {

@@ -33,6 +33,11 @@ impl Progress {
     pub fn warn(&self, text: &str) {
         self.0.suspend(|| crate::output::warn(text));
     }
+
+    /// Prints a line on stderr without breaking the bar.
+    pub fn note(&self, text: &str) {
+        self.0.suspend(|| crate::output::note(text));
+    }
 }
 
 impl Drop for Progress {

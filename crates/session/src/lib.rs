@@ -17,6 +17,7 @@ mod place;
 mod ready;
 mod recording;
 mod reference_path;
+mod route_guide;
 mod scale_basis;
 mod script;
 mod session;
@@ -45,6 +46,7 @@ pub use library::{
 };
 pub use ready::{landmarks_in_view, readiness};
 pub use reference_path::{ReferencePath, anchor_in_map};
+pub use route_guide::{RouteGuide, TrackedPlace};
 pub use script::{Script, ScriptError, When};
 pub use session::Session;
 pub use settings::{STEP_M, STEPS_M, Setting, WORDS_PER_MINUTE};

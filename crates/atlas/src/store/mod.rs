@@ -7,6 +7,7 @@
 
 mod about;
 mod atomic;
+mod changes;
 mod container;
 mod decode;
 mod depth;
@@ -18,6 +19,7 @@ mod virtual_baseline;
 mod wire;
 
 pub use about::{About, sensor_name};
+pub use changes::{COMMIT_VERSION, decode_commit, encode_commit};
 pub use container::{MAGIC, PartInfo};
 pub use depth::{DEPTH_PREFIX, DepthPart, Place, SavedDepth};
 pub use error::StoreError;

@@ -82,7 +82,8 @@ pub fn snapshot(seed: u64, steps: usize, features: usize) -> Snapshot {
     snapshot
 }
 
-fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change> {
+/// The changes of one step.
+pub fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change> {
     let key_frames: Vec<KeyFrameId> = snapshot.key_frames().map(|k| k.id).collect();
     let landmarks: Vec<LandmarkId> = snapshot.landmarks().map(|l| l.id).collect();
     let new = snapshot.next_key_frame_id();

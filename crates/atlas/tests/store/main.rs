@@ -2,6 +2,7 @@
 //! file.
 
 mod combine;
+mod commits;
 mod damage;
 mod depth;
 mod fixtures;

@@ -8,6 +8,7 @@ mod doctor;
 mod elsewhere;
 mod ends;
 mod eval;
+mod isolated;
 mod map;
 mod outputs;
 mod plan;

@@ -14,7 +14,7 @@ const MAPS: &str = "Maps";
 const TEAM: &str = "Team";
 const ROUTES: &str = "Routes and guidance";
 const SPEECH: &str = crate::speaking::HEADING;
-const RUNNING: &str = "How it runs";
+pub const RUNNING: &str = "How it runs";
 
 /// Runs SLAM on a recording or a live source; records routes and guides along them.
 ///
@@ -152,6 +152,8 @@ pub struct Arguments {
     /// Writes the surface of what the depth sensor saw, from the final poses: .ply, .glb or .obj.
     #[arg(help_heading = RESULTS, long, value_name = "OUT.ply")]
     pub mesh: Option<PathBuf>,
+    #[command(flatten)]
+    pub isolated: super::isolated::Isolated,
     /// Writes what --replay needs to reproduce the poses of this run bit for bit.
     #[arg(help_heading = RUNNING, long, value_name = "FILE", requires = "realtime")]
     pub journal: Option<PathBuf>,

@@ -3,6 +3,7 @@
 mod arguments;
 mod events;
 mod history;
+mod isolated;
 mod journal;
 mod map;
 mod mcap;
@@ -58,7 +59,15 @@ use tracing::debug;
 /// When an input cannot be used, the run fails or gives no pose, or a result cannot be written. Once a frame has been
 /// processed, every result is written all the same.
 pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure> {
+    if a.isolated.worker.is_some() {
+        return isolated::work(a);
+    }
     let outputs = results::checked(a)?;
+    if a.isolated.isolated
+        && let Some(parent) = isolated::shared_memory(a)?
+    {
+        return isolated::supervise(a, &outputs, output, began, parent);
+    }
     let _lock = outputs.file("--map-out").map(MapLock::take).transpose()?;
     if let Some(path) = &a.vocabulary {
         vocabulary(path)?;
@@ -301,11 +310,21 @@ fn open_source(
     config: &mut Config,
     map: Option<&MapFile>,
 ) -> Result<(Box<dyn Source>, Sensor), Failure> {
+    open_part(a, (a.start, a.frames), config, map)
+}
+
+/// The same from another second on, and another number of frames.
+fn open_part(
+    a: &Arguments,
+    (start_s, frames): (f64, Option<usize>),
+    config: &mut Config,
+    map: Option<&MapFile>,
+) -> Result<(Box<dyn Source>, Sensor), Failure> {
     let options = |rig: Option<Rig>| OpenOptions {
         rig,
         kind: a.kind.map(Kind::kind),
-        start_s: a.start,
-        frames: a.frames,
+        start_s,
+        frames,
         topics: a.topics.clone(),
         cancel: interrupt::cancel(),
     };

@@ -10,7 +10,7 @@ use crate::outputs::Outputs;
 use cairn_engine::{Engine, PoseTime};
 use cairn_eval::to_tum;
 use cairn_geometry::{Se3, Trajectory};
-use cairn_sensor::Rig;
+use cairn_sensor::{Rig, Stamp};
 use std::fs::File;
 use std::path::Path;
 
@@ -82,9 +82,13 @@ pub fn write_trajectories(outputs: &Outputs, whose: Whose, rig: &Rig, engine: &E
         Whose::Body => Se3::identity(),
         Whose::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
     };
+    write_poses(outputs, &|time| engine.mounted_trajectory(&body_from, time))
+}
+
+/// Writes trajectories of these poses: each frame once and in order.
+pub fn write_poses(outputs: &Outputs, poses: &dyn Fn(PoseTime) -> Vec<(Stamp, Se3)>) -> Vec<Failure> {
     let poses = |time: PoseTime| {
-        let poses = engine.mounted_trajectory(&body_from, time).into_iter();
-        // The engine returns each frame once and in order.
+        let poses = poses(time).into_iter();
         let poses = Trajectory::from_unsorted(poses.map(|(t, pose)| (t.0, pose)).collect())
             .map_err(|e| Failure::new("trajectory", e.to_string(), "report this with the recording"))?;
         Ok(to_tum(&poses).into_bytes())

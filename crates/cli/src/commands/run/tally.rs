@@ -158,7 +158,7 @@ fn skip_report(s: &SkipCount) -> SkipReport {
 
 /// The configuration as `cairn config --json` prints it: converted through text, so that 0.8 in single precision stays
 /// 0.8.
-fn as_printed(config: &FileConfig) -> serde_json::Value {
+pub fn as_printed(config: &FileConfig) -> serde_json::Value {
     // Everything in a configuration can be written as JSON.
     let text = serde_json::to_string(config).unwrap_or_default();
     serde_json::from_str(&text).unwrap_or_default()

@@ -1,0 +1,154 @@
+//! The capture process: reads the source and puts its frames into the ring.
+
+use crate::message::{Failure, Frame, Opened, Order, Report, read, write};
+use crate::{pixels, ring::Ring};
+use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
+use std::io::{Read, Write};
+use std::path::Path;
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Frames that the ring keeps: those that arrive while SLAM is being restarted, and more.
+pub const SLOTS: u32 = 32;
+
+/// What capture is told at its beginning.
+struct Begin {
+    ring: std::path::PathBuf,
+    next: u64,
+    delivered: Option<Delivered>,
+    until: u64,
+}
+
+/// What a capture process before this one has delivered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Delivered {
+    /// The stamp of its first frame.
+    pub first: Stamp,
+    /// The stamp of its last frame.
+    pub last: Stamp,
+    /// How many frames.
+    pub frames: u64,
+}
+
+/// Runs until the source has ended or the supervisor is gone. `open` opens the source and says which sensors are used, as
+/// on the command line; its argument is what a process before has delivered, which the source should leave out ([`rest_of`]).
+pub fn run<F>(mut from: impl Read + Send + 'static, to: impl Write + Send + 'static, open: F)
+where
+    F: FnOnce(Option<Delivered>) -> Result<(Box<dyn Source>, String), Failure>,
+{
+    let Ok(Some(Order::Capture { ring, next, delivered, until })) = read(&mut from) else { return };
+    let delivered =
+        delivered.map(|(first, last)| Delivered { first: Stamp(first), last: Stamp(last), frames: next });
+    let begin = Begin { ring, next, delivered, until };
+    let to = Arc::new(Mutex::new(to));
+    let (credits, credit) = channel();
+    let pings = to.clone();
+    let listen = move || {
+        // Pings are answered here, since the source may wait long for a packet.
+        while let Ok(Some(order)) = read(&mut from) {
+            let goes_on = match order {
+                Order::Credit(until) => credits.send(until).is_ok(),
+                Order::Ping => say(&pings, &Report::Pong),
+                _ => false,
+            };
+            if !goes_on {
+                return;
+            }
+        }
+    };
+    let said = match std::thread::Builder::new().name("cairn-orders".into()).spawn(listen) {
+        Ok(_) => deliver(&begin, &credit, &to, open),
+        Err(e) => Err(Failure::new("capture", e, "close other programs and try again")),
+    };
+    if let Err(why) = said {
+        say(&to, &Report::Failed(why));
+    }
+}
+
+/// `Ok` when the supervisor is gone or all is delivered.
+fn deliver<F>(begin: &Begin, credit: &Receiver<u64>, to: &Mutex<impl Write>, open: F) -> Result<(), Failure>
+where
+    F: FnOnce(Option<Delivered>) -> Result<(Box<dyn Source>, String), Failure>,
+{
+    let (mut source, sensor) = open(begin.delivered)?;
+    let (info, rig) = (source.info(), source.rig());
+    let opened = Opened {
+        name: info.name.clone(),
+        frames: info.frames,
+        rate_hz: info.rate_hz,
+        rig: cairn_sources::write_rig(rig)?,
+        sensor,
+    };
+    let ring = shared(&begin.ring, pixels::slot_bytes(rig))?;
+    if !say(to, &Report::Opened(opened)) {
+        return Ok(());
+    }
+    let (mut number, mut until) = (begin.next, begin.until);
+    while let Some(packet) = source.next_packet()? {
+        until = credit.try_iter().fold(until, u64::max);
+        while number >= until {
+            let Ok(further) = credit.recv() else { return Ok(()) };
+            until = until.max(further);
+        }
+        let written = pixels::pieces(&packet, |pieces| ring.write(number, pieces));
+        written.map_err(|e| Failure::new("capture", e, "run without --isolated"))?;
+        if !say(to, &Report::Frame(Frame::of(number, &packet))) {
+            return Ok(());
+        }
+        number += 1;
+    }
+    say(to, &Report::SourceEnded { skipped: source.skipped().to_vec() });
+    // Until the supervisor is gone: an end before it would count as a death.
+    while credit.recv().is_ok() {}
+    Ok(())
+}
+
+/// False when the supervisor is gone.
+fn say(to: &Mutex<impl Write>, report: &Report) -> bool {
+    write(&mut *to.lock().unwrap_or_else(PoisonError::into_inner), report).is_ok()
+}
+
+/// The packets of a source after those that were delivered.
+///
+/// # Errors
+/// The source's error.
+pub fn rest_of(mut source: Box<dyn Source>, delivered: &Delivered) -> Result<Box<dyn Source>, Failure> {
+    while let Some(packet) = source.next_packet()? {
+        if packet.stamp > delivered.last {
+            return Ok(Box::new(Resumed { first: Some(packet), source }));
+        }
+    }
+    Ok(source)
+}
+
+/// A source with a packet that was read before.
+struct Resumed {
+    first: Option<FramePacket>,
+    source: Box<dyn Source>,
+}
+
+impl Source for Resumed {
+    fn info(&self) -> &SourceInfo {
+        self.source.info()
+    }
+
+    fn rig(&self) -> &Rig {
+        self.source.rig()
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        self.first.take().map_or_else(|| self.source.next_packet(), |packet| Ok(Some(packet)))
+    }
+
+    fn skipped(&self) -> &[String] {
+        self.source.skipped()
+    }
+}
+
+/// The ring of a run: made by its first capture process, opened by those after it.
+fn shared(path: &Path, slot_bytes: u64) -> Result<Ring, Failure> {
+    let ring = if path.exists() { Ring::open(path) } else { Ring::create(path, SLOTS, slot_bytes) };
+    ring.map_err(|e| {
+        Failure::new("the shared frames", e, "free some shared memory, or run without --isolated")
+    })
+}

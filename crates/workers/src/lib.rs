@@ -1,0 +1,106 @@
+#![cfg(unix)]
+#![doc = include_str!("../README.md")]
+
+mod backoff;
+pub mod capture;
+pub mod guide;
+pub mod journal;
+mod limits;
+pub mod message;
+pub mod pixels;
+mod process;
+pub mod ring;
+mod run_folder;
+pub mod slam;
+mod supervisor;
+
+pub use journal::JournalError;
+pub use limits::{die_with_parent, limit_memory};
+pub use run_folder::{RunFolder, SHARED_MEMORY, remove_abandoned};
+pub use supervisor::{Death, Supervised, Supervision, Told, supervise};
+
+use cairn_engine::SensorMode;
+use cairn_sensor::Rig;
+use message::{Failure, Opened};
+use std::path::Path;
+
+/// What a worker does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Role {
+    /// Reads the source.
+    Capture,
+    /// Tracks and maps.
+    Slam,
+    /// Guides along a route.
+    Guide,
+}
+
+impl Role {
+    /// Its name, also on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Capture => "capture",
+            Self::Slam => "slam",
+            Self::Guide => "guide",
+        }
+    }
+
+    /// The role of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Capture, Self::Slam, Self::Guide].into_iter().find(|role| role.name() == name)
+    }
+}
+
+/// Why a supervised run failed.
+#[derive(Debug, thiserror::Error)]
+pub enum SuperviseError {
+    /// A process cannot be started.
+    #[error("the process for {} cannot be started: {why}", role.name())]
+    Start {
+        /// What it should do.
+        role: Role,
+        /// The system's reason.
+        why: String,
+    },
+    /// A worker cannot go on, and starting it again would not help.
+    #[error(transparent)]
+    Worker(#[from] Failure),
+    /// A process dies again and again before it does anything.
+    #[error("the process for {} died {times} times in a row: {how}", role.name())]
+    CrashLoop {
+        /// What it should do.
+        role: Role,
+        /// How it died last.
+        how: String,
+        /// How often.
+        times: usize,
+    },
+    /// The map at the end cannot be read.
+    #[error(transparent)]
+    Map(#[from] cairn_atlas::store::StoreError),
+    /// It was asked to end before the source was open.
+    #[error("interrupted before the source was open")]
+    Interrupted,
+}
+
+/// The rig of a source, read back from its text.
+fn rig_of(folder: &Path, opened: &Opened) -> Result<Rig, Failure> {
+    let path = folder.join("rig.toml");
+    let cure = "free some shared memory, or run without --isolated";
+    std::fs::write(&path, &opened.rig).map_err(|e| Failure::new(path.display().to_string(), e, cure))?;
+    Ok(cairn_sources::read_rig(&path)?)
+}
+
+/// The camera mode of a name on the command line, and whether the IMU is used.
+fn mode_of(sensor: &str) -> Result<(SensorMode, bool), Failure> {
+    let (cameras, imu) = sensor.strip_suffix("-imu").map_or((sensor, false), |cameras| (cameras, true));
+    let mode = match cameras {
+        "mono" => SensorMode::Mono,
+        "stereo" => SensorMode::Stereo,
+        "rgbd" => SensorMode::Rgbd,
+        _ => {
+            return Err(Failure::new("the sensors", format!("'{sensor}' is unknown"), "start the run again"));
+        }
+    };
+    Ok((mode, imu))
+}

@@ -1,0 +1,385 @@
+//! What processes say to each other: small messages in pipes, in order.
+//!
+//! Every worker reads orders ([`Order`]) from its standard input and writes reports ([`Report`]) to its standard output; the
+//! supervisor is at the other end of both. Images never pass here, only the number of their frame in the ring
+//! ([`crate::ring`]). A message is its length, a checksum and its form in postcard. A pipe neither loses nor reorders; what
+//! a worker had not acknowledged when it died is sent again to its successor by the supervisor.
+
+use cairn_atlas::KeyFrameId;
+use cairn_geometry::{Pose, Se3, Sim3, Similarity, So3, Vec3};
+use cairn_guide::{Anchor, Confidence};
+use cairn_sensor::{ImuSample, Stamp};
+use cairn_session::TrackedPlace;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::io::{self, Read, Write};
+use std::path::PathBuf;
+
+/// No message is longer: the IMU readings of a frame after a long gap.
+const LONGEST: usize = 16 << 20;
+
+/// To a worker.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Order {
+    /// To capture, first.
+    Capture {
+        /// The ring to make, or to go on with.
+        ring: PathBuf,
+        /// The number of the next frame.
+        next: u64,
+        /// The stamps (ns) of the first and the last frame that a process before this one delivered.
+        delivered: Option<(i64, i64)>,
+        /// The first frame number that may not be written yet.
+        until: u64,
+    },
+    /// To capture: frames below this number may be written.
+    Credit(u64),
+    /// To SLAM and dense, first.
+    Map {
+        /// The ring of frames.
+        ring: PathBuf,
+        /// The folder of the map's journal, and of the rig.
+        folder: PathBuf,
+        /// What was opened.
+        opened: Opened,
+        /// The number of this process among all of the run: odometry of another one is in another frame.
+        start: u64,
+    },
+    /// To the guide, first.
+    Guide {
+        /// The folder of the map's journal.
+        folder: PathBuf,
+        /// The stamp of the first frame of the run (ns), where there was one.
+        began: Option<i64>,
+    },
+    /// To the guide: SLAM has done a frame.
+    Tracked(Box<Tracked>),
+    /// To the guide: whether poses come, or what makes them is late or dead.
+    PosesCome(bool),
+    /// A frame lies in the ring.
+    Frame(Frame),
+    /// Answer, and write what is due.
+    Ping,
+    /// There are no more frames.
+    End,
+}
+
+/// From a worker.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub enum Report {
+    /// Capture has opened the source.
+    Opened(Opened),
+    /// Capture: a frame lies in the ring.
+    Frame(Frame),
+    /// Capture: the source has ended; what was skipped, one line each.
+    SourceEnded {
+        /// Packets that could not be read.
+        skipped: Vec<String>,
+    },
+    /// SLAM or dense has begun, in a map of so many key frames.
+    Ready {
+        /// Key frames of the map it goes on with.
+        key_frames: usize,
+        /// The version of that map.
+        version: u64,
+    },
+    /// SLAM: a frame is done.
+    Tracked(Box<Tracked>),
+    /// SLAM: the pose of an earlier frame is known by now.
+    Amended {
+        /// Its number.
+        number: u64,
+        /// Its pose.
+        pose: Anchored,
+    },
+    /// Guide: something is to be heard now.
+    Said(Said),
+    /// The answer to a ping.
+    Pong,
+    /// All is done and written.
+    Finished(Finished),
+    /// The worker cannot go on: what, why and what to do. Starting it again would not help.
+    Failed(Failure),
+}
+
+/// Why a worker cannot go on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[error("{what}: {why}; {cure}")]
+pub struct Failure {
+    /// File, folder or stream.
+    pub what: String,
+    /// What is wrong.
+    pub why: String,
+    /// What the user can do.
+    pub cure: String,
+}
+
+impl Failure {
+    /// From the three parts of a good message.
+    pub fn new(what: impl Into<String>, why: impl ToString, cure: impl Into<String>) -> Self {
+        Self { what: what.into(), why: why.to_string(), cure: cure.into() }
+    }
+}
+
+impl From<cairn_sensor::SourceError> for Failure {
+    fn from(e: cairn_sensor::SourceError) -> Self {
+        Self { what: e.what, why: e.why, cure: e.cure }
+    }
+}
+
+/// What is known of the source.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Opened {
+    /// Kind and location.
+    pub name: String,
+    /// Number of packets, if known.
+    pub frames: Option<usize>,
+    /// Nominal rate, Hz.
+    pub rate_hz: f64,
+    /// The rig in Cairn's own format.
+    pub rig: String,
+    /// Which sensors are used, as on the command line (`stereo-imu`).
+    pub sensor: String,
+}
+
+/// A frame in the ring.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Its number: the generation of its slot.
+    pub number: u64,
+    /// Time of exposure, ns.
+    pub stamp: i64,
+    /// Its IMU samples: stamp (ns), angular rate, specific force, factor on the noise.
+    pub imu: Vec<(i64, [f64; 3], [f64; 3], f64)>,
+    /// Milliseconds that reading and decoding took.
+    pub decode_ms: f64,
+}
+
+/// A frame that SLAM has done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tracked {
+    /// Its number.
+    pub number: u64,
+    /// Its stamp, ns.
+    pub stamp: i64,
+    /// What became of it.
+    pub outcome: Outcome,
+    /// The pose, when it is known.
+    pub pose: Option<Anchored>,
+    /// Whether lengths are metres.
+    pub metric: bool,
+    /// From image to pose, ms.
+    pub ms: f64,
+    /// The pose as the guide needs it, when it is known.
+    pub place: Option<Place>,
+}
+
+/// A pose for the guide; the fields are those of `cairn_session::TrackedPlace`, poses as in [`Anchored`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    world_from_camera: [f64; 7],
+    odom_from_camera: [f64; 7],
+    world_from_odom: ([f64; 7], f64),
+    segment: u32,
+    anchor: Anchor,
+    anchor_from_camera: [f64; 7],
+    /// Good 0, low 1, lost 2.
+    confidence: u8,
+}
+
+/// Something to be heard.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Said {
+    /// Words.
+    Words {
+        /// The text.
+        text: String,
+        /// Seconds since the first frame.
+        t_s: f64,
+        /// They break off what is being said.
+        interrupts: bool,
+    },
+    /// An earcon ([`crate::guide::earcon_of`]).
+    Sound {
+        /// Its number.
+        earcon: u8,
+        /// Where it is heard from, positive to the left.
+        bearing_rad: f64,
+        /// Seconds since the first frame.
+        t_s: f64,
+    },
+}
+
+/// What became of a frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// It was tracked, or not; in words.
+    State(String),
+    /// Its images do not fit the rig; why.
+    Refused(String),
+    /// The ring no longer has it: it came too late.
+    Overtaken,
+    /// The ring has other bytes than were written.
+    Torn,
+}
+
+/// A pose that is anchored to a key frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Anchored {
+    /// The key frame's index.
+    pub reference: u32,
+    /// `reference_from_camera`: quaternion (x y z w) and translation.
+    pub reference_from_camera: [f64; 7],
+    /// `world_from_camera`, likewise.
+    pub world_from_camera: [f64; 7],
+}
+
+/// The end of SLAM.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Finished {
+    /// Loops closed by this process.
+    pub loops: usize,
+    /// Maps merged by this process.
+    pub merges: usize,
+}
+
+impl Frame {
+    /// The number, stamp and IMU samples of a packet.
+    pub fn of(number: u64, packet: &cairn_sensor::FramePacket) -> Self {
+        let sample = |s: &ImuSample| (s.stamp.0, s.gyro.into(), s.accel.into(), s.noise_scale);
+        Self {
+            number,
+            stamp: packet.stamp.0,
+            imu: packet.imu.iter().map(sample).collect(),
+            decode_ms: packet.decode_ms,
+        }
+    }
+
+    /// The IMU samples.
+    pub fn imu_samples(&self) -> Vec<ImuSample> {
+        let sample = |(stamp, gyro, accel, noise_scale): &(i64, [f64; 3], [f64; 3], f64)| ImuSample {
+            stamp: Stamp(*stamp),
+            gyro: Vec3::from(*gyro),
+            accel: Vec3::from(*accel),
+            noise_scale: *noise_scale,
+        };
+        self.imu.iter().map(sample).collect()
+    }
+}
+
+impl Anchored {
+    /// From the engine's.
+    pub fn of(pose: &cairn_engine::AnchoredPose) -> Self {
+        Self {
+            reference: pose.reference.index() as u32,
+            reference_from_camera: numbers(&pose.reference_from_camera),
+            world_from_camera: numbers(&pose.world_from_camera),
+        }
+    }
+
+    /// To the engine's; `None` when the numbers are no pose.
+    pub fn pose(&self) -> Option<cairn_engine::AnchoredPose> {
+        Some(cairn_engine::AnchoredPose {
+            reference: KeyFrameId::from_index(self.reference as usize)?,
+            reference_from_camera: se3(&self.reference_from_camera)?,
+            world_from_camera: se3(&self.world_from_camera)?,
+        })
+    }
+}
+
+/// In order of the numbers of [`Place::confidence`].
+const CONFIDENCES: [Confidence; 3] = [Confidence::Good, Confidence::Low, Confidence::Lost];
+
+impl Place {
+    /// Of a frame that SLAM's process number `start` has tracked: its odometry is a segment of its own.
+    pub fn of(place: &TrackedPlace, start: u64) -> Self {
+        let s = &place.world_from_odom.sim3;
+        let confidence = CONFIDENCES.iter().position(|c| *c == place.confidence);
+        Self {
+            world_from_camera: numbers(&place.world_from_camera.se3),
+            odom_from_camera: numbers(&place.odom_from_camera.se3),
+            world_from_odom: (numbers(&Se3::new(s.rotation, s.translation)), s.scale),
+            segment: (start as u32) << 16 | place.segment & 0xffff,
+            anchor: place.anchor,
+            anchor_from_camera: numbers(&place.anchor_from_camera),
+            confidence: confidence.unwrap_or(2) as u8,
+        }
+    }
+
+    /// Back; `None` when a pose is none.
+    pub fn to_tracked(&self, stamp: Stamp, metric: bool) -> Option<TrackedPlace> {
+        let (rigid, scale) = (se3(&self.world_from_odom.0)?, self.world_from_odom.1);
+        Some(TrackedPlace {
+            stamp,
+            world_from_camera: Pose::new(se3(&self.world_from_camera)?),
+            odom_from_camera: Pose::new(se3(&self.odom_from_camera)?),
+            world_from_odom: Similarity::new(Sim3::new(rigid.rotation, rigid.translation, scale)),
+            segment: self.segment,
+            anchor: self.anchor,
+            anchor_from_camera: se3(&self.anchor_from_camera)?,
+            confidence: *CONFIDENCES.get(usize::from(self.confidence))?,
+            metric,
+        })
+    }
+}
+
+fn numbers(pose: &Se3) -> [f64; 7] {
+    let (q, t) = (pose.rotation.quaternion(), pose.translation);
+    [q.i, q.j, q.k, q.w, t.x, t.y, t.z]
+}
+
+/// Bit for bit what [`numbers`] was given.
+fn se3(n: &[f64; 7]) -> Option<Se3> {
+    let q = nalgebra::Quaternion::new(n[3], n[0], n[1], n[2]);
+    let rotation = So3::from_quaternion(nalgebra::UnitQuaternion::new_unchecked(q));
+    let pose = Se3::new(rotation, Vec3::new(n[4], n[5], n[6]));
+    ((q.norm() - 1.0).abs() < 1e-6 && pose.is_finite()).then_some(pose)
+}
+
+/// Writes a message and flushes it.
+///
+/// # Errors
+/// When the pipe fails: the other end is gone.
+pub fn write<T: Serialize>(to: &mut impl Write, message: &T) -> io::Result<()> {
+    let bytes = postcard::to_stdvec(message).map_err(io::Error::other)?;
+    if bytes.len() > LONGEST {
+        return Err(io::Error::other(format!("a message of {} bytes is longer than {LONGEST}", bytes.len())));
+    }
+    to.write_all(&(bytes.len() as u32).to_le_bytes())?;
+    to.write_all(&crc32fast::hash(&bytes).to_le_bytes())?;
+    to.write_all(&bytes)?;
+    to.flush()
+}
+
+/// The next message; `None` where the pipe has ended, also within a message: the writer was killed.
+///
+/// # Errors
+/// When the pipe fails, or what comes is no message.
+pub fn read<T: DeserializeOwned>(from: &mut impl Read) -> io::Result<Option<T>> {
+    let mut head = [0; 8];
+    if !filled(from, &mut head)? {
+        return Ok(None);
+    }
+    let u32_at = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| head[at + i]));
+    let (length, crc) = (u32_at(0) as usize, u32_at(4));
+    if length > LONGEST {
+        return Err(io::Error::other(format!("a message of {length} bytes is longer than {LONGEST}")));
+    }
+    let mut bytes = vec![0; length];
+    if !filled(from, &mut bytes)? {
+        return Ok(None);
+    }
+    if crc32fast::hash(&bytes) != crc {
+        return Err(io::Error::other("a message has a wrong checksum: something else writes into the pipe"));
+    }
+    postcard::from_bytes(&bytes).map(Some).map_err(io::Error::other)
+}
+
+/// Fills the buffer; false when the pipe ends before.
+fn filled(from: &mut impl Read, buffer: &mut [u8]) -> io::Result<bool> {
+    match from.read_exact(buffer) {
+        Ok(()) => Ok(true),
+        Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
+        Err(e) => Err(e),
+    }
+}

@@ -1,0 +1,227 @@
+//! The SLAM process: frames from the ring in, poses out, every commit of the map into the journal.
+//!
+//! It begins in the map of the journal, where there is one: tracking then starts lost and relocalises with the first frame
+//! that shows a known place. Everything it knows that is worth keeping is in the journal; it may be killed at any moment.
+
+use crate::journal::{JournalWriter, recover};
+use crate::message::{
+    Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Place, Report, Tracked, read, write,
+};
+use crate::ring::{Borrowed, Ring};
+use crate::{mode_of, pixels};
+use cairn_atlas::Subscription;
+use cairn_engine::{Config, Engine, Joined, Runner, Verdict, record_input};
+use cairn_sensor::{FramePacket, ImuSample, Stamp};
+use cairn_session::TrackedPlace;
+use std::collections::BTreeMap;
+use std::io::{Read, Write};
+use std::path::Path;
+
+/// The map at the end of the run, in the journal's folder.
+pub const FINAL_MAP: &str = "final.cairn";
+
+/// Frames without a pose that may get one later: initialisation with one camera takes no longer.
+const MOST_UNPOSED: usize = 1000;
+
+/// Runs until the frames have ended or the supervisor is gone.
+pub fn run(mut from: impl Read, mut to: impl Write, config: &Config, runner: Runner) {
+    let Ok(Some(Order::Map { ring, folder, opened, start })) = read(&mut from) else { return };
+    let said = Slam::begin(&ring, &folder, &opened, start, config, runner)
+        .and_then(|slam| slam.work(&mut from, &mut to));
+    if let Err(why) = said {
+        // Without a supervisor there is nobody to tell.
+        let _ = write(&mut to, &Report::Failed(why));
+    }
+}
+
+struct Slam<'a> {
+    engine: Engine,
+    ring: Ring,
+    folder: &'a Path,
+    journal: JournalWriter,
+    commits: Subscription,
+    /// IMU samples of frames that the ring no longer had: the next frame takes them.
+    imu: Vec<ImuSample>,
+    /// Frames of this process that were told without a pose: number and index in the engine's log.
+    unposed: Vec<(u64, usize)>,
+    finished: Finished,
+    start: u64,
+    bytes: Vec<u8>,
+}
+
+impl<'a> Slam<'a> {
+    fn begin(
+        ring: &Path,
+        folder: &'a Path,
+        opened: &Opened,
+        start: u64,
+        config: &Config,
+        runner: Runner,
+    ) -> Result<Self, Failure> {
+        let ring =
+            Ring::open(ring).map_err(|e| Failure::new("the shared frames", e, "start the run again"))?;
+        let rig = crate::rig_of(folder, opened)?;
+        let mut config = config.clone();
+        let mode;
+        (mode, config.inertial.enabled) = mode_of(&opened.sensor)?;
+        let stored = |e: &dyn std::fmt::Display| {
+            Failure::new("the journal of the map", e, "free some shared memory, or run without --isolated")
+        };
+        let unsuitable = |e: &dyn std::fmt::Display| Failure::new(&opened.name, e, "choose another --sensor");
+        let recovered = recover(folder).map_err(|e| stored(&e))?;
+        let rate_hz = opened.rate_hz;
+        let (mut engine, journal) = match &recovered {
+            Some(r) => {
+                let engine = Engine::in_map(&rig, mode, rate_hz, runner, &config, &r.file);
+                (
+                    engine.map_err(|e| unsuitable(&e))?.0,
+                    JournalWriter::resume(folder, r).map_err(|e| stored(&e))?,
+                )
+            }
+            None => {
+                let engine = Engine::new(&rig, mode, rate_hz, runner, &config).map_err(|e| unsuitable(&e))?;
+                let base = engine.to_save("cairn", BTreeMap::new());
+                (engine, JournalWriter::begin(folder, &base).map_err(|e| stored(&e))?)
+            }
+        };
+        let commits =
+            engine.subscribe().ok_or_else(|| Failure::new("mapping", "it does not run", "try again"))?;
+        Ok(Self {
+            engine,
+            ring,
+            folder,
+            journal,
+            commits,
+            imu: Vec::new(),
+            unposed: Vec::new(),
+            finished: Finished::default(),
+            start,
+            bytes: Vec::new(),
+        })
+    }
+
+    /// `Ok` when all is done or the supervisor is gone.
+    fn work(mut self, from: &mut impl Read, to: &mut impl Write) -> Result<(), Failure> {
+        let snapshot = self.engine.snapshot();
+        let ready = Report::Ready { key_frames: snapshot.key_frame_count(), version: snapshot.version() };
+        drop(snapshot);
+        let mut reports = vec![ready];
+        loop {
+            for report in reports.drain(..) {
+                if write(to, &report).is_err() {
+                    return Ok(());
+                }
+            }
+            match read(from) {
+                Ok(Some(Order::Frame(frame))) => {
+                    let tracked = self.frame(&frame)?;
+                    reports.extend(self.amended().into_iter().chain([Report::Tracked(Box::new(tracked))]));
+                }
+                Ok(Some(Order::Ping)) => {
+                    self.flush()?;
+                    reports.push(Report::Pong);
+                }
+                Ok(Some(Order::End)) => reports.push(self.end()?),
+                Ok(Some(_)) => {}
+                Ok(None) | Err(_) => return Ok(()),
+            }
+        }
+    }
+
+    fn frame(&mut self, frame: &Frame) -> Result<Tracked, Failure> {
+        let mut tracked = Tracked {
+            number: frame.number,
+            stamp: frame.stamp,
+            outcome: Outcome::Overtaken,
+            pose: None,
+            metric: false,
+            ms: 0.0,
+            place: None,
+        };
+        self.imu.extend(frame.imu_samples());
+        let found = self.ring.read(frame.number, &mut self.bytes);
+        let found = found.map_err(|e| Failure::new("the shared frames", e, "start the run again"))?;
+        let images = match found {
+            Borrowed::Whole(()) => pixels::read(&self.bytes),
+            Borrowed::Overtaken { .. } => return Ok(tracked),
+            Borrowed::Unwritten | Borrowed::Torn => None,
+        };
+        let Some((images, depth)) = images else {
+            return Ok(Tracked { outcome: Outcome::Torn, ..tracked });
+        };
+        let (stamp, imu) = (Stamp(frame.stamp), std::mem::take(&mut self.imu));
+        let packet = FramePacket { stamp, images, depth, imu, decode_ms: frame.decode_ms };
+        match self.engine.on_packet(&packet) {
+            Ok(output) => {
+                self.count(&output.verdicts);
+                tracked.outcome = Outcome::State(format!("{:?}", output.state));
+                tracked.pose = output.anchored.as_ref().map(Anchored::of);
+                let seen = record_input(&output, &self.engine.snapshot());
+                tracked.place = TrackedPlace::of(&output, &seen).map(|p| Place::of(&p, self.start));
+                (tracked.metric, tracked.ms) = (output.metric, output.extract_ms + output.track_ms);
+                if tracked.pose.is_none() && self.unposed.len() < MOST_UNPOSED {
+                    self.unposed.push((frame.number, self.engine.log().frames().len() - 1));
+                }
+            }
+            Err(e) => tracked.outcome = Outcome::Refused(e.to_string()),
+        }
+        self.flush()?;
+        Ok(tracked)
+    }
+
+    /// Earlier frames whose poses are known by now, as after the initialisation with one camera.
+    fn amended(&mut self) -> Vec<Report> {
+        let frames = self.engine.log().frames();
+        let mut reports = Vec::new();
+        self.unposed.retain(|(number, index)| match frames.get(*index).and_then(|f| f.anchored) {
+            Some(pose) => {
+                reports.push(Report::Amended { number: *number, pose: Anchored::of(&pose) });
+                false
+            }
+            None => true,
+        });
+        reports
+    }
+
+    /// Appends what was committed since.
+    fn flush(&mut self) -> Result<(), Failure> {
+        let failed =
+            |e: crate::JournalError| Failure::new("the journal of the map", e, "free some shared memory");
+        for commit in self.commits.changes.try_iter() {
+            self.journal.append(&commit).map_err(failed)?;
+        }
+        if self.journal.is_long() {
+            let map = self.engine.to_save("cairn", BTreeMap::new());
+            // Only where all its commits are in the journal; with mapping on threads the next try may be better.
+            let behind = self.commits.behind(map.snapshot.version());
+            let more: Vec<_> = self.commits.changes.try_iter().collect();
+            for commit in &more {
+                self.journal.append(commit).map_err(failed)?;
+            }
+            if behind == 0 && more.is_empty() {
+                self.journal.rebase(map).map_err(failed)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, verdicts: &[Verdict]) {
+        for joined in verdicts.iter().filter_map(|v| v.result.as_ref().ok()).map(|a| &a.joined) {
+            match joined {
+                Joined::Loop => self.finished.loops += 1,
+                Joined::Merge { .. } => self.finished.merges += 1,
+            }
+        }
+    }
+
+    /// Finishes the map and saves it.
+    fn end(&mut self) -> Result<Report, Failure> {
+        let finished = self.engine.finish();
+        self.count(&finished.verdicts);
+        self.flush()?;
+        let map = self.engine.to_save("cairn", BTreeMap::new());
+        map.save(&self.folder.join(FINAL_MAP))
+            .map_err(|e| Failure::new("the map", e, "free some shared memory"))?;
+        Ok(Report::Finished(self.finished))
+    }
+}

@@ -1,0 +1,581 @@
+//! The supervisor: starts the processes of a run, carries their messages, and starts again what died or hangs.
+//!
+//! It does no work of its own and touches no image, so that nothing of what the workers stumble over reaches it. What it
+//! keeps is what must survive a worker: the frames that are not acknowledged yet, the poses so far, what is known of the
+//! source. It has one thread, and sees everything as one queue of events.
+
+use crate::backoff::Backoff;
+use crate::capture::SLOTS;
+use crate::message::{Anchored, Finished, Frame, Opened, Order, Outcome, Report, Said, Tracked};
+use crate::process::{Event, Process, What};
+use crate::run_folder::RunFolder;
+use crate::slam::FINAL_MAP;
+use crate::{Role, SuperviseError};
+use cairn_atlas::store::MapFile;
+use cairn_engine::PoseTime;
+use cairn_geometry::Se3;
+use cairn_sensor::Stamp;
+use std::collections::{BTreeMap, VecDeque};
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::{Duration, Instant};
+
+/// Interval of the pings, at which SLAM also writes what is due.
+const PING: Duration = Duration::from_millis(100);
+/// The queue of events is left at least so often.
+const TICK: Duration = Duration::from_millis(20);
+/// Frames that SLAM has in hand at most: few, so that a ping is answered soon.
+const IN_HAND: usize = 4;
+/// A process that has not begun its work after this time hangs: a large map takes seconds to read.
+const BEGIN_LIMIT: Duration = Duration::from_secs(60);
+/// The final adjustment of a map may take this long.
+const FINISH_LIMIT: Duration = Duration::from_secs(900);
+/// A process that lived so long is not in a crash loop.
+const LONG_LIFE: Duration = Duration::from_secs(10);
+/// A frame at which SLAM has died so often is left out.
+const DEATHS_AT_A_FRAME: usize = 2;
+
+/// How a run is supervised.
+pub struct Supervision {
+    /// The command that starts a worker; its standard input and output are taken.
+    pub command: Box<dyn Fn(Role) -> Command>,
+    /// A worker that has not answered for so long is killed and started again.
+    pub hang_limit: Duration,
+    /// SLAM that has frames in hand and says nothing for so long is late: the guide says stop.
+    pub late_limit: Duration,
+    /// Whether there is a guide.
+    pub guide: bool,
+}
+
+/// What the supervisor tells while the run goes on.
+#[derive(Debug)]
+pub enum Told<'a> {
+    /// A process was started.
+    Started {
+        /// What it does.
+        role: Role,
+        /// Its process id.
+        id: u32,
+    },
+    /// The source is open.
+    Opened(&'a Opened),
+    /// A frame is done.
+    Tracked(&'a Tracked),
+    /// A process died.
+    Died(&'a Death),
+    /// It is started again after this time, because it died again and again before it had done anything.
+    Waits {
+        /// What it does.
+        role: Role,
+        /// Seconds.
+        delay_s: f64,
+        /// How often it died in a row.
+        times: usize,
+    },
+    /// SLAM goes on after a death.
+    Resumed {
+        /// Key frames of the map that it goes on with.
+        key_frames: usize,
+        /// Seconds since the death.
+        after_s: f64,
+    },
+    /// SLAM has a pose again after a death.
+    Relocalised {
+        /// Frames without a pose since.
+        frames: usize,
+        /// Seconds since the death.
+        after_s: f64,
+        /// Seconds since it resumed.
+        resumed_s: f64,
+    },
+    /// The guide has something to say.
+    Said(&'a Said),
+    /// A process died so often that it is not started again; the run goes on without it.
+    GivenUp {
+        /// What it did.
+        role: Role,
+    },
+    /// A frame is left out, because SLAM died at it twice.
+    LeftOut {
+        /// Its number.
+        number: u64,
+    },
+}
+
+/// The end of a process that should not have ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Death {
+    /// What it did.
+    pub role: Role,
+    /// How it ended.
+    pub how: String,
+    /// The frame that was first in line.
+    pub at_frame: u64,
+    /// Seconds since the run began.
+    pub t_s: f64,
+}
+
+/// What a supervised run gave.
+#[derive(Debug)]
+pub struct Supervised {
+    /// The source.
+    pub opened: Opened,
+    /// All frames in order.
+    pub frames: Vec<Tracked>,
+    /// The map at the end.
+    pub map: MapFile,
+    /// Loops closed and maps merged.
+    pub finished: Finished,
+    /// Packets that could not be read, one line each.
+    pub skipped: Vec<String>,
+    /// Processes that died.
+    pub deaths: Vec<Death>,
+    /// Frames without a pose after each death of SLAM, and seconds from its death to the next pose.
+    pub relocalised: Vec<(usize, f64)>,
+}
+
+/// Supervises a run in its folder until the source has ended or `stop` is set, and the map is finished.
+///
+/// # Errors
+/// [`SuperviseError`] when a worker says that it cannot go on, dies again and again, or there is no map in the end.
+pub fn supervise(
+    how: &Supervision,
+    folder: &RunFolder,
+    stop: &AtomicBool,
+    tell: &mut dyn FnMut(Told),
+) -> Result<Supervised, SuperviseError> {
+    let (to, events) = channel();
+    let mut run = Run {
+        how,
+        folder,
+        tell,
+        to,
+        began: Instant::now(),
+        starts: 0,
+        capture: Worker::new(),
+        slam: Worker::new(),
+        guide: Worker::new(),
+        poses_come: true,
+        opened: None,
+        pending: VecDeque::new(),
+        sent: 0,
+        next: 0,
+        first_stamp: None,
+        last_stamp: None,
+        fresh_from: 0,
+        credit: u64::from(SLOTS),
+        log: BTreeMap::new(),
+        source_ended: false,
+        skipped: Vec::new(),
+        finished: None,
+        deaths: Vec::new(),
+        died_at: (u64::MAX, 0),
+        recovering: None,
+        relocalised: Vec::new(),
+    };
+    run.start(Role::Capture)?;
+    run.go(&events, stop)?;
+    run.end()
+}
+
+/// A worker and the process that does its work at present.
+struct Worker {
+    process: Option<Process>,
+    /// Number of the process among all that were started.
+    start: u64,
+    /// It has begun its work.
+    ready: bool,
+    began: Instant,
+    heard: Instant,
+    pinged: Instant,
+    /// What it has done counts since its start: only deaths without any are a crash loop.
+    progress: bool,
+    backoff: Backoff,
+    /// When it is started again.
+    due: Option<Instant>,
+    /// It was told that there are no more frames.
+    ending: bool,
+}
+
+impl Worker {
+    fn new() -> Self {
+        let now = Instant::now();
+        Self {
+            process: None,
+            start: 0,
+            ready: false,
+            began: now,
+            heard: now,
+            pinged: now,
+            progress: false,
+            backoff: Backoff::default(),
+            due: None,
+            ending: false,
+        }
+    }
+
+    fn order(&self, order: Order) {
+        if let Some(process) = &self.process {
+            process.order(order);
+        }
+    }
+}
+
+/// SLAM since its last death, until it has a pose.
+struct Recovering {
+    died: Instant,
+    resumed: Option<Instant>,
+    frames: usize,
+}
+
+struct Run<'a, 't> {
+    how: &'a Supervision,
+    folder: &'a RunFolder,
+    tell: &'t mut dyn FnMut(Told),
+    to: Sender<Event>,
+    began: Instant,
+    starts: u64,
+    capture: Worker,
+    slam: Worker,
+    guide: Worker,
+    /// Poses of frames before this one are old: capture has died since.
+    fresh_from: u64,
+    /// What the guide was told last.
+    poses_come: bool,
+    opened: Option<Opened>,
+    /// Frames that SLAM has not acknowledged, oldest first; the first `sent` were given to its process.
+    pending: VecDeque<Frame>,
+    sent: usize,
+    /// The number of the next frame of capture, and the stamps of the first and the last.
+    next: u64,
+    first_stamp: Option<i64>,
+    last_stamp: Option<i64>,
+    credit: u64,
+    log: BTreeMap<u64, Tracked>,
+    source_ended: bool,
+    skipped: Vec<String>,
+    finished: Option<Finished>,
+    deaths: Vec<Death>,
+    /// The frame at which SLAM died last, and how often.
+    died_at: (u64, usize),
+    recovering: Option<Recovering>,
+    relocalised: Vec<(usize, f64)>,
+}
+
+impl Run<'_, '_> {
+    fn go(&mut self, events: &Receiver<Event>, stop: &AtomicBool) -> Result<(), SuperviseError> {
+        let mut looked = Instant::now();
+        while self.finished.is_none() {
+            match events.recv_timeout(TICK) {
+                Ok(event) => self.event(event)?,
+                Err(RecvTimeoutError::Timeout) => {}
+                // The queue has a sender here.
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            // A supervisor that was stopped itself must not take its workers for hanging.
+            let was_away = looked.elapsed() > Duration::from_secs(1);
+            looked = Instant::now();
+            for role in [Role::Capture, Role::Slam, Role::Guide] {
+                if was_away {
+                    self.worker(role).heard = looked;
+                }
+                self.look_after(role)?;
+            }
+            if stop.load(Ordering::Relaxed) && !self.source_ended {
+                self.source_ended = true;
+                self.capture.process = None;
+                self.pending.truncate(self.sent);
+                if self.opened.is_none() {
+                    return Err(SuperviseError::Interrupted);
+                }
+            }
+            self.pump();
+        }
+        Ok(())
+    }
+
+    fn worker(&mut self, role: Role) -> &mut Worker {
+        match role {
+            Role::Capture => &mut self.capture,
+            Role::Slam => &mut self.slam,
+            Role::Guide => &mut self.guide,
+        }
+    }
+
+    /// Tells the guide whether poses come.
+    fn poses_come(&mut self, lives: bool) {
+        if self.poses_come != lives {
+            self.poses_come = lives;
+            self.guide.order(Order::PosesCome(lives));
+        }
+    }
+
+    fn start(&mut self, role: Role) -> Result<(), SuperviseError> {
+        self.starts += 1;
+        let (start, to) = (self.starts, self.to.clone());
+        let first = match role {
+            Role::Capture => Order::Capture {
+                ring: self.folder.ring(),
+                next: self.next,
+                delivered: self.first_stamp.zip(self.last_stamp),
+                until: self.credit,
+            },
+            Role::Slam => {
+                let Some(opened) = self.opened.clone() else { return Ok(()) };
+                Order::Map { ring: self.folder.ring(), folder: self.folder.path().to_owned(), opened, start }
+            }
+            Role::Guide => Order::Guide { folder: self.folder.path().to_owned(), began: self.first_stamp },
+        };
+        let process = Process::start((self.how.command)(role), role, start, to)
+            .map_err(|e| SuperviseError::Start { role, why: e.to_string() })?;
+        process.order(first);
+        if role == Role::Guide {
+            process.order(Order::PosesCome(self.poses_come));
+        }
+        (self.tell)(Told::Started { role, id: process.id() });
+        let now = Instant::now();
+        let worker = self.worker(role);
+        let backoff = std::mem::take(&mut worker.backoff);
+        *worker = Worker { process: Some(process), start, backoff, heard: now, pinged: now, ..Worker::new() };
+        Ok(())
+    }
+
+    fn event(&mut self, event: Event) -> Result<(), SuperviseError> {
+        let worker = self.worker(event.role);
+        // What a process said before it was killed is late, but true; its end is known.
+        let is_current = worker.start == event.start && worker.process.is_some();
+        match event.what {
+            What::Said(report) => {
+                if is_current {
+                    worker.heard = Instant::now();
+                    self.report(event.role, report)?;
+                }
+            }
+            What::Closed(why) if is_current => self.died(event.role, why)?,
+            What::Closed(_) => {}
+        }
+        Ok(())
+    }
+
+    fn report(&mut self, role: Role, report: Report) -> Result<(), SuperviseError> {
+        match report {
+            Report::Opened(opened) => {
+                self.capture.ready = true;
+                if self.opened.is_none() {
+                    (self.tell)(Told::Opened(&opened));
+                    self.opened = Some(opened);
+                    self.start(Role::Slam)?;
+                    if self.how.guide {
+                        self.start(Role::Guide)?;
+                    }
+                }
+            }
+            Report::Frame(frame) => {
+                self.capture.progress = true;
+                self.first_stamp.get_or_insert(frame.stamp);
+                (self.next, self.last_stamp) = (frame.number + 1, Some(frame.stamp));
+                self.pending.push_back(frame);
+            }
+            Report::SourceEnded { skipped } => {
+                self.source_ended = true;
+                self.skipped = skipped;
+                self.capture.process = None;
+            }
+            Report::Ready { .. } if role == Role::Guide => self.guide.ready = true,
+            Report::Ready { key_frames, .. } => {
+                self.slam.ready = true;
+                if let Some(r) = &mut self.recovering {
+                    r.resumed = Some(Instant::now());
+                    (self.tell)(Told::Resumed { key_frames, after_s: r.died.elapsed().as_secs_f64() });
+                }
+            }
+            Report::Tracked(tracked) => self.tracked(*tracked),
+            Report::Amended { number, pose } => {
+                if let Some(frame) = self.log.get_mut(&number) {
+                    frame.pose = Some(pose);
+                }
+            }
+            Report::Pong => {}
+            Report::Said(said) => (self.tell)(Told::Said(&said)),
+            Report::Finished(finished) => self.finished = Some(finished),
+            Report::Failed(why) => return Err(why.into()),
+        }
+        Ok(())
+    }
+
+    fn tracked(&mut self, tracked: Tracked) {
+        while self.pending.front().is_some_and(|f| f.number <= tracked.number) {
+            self.pending.pop_front();
+            self.sent = self.sent.saturating_sub(1);
+        }
+        self.slam.progress = true;
+        self.slam.backoff.calm();
+        if let Some(r) = &mut self.recovering {
+            if tracked.pose.is_some() {
+                let (after_s, since) = (r.died.elapsed().as_secs_f64(), r.resumed.unwrap_or(r.died));
+                let (frames, resumed_s) = (r.frames, since.elapsed().as_secs_f64());
+                (self.tell)(Told::Relocalised { frames, after_s, resumed_s });
+                self.relocalised.push((frames, after_s));
+                self.recovering = None;
+            } else {
+                r.frames += 1;
+            }
+        }
+        if self.how.guide {
+            if tracked.number >= self.fresh_from {
+                self.poses_come(true);
+            }
+            self.guide.order(Order::Tracked(Box::new(tracked.clone())));
+        }
+        (self.tell)(Told::Tracked(&tracked));
+        self.log.insert(tracked.number, tracked);
+    }
+
+    /// Gives frames to SLAM and credit to capture, and says when there are no more.
+    fn pump(&mut self) {
+        if self.slam.ready {
+            while self.sent < self.pending.len().min(IN_HAND) {
+                self.slam.order(Order::Frame(self.pending[self.sent].clone()));
+                self.sent += 1;
+            }
+            if self.source_ended && self.pending.is_empty() && !self.slam.ending {
+                self.slam.ending = true;
+                self.slam.order(Order::End);
+            }
+        }
+        // No frame is written over that is not acknowledged.
+        let oldest = self.pending.front().map_or(self.next, |f| f.number);
+        let credit = oldest + u64::from(SLOTS);
+        if credit > self.credit {
+            self.credit = credit;
+            self.capture.order(Order::Credit(credit));
+        }
+    }
+
+    /// Pings a process, kills it when it hangs, starts it again when that is due.
+    fn look_after(&mut self, role: Role) -> Result<(), SuperviseError> {
+        let hang_limit = self.how.hang_limit;
+        let worker = self.worker(role);
+        if worker.due.is_some_and(|due| due <= Instant::now()) {
+            worker.due = None;
+            return self.start(role);
+        }
+        if worker.process.is_none() {
+            return Ok(());
+        }
+        if worker.pinged.elapsed() >= PING {
+            worker.pinged = Instant::now();
+            worker.order(Order::Ping);
+        }
+        let limit = match (worker.ready, worker.ending) {
+            (false, _) => BEGIN_LIMIT,
+            (true, true) => FINISH_LIMIT,
+            (true, false) => hang_limit,
+        };
+        let silent = worker.heard.elapsed();
+        if role == Role::Slam && self.sent > 0 && silent > self.how.late_limit {
+            self.poses_come(false);
+        }
+        if silent > limit {
+            let why = format!("it did not answer for {:.1} s and was killed", limit.as_secs_f64());
+            return self.died(role, Some(why));
+        }
+        Ok(())
+    }
+
+    /// A process has ended, or is ended here for the reason `why`.
+    fn died(&mut self, role: Role, why: Option<String>) -> Result<(), SuperviseError> {
+        let (at_frame, t_s) = (self.pending.front().map_or(self.next, |f| f.number), self.began.elapsed());
+        let worker = self.worker(role);
+        let Some(process) = worker.process.take() else { return Ok(()) };
+        let (had_begun, progress) = (worker.ready, worker.progress || worker.began.elapsed() > LONG_LIFE);
+        let status = process.end();
+        let how = why.unwrap_or(status);
+        worker.ready = false;
+        let delay = worker.backoff.after_death(progress);
+        let times = worker.backoff.times();
+        let death = Death { role, how, at_frame, t_s: t_s.as_secs_f64() };
+        (self.tell)(Told::Died(&death));
+        if role == Role::Capture {
+            self.fresh_from = self.next;
+        }
+        if role != Role::Guide {
+            self.poses_come(false);
+        }
+        if role == Role::Guide && delay.is_none() {
+            (self.tell)(Told::GivenUp { role });
+            self.deaths.push(death);
+            return Ok(());
+        }
+        let Some(delay) = delay else {
+            return Err(SuperviseError::CrashLoop { role, how: death.how, times });
+        };
+        if !delay.is_zero() {
+            (self.tell)(Told::Waits { role, delay_s: delay.as_secs_f64(), times });
+        }
+        self.worker(role).due = Some(Instant::now() + delay);
+        self.deaths.push(death);
+        if role == Role::Slam {
+            self.slam_died(had_begun);
+        }
+        Ok(())
+    }
+
+    fn slam_died(&mut self, had_begun: bool) {
+        let before = self.recovering.take();
+        let (died, frames) = before.map_or((Instant::now(), 0), |r| (r.died, r.frames));
+        self.recovering = Some(Recovering { died, resumed: None, frames });
+        if had_begun && self.sent > 0 {
+            let number = self.pending[0].number;
+            let times = if self.died_at.0 == number { self.died_at.1 + 1 } else { 1 };
+            self.died_at = (number, times);
+            if times >= DEATHS_AT_A_FRAME
+                && let Some(frame) = self.pending.pop_front()
+            {
+                (self.tell)(Told::LeftOut { number });
+                let outcome = Outcome::State("left out: SLAM died at it twice".into());
+                let (stamp, ms) = (frame.stamp, 0.0);
+                self.log.insert(
+                    number,
+                    Tracked { number, stamp, outcome, pose: None, metric: false, ms, place: None },
+                );
+            }
+        }
+        self.sent = 0;
+    }
+
+    fn end(self) -> Result<Supervised, SuperviseError> {
+        let opened = self.opened.ok_or(SuperviseError::Interrupted)?;
+        let map = MapFile::load(&self.folder.path().join(FINAL_MAP))?;
+        Ok(Supervised {
+            opened,
+            frames: self.log.into_values().collect(),
+            map,
+            finished: self.finished.unwrap_or_default(),
+            skipped: self.skipped,
+            deaths: self.deaths,
+            relocalised: self.relocalised,
+        })
+    }
+}
+
+impl Supervised {
+    /// The poses of the body in all tracked frames: in the latest map, or as they were told.
+    pub fn trajectory(&self, time: PoseTime) -> Vec<(Stamp, Se3)> {
+        let (snapshot, camera) = (&self.map.snapshot, &self.map.about.camera);
+        let pose_of = |f: &Tracked| {
+            let pose = f.pose.as_ref().and_then(Anchored::pose)?;
+            let (world_from_camera, metric) = match time {
+                PoseTime::Live => (pose.world_from_camera, f.metric),
+                PoseTime::Corrected => {
+                    let (id, _) = snapshot.surviving_ancestor(pose.reference)?;
+                    let metric = snapshot.is_metric_in(snapshot.key_frame(id)?.map, camera);
+                    (snapshot.resolve(pose.reference, &pose.reference_from_camera)?, metric)
+                }
+            };
+            Some((Stamp(f.stamp), camera.world_from_body(&world_from_camera, metric)))
+        };
+        self.frames.iter().filter_map(pose_of).collect()
+    }
+}

@@ -1,0 +1,204 @@
+//! The journal of a map: what is recovered after the writer was killed at any byte, and following it while it is written.
+#![cfg(unix)]
+
+use cairn_atlas::store::{About, COMMIT_VERSION, MapFile};
+use cairn_atlas::{Atlas, Change, KeyFrame, LandmarkId, Snapshot, Subscription};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_random::Random;
+use cairn_sensor::Stamp;
+use cairn_vision::{Frame, RectifiedCamera, SensorMode};
+use cairn_workers::JournalError;
+use cairn_workers::journal::{JournalWriter, Tail, recover};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("journal-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn camera() -> RectifiedCamera {
+    RectifiedCamera {
+        fx: 450.0,
+        fy: 450.0,
+        cx: 320.0,
+        cy: 240.0,
+        baseline_fx: 45.0,
+        bounds: [0.0, 0.0, 640.0, 480.0],
+        close_depth: 4.0,
+        body_from_camera: Se3::identity(),
+    }
+}
+
+fn file(snapshot: &Snapshot) -> MapFile {
+    let about = About { program: "test".into(), sensor: SensorMode::Stereo, camera: camera() };
+    MapFile { snapshot: snapshot.clone(), about, attached: BTreeMap::new() }
+}
+
+/// A map that grows by a key frame with eight landmarks a commit, and moves what is there.
+struct Growing {
+    atlas: Atlas,
+    stream: Subscription,
+    random: Random,
+}
+
+impl Growing {
+    fn new() -> Self {
+        let mut atlas = Atlas::new(Snapshot::new());
+        let stream = atlas.subscribe();
+        Self { atlas, stream, random: Random::new(5) }
+    }
+
+    fn commit(&mut self, journal: &mut JournalWriter) {
+        let (random, map) = (&mut self.random, self.atlas.latest().clone());
+        let id = map.next_key_frame_id();
+        let mut frame = Frame::default();
+        frame.stamp = Stamp(id.index() as i64);
+        for i in 0..8 {
+            let px = [random.uniform_f32(0.0, 640.0), random.uniform_f32(0.0, 480.0)];
+            frame.px.push(px);
+            frame.raw.push(px);
+            frame.octave.push(i);
+            frame.angle.push(0.5);
+            frame.descriptors.push([i * 17; 32]);
+            frame.right_x.push(f32::NAN);
+            frame.depth.push(f32::NAN);
+        }
+        frame.index(&camera());
+        let at = Se3::new(So3::exp(&Vec3::new(0.1, 0.2, 0.3)), Vec3::new(id.index() as f64, 0.0, 0.1));
+        let parent = map.key_frames().last().map(|k| k.id);
+        let mut changes = vec![Change::AddKeyFrame(Box::new(KeyFrame::new(id, Arc::new(frame), at, parent)))];
+        for i in 0..8 {
+            let l = LandmarkId::from_index(map.next_landmark_id().index() + i).unwrap();
+            changes.push(Change::AddLandmark(l, Vec3::new(random.uniform(-1.0, 1.0), 0.0, 4.0)));
+            changes.push(Change::Observe(l, id, i as u16));
+        }
+        if let Some(k) = map.key_frames().last() {
+            changes.push(Change::MoveKeyFrame(k.id, k.world_from_camera * at));
+        }
+        self.atlas.commit(changes);
+        self.stream.changes.try_iter().for_each(|c| journal.append(&c).unwrap());
+    }
+}
+
+fn poses(map: &Snapshot) -> Vec<Se3> {
+    map.key_frames().map(|k| k.world_from_camera).collect()
+}
+
+fn same(a: &Snapshot, b: &Snapshot) {
+    assert_eq!((a.version(), a.landmark_count(), poses(a)), (b.version(), b.landmark_count(), poses(b)));
+    assert_eq!(a.check(), Ok(()));
+    let points = |s: &Snapshot| s.landmarks().map(|l| (l.id, l.position)).collect::<Vec<_>>();
+    assert_eq!(points(a), points(b));
+}
+
+fn log_of(folder: &Path) -> PathBuf {
+    let logs = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    logs.filter(|p| p.extension().is_some_and(|e| e == "log")).max().unwrap()
+}
+
+#[test]
+fn writer_killed_at_any_byte_leaves_the_map_of_a_moment_ago() {
+    let folder = Folder::new("killed");
+    assert!(recover(&folder.0).unwrap().is_none(), "nothing is written yet");
+    let mut growing = Growing::new();
+    let mut journal = JournalWriter::begin(&folder.0, &file(growing.atlas.latest())).unwrap();
+    let (mut maps, mut lengths) = (vec![growing.atlas.latest().clone()], vec![]);
+    for _ in 0..6 {
+        lengths.push(std::fs::metadata(log_of(&folder.0)).unwrap().len());
+        growing.commit(&mut journal);
+        maps.push(growing.atlas.latest().clone());
+    }
+    drop(journal);
+    let log = log_of(&folder.0);
+    let whole = std::fs::read(&log).unwrap();
+    for cut in (0..whole.len()).rev().step_by(7) {
+        std::fs::write(&log, &whole[..cut]).unwrap();
+        let recovered = recover(&folder.0).unwrap().unwrap();
+        let commits = lengths[1..].iter().filter(|l| **l <= cut as u64).count();
+        assert_eq!(recovered.commits, commits, "cut at {cut}");
+        same(&recovered.file.snapshot, &maps[commits]);
+    }
+    // A damaged byte ends it likewise, and the next process goes on from there.
+    let mut damaged = whole.clone();
+    damaged[lengths[4] as usize + 30] ^= 1;
+    std::fs::write(&log, &damaged).unwrap();
+    let recovered = recover(&folder.0).unwrap().unwrap();
+    same(&recovered.file.snapshot, &maps[4]);
+    let mut growing = Growing { atlas: Atlas::new(recovered.file.snapshot.clone()), ..Growing::new() };
+    growing.stream = growing.atlas.subscribe();
+    let mut journal = JournalWriter::resume(&folder.0, &recovered).unwrap();
+    (0..3).for_each(|_| growing.commit(&mut journal));
+    same(&recover(&folder.0).unwrap().unwrap().file.snapshot, growing.atlas.latest());
+}
+
+#[test]
+fn followers_see_every_commit_also_over_a_new_base() {
+    let folder = Folder::new("followed");
+    let mut growing = Growing::new();
+    let mut journal = JournalWriter::begin(&folder.0, &file(growing.atlas.latest())).unwrap();
+    let mut close = Tail::open(&folder.0).unwrap().unwrap();
+    let mut far = Tail::open(&folder.0).unwrap().unwrap();
+    for n in 0..30 {
+        growing.commit(&mut journal);
+        if n % 10 == 9 {
+            journal.rebase(file(growing.atlas.latest())).unwrap();
+        }
+        close.follow().unwrap();
+        same(close.map(), growing.atlas.latest());
+    }
+    growing.commit(&mut journal);
+    // The logs that this one had not read are gone by now: it begins again with the newest base.
+    journal.rebase(file(growing.atlas.latest())).unwrap();
+    journal.rebase(file(growing.atlas.latest())).unwrap();
+    far.follow().unwrap();
+    same(far.map(), growing.atlas.latest());
+    same(&recover(&folder.0).unwrap().unwrap().file.snapshot, growing.atlas.latest());
+}
+
+#[test]
+fn follower_waits_for_a_commit_that_is_being_written() {
+    let folder = Folder::new("half");
+    let mut growing = Growing::new();
+    let mut journal = JournalWriter::begin(&folder.0, &file(growing.atlas.latest())).unwrap();
+    growing.commit(&mut journal);
+    let (first, log) = (growing.atlas.latest().clone(), log_of(&folder.0));
+    let half = std::fs::metadata(&log).unwrap().len();
+    growing.commit(&mut journal);
+    let whole = std::fs::read(&log).unwrap();
+    std::fs::write(&log, &whole[..half as usize + 40]).unwrap();
+    let mut tail = Tail::open(&folder.0).unwrap().unwrap();
+    tail.follow().unwrap();
+    same(tail.map(), &first);
+    std::fs::write(&log, &whole).unwrap();
+    tail.follow().unwrap();
+    same(tail.map(), growing.atlas.latest());
+}
+
+#[test]
+fn journal_of_another_release_is_told() {
+    let folder = Folder::new("release");
+    let journal = JournalWriter::begin(&folder.0, &file(&Snapshot::new())).unwrap();
+    drop(journal);
+    let log = log_of(&folder.0);
+    let mut bytes = std::fs::read(&log).unwrap();
+    bytes[8] = 77;
+    std::fs::write(&log, &bytes).unwrap();
+    let why = recover(&folder.0).err().unwrap();
+    assert!(matches!(why, JournalError::Version { found: 77, .. }));
+    assert!(
+        why.to_string().ends_with(&format!("changes of format 77, this program has format {COMMIT_VERSION}"))
+    );
+}

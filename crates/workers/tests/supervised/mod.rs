@@ -1,0 +1,273 @@
+//! The tests, and the workers that they start.
+
+use cairn_engine::{Config, Engine, PoseTime, Runner, SensorMode};
+use cairn_random::Random;
+use cairn_sensor::Source;
+use cairn_sources::{OpenOptions, open};
+use cairn_workers::capture::rest_of;
+use cairn_workers::message::{Failure, Outcome};
+use cairn_workers::{
+    Role, RunFolder, SuperviseError, Supervised, Supervision, Told, capture, slam, supervise,
+};
+use rustix::process::{Pid, Signal, kill_process};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+const FRAMES: usize = 150;
+
+pub fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    match arguments.first().map(String::as_str) {
+        Some("worker") => worker(arguments.get(1).and_then(|name| Role::named(name)).expect("a role")),
+        Some("fifty") => fifty_kills(),
+        filter => tests(filter.unwrap_or_default()),
+    }
+}
+
+fn tests(filter: &str) {
+    let all: [(&str, fn()); 6] = [
+        ("result_equals_that_of_one_process", result_equals_that_of_one_process),
+        ("killed_processes_go_on", killed_processes_go_on),
+        ("stopped_process_is_started_again", stopped_process_is_started_again),
+        ("crash_loop_backs_off_and_is_given_up", crash_loop_backs_off_and_is_given_up),
+        ("failure_of_a_worker_is_told", failure_of_a_worker_is_told),
+        ("run_folder_is_removed", run_folder_is_removed),
+    ];
+    if data().is_none() {
+        println!("skipped: processes on a recording: no euroc-mh01 in CAIRN_DATA");
+        return;
+    }
+    for (name, test) in all.iter().filter(|(name, _)| filter.starts_with('-') || name.contains(filter)) {
+        let began = Instant::now();
+        test();
+        println!("test {name} ... ok ({:.1} s)", began.elapsed().as_secs_f64());
+    }
+}
+
+fn data() -> Option<PathBuf> {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
+    let folder = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(root), PathBuf::from);
+    Some(folder.join("euroc-mh01")).filter(|path| path.is_dir())
+}
+
+fn source() -> Box<dyn Source> {
+    let all = open(data().unwrap().to_str().unwrap(), OpenOptions::default()).unwrap();
+    let mut rig = all.rig().clone();
+    rig.imu = None;
+    let options = OpenOptions { rig: Some(rig), frames: Some(FRAMES), ..OpenOptions::default() };
+    open(data().unwrap().to_str().unwrap(), options).unwrap()
+}
+
+fn worker(role: Role) {
+    cairn_workers::die_with_parent();
+    let (from, to) = (std::io::stdin(), std::io::stdout());
+    match role {
+        Role::Capture if std::env::var_os("NO_SOURCE").is_some() => {
+            capture::run(from, to, |_| Err(Failure::new("the camera", "it is in use", "close it")));
+        }
+        Role::Capture => capture::run(from, to, |delivered| {
+            let source = delivered.map_or_else(|| Ok(source()), |d| rest_of(source(), &d))?;
+            Ok((source, "stereo".to_owned()))
+        }),
+        Role::Slam => slam::run(from, to, &Config::default(), Runner::Lockstep),
+        Role::Guide => unreachable!("no test has a guide"),
+    }
+}
+
+fn this_program(role: Role) -> Command {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["worker", role.name()]);
+    command
+}
+
+/// A run of the recording; `tell` may kill processes, whose ids it is given.
+fn run(tell: impl FnMut(&Told, &BTreeMap<Role, u32>)) -> Result<Supervised, SuperviseError> {
+    run_with(this_program, Duration::from_secs(1), tell)
+}
+
+fn run_with(
+    command: impl Fn(Role) -> Command + 'static,
+    hang_limit: Duration,
+    mut tell: impl FnMut(&Told, &BTreeMap<Role, u32>),
+) -> Result<Supervised, SuperviseError> {
+    let folder = RunFolder::create(&std::env::temp_dir()).unwrap();
+    let how = Supervision { command: Box::new(command), hang_limit, late_limit: hang_limit, guide: false };
+    let mut ids = BTreeMap::new();
+    supervise(&how, &folder, &AtomicBool::new(false), &mut |told| {
+        if let Told::Started { role, id } = told {
+            ids.insert(role, id);
+        }
+        tell(&told, &ids);
+    })
+}
+
+fn signal(id: u32, signal: Signal) {
+    kill_process(Pid::from_raw(id as i32).unwrap(), signal).unwrap();
+}
+
+/// Every frame is there once and in order, none torn or overtaken.
+fn no_frame_is_lost(run: &Supervised) {
+    let numbers: Vec<u64> = run.frames.iter().map(|f| f.number).collect();
+    assert_eq!(numbers, (0..FRAMES as u64).collect::<Vec<_>>());
+    assert!(run.frames.windows(2).all(|w| w[0].stamp < w[1].stamp));
+    assert!(run.frames.iter().all(|f| matches!(f.outcome, Outcome::State(_))), "a frame was not read whole");
+}
+
+fn result_equals_that_of_one_process() {
+    let mut source = source();
+    let (rate_hz, rig) = (source.info().rate_hz, source.rig().clone());
+    let mut config = Config::default();
+    config.inertial.enabled = false;
+    let mut engine = Engine::new(&rig, SensorMode::Stereo, rate_hz, Runner::Lockstep, &config).unwrap();
+    while let Some(packet) = source.next_packet().unwrap() {
+        engine.on_packet(&packet).unwrap();
+    }
+    let live = engine.live_trajectory();
+    engine.finish();
+    let isolated = run(|_, _| ()).unwrap();
+    no_frame_is_lost(&isolated);
+    assert!(isolated.deaths.is_empty());
+    assert_eq!(isolated.trajectory(PoseTime::Live), live, "the poses as they were told");
+    assert_eq!(isolated.trajectory(PoseTime::Corrected), engine.trajectory(), "the poses in the end");
+    assert_eq!(isolated.map.snapshot.landmark_count(), engine.snapshot().landmark_count());
+}
+
+fn killed_processes_go_on() {
+    let mut rng = Random::new(7);
+    for role in [Role::Slam, Role::Capture] {
+        let at = 30 + rng.below(90) as u64;
+        let mut maps = Vec::new();
+        let killed = run(|told, ids| match told {
+            Told::Tracked(frame) if frame.number == at => signal(ids[&role], Signal::KILL),
+            Told::Resumed { key_frames, .. } => maps.push(*key_frames),
+            _ => {}
+        });
+        let killed = killed.unwrap();
+        no_frame_is_lost(&killed);
+        let deaths: Vec<_> = killed.deaths.iter().map(|d| (d.role, d.how.as_str())).collect();
+        assert_eq!(deaths, [(role, "it was killed (signal 9)")]);
+        let posed = killed.frames.iter().filter(|f| f.pose.is_some()).count();
+        println!(
+            "  {} at frame {at}: {posed} of {FRAMES} frames with a pose, {:?}",
+            role.name(),
+            killed.relocalised
+        );
+        assert!(posed >= FRAMES - 2, "{posed} of {FRAMES} frames have a pose");
+        assert_eq!(killed.map.snapshot.maps().count(), 1, "the place was recognised: no new map began");
+        if role == Role::Slam {
+            assert!(maps.len() == 1 && maps[0] >= 3, "SLAM went on in a map of {maps:?} key frames");
+            let [(frames, after_s)] = killed.relocalised[..] else { panic!("{:?}", killed.relocalised) };
+            assert!(frames <= 2 && after_s < 2.0, "{frames} frames, {after_s} s");
+        }
+    }
+}
+
+/// `cargo test --release -p cairn-workers --test processes -- fifty`: each process killed at fifty random moments, with
+/// the times until it works again.
+fn fifty_kills() {
+    println!(
+        "process | kills | started again after [s] median, max | pose after [s] median, max | frames without pose | lost"
+    );
+    for role in [Role::Slam, Role::Capture] {
+        let (mut random, mut back_s, mut pose_s) = (Random::new(11), Vec::new(), Vec::new());
+        let (mut kills, mut unposed, mut lost) = (0, 0, 0);
+        while kills < 50 {
+            let (mut due, mut killed) = (random.below(25) as u64, None);
+            let run = run(|told, ids| match told {
+                Told::Tracked(frame) if frame.number >= due && kills < 50 && killed.is_none() => {
+                    // At any moment of the frames after.
+                    std::thread::sleep(Duration::from_micros(random.below(30_000) as u64));
+                    // Capture that has delivered its last frame is gone.
+                    let id = Pid::from_raw(ids[&role] as i32).unwrap();
+                    if kill_process(id, Signal::KILL).is_ok() {
+                        (killed, kills) = (Some(Instant::now()), kills + 1);
+                    }
+                    due = frame.number + 8 + random.below(25) as u64;
+                }
+                Told::Started { role: started, .. } if *started == role => {
+                    back_s.extend(killed.take().map(|at: Instant| at.elapsed().as_secs_f64()));
+                }
+                _ => {}
+            });
+            let run = run.unwrap();
+            no_frame_is_lost(&run);
+            assert_eq!(run.map.snapshot.maps().count(), 1);
+            unposed += run.frames.iter().filter(|f| f.pose.is_none()).count();
+            lost += FRAMES - run.frames.len();
+            pose_s.extend(run.relocalised.iter().map(|(_, after_s)| *after_s));
+        }
+        let words = |s: &mut Vec<f64>| {
+            s.sort_by(f64::total_cmp);
+            s.last().map_or("-".into(), |last| format!("{:.3}, {last:.3}", s[s.len() / 2]))
+        };
+        let (back, pose) = (words(&mut back_s), words(&mut pose_s));
+        println!("{} | {kills} | {back} | {pose} | {unposed} | {lost}", role.name());
+    }
+}
+
+fn stopped_process_is_started_again() {
+    let mut stopped_at = None;
+    let mut found_after = None;
+    let stopped = run(|told, ids| match told {
+        Told::Tracked(frame) if frame.number == 60 && stopped_at.is_none() => {
+            stopped_at = Some(Instant::now());
+            signal(ids[&Role::Slam], Signal::STOP);
+        }
+        Told::Died(_) => found_after = stopped_at.map(|at| at.elapsed().as_secs_f64()),
+        _ => {}
+    });
+    let stopped = stopped.unwrap();
+    no_frame_is_lost(&stopped);
+    assert_eq!(stopped.deaths[0].how, "it did not answer for 1.0 s and was killed");
+    let found_after = found_after.unwrap();
+    assert!((0.9..1.5).contains(&found_after), "found after {found_after} s");
+}
+
+fn crash_loop_backs_off_and_is_given_up() {
+    let (mut waits, began) = (Vec::new(), Instant::now());
+    let command = |role| match role {
+        Role::Capture => this_program(role),
+        Role::Slam | Role::Guide => Command::new("false"),
+    };
+    let failed = run_with(command, Duration::from_secs(1), |told, _| {
+        if let Told::Waits { delay_s, .. } = told {
+            waits.push(*delay_s);
+        }
+    });
+    let why = failed.unwrap_err().to_string();
+    assert_eq!(why, "the process for slam died 7 times in a row: it ended with code 1");
+    assert_eq!(waits, [0.25, 0.5, 1.0, 2.0, 4.0]);
+    assert!(began.elapsed() >= Duration::from_secs_f64(waits.iter().sum()), "it did not wait");
+}
+
+fn failure_of_a_worker_is_told() {
+    let command = |role| {
+        let mut command = this_program(role);
+        command.env("NO_SOURCE", "1");
+        command
+    };
+    let failed = run_with(command, Duration::from_secs(1), |_, _| ());
+    assert_eq!(failed.unwrap_err().to_string(), "the camera: it is in use; close it");
+}
+
+fn run_folder_is_removed() {
+    let parent = std::env::temp_dir().join(format!("folders-{}", std::process::id()));
+    std::fs::create_dir(&parent).unwrap();
+    let folder = RunFolder::create(&parent).unwrap();
+    std::fs::write(folder.ring(), [0; 1000]).unwrap();
+    // One of a process that is gone, and one that is not ours.
+    let mut gone = Command::new("true").spawn().unwrap();
+    gone.wait().unwrap();
+    let abandoned = parent.join(format!("cairn-{}", gone.id()));
+    std::fs::create_dir(&abandoned).unwrap();
+    std::fs::write(abandoned.join("frames.ring"), [0; 3000]).unwrap();
+    std::fs::create_dir(parent.join("cairn-notes")).unwrap();
+    assert_eq!(cairn_workers::remove_abandoned(&parent), [(gone.id(), 3000)]);
+    assert!(folder.ring().exists() && !abandoned.exists() && parent.join("cairn-notes").exists());
+    drop(folder);
+    assert_eq!(std::fs::read_dir(&parent).unwrap().count(), 1);
+    std::fs::remove_dir_all(&parent).unwrap();
+}
