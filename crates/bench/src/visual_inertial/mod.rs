@@ -1,7 +1,8 @@
 //! `visual-inertial`: the whole engine with an IMU. A real recording; rendered rooms with real motion and real IMU
 //! data; turning round in front of plain walls; one minute of standing still; cost.
 
-pub mod connect;
+pub mod carried;
+mod connect;
 mod drawn;
 pub mod phone;
 mod ran;

@@ -1,6 +1,7 @@
 //! A walk out and home with one camera and the motion sensors of a phone, whose rig states more noise than they have;
 //! in lockstep, and with seeded latencies of mapping and closing.
 
+use super::carried::Carried;
 use super::drawn::DrawnPhone;
 use super::ran::{Figures, LiveScale, RunOptions, run_in};
 use cairn_engine::{Delays, Runner};
@@ -30,6 +31,8 @@ pub struct Walked {
     pub live_ate_m: Option<f64>,
     /// The scale of the live poses while it was called metric.
     pub live: LiveScale,
+    /// The longest stretch in which the motion sensors carried the pose.
+    pub carried: Option<Carried>,
     /// What the accepted initialisation stated: the scale's standard deviation.
     pub first_sigma: Option<f64>,
 }
@@ -125,19 +128,24 @@ pub fn walk(
         delays: delays.map(|d| d.seed),
         live_ate_m: ran.live_ate()?,
         live,
+        carried: ran.carried(),
         first_sigma: ran.first_sigma,
     })
 }
 
 /// Header of the table of [`row`]s.
-pub const HEAD: &str = "| run | ATE m (after Sim3) | live ATE m | scale error % | live scale error %: first (sigma) | after 30 s | worst (at s) | s more than 10 % off: told, told to be unknown | first metric pose s | coverage | maps |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
+pub const HEAD: &str = "| run | ATE m (after Sim3) | live ATE m | scale error % | live scale error %: first (sigma) | after 30 s | worst (at s) | s more than 10 % off: told, told to be unknown | carried: s, error m (sigma), deg; m/s before | first metric pose s | coverage | maps |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 /// One row of the table.
 pub fn row(w: &Walked) -> String {
     let or = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    let carried = w.carried.map_or("-".to_owned(), |c| {
+        let Carried { seconds, error_m, sigma_m, error_deg, before_m_s, .. } = c;
+        format!("{seconds:.1}, {error_m:.3} ({sigma_m:.3}), {error_deg:.2}; {before_m_s:.3}")
+    });
     let f = &w.figures;
     format!(
-        "| {} | {} ({}) | {} | {} | {} ({}) | {} | {:.1} ({:.1}) | {:.1}, {:.1} | {} | {:.3} | {} |\n",
+        "| {} | {} ({}) | {} | {} | {} ({}) | {} | {:.1} ({:.1}) | {:.1}, {:.1} | {carried} | {} | {:.3} | {} |\n",
         f.name,
         or(f.ate_m, 3),
         or(f.ate_sim3_m, 3),

@@ -1,10 +1,11 @@
 //! Runs the engine over one source and computes the figures of the trials: metric accuracy, maps, time to the first
 //! metric pose.
 
+use super::carried::Carried;
 use super::connect;
 use crate::Sensor;
 use cairn_atlas::MapId;
-use cairn_engine::{Config, Engine, Odometry, Runner};
+use cairn_engine::{Config, Engine, Odometry, Runner, State};
 use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
 use cairn_geometry::{Se3, Trajectory, Vec3};
 use cairn_sensor::{Source, Stamp};
@@ -50,6 +51,8 @@ pub struct Ran {
     pub live: Vec<(Stamp, Se3)>,
     /// Odometry of the metric poses.
     pub moved: Vec<(Stamp, Odometry)>,
+    /// Stated standard deviations of the position, metres, of frames whose pose the motion sensors carried.
+    pub sigmas: BTreeMap<Stamp, f64>,
     /// Those whose scale was said to be known.
     pub told: BTreeSet<Stamp>,
     /// When each map was created; the first is the start.
@@ -140,7 +143,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
     let (mut moved, mut told) = (Vec::new(), BTreeSet::new());
     let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
     let (mut known, mut map_created, mut metric_at) = (BTreeSet::<MapId>::new(), Vec::new(), None);
-    let mut first_sigma = None;
+    let (mut first_sigma, mut sigmas) = (None, BTreeMap::new());
     while stamps.len() < options.frames {
         let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
@@ -190,6 +193,9 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         }
         moved.extend(out.odometry.filter(|_| out.metric).map(|o| (packet.stamp, o)));
         told.extend(out.scale.filter(|scale| scale.metric && scale.is_known()).map(|_| packet.stamp));
+        if let State::Coasting { sigma, .. } = out.state {
+            sigmas.insert(packet.stamp, sigma);
+        }
         stamps.push(packet.stamp);
         track_ms.push(out.track_ms);
         step_ms.push(out.extract_ms + out.track_ms);
@@ -205,6 +211,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         poses: engine.trajectory(),
         live: since_metric(engine.live_trajectory(), metric_at),
         moved,
+        sigmas,
         told,
         map_created,
         pose_maps: pose_maps(&engine),
@@ -302,6 +309,12 @@ impl Ran {
         after.sort_by(f64::total_cmp);
         live.after_percent = after.get(after.len() / 2).copied();
         live
+    }
+
+    /// The longest stretch of metric frames without a match, whose pose the motion sensors carried.
+    pub fn carried(&self) -> Option<Carried> {
+        let truth: BTreeMap<Stamp, Se3> = self.truth.iter().copied().collect();
+        Carried::longest(*self.stamps.first()?, &self.moved, &self.sigmas, &truth)
     }
 
     /// RMSE of the live poses since the first metric one, after SE3 alignment.
