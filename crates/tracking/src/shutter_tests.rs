@@ -2,11 +2,16 @@
 
 use crate::shutter::{Moving, Shutter, in_camera};
 use crate::synthetic::mono;
+use cairn_adjust::locate;
+use cairn_atlas::Snapshot;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_solve::ransac::Rng;
-use cairn_vision::{Frame, RectifiedCamera};
+use cairn_vision::{Frame, RectifiedCamera, triangulate_views};
 
 const ROWS: usize = 480;
+
+/// A frame, and where each of its points would be at the middle row.
+type Seen = (Frame, Vec<[f64; 2]>);
 
 /// The camera's pose `t` seconds after the middle row, seen from there.
 fn moved(moving: &Moving, t: f64) -> Se3 {
@@ -24,12 +29,7 @@ fn points(rng: &mut Rng) -> Vec<Vec3> {
 }
 
 /// The frame of these points, each seen at the time of its row, and where each would be at the middle row.
-fn seen(
-    camera: &RectifiedCamera,
-    points: &[Vec3],
-    moving: &Moving,
-    readout_s: f64,
-) -> (Frame, Vec<[f64; 2]>) {
+fn seen(camera: &RectifiedCamera, points: &[Vec3], moving: &Moving, readout_s: f64) -> Seen {
     let mut frame = Frame::default();
     let mut ideal = Vec::new();
     for p in points {
@@ -131,4 +131,69 @@ fn global_shutter_is_left_alone_and_nothing_is_learnt_unasked() {
     unknown.correct(&mut frame, &camera, &Moving::default(), points.iter().copied());
     unknown.learn(&frame, &camera, points.iter().enumerate().map(|(i, p)| (i, *p, 1.0)));
     assert_eq!(unknown.readout_s(), [0.0, 0.02]);
+}
+
+/// Poses of a turn on the spot at a walker's pace, and the camera's motion at each.
+fn turn_on_the_spot() -> Vec<(Se3, Moving)> {
+    let step = |k: usize| {
+        let angle = 0.08 * k as f64;
+        let rotation = So3::exp(&Vec3::new(0.0, angle, 0.0));
+        let at = Vec3::new(0.25 * k as f64, 0.05 * k as f64, 0.1 * angle);
+        let turning = Vec3::new(0.1, if k == 1 { 0.8 } else { 0.1 }, -0.1);
+        (Se3::new(rotation, at), Moving { turning, velocity: Vec3::new(0.25, 0.1, 0.1) })
+    };
+    (0..3).map(step).collect()
+}
+
+/// What the stages make of exact projections in a turn: the largest residual at the true poses in pixels, of landmarks that
+/// are triangulated from all frames their distance from the truth in metres, and of the pose that is located in the turning
+/// frame its errors in metres and radians.
+fn stages(correct: bool) -> [f64; 4] {
+    let (camera, readout_s) = (mono(), 0.025);
+    let points = points(&mut Rng::new(5));
+    let poses = turn_on_the_spot();
+    let seen_by_all = |p: &&Vec3| {
+        let inside = |(pose, _): &(Se3, Moving)| {
+            camera.project(&(pose.inverse() * **p)).is_some_and(|[u, v, _]| camera.contains(u, v))
+        };
+        poses.iter().all(inside)
+    };
+    let points: Vec<Vec3> = points.iter().filter(seen_by_all).copied().collect();
+    assert!(points.len() > 100, "{}", points.len());
+    let frames = poses.iter().map(|(pose, moving)| {
+        let here: Vec<Vec3> = in_camera(pose, points.iter().copied()).collect();
+        let (mut frame, ideal) = seen(&camera, &here, moving, readout_s);
+        if correct {
+            Shutter::new(readout_s, false, ROWS).correct(&mut frame, &camera, moving, here.into_iter());
+        }
+        (frame, ideal)
+    });
+    let frames: Vec<Seen> = frames.collect();
+    let residual = frames.iter().map(|(frame, ideal)| farthest(frame, ideal)).fold(0.0, f64::max);
+    let off = |i: usize| {
+        let ray = |((pose, _), (frame, _)): (&(Se3, Moving), &Seen)| {
+            (pose.inverse(), camera.unproject(frame.px[i], 1.0))
+        };
+        let views: Vec<(Se3, Vec3)> = poses.iter().zip(&frames).map(ray).collect();
+        (triangulate_views(&views).unwrap() - points[i]).norm()
+    };
+    let landmark_m = (0..points.len()).map(off).fold(0.0, f64::max);
+    let matches: Vec<(usize, Vec3)> = points.iter().copied().enumerate().collect();
+    let (frame, truth) = (&frames[1].0, poses[1].0);
+    let none = vec![None; points.len()];
+    let found = locate(&Snapshot::new(), &camera, frame, &truth, &none, &matches, None);
+    let error = truth.inverse() * found.world_from_camera;
+    [residual, landmark_m, error.translation.norm(), error.rotation.log().norm()]
+}
+
+#[test]
+fn residuals_landmarks_and_poses_of_a_turn_are_those_of_a_global_shutter() {
+    let [residual, landmark_m, position_m, angle_rad] = stages(true);
+    let before = stages(false);
+    println!(
+        "corrected {residual:.3} px, {landmark_m:.4} m, {position_m:.5} m, {angle_rad:.6} rad; before {before:.4?}"
+    );
+    // What is left of the residuals is at the edge between two depths, which share a cell of the grid.
+    assert!(residual < 0.25 && landmark_m < 0.01 && position_m < 1e-3 && angle_rad < 2e-4);
+    assert!(before[0] > 3.0 && before[1] > 5.0 * landmark_m && before[2] > 10.0 * position_m);
 }
