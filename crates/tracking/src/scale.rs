@@ -6,11 +6,8 @@
 //! enough of the tracked landmarks have parallax between earlier key frames.
 
 use cairn_adjust::has_parallax;
-use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
-use cairn_geometry::Se3;
-use cairn_vision::Frame;
+use cairn_atlas::{KeyFrameId, LandmarkId, MapId, Snapshot};
 use std::collections::VecDeque;
-use std::sync::Arc;
 
 /// Scale is unsupported when fewer tracked landmarks than this have parallax,
 const FEW: usize = 12;
@@ -154,8 +151,10 @@ impl PaceComparison {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_atlas::{Change, ChangeSet};
-    use cairn_geometry::{So3, Vec3};
+    use cairn_atlas::{Change, ChangeSet, KeyFrame};
+    use cairn_geometry::{Se3, So3, Vec3};
+    use cairn_vision::Frame;
+    use std::sync::Arc;
 
     /// Key frames at these positions, all of which observe 30 points 4 m ahead.
     fn seen_from(places: &[f64]) -> (Snapshot, Vec<Option<LandmarkId>>) {
