@@ -19,8 +19,7 @@ pub struct DepthConfig {
     /// Baseline in metres of the virtual projector: one pixel of error in `right_x` corresponds to a depth error of
     /// `depth^2 / (baseline * fx)`. 0.3 m and fx = 535 give depth^2 / 160 m. That is above the sensor's random noise
     /// (depth^2 / 700 m, Khoshelham and Elberink 2012) and leaves a margin for imperfect registration, rounding and
-    /// motion between the two exposures. A depth trusted less than it deserves makes the whole map too large: errors of
-    /// the pixels are then explained by depth, as in every regression with errors in its variables.
+    /// motion between the two exposures.
     #[setting(default = 0.3, range = 1e-3..=10.0)]
     pub virtual_baseline: f64,
     /// Depth in metres up to which a point is "close".
