@@ -2,11 +2,13 @@
 //! belong together, or leaves a direction open, is refused with numbers.
 
 use cairn_dense::{
-    AnchorId, DenseError, DenseMap, MapId, OccupancyConfig, OccupancyGrid, RegisterConfig, Registration,
-    SubmapConfig, Surface, SurfaceFeatures, TsdfConfig, TsdfVolume, Verdict, register,
+    AnchorId, DenseError, DenseMap, DepthConfig, DepthFrame, DepthPreparer, MapId, OccupancyConfig,
+    OccupancyGrid, RegisterConfig, Registration, SubmapConfig, Surface, SurfaceFeatures, TsdfConfig,
+    TsdfVolume, Verdict, register,
 };
 use cairn_geometry::{Se3, Vec3};
 use pairs::{Submap, error, kitchen_submaps, pairs_overlapping, turned};
+use std::path::Path;
 
 mod common;
 #[path = "common/pairs.rs"]
@@ -20,10 +22,19 @@ fn registered(target: &Submap, source: &Submap, gravity: bool) -> Registration {
     register(&a, &b, &config).expect("in range")
 }
 
+/// The recording's frames by number.
+fn images(folder: &Path) -> impl FnMut(usize) -> (DepthFrame, Se3) {
+    let mut preparer = DepthPreparer::new(DepthConfig::default(), common::camera(), 0.001).expect("a camera");
+    move |n| {
+        let (image, pose) = common::frame(folder, n);
+        (preparer.prepare(&image).expect("a frame").clone(), pose)
+    }
+}
+
 #[test]
 fn twenty_pairs_of_submaps_find_each_other() {
     let Some(folder) = common::kitchen() else { return };
-    let mut submaps = kitchen_submaps(&folder);
+    let mut submaps = kitchen_submaps(images(&folder));
     for (a, b) in pairs_overlapping(&mut submaps, 0.45, 20) {
         for gravity in [false, true] {
             let found = registered(&submaps[a], &submaps[b], gravity);
@@ -40,7 +51,7 @@ fn twenty_pairs_of_submaps_find_each_other() {
 #[test]
 fn submaps_with_little_in_common_are_not_put_together_wrongly() {
     let Some(folder) = common::kitchen() else { return };
-    let mut submaps = kitchen_submaps(&folder);
+    let mut submaps = kitchen_submaps(images(&folder));
     let mut refused = 0;
     for (a, b) in pairs_overlapping(&mut submaps, 0.0, 10) {
         let found = registered(&submaps[a], &submaps[b], false);

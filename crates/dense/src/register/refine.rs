@@ -79,7 +79,7 @@ pub(super) fn to_planes(
         }
         let (step, _) = normal.solve(&config);
         pose = pose.retract(&step);
-        if step.norm() < 1e-3 {
+        if step.norm() < 1e-3 || !pose.is_finite() {
             break;
         }
     }
@@ -123,7 +123,7 @@ pub(super) fn to_field(
         let (step, free) = normal.solve(&config);
         out.free = free;
         pose = pose.retract(&step);
-        if step.norm() < 1e-4 {
+        if step.norm() < 1e-4 || !pose.is_finite() {
             break;
         }
     }

@@ -104,9 +104,8 @@ pub(super) struct Cubes {
 impl Cubes {
     pub fn new(points: &[[f32; 3]], side_m: f32) -> Self {
         let by_side = 1.0 / side_m;
-        let key = |p: &[f32; 3]| BlockKey(p.map(|v| (v * by_side).floor() as i32));
         let mut sorted: Vec<(BlockKey, u32)> =
-            points.iter().enumerate().map(|(i, p)| (key(p), i as u32)).collect();
+            points.iter().enumerate().map(|(i, p)| (key(p, by_side), i as u32)).collect();
         sorted.sort_unstable();
         let mut out = Self {
             by_side,
@@ -136,7 +135,12 @@ impl Cubes {
 
     /// Numbers of the points in the cube of a place and in the 26 around it.
     pub fn around(&self, p: &[f32; 3]) -> impl Iterator<Item = u32> + '_ {
-        let key = BlockKey(p.map(|v| (v * self.by_side).floor() as i32));
+        let key = key(p, self.by_side);
         (0..27).flat_map(move |i| self.of(key.offset([i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1])).iter().copied())
     }
+}
+
+/// The cube of a point; a diverged pose may have moved it anywhere.
+fn key(p: &[f32; 3], by_side: f32) -> BlockKey {
+    BlockKey(p.map(|v| (v * by_side).floor().clamp(-1e9, 1e9) as i32))
 }

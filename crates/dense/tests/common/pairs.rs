@@ -1,12 +1,10 @@
 //! Submaps of the kitchen in frames turned at random, and pairs of them by how much they have in common.
 
-use super::common;
 use cairn_dense::{
-    DepthConfig, DepthFrame, DepthPreparer, OccupancyConfig, OccupancyGrid, Registration, Surface,
-    SurfaceFeatures, TsdfConfig, TsdfVolume,
+    DepthFrame, OccupancyConfig, OccupancyGrid, Registration, Surface, SurfaceFeatures, TsdfConfig,
+    TsdfVolume,
 };
 use cairn_geometry::{Se3, So3, Vec3};
-use std::path::Path;
 
 /// A piece of the recording in a frame of its own.
 pub struct Submap {
@@ -33,23 +31,21 @@ pub fn turned(k: u64) -> Se3 {
     Se3::new(So3::exp(&(Vec3::new(v(1), v(2), v(3)) * 6.0)), Vec3::new(v(4), v(5), v(6)) * 4.0)
 }
 
-/// Submaps of one second each (every third of 30 images), 2 cm, one begun every half second.
-pub fn kitchen_submaps(folder: &Path) -> Vec<Submap> {
-    (0..=270).step_by(15).map(|first| kitchen_submap(folder, first)).collect()
+/// Submaps of one second each (every third of 30 images), 2 cm, one begun every half second; `image` gives a frame of
+/// the recording by its number, with its pose.
+pub fn kitchen_submaps(mut image: impl FnMut(usize) -> (DepthFrame, Se3)) -> Vec<Submap> {
+    let starts = (0..=270).step_by(15);
+    starts
+        .map(|first| submap(turned(first as u64), (first..first + 30).step_by(3).map(&mut image).collect()))
+        .collect()
 }
 
-fn kitchen_submap(folder: &Path, first: usize) -> Submap {
-    let mut preparer = DepthPreparer::new(DepthConfig::default(), common::camera(), 0.001).expect("a camera");
+fn submap(sub_from_world: Se3, images: Vec<(DepthFrame, Se3)>) -> Submap {
     let mut tsdf = TsdfVolume::new(TsdfConfig::default()).expect("in range");
     let mut occupancy = OccupancyGrid::new(OccupancyConfig::default()).expect("in range");
-    let sub_from_world = turned(first as u64);
-    let mut images = Vec::new();
-    for n in (first..first + 30).step_by(3) {
-        let (image, pose) = common::frame(folder, n);
-        let frame = preparer.prepare(&image).expect("a frame");
-        tsdf.integrate(frame, None, &(sub_from_world * pose)).expect("a pose");
-        occupancy.integrate(frame, &(sub_from_world * pose)).expect("a pose");
-        images.push((frame.clone(), pose));
+    for (frame, pose) in &images {
+        tsdf.integrate(frame, None, &(sub_from_world * *pose)).expect("a pose");
+        occupancy.integrate(frame, &(sub_from_world * *pose)).expect("a pose");
     }
     let seen = images[0].1 * Vec3::new(0.0, 0.0, 2.0);
     Submap { tsdf, occupancy, sub_from_world, seen, images }
