@@ -2,6 +2,7 @@
 
 mod graph;
 pub mod join;
+mod meetings;
 pub mod status;
 
 use crate::failure::Failure;
