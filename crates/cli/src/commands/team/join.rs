@@ -1,6 +1,7 @@
 //! `cairn team join`: shares a saved map, as it grows, with other robots, and keeps the atlas of all of them.
 
 use super::meetings::Meetings;
+use super::paths::beside;
 use super::status::{Shown, Status};
 use crate::commands::map::failed;
 use crate::failure::Failure;
@@ -187,14 +188,6 @@ fn team_key(team: &str, secret_file: Option<&Path>) -> Result<TeamKey, Failure> 
         secret.extend(bytes);
     }
     Ok(TeamKey::new(&secret))
-}
-
-/// `NAME.EXTENSION` beside a file.
-pub(super) fn beside(path: &Path, extension: &str) -> PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".");
-    name.push(extension);
-    path.with_file_name(name)
 }
 
 /// This robot with its files.

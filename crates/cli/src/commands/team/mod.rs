@@ -3,6 +3,7 @@
 mod graph;
 pub mod join;
 mod meetings;
+mod paths;
 pub mod status;
 
 use crate::failure::Failure;

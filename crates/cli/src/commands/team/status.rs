@@ -1,6 +1,6 @@
 //! `cairn team status`: what a robot of a team has, what it made of it, and what that cost on the network.
 
-use super::join::beside;
+use super::paths::beside;
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn::SharedAtlas;
