@@ -2,6 +2,7 @@
 
 mod graph;
 pub mod join;
+mod meetings;
 mod paths;
 pub mod status;
 
