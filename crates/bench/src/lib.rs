@@ -2,6 +2,7 @@
 
 pub mod accuracy;
 pub mod busy;
+pub mod dense;
 pub mod depth_scale;
 pub mod graphs;
 pub mod halves;

@@ -5,8 +5,8 @@ use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
-    MeasureOptions, Sensor, accuracy, busy, depth_scale, graphs, halves, inertial, live, long, measure,
-    places, revisit, store, visual_inertial, walks,
+    MeasureOptions, Sensor, accuracy, busy, dense, depth_scale, graphs, halves, inertial, live, long,
+    measure, places, revisit, store, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -181,6 +181,19 @@ enum Command {
         /// Folder to save in; default the system's temporary folder.
         #[arg(long)]
         folder: Option<PathBuf>,
+        /// Writes all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
+    },
+    /// Surfaces on the kitchen recording, one thread: times, quality and memory, each beside its goal. The peer on the
+    /// same frames: tools/compare_dense.py.
+    Dense {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Only these sections, separated by commas.
+        #[arg(long, value_delimiter = ',', value_enum)]
+        only: Vec<dense::Section>,
         /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
@@ -432,6 +445,11 @@ fn run(command: Command) -> Result<(), String> {
             let stored = store::run(&folder, key_frames, features, times)?;
             print!("{}", store::table(&stored));
             json.map_or(Ok(()), |path| save(path, &text(&stored)?))
+        }
+        Command::Dense { data, only, json } => {
+            let rows = dense::run(&data.unwrap_or_else(data_folder), &only)?;
+            print!("{}", dense::table(&rows));
+            json.map_or(Ok(()), |path| save(path, &text(&rows)?))
         }
         Command::Places { data, vocab, loops, verbose, write } => {
             let data = data.unwrap_or_else(data_folder);

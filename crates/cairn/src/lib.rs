@@ -67,6 +67,7 @@ mod error;
 mod events;
 mod map;
 mod merge;
+mod reach;
 mod shared;
 mod slam;
 mod walk;
@@ -80,6 +81,7 @@ pub use error::Error;
 pub use events::{MapEvent, MapEvents};
 pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
 pub use merge::{Attempt, MapOfFile, MergeError, MergedMaps, merge_maps};
+pub use reach::{MapWords, in_reach, words_of_map};
 pub use shared::{SharedAtlas, own_map, shared_atlas};
 pub use slam::Slam;
 

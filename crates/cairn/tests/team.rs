@@ -5,7 +5,7 @@ use cairn::geometry::{Se3, umeyama};
 use cairn::sensor::Stamp;
 use cairn::team::peer::{Identity, Peer, TeamKey, To};
 use cairn::team::{Network, NetworkConfig, RobotId};
-use cairn::{Config, SharedAtlas, Slam, map_file, open, shared_atlas};
+use cairn::{Config, MapWords, SharedAtlas, Slam, in_reach, map_file, open, shared_atlas, words_of_map};
 use cairn_atlas::store::{MapFile, pieces};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -83,6 +83,50 @@ fn atlas_of_all(walks: &BTreeMap<RobotId, Walk>) -> SharedAtlas {
     atlases.into_iter().next().expect("two")
 }
 
+/// The words of each robot, as the others read them.
+fn words(walks: &BTreeMap<RobotId, Walk>) -> BTreeMap<RobotId, MapWords> {
+    let of = |(robot, walk): (&RobotId, &Walk)| {
+        let file = MapFile::read(&walk.map).expect("a whole map");
+        let (bytes, lengths) = words_of_map(*robot, &file);
+        assert_eq!(lengths.iter().sum::<usize>(), bytes.len());
+        let words = MapWords::read(*robot, &bytes).expect("words");
+        assert!(bytes.len() <= 1026 * words.len(), "{} bytes of {} key frames", bytes.len(), words.len());
+        println!(
+            "robot {robot}: {} B words of {} key frames, {} B map",
+            bytes.len(),
+            words.len(),
+            walk.map.len()
+        );
+        assert!(MapWords::read(*robot + 1, &bytes).unwrap_err().contains("as robot"));
+        assert!(MapWords::read(*robot, &bytes[..bytes.len() - 1]).unwrap_err().contains("end early"));
+        (*robot, words)
+    };
+    walks.iter().map(of).collect()
+}
+
+/// Every two robots that may share a place, by their words; the same whichever of them is asked.
+fn meetings(walks: &BTreeMap<RobotId, Walk>) -> BTreeSet<(RobotId, RobotId)> {
+    let words = words(walks);
+    let mut pairs = BTreeSet::new();
+    for (a, of_a) in &words {
+        for (b, of_b) in words.range(a + 1..) {
+            let alike = of_a.alike(of_b);
+            println!("robots {a} and {b}: {} and {} key frames look alike", alike.0, alike.1);
+            assert_eq!(of_b.alike(of_a), (alike.1, alike.0));
+            pairs.extend(of_a.meets(of_b).then_some((*a, *b)));
+        }
+    }
+    pairs
+}
+
+#[test]
+fn a_robot_reaches_those_that_it_meets_and_those_that_they_meet() {
+    let pairs = [(1, 4), (2, 3), (4, 6)].into();
+    assert_eq!(in_reach(6, &pairs), [1, 4, 6].into());
+    assert_eq!(in_reach(3, &pairs), [2, 3].into());
+    assert_eq!(in_reach(9, &pairs), [9].into());
+}
+
 /// Root mean square error of the positions of the key frames of some robots, aligned by SE3.
 fn ate(file: &MapFile, walks: &BTreeMap<RobotId, Walk>, robots: &[RobotId]) -> f64 {
     let (mut estimated, mut truth) = (Vec::new(), Vec::new());
@@ -108,6 +152,7 @@ fn three_robots_that_share_a_way_have_one_map_and_none_gets_worse() {
     ];
     let walks: BTreeMap<RobotId, Walk> =
         (1..).zip(options).map(|(r, o)| (r, walk(r, "demo", &format!("seed=5&{o}")))).collect();
+    assert_eq!(meetings(&walks), [(1, 2), (1, 3), (2, 3)].into());
     let shared = atlas_of_all(&walks);
     let file = &shared.merged.file;
     file.snapshot.check().expect("a sound map");
@@ -133,6 +178,7 @@ fn three_robots_that_share_a_way_have_one_map_and_none_gets_worse() {
 fn robots_in_different_houses_share_an_atlas_of_separate_maps() {
     let house = |robot: RobotId| walk(robot, "demo", &format!("seed={}&duration=12", 20 + robot));
     let walks: BTreeMap<RobotId, Walk> = (1..=3).map(|r| (r, house(r))).collect();
+    assert_eq!(meetings(&walks), BTreeSet::new());
     let shared = atlas_of_all(&walks);
     assert_eq!(shared.merged.file.snapshot.maps().count(), 3, "{:?}", shared.merged.attempts);
 }

@@ -14,6 +14,7 @@ mod prepare;
 mod project;
 mod pyramid;
 mod raycast;
+mod register;
 mod rendered;
 mod sample;
 mod submap;
@@ -32,9 +33,11 @@ pub use noise::DepthNoise;
 pub use occupancy::{Occupancy, OccupancyConfig, OccupancyGrid};
 pub use prepare::{DepthConfig, DepthPreparer};
 pub use raycast::raycast;
+pub use register::{RegisterConfig, Registration, Surface, SurfaceFeatures, Verdict, register};
 pub use rendered::RayCast;
 pub use submap::{
-    AnchorId, DenseMap, MapId, PackedDepth, Progress, SavedFrame, SavedSubmap, SubmapConfig, SubmapView,
+    AnchorId, DenseMap, Located, MapId, PackedDepth, Progress, SavedFrame, SavedSubmap, SubmapConfig,
+    SubmapView, Up,
 };
 pub use track::{DenseTracked, TrackConfig, track};
 pub use tsdf::{Fused, TsdfConfig, TsdfVolume};

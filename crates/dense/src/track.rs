@@ -107,7 +107,7 @@ pub fn track(
         volume_from_camera: pose,
         covariance: normal.covariance(),
         points: [normal.used, points.len()],
-        rms_m: (normal.square / normal.used.max(1) as f64).sqrt(),
+        rms_m: normal.rms_m(),
         free,
         converged: enough && (small || step.norm() < 20.0 * SMALL),
     })
@@ -132,8 +132,9 @@ fn points(frame: &DepthFrame, config: &TrackConfig, level: usize) -> Vec<(Vec3, 
     out
 }
 
-/// Normal equations of all points.
-struct Normal {
+/// Normal equations of all points, for a right perturbation of the pose.
+#[derive(Default)]
+pub(crate) struct Normal {
     hessian: Matrix6<f64>,
     gradient: Vector6<f64>,
     used: usize,
@@ -144,7 +145,7 @@ struct Normal {
 }
 
 impl Normal {
-    fn build(
+    pub(crate) fn build(
         sampler: &Sampler,
         volume: &TsdfVolume,
         points: &[(Vec3, f64)],
@@ -154,8 +155,7 @@ impl Normal {
         let (r, t) = (pose.rotation.matrix(), pose.translation);
         let voxel = volume.config().voxel_m;
         let floor = config.noise.floor_m;
-        let mut out =
-            Self { hessian: Matrix6::zeros(), gradient: Vector6::zeros(), used: 0, square: 0.0, cost: 0.0 };
+        let mut out = Self::default();
         for (p, by_sigma) in points {
             let at = r * p + t;
             let Some(sample) = sampler.at([at.x as f32, at.y as f32, at.z as f32]) else { continue };
@@ -167,18 +167,38 @@ impl Normal {
             }
             let distance = f64::from(sample.steps) / length * voxel;
             let n = r.transpose() * (g / length);
-            let turn = p.cross(&n);
-            let j = Vector6::new(n.x, n.y, n.z, turn.x, turn.y, turn.z);
             let huber = config.huber_m + floor;
             let robust = if distance.abs() <= huber { 1.0 } else { huber / distance.abs() };
             let weight = robust * by_sigma * by_sigma;
-            out.hessian += j * j.transpose() * weight;
-            out.gradient += j * (distance * weight);
-            out.used += 1;
-            out.square += distance * distance;
-            out.cost += weight * distance * distance;
+            out.add(p, &n, distance, weight);
         }
         out
+    }
+
+    /// Adds a point of the moved frame, with the surface's normal in that frame and its distance along it in metres.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, p: &Vec3, n: &Vec3, distance: f64, weight: f64) {
+        let turn = p.cross(n);
+        let j = Vector6::new(n.x, n.y, n.z, turn.x, turn.y, turn.z);
+        self.hessian += j * j.transpose() * weight;
+        self.gradient += j * (distance * weight);
+        self.used += 1;
+        self.square += distance * distance;
+        self.cost += weight * distance * distance;
+    }
+
+    /// Leaves only rotations about `up` (unit, in the moved frame) and translations: the others are made too stiff to
+    /// move.
+    pub(crate) fn keep_upright(&mut self, up: &Vec3) {
+        let stiff = 1e6 * self.hessian.trace().max(1.0);
+        let across = (nalgebra::Matrix3::identity() - up * up.transpose()) * stiff;
+        let mut block = self.hessian.fixed_view_mut::<3, 3>(3, 3);
+        block += across;
+    }
+
+    /// Root mean square distance of the points used, in metres.
+    pub(crate) fn rms_m(&self) -> f64 {
+        (self.square / self.used.max(1) as f64).sqrt()
     }
 
     /// Variance of a whitened distance; one when the noise is as modelled.
@@ -187,7 +207,7 @@ impl Normal {
     }
 
     /// The step in the constrained directions, and the unconstrained directions.
-    fn solve(&self, config: &TrackConfig) -> (Vector6<f64>, Vec<Vector6<f64>>) {
+    pub(crate) fn solve(&self, config: &TrackConfig) -> (Vector6<f64>, Vec<Vector6<f64>>) {
         let eigen = SymmetricEigen::new(self.hessian);
         let (mut step, mut free) = (Vector6::zeros(), Vec::new());
         // Errors of neighbouring points are correlated: as if only one in sixteen were independent.

@@ -12,7 +12,8 @@ pub use saved::{Restored, SavedDepthError, saved_dense_map};
 use crate::{Engine, Output};
 use cairn_atlas::{Change, KeyFrameId, MapId, Mirror, Published, Subscription};
 use cairn_dense::{
-    AnchorId, DenseError, DenseMap, MapId as DenseMapId, Progress, SubmapConfig, TsdfConfig, TsdfVolume,
+    AnchorId, DenseError, DenseMap, Located, MapId as DenseMapId, Progress, RegisterConfig, SubmapConfig,
+    TsdfConfig, TsdfVolume,
 };
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthImage, FramePacket, Rig, Stamp};
@@ -192,6 +193,26 @@ impl DenseMapper {
             .map(|(map, _)| (count(map), map))
             .max_by_key(|(n, map)| (*n, std::cmp::Reverse(*map)))
             .map(|(_, map)| map)
+    }
+
+    /// Looks for a depth image in the submaps of a map by the shape of its surface alone, for a camera that is lost where no
+    /// words are found: `world_from_source` is the pose of the camera whose poses key frames have. `up` is the direction
+    /// against gravity in that camera, where it is known and the map is aligned with gravity (z up): then only yaw and
+    /// position are looked for. Some 15 ms for each submap, on the caller's thread. A refused pose comes with the
+    /// numbers; `None` for a map without depth.
+    ///
+    /// # Errors
+    /// Depth that cannot be used, a direction that is not one.
+    pub fn locate(
+        &mut self,
+        map: MapId,
+        depth: &DepthImage,
+        up: Option<Vec3>,
+    ) -> Result<Option<Located>, DenseError> {
+        let depth_from_camera = self.camera_from_depth.inverse();
+        let up = up.map(|up| [Vec3::z(), depth_from_camera.rotation * up]);
+        let found = self.map.locate(dense_map(map), depth, up, &RegisterConfig::default())?;
+        Ok(found.map(|l| Located { world_from_source: l.world_from_source * depth_from_camera, ..l }))
     }
 
     /// The surface of a map, fused from the stored depth with the poses that key frames have now: without seams.

@@ -154,6 +154,8 @@ pub enum CueKind {
     Rotate(f64),
     /// The turn is done; what comes next.
     StopTurning(Ahead),
+    /// Stop turning and stand: where the turn ends decides whether the way ahead is free.
+    StandStill,
     /// Go on; what comes next. `check` asks a walker going backwards to look behind first.
     Go {
         /// What comes next.
@@ -253,8 +255,10 @@ impl Cue {
             | StairsNow(_)
             | Rotate(_)
             | Correction(_)
+            | Clear(_)
             | Around(_)
             | StopTurning(_)
+            | StandStill
             | Adjust(_)
             | OffPath { .. }
             | WrongWay(_)
@@ -265,7 +269,6 @@ impl Cue {
             Start { .. }
             | Away { .. }
             | Resume(_)
-            | Clear(_)
             | Approach(_)
             | Go { .. }
             | Stopped { .. }

@@ -13,6 +13,7 @@ use crate::correction::Corrections;
 use crate::cue::{AT_START_M, Cue, CueKind, First, StopReason};
 use crate::facing::{Facing, Heading};
 use crate::follow::{Follower, Now, Phase, Turning};
+use crate::free_way::FreeWay;
 use crate::ground::{Ground, heading_of};
 use crate::input::GuideInput;
 use crate::maneuvers::ManeuverPlan;
@@ -63,6 +64,8 @@ pub struct Guide {
     /// The next first direction follows a stop for something in the way.
     cleared: bool,
     last_match: Option<Match>,
+    /// Which side a walker who was stopped is to step back to, plus one for left.
+    step_back: Option<f64>,
     /// Since when tracking has been weak, and whether that was said.
     weak: Option<(Stamp, bool)>,
     /// When a walker who is not on the route was last told where it is.
@@ -96,6 +99,7 @@ impl Guide {
             again: false,
             cleared: false,
             last_match: None,
+            step_back: None,
             weak: None,
             away_said: None,
         })
@@ -149,6 +153,27 @@ impl Guide {
         self.follower.detour = heading.filter(|h| h.is_finite());
     }
 
+    /// Tells where the walker may be sent, for the next step: he is not told to set out in a heading, or to bear to one, that is
+    /// not free. `None` where nobody watches his way.
+    pub fn free_way(&mut self, way: Option<FreeWay>) {
+        self.follower.way = way;
+    }
+
+    /// Where there is no way past what the walker was stopped for from where he stands: which side he is to step back to instead of
+    /// hearing "stop" again, plus one for left.
+    pub fn step_back(&mut self, side: Option<f64>) {
+        self.step_back = side;
+    }
+
+    /// Whether the walker walks, or will without another word when his turn has ended.
+    pub fn goes_on(&self) -> bool {
+        self.stops.reason().is_none()
+            && match &self.follower.phase {
+                Phase::Turning(turning) => turning.goes_on(),
+                phase => matches!(phase, Phase::Moving),
+            }
+    }
+
     /// The heading of a detour under way, in radians.
     pub fn detour_heading(&self) -> Option<f64> {
         self.follower.detour
@@ -160,6 +185,12 @@ impl Guide {
         let (at, follower) = (self.last_match?, &self.follower);
         let along = (at.along_m + follower.config.look_ahead_m).min(follower.next_at_m());
         Some((along, follower.plan.point_at(along)))
+    }
+
+    /// The heading in which a walker at this place would be led along the route, in radians. `None` before the first good pose.
+    pub fn route_heading(&self, walker: &Heading, now: Stamp) -> Option<f64> {
+        let at = self.last_match?;
+        Some(self.follower.route_aim(&Now { stamp: now, walker: *walker, at, speed: 0.0 }))
     }
 
     /// A cue was dropped before it was said, because its pose had become too old: the next step directs the walker anew.
@@ -255,7 +286,13 @@ impl Guide {
 
     fn halt(&mut self, reason: StopReason, now: Stamp) -> Option<CueKind> {
         let turn_rate = self.follower.motion.turn_rate();
-        self.stops.halt(reason, now, &self.follower.config, turn_rate, self.started)
+        let kind = self.stops.halt(reason, now, &self.follower.config, turn_rate, self.started)?;
+        match (self.step_back, kind, self.stops.is_repeated()) {
+            (Some(side), CueKind::Stop(reason), true) if reason.is_in_the_way() => {
+                Some(CueKind::StepAside(side))
+            }
+            _ => Some(kind),
+        }
     }
 
     /// True when guidance may go on.
@@ -298,12 +335,12 @@ impl Guide {
             Some(_) => follower.config.detour_tolerance_deg,
             None => follower.config.turn_tolerance_deg,
         };
-        let first = if turn.abs().to_degrees() < tolerance_deg {
+        let first = if turn.abs().to_degrees() < tolerance_deg && follower.may_set_out(now) {
             follower.set_out(now);
             First::Go(follower.ahead(now))
         } else {
             follower.phase = Phase::Turning(Turning::new(now, false));
-            First::Turn(turn)
+            First::Turn(follower.worded(turn))
         };
         follower.memory.last_direction = Some(now.stamp);
         // The first text for walking backwards is long: it contains a warning.

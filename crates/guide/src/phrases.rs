@@ -102,6 +102,7 @@ impl PhraseConfig {
             CueKind::Rotate(a) if back => after("guide-stop", self.sentence(&turn(a))),
             CueKind::Rotate(a) => self.sentence(&turn(a)),
             CueKind::StopTurning(ahead) => after("guide-stop-turning", self.go(&ahead, back, back)),
+            CueKind::StandStill => text("guide-stand-still"),
             CueKind::Go { ahead, check } => self.go(&ahead, back, check),
             CueKind::Adjust(a) => self.sentence(&self.bear(a, back)),
             CueKind::Progress(ahead) => self.progress(&ahead, back),

@@ -58,6 +58,11 @@ impl Stops {
         self.halted.map(|halt| halt.reason)
     }
 
+    /// Whether "stop" was said more than once for it.
+    pub(crate) fn is_repeated(&self) -> bool {
+        self.halted.is_some_and(|halt| halt.times > 1)
+    }
+
     /// The poses from now on have nothing to do with those before.
     pub(crate) fn begin_segment(&mut self) {
         self.runaway = Runaway::default();

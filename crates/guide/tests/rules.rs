@@ -515,6 +515,48 @@ fn external_hazards_stop_and_new_reason_is_said_at_once() {
 }
 
 #[test]
+fn nobody_is_sent_where_it_is_not_free() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(2.0, 1.0);
+    walker.hazard = Some(StopReason::Obstacle(Obstacle::at(1.2, 0.0, false)));
+    walker.stand(1.0);
+    // Only between 25 and 35 degrees to his left.
+    let free = (0..72).map(|k| if (5..=7).contains(&k) { 3.0 } else { 1.0 }).collect();
+    walker.hazard = None;
+    walker.guide.free_way(Some(FreeWay::new(free, 2.0)));
+    walker.guide.detour(Some(0.5));
+    walker.stand(2.5);
+    let begins = walker.words().len();
+    // He bears by less than he should, and by too little to be sent on.
+    walker.turn(15.0, 30.0).stand(1.0);
+    assert!(!walker.guide.goes_on());
+    walker.stand(1.2).turn(13.5, 30.0).stand(1.0);
+    assert!(walker.guide.goes_on());
+    let words = walker.words();
+    assert_eq!(words[begins - 1], "There is room beside it. Slow down. Bear left.", "{words:?}");
+    let expected =
+        ["Stop. Stand still.", "Bear left.", "Stop. Stand still.", "Continue 30 metres, then turn left."];
+    assert_eq!(&words[begins..], expected, "{words:?}");
+}
+
+#[test]
+fn who_is_too_near_to_something_steps_back() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(2.0, 1.0);
+    walker.hazard = Some(StopReason::Obstacle(Obstacle::at(0.6, 0.0, false)));
+    walker.guide.step_back(Some(1.0));
+    walker.stand(4.0);
+    walker.guide.step_back(None);
+    walker.stand(3.0);
+    let expected = [
+        "Stop. Something is in the way, half a metre ahead.",
+        "Stop. Step back and to your left.",
+        "Stop. Something is in the way, half a metre ahead.",
+    ];
+    assert_eq!(&walker.words()[1..], expected);
+}
+
+#[test]
 fn flickering_confidence_does_not_resume() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(2.0, 1.0);

@@ -6,17 +6,12 @@
 //! it grows. Nothing is discarded meanwhile, and if the initialisation never succeeds, visual mapping goes on.
 
 use crate::clocks::Clocks;
-use crate::scale_check::{Contradiction, ScaleCheck};
-use crate::triangulation::median_depth;
+use crate::initialisation::{CameraAndImu, STATIONARY_M_S};
+use crate::scale_check::{ScaleCheck, ScaleWatch};
 use cairn_adjust::{ImuModel, Window, WindowConfig, WindowResult};
-use cairn_atlas::{
-    Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot,
-};
+use cairn_atlas::{Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3};
-use cairn_inertial::{
-    Attempt, Gate, GateKind, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose, initialise,
-    of_data_sheet,
-};
+use cairn_inertial::{Attempt, Gate, GateKind, Preintegrated, of_data_sheet};
 use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
 use cairn_settings::Settings;
 use cairn_vision::RectifiedCamera;
@@ -41,11 +36,6 @@ pub struct InertialConfig {
     pub whole_key_frames: usize,
 }
 
-/// Standard deviation of a key frame's orientation in an adjusted map, as an angle in pixels; its position
-/// uncertainty is this angle at the median depth.
-const SEEN_PIXELS: f64 = 0.5;
-/// Relative standard deviation of the scale of cameras with depth.
-const DEPTH_SCALE_SIGMA: f64 = 0.003;
 /// With the clocks known this well, seconds, nothing waits for their comparison by rotations.
 const MOST_OFFSET_SIGMA_S: f64 = 0.002;
 /// Seconds of key frames, up to the newest, used by the initialisation.
@@ -53,9 +43,6 @@ const INITIALISATION_S: f64 = 20.0;
 /// Seconds after the first key frame of the chain at which a gravity-aligned map is adjusted as a whole
 /// again.
 const REFINE_AT_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
-
-/// Below this speed the camera counts as stationary, m/s.
-pub(crate) const STATIONARY_M_S: f64 = 0.05;
 
 /// The IMU state of mapping.
 #[derive(Debug)]
@@ -67,10 +54,7 @@ pub(crate) struct Inertial {
     clocks: Clocks,
     /// For each gravity-aligned map, how often it was adjusted as a whole.
     refined: BTreeMap<MapId, usize>,
-    /// The last check of the scale, where it contradicted the map.
-    pub contradicted: Option<Contradiction>,
-    /// When the scale of a longer stretch was checked last.
-    pub checked_long: Option<Stamp>,
+    scale_watch: ScaleWatch,
 }
 
 impl Inertial {
@@ -79,8 +63,8 @@ impl Inertial {
         let noise = data_sheet.times([config.noise_times; 2]);
         let imu = ImuModel { imu_from_camera, noise };
         let clocks = Clocks::new(&ImuSensor { noise: data_sheet, ..sensor.clone() });
-        let (contradicted, checked_long) = (None, None);
-        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), contradicted, checked_long }
+        let scale_watch = ScaleWatch::default();
+        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), scale_watch }
     }
 
     /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
@@ -166,7 +150,11 @@ impl Inertial {
         let aligned = snapshot.key_frame(centre).is_some_and(|k| snapshot.is_gravity_aligned(k.map));
         let chain = chain(&snapshot, centre);
         let check = match aligned && !camera.has_depth() {
-            true => self.check_scale(atlas, camera, &chain, config),
+            true => {
+                let offset_sigma_s = self.clocks.sigma_s();
+                let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s };
+                self.scale_watch.check(atlas, &of, &chain, config)
+            }
             false => None,
         };
         (self.align_or_refine_chain(atlas, camera, &chain, config), check)
@@ -194,7 +182,8 @@ impl Inertial {
             }
             *times += 1;
         } else {
-            let mut attempt = self.attempt(&snapshot, camera, chain, INITIALISATION_S)?;
+            let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
+            let mut attempt = of.attempt(&snapshot, chain, INITIALISATION_S)?;
             let known = attempt.found.as_ref().is_some_and(|f| f.offset_sigma_s <= MOST_OFFSET_SIGMA_S);
             let compared = f64::from(u8::from(known || self.clocks.is_decided()));
             attempt.gates.push(Gate::new(GateKind::Clocks, compared, 1.0));
@@ -246,42 +235,6 @@ impl Inertial {
         let mut changes = vec![Change::ImuOffset(offset)];
         changes.extend(self.clocks.recompute_factors(snapshot, chain, offset));
         changes
-    }
-
-    /// The initialisation with the key frames of the last `seconds` of a chain.
-    pub fn attempt(
-        &self,
-        snapshot: &Snapshot,
-        camera: &RectifiedCamera,
-        chain: &[KeyFrameId],
-        seconds: f64,
-    ) -> Option<Attempt> {
-        let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
-        let last = frames.last()?.frame.stamp;
-        let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.frame.stamp <= seconds).collect();
-        let poses: Vec<SeenPose> = frames
-            .iter()
-            .map(|k| SeenPose { stamp: k.frame.stamp, world_from_camera: k.world_from_camera })
-            .collect();
-        let links: Option<Vec<Preintegrated>> = frames
-            .iter()
-            .skip(1)
-            .map(|k| Some((*k.motion.as_ref()?.imu_factor.as_ref()?.sum).clone()))
-            .collect();
-        let rotation_sigma = SEEN_PIXELS / camera.fx;
-        let position_sigma = rotation_sigma * median_depth(snapshot, frames.last()?)?;
-        let seen = Seen { poses: &poses, rotation_sigma, position_sigma };
-        let scale = match camera.has_depth() {
-            true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
-            false => Scale::Free,
-        };
-        // `initialise` raises the noise itself, starting from that of the data sheet.
-        let config = InitialiseConfig {
-            noise_times: 1.0,
-            offset_sigma_s: self.clocks.sigma_s(),
-            ..InitialiseConfig::default()
-        };
-        Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
     }
 
     /// The changes that gravity-align a map about a fixed point.

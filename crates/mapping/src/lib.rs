@@ -6,6 +6,7 @@ mod cull;
 mod disparity;
 mod fuse;
 mod inertial;
+mod initialisation;
 mod insert;
 mod mapper;
 mod rotation_only;

@@ -8,13 +8,12 @@
 //! one degree of freedom (a Wald test): clearer than the residuals of the links, whose velocities adapt to a wrong
 //! scale. Seconds of steady walking do not tell an error of a tenth; those of a longer stretch do.
 
-use crate::inertial::{Inertial, STATIONARY_M_S};
+use crate::initialisation::{CameraAndImu, STATIONARY_M_S};
 use cairn_adjust::{Window, WindowConfig};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{Gate, GateKind, Initial, NavState};
 use cairn_sensor::Stamp;
-use cairn_vision::RectifiedCamera;
 use std::collections::BTreeSet;
 
 /// Seconds of key frames that are checked with each one.
@@ -57,18 +56,27 @@ pub enum ScaleVerdict {
 
 /// When a contradiction was first seen, and the logarithm of scale at that time.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Contradiction {
+struct Contradiction {
     since: Stamp,
     log_scale: f64,
 }
 
-impl Inertial {
+/// What is remembered from check to check.
+#[derive(Debug, Default)]
+pub(crate) struct ScaleWatch {
+    /// The last check, where it contradicted the map.
+    contradicted: Option<Contradiction>,
+    /// When the scale of a longer stretch was checked last.
+    checked_long: Option<Stamp>,
+}
+
+impl ScaleWatch {
     /// Compares the scale of the last key frames of a chain with the readings between them, and corrects it when checks
     /// agree for [`AGREED_S`]; `None` where the readings do not say.
-    pub fn check_scale(
+    pub fn check(
         &mut self,
         atlas: &mut Atlas,
-        camera: &RectifiedCamera,
+        of: &CameraAndImu,
         chain: &[KeyFrameId],
         config: &WindowConfig,
     ) -> Option<ScaleCheck> {
@@ -78,16 +86,16 @@ impl Inertial {
             return None;
         }
         let now = last.frame.stamp;
-        let found = self.measured_scale(&snapshot, camera, chain, now)?;
+        let found = self.measured_scale(&snapshot, of, chain, now)?;
         let verdict = self.judge(now, &found);
         if verdict == ScaleVerdict::Corrected {
-            let long = self.measured_over(&snapshot, camera, chain, LONG_S);
+            let long = measured_over(&snapshot, of, chain, LONG_S);
             let changes = match long.filter(|long| contradicts(long) && agree(long, &found)) {
                 Some(long) => rescaled(&snapshot, chain, &long),
                 None => scaled(&snapshot, chain, &found),
             };
             atlas.commit(changes);
-            self.adjust_recent(atlas, camera, chain, now, config);
+            adjust_recent(atlas, of, chain, now, config);
         }
         Some(ScaleCheck { scale: found.scale, sigma: found.scale_sigma, verdict })
     }
@@ -97,32 +105,18 @@ impl Inertial {
     fn measured_scale(
         &mut self,
         snapshot: &Snapshot,
-        camera: &RectifiedCamera,
+        of: &CameraAndImu,
         chain: &[KeyFrameId],
         now: Stamp,
     ) -> Option<Initial> {
-        let short = self.measured_over(snapshot, camera, chain, CHECK_S);
+        let short = measured_over(snapshot, of, chain, CHECK_S);
         let is_due = self.contradicted.is_some() || self.checked_long.is_none_or(|t| now - t >= LONG_EVERY_S);
         if short.as_ref().is_some_and(contradicts) || !is_due {
             return short;
         }
         self.checked_long = Some(now);
-        let long = self.measured_over(snapshot, camera, chain, LONG_S);
+        let long = measured_over(snapshot, of, chain, LONG_S);
         long.filter(|long| short.as_ref().is_none_or(|short| agree(long, short))).or(short)
-    }
-
-    /// The scale of the last seconds alone, where it is known well enough to say anything.
-    fn measured_over(
-        &self,
-        snapshot: &Snapshot,
-        camera: &RectifiedCamera,
-        chain: &[KeyFrameId],
-        seconds: f64,
-    ) -> Option<Initial> {
-        let attempt = self.attempt(snapshot, camera, chain, seconds)?;
-        let is_good = |g: &Gate| g.passed || matches!(g.kind, GateKind::ScaleSigma | GateKind::GravitySigma);
-        let found = attempt.found.filter(|_| attempt.gates.iter().all(is_good))?;
-        (found.scale_sigma <= MOST_SIGMA).then_some(found)
     }
 
     fn judge(&mut self, now: Stamp, found: &Initial) -> ScaleVerdict {
@@ -145,25 +139,37 @@ impl Inertial {
             }
         }
     }
+}
 
-    /// Adjusts the key frames of the last seconds; those before hold what both see.
-    fn adjust_recent(
-        &self,
-        atlas: &mut Atlas,
-        camera: &RectifiedCamera,
-        chain: &[KeyFrameId],
-        now: Stamp,
-        config: &WindowConfig,
-    ) {
-        let snapshot = atlas.latest().clone();
-        let Some(centre) = chain.last() else { return };
-        let stamp = |id: &KeyFrameId| snapshot.key_frame(*id).map(|k| k.frame.stamp);
-        let recent = chain.iter().rev().filter_map(stamp).take_while(|t| now - *t <= ADJUSTED.0).count();
-        let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
-        let count = recent.min(ADJUSTED.1);
-        if let Some(window) = Window::inertial_around(&snapshot, camera, &self.imu, *centre, count, &config) {
-            atlas.commit(window.solve(&config, || false).changes.changes);
-        }
+/// The scale of the last seconds alone, where it is known well enough to say anything.
+fn measured_over(
+    snapshot: &Snapshot,
+    of: &CameraAndImu,
+    chain: &[KeyFrameId],
+    seconds: f64,
+) -> Option<Initial> {
+    let attempt = of.attempt(snapshot, chain, seconds)?;
+    let is_good = |g: &Gate| g.passed || matches!(g.kind, GateKind::ScaleSigma | GateKind::GravitySigma);
+    let found = attempt.found.filter(|_| attempt.gates.iter().all(is_good))?;
+    (found.scale_sigma <= MOST_SIGMA).then_some(found)
+}
+
+/// Adjusts the key frames of the last seconds; those before hold what both see.
+fn adjust_recent(
+    atlas: &mut Atlas,
+    of: &CameraAndImu,
+    chain: &[KeyFrameId],
+    now: Stamp,
+    config: &WindowConfig,
+) {
+    let snapshot = atlas.latest().clone();
+    let Some(centre) = chain.last() else { return };
+    let stamp = |id: &KeyFrameId| snapshot.key_frame(*id).map(|k| k.frame.stamp);
+    let recent = chain.iter().rev().filter_map(stamp).take_while(|t| now - *t <= ADJUSTED.0).count();
+    let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
+    let count = recent.min(ADJUSTED.1);
+    if let Some(window) = Window::inertial_around(&snapshot, of.camera, of.imu, *centre, count, &config) {
+        atlas.commit(window.solve(&config, || false).changes.changes);
     }
 }
 
@@ -228,12 +234,12 @@ fn scaled(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<Cha
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::inertial::InertialConfig;
     use crate::synthetic::{World, mono, pose};
+    use cairn_adjust::ImuModel;
     use cairn_atlas::{ImuFactor, InertialState, KeyFrame, MapId};
     use cairn_geometry::{Sim3, So3};
     use cairn_inertial::{Bias, Preintegrated};
-    use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, ImuSensor};
+    use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample};
     use std::f64::consts::{FRAC_PI_2, TAU};
     use std::sync::Arc;
 
@@ -301,13 +307,14 @@ mod tests {
     fn checked(factor: f64) -> (Option<f64>, Option<f64>, f64) {
         let count = 33;
         let (mut atlas, ids) = map(count, factor);
-        let sensor =
-            ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
-        let mut inertial = Inertial::new(&sensor, Se3::identity(), InertialConfig::default());
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let camera = mono();
+        let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
+        let mut watch = ScaleWatch::default();
         let (mut told, mut corrected) = (None, None);
         for n in count - 8..count {
             let chain = &ids[..=n];
-            let check = inertial.check_scale(&mut atlas, &mono(), chain, &WindowConfig::default());
+            let check = watch.check(&mut atlas, &of, chain, &WindowConfig::default());
             let seconds = STEP_S * (n + 8 - count) as f64;
             match check.map(|c| c.verdict) {
                 Some(ScaleVerdict::Agrees) | None => {}
@@ -327,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn check_scale_notices_a_corrupted_scale_within_two_seconds_and_puts_it_right() {
+    fn check_notices_a_corrupted_scale_within_two_seconds_and_puts_it_right() {
         for factor in [0.3, 1.1, 3.0] {
             let (told, corrected, scale) = checked(factor);
             assert!(told.is_some_and(|s| s <= 1.0), "{factor}: told after {told:?} s");
@@ -337,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn check_scale_leaves_a_right_scale_alone() {
+    fn check_leaves_a_right_scale_alone() {
         let (told, corrected, scale) = checked(1.0);
         assert_eq!((told, corrected), (None, None));
         assert!((scale - 1.0).abs() < 1e-6, "{scale}");

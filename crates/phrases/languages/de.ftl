@@ -135,6 +135,7 @@ guide-obstacle = { $what ->
 guide-correction = Korrektur.
 guide-stop = Halt.
 guide-stop-turning = Nicht weiter drehen.
+guide-stand-still = Halt. Stehen bleiben.
 guide-approach = In { distance.dative } { $next }{ $after }.
 guide-approach-unmeasured = Bald { $next }{ $after }.
 guide-approach-end = Langsamer, { distance } bis zum Ziel.

@@ -121,6 +121,7 @@ guide-obstacle = { $what ->
 guide-correction = Correction.
 guide-stop = Stop.
 guide-stop-turning = Stop turning.
+guide-stand-still = Stop. Stand still.
 guide-approach = In { distance }, { $next }{ $after }.
 guide-approach-unmeasured = Soon, { $next }{ $after }.
 guide-approach-end = Slow down, { distance } to the end.

@@ -118,6 +118,7 @@ guide-obstacle = { $what ->
 guide-correction = Corrección.
 guide-stop = Alto.
 guide-stop-turning = Deje de girar.
+guide-stand-still = Alto. Quédese quieto.
 guide-approach = En { distance }, { $next }{ $after }.
 guide-approach-unmeasured = Pronto, { $next }{ $after }.
 guide-approach-end = Más despacio, { distance } hasta el final.

@@ -29,8 +29,6 @@ mod status;
 mod synthetic;
 mod take_me;
 mod way_ahead;
-#[cfg(test)]
-mod way_ahead_tests;
 
 pub use age::Age;
 pub use command::{Command, KEYS, Key, Which, help, key_of};

@@ -3,7 +3,7 @@
 use crate::ids::RobotId;
 
 /// The version that this program reads and writes.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 
 /// Why a message was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -3,7 +3,6 @@
 mod decide;
 mod imu;
 mod local_map;
-mod lost;
 mod match_last;
 mod odometry;
 #[cfg(test)]
@@ -20,7 +19,6 @@ mod shutter;
 mod shutter_tests;
 mod start;
 mod state;
-mod static_landmarks;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;

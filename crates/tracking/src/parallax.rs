@@ -7,8 +7,7 @@
 //! 13.4), nothing is triangulated.
 
 use crate::rotation::{Between, rotation_between};
-use crate::state::AnchoredPose;
-use crate::tracker::anchored_at;
+use crate::state::{AnchoredPose, anchored_at};
 use cairn_atlas::Snapshot;
 use cairn_geometry::Se3;
 use cairn_solve::PosePrior;

@@ -1,109 +1,26 @@
-//! A monocular camera that turns on the spot and has lost its map: rotation is tracked from frame to frame.
+//! Whether two frames differ by a rotation alone, and by which: for a monocular camera that turns on the spot.
 //!
 //! Between two frames without parallax the bearings of a point differ by the camera's rotation alone (the infinite
 //! homography; Hartley & Zisserman, section 13.4). It is found by RANSAC over pairs of bearings and refined over all
-//! inliers by the closed form of Wahba's problem (Markley 1988, singular value decomposition). The position is held;
-//! once there is parallax the model no longer fits, which the share of inliers reveals.
+//! inliers by the closed form of Wahba's problem (Markley 1988, singular value decomposition). Once there is
+//! parallax the model no longer fits, which the share of inliers reveals.
 
 use crate::start::match_around;
-use crate::state::{AnchoredPose, Evidence, State, Tracked};
-use crate::tracker::{Last, Tracker, anchored_at};
-use cairn_atlas::Snapshot;
-use cairn_geometry::{Mat3, Se3, So3, Vec3};
+use cairn_geometry::{Mat3, So3, Vec3};
 use cairn_solve::ransac::Rng;
 use cairn_vision::{Frame, RectifiedCamera};
-use nalgebra::SVector;
-use std::sync::Arc;
 
-/// Seconds between two frames up to which one is tracked from the other.
-const GAP_S: f64 = 0.3;
-/// Seconds for which rotation alone may carry the pose.
-const LONGEST_S: f64 = 8.0;
-/// Seconds over which the frames must differ by a rotation alone, too: a person who walks on moves a few centimetres
-/// from one frame to the next, which far points do not show, but a third of a metre in this time.
-const CHECK_S: f64 = 0.3;
 /// Half of the search window around the position predicted by the previous rotation, pixels; the second where that
 /// finds too little.
 const RADII: [f32; 2] = [30.0, 90.0];
 /// Matches that must agree, and the share of all that must.
 const NEED: usize = 30;
-const SHARE: f64 = 0.6;
+pub(crate) const SHARE: f64 = 0.6;
 /// Pixels within which a match agrees: covers corners of the fine levels, and the parallax of a camera held off the
 /// rotation axis.
 const AGREE_PX: f64 = 3.0;
 /// RANSAC samples of two matches.
 const SAMPLES: usize = 60;
-
-impl Tracker {
-    /// Carries the orientation forward when the matches with the map are lost: the frame's pose by rotation alone, at
-    /// the position of the last known pose. `None` when the frames do not differ by a rotation.
-    pub(crate) fn track_rotation(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot) -> Option<Tracked> {
-        if self.lost_frames == 0 {
-            self.rotation_check = None;
-        }
-        let last = self.last.as_ref().filter(|_| !self.camera.has_depth())?;
-        let elapsed = frame.stamp - last.frame.stamp;
-        let since_s = frame.stamp - self.located?;
-        if !(0.0 < elapsed && elapsed <= GAP_S) || since_s > LONGEST_S {
-            return None;
-        }
-        let turning = self.velocity.map_or_else(Vec3::zeros, |v| v.fixed_rows::<3>(3).into_owned());
-        let guess = So3::exp(&(turning * elapsed));
-        let Between::Rotation { rotation: turn, inliers, matched } =
-            rotation_between(&self.camera, &last.frame, frame, &guess, SHARE)
-        else {
-            return None;
-        };
-        let pose = last.anchored.world_from_camera;
-        let rotation = pose.rotation * turn;
-        let checked = match self.rotation_check.clone() {
-            // Rotation alone begins: later frames are compared with the previous one.
-            None => (last.frame.clone(), pose.rotation),
-            Some((checked, at)) if frame.stamp - checked.stamp < CHECK_S => (checked, at),
-            Some((checked, at)) => {
-                let guess = at.inverse() * rotation;
-                let Between::Rotation { .. } = rotation_between(&self.camera, &checked, frame, &guess, SHARE)
-                else {
-                    return None;
-                };
-                (frame.clone(), rotation)
-            }
-        };
-        let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
-        let anchored = anchored_at(snapshot, reference, Se3::new(rotation, pose.translation))?;
-        self.rotation_check = Some(checked);
-        self.lost = true;
-        self.lost_frames += 1;
-        let mut velocity = SVector::<f64, 6>::zeros();
-        velocity.fixed_rows_mut::<3>(3).copy_from(&(turn.log() / elapsed));
-        self.velocity = Some(velocity);
-        self.last = Some(Last { frame: frame.clone(), landmarks: vec![None; frame.len()], anchored });
-        self.turned_until = Some(frame.stamp);
-        self.keep_unsupported(frame.stamp, anchored);
-        let sigma = self.on_the_spot_sigma(since_s);
-        Some(self.rotating(frame, anchored, State::RotationOnly { since_s, sigma }, inliers, matched))
-    }
-
-    fn rotating(
-        &self,
-        frame: &Frame,
-        anchored: AnchoredPose,
-        state: State,
-        inliers: usize,
-        matched: usize,
-    ) -> Tracked {
-        Tracked {
-            stamp: frame.stamp,
-            state,
-            pose: Some(anchored),
-            evidence: Evidence { features: frame.len(), expected: 0, matched, inliers },
-            request: None,
-            earlier: Vec::new(),
-            scale_supported: false,
-            seen: Vec::new(),
-        }
-    }
-}
 
 /// How two frames differ.
 pub(crate) enum Between {

@@ -1,6 +1,6 @@
-//! The result of tracking one frame.
+//! The result of tracking one frame, and what is kept of it.
 
-use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId};
+use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
@@ -160,4 +160,22 @@ pub struct Tracked {
     pub scale_supported: bool,
     /// Landmarks that should have been in view, each with whether it was matched as an inlier.
     pub seen: Vec<(LandmarkId, bool)>,
+}
+
+/// What is kept of the last frame that had a pose.
+#[derive(Debug)]
+pub(crate) struct Last {
+    pub frame: Arc<Frame>,
+    pub landmarks: Vec<Option<LandmarkId>>,
+    pub anchored: AnchoredPose,
+}
+
+/// A pose anchored to a key frame.
+pub(crate) fn anchored_at(
+    snapshot: &Snapshot,
+    reference: KeyFrameId,
+    world_from_camera: Se3,
+) -> Option<AnchoredPose> {
+    let reference_from_camera = snapshot.anchor(reference, &world_from_camera)?;
+    Some(AnchoredPose { reference, reference_from_camera, world_from_camera })
 }

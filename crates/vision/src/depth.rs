@@ -9,8 +9,9 @@ use cairn_geometry::{Mat3, Se3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage, DepthSensor};
 use cairn_settings::Settings;
 
-/// Radius around a feature within which the depth must fit one plane, in pixels of its level.
-const REACH: f64 = 2.0;
+/// Radius around a feature within which the depth must fit one plane, in pixels of its level: that of the circle by
+/// which a corner is found (FAST), so that no outline has taken part in its position.
+const REACH: f64 = 3.0;
 
 /// Configuration of the depth lookup.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
@@ -18,8 +19,7 @@ pub struct DepthConfig {
     /// Baseline in metres of the virtual projector: one pixel of error in `right_x` corresponds to a depth error of
     /// `depth^2 / (baseline * fx)`. 0.3 m and fx = 535 give depth^2 / 160 m. That is above the sensor's random noise
     /// (depth^2 / 700 m, Khoshelham and Elberink 2012) and leaves a margin for imperfect registration, rounding and
-    /// motion between the two exposures. A depth trusted less than it deserves makes the whole map too large: errors of
-    /// the pixels are then explained by depth, as in every regression with errors in its variables.
+    /// motion between the two exposures.
     #[setting(default = 0.3, range = 1e-3..=10.0)]
     pub virtual_baseline: f64,
     /// Depth in metres up to which a point is "close".
@@ -30,7 +30,7 @@ pub struct DepthConfig {
     pub max_depth: f64,
     /// Maximum spread (largest minus smallest) of the residuals of the depths around the feature from the plane
     /// fitted to them, relative to the depth.
-    #[setting(default = 0.05, range = 0.0..=10.0)]
+    #[setting(default = 0.03, range = 0.0..=10.0)]
     pub edge_spread: f32,
 }
 
@@ -250,7 +250,7 @@ mod tests {
         );
         assert!(lookup_depth(1.0, |_, _| 25.0).is_none(), "beyond the maximum depth");
         assert!(
-            lookup_depth(20.0, |_, _| 3.0).is_some() && lookup_depth(40.0, |_, _| 3.0).is_none(),
+            lookup_depth(13.0, |_, _| 3.0).is_some() && lookup_depth(27.0, |_, _| 3.0).is_none(),
             "at the image border"
         );
     }

@@ -12,12 +12,14 @@ mod process;
 pub mod ring;
 mod run_folder;
 pub mod slam;
+mod supervision;
 mod supervisor;
 
 pub use journal::JournalError;
 pub use limits::{die_with_parent, limit_memory};
 pub use run_folder::{RunFolder, SHARED_MEMORY, remove_abandoned};
-pub use supervisor::{Death, Supervised, Supervision, Told, supervise};
+pub use supervision::{Death, Supervised, Supervision, Told};
+pub use supervisor::supervise;
 
 use cairn_engine::SensorMode;
 use cairn_sensor::Rig;

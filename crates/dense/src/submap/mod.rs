@@ -5,18 +5,21 @@
 //! al., "BundleFusion" (TOG 2017), section 5, for removing images and fusing them again.
 
 mod codec;
+mod locate;
 mod refuse;
 mod saved;
 #[cfg(test)]
 mod tests;
 
 pub use codec::PackedDepth;
+pub use locate::{Located, Up};
 pub use refuse::Progress;
 pub use saved::{SavedFrame, SavedSubmap};
 
 use crate::prepare::DepthPreparer;
 use crate::{
-    DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig, TsdfVolume,
+    DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, SurfaceFeatures, TsdfConfig,
+    TsdfVolume,
 };
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_sensor::{Camera, DepthImage};
@@ -77,6 +80,8 @@ struct Submap {
     rebuilt: Option<(OccupancyGrid, usize)>,
     /// The occupancy was built with other poses than the field.
     stale: bool,
+    /// Features for registration, with the field's revision that they are of.
+    features: Option<(u64, SurfaceFeatures)>,
 }
 
 /// The depth of a key frame.
@@ -234,7 +239,7 @@ impl DenseMap {
     fn empty_submap(&self, hung: Hung) -> Result<Submap, DenseError> {
         let (tsdf, occupancy) =
             (TsdfVolume::new(self.config.tsdf)?, OccupancyGrid::new(self.config.occupancy)?);
-        Ok(Submap { hung, tsdf, occupancy, rebuilt: None, stale: false })
+        Ok(Submap { hung, tsdf, occupancy, rebuilt: None, stale: false, features: None })
     }
 
     /// The submap of a map that is near enough and holds the greatest share of an image's blocks.

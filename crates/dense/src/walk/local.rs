@@ -42,7 +42,7 @@ impl Default for LocalConfig {
             // Seen four times in a row against free space: at 20 images a second, 0.2 s. Free again after six.
             occupancy: OccupancyConfig { limit: 30, silent_m: 4.0, ..OccupancyConfig::default() },
             confirmed: 18,
-            reach_m: 3.6,
+            reach_m: 4.4,
             keep_m: 7.0,
             clear_m: 0.13,
             head_m: 2.0,
@@ -92,8 +92,8 @@ pub struct LocalSpace {
 
 /// When so many voxels of a cell have been seen through, and this share of what was there (as 1 over it), what stood there has
 /// gone: the rest of it, too low or too high to be seen from here, is forgotten, and counts again when it is seen again.
-const GONE_VOXELS: u32 = 5;
-const GONE_SHARE: u32 = 3;
+const GONE_VOXELS: u32 = 4;
+const GONE_SHARE: u32 = 5;
 
 impl LocalSpace {
     /// For a depth camera with images in units of `metres_per_unit`.

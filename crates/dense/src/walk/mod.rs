@@ -3,6 +3,7 @@
 //!
 //! The window's frame is level: z up, its origin chosen by the caller (for example at the walker's feet).
 
+mod around;
 mod columns;
 mod distance;
 mod floor;
@@ -10,6 +11,7 @@ mod ground;
 mod hazard;
 mod local;
 
+pub use around::free_around;
 pub use columns::{Columns, Span, Window};
 pub use distance::distance_field;
 pub use ground::{Cell, Ground, GroundConfig, Surface};

@@ -18,6 +18,7 @@ pub(crate) use phase::{Now, Phase, Turning};
 use crate::config::GuideConfig;
 use crate::cue::{Ahead, Next};
 use crate::facing::{Facing, Heading};
+use crate::free_way::FreeWay;
 use crate::ground::heading_of;
 use crate::maneuvers::{Maneuver, ManeuverPlan};
 use crate::matcher::{Match, Matcher};
@@ -40,6 +41,8 @@ pub(crate) struct Follower {
     pub(crate) phase: Phase,
     /// A heading past what is in the way, in place of the route's.
     pub(crate) detour: Option<f64>,
+    /// Where he may walk, where somebody watches his way.
+    pub(crate) way: Option<FreeWay>,
     /// Index of the next maneuver that is not done yet.
     pub(crate) next: usize,
     pub(crate) memory: Memory,
@@ -60,6 +63,7 @@ impl Follower {
             motion: Motion::default(),
             phase: Phase::Begin,
             detour: None,
+            way: None,
             next: 0,
             memory: Memory::default(),
         }
@@ -122,9 +126,11 @@ impl Follower {
 
     /// The heading towards the look-ahead point on the route, which never lies past the next turn.
     pub(crate) fn aim(&self, now: &Now) -> f64 {
-        if let Some(heading) = self.detour {
-            return heading;
-        }
+        self.detour.unwrap_or_else(|| self.route_aim(now))
+    }
+
+    /// The heading towards the look-ahead point, whatever is in the way.
+    pub(crate) fn route_aim(&self, now: &Now) -> f64 {
         if self.stuck_beside_route(now) {
             return heading_of(&(now.at.foot - now.walker.position));
         }
@@ -140,6 +146,16 @@ impl Follower {
             None => 0.5,
         };
         if to.norm() < least { now.at.heading } else { heading_of(&to) }
+    }
+
+    /// Whether a walker may walk on in the heading that he has.
+    pub(crate) fn may_set_out(&self, now: &Now) -> bool {
+        self.may_bear(now, 0.0)
+    }
+
+    /// Whether he may walk on after a turn of so many radians, positive left.
+    pub(crate) fn may_bear(&self, now: &Now, turn_rad: f64) -> bool {
+        self.way.as_ref().is_none_or(|way| way.admits(now.walker.course + turn_rad))
     }
 
     /// True when the walker is stuck beside the route and is best led straight back to it, because an obstacle lies

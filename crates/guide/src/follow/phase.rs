@@ -32,6 +32,8 @@ pub(crate) struct Turning {
     pub began: bool,
     /// "Stop turning" was said, together with what comes next.
     pub stop_said: bool,
+    /// "Stop" was said instead: he stands when the turn has ended.
+    pub held: bool,
     /// Since when the walker has not been turning.
     pub still_since: Option<Stamp>,
     /// The walker was moving when the direction was given and will continue by himself.
@@ -39,9 +41,14 @@ pub(crate) struct Turning {
 }
 
 impl Turning {
+    /// Whether the walker continues by himself after the turn.
+    pub fn goes_on(&self) -> bool {
+        (self.moving || self.stop_said) && !self.held
+    }
+
     /// A turn whose direction is given now; `moving` when the walker will continue by himself after it.
     pub fn new(now: &Now, moving: bool) -> Self {
-        Self { said: now.stamp, began: false, stop_said: false, still_since: None, moving }
+        Self { said: now.stamp, began: false, stop_said: false, held: false, still_since: None, moving }
     }
 }
 

@@ -9,7 +9,7 @@ use super::{Follower, Now, STANDING_M_S, since};
 use crate::cue::CueKind;
 
 /// The change of course that people make on "bear left", degrees.
-const BEAR_DEG: f64 = 19.0;
+pub(super) const BEAR_DEG: f64 = 19.0;
 /// Seconds from a short direction until the walker follows it.
 const ANSWER_S: f64 = 1.6;
 /// A correction must bring the walker nearer to the route by this share of his offset.
@@ -68,6 +68,11 @@ impl Follower {
         if turn.abs().to_degrees() > s.adjust_turn_deg {
             self.turn_on_spot(now);
             return Some(CueKind::Rotate(turn));
+        }
+        // Not into what stands beside the way.
+        let bears = turn.signum() * BEAR_DEG.to_radians();
+        if !self.may_bear(now, bears) {
+            return None;
         }
         self.direction_given(now);
         Some(CueKind::Adjust(turn))

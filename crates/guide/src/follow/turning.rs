@@ -1,5 +1,6 @@
 //! While the walker turns on the spot: say "stop turning" early and check the result.
 
+use super::steer::BEAR_DEG;
 use super::{Follower, Now, Phase, Turning};
 use crate::cue::CueKind;
 use crate::facing::Facing;
@@ -14,6 +15,13 @@ const SETTLE_S: f64 = 0.5;
 const REPEAT_S: f64 = 6.0;
 /// Seconds after which a turn is given up in any case.
 const TIMEOUT_S: f64 = 12.0;
+/// So far from the aim a turn may end that is ended by words: at 45 degrees a second, half of the spread of the time in which
+/// people react to them (0.3 to 1.2 s), degrees.
+const TURN_ENDS_DEG: f64 = 20.0;
+/// Below this, bearing ends nearer to the aim than turning slightly, degrees.
+const SLIGHT_DEG: f64 = 32.0;
+/// Nobody is told to turn for less, degrees.
+const LEAST_TURN_DEG: f64 = 5.0;
 
 impl Follower {
     pub(crate) fn turning(&mut self, mut turning: Turning, now: &Now) -> Option<CueKind> {
@@ -21,7 +29,12 @@ impl Follower {
         let left = now.walker.turn_to(self.aim(now));
         // A small correction may still be in progress while the words are heard: that is not this turn.
         turning.began |= now.stamp - turning.said > REACTION_S && rate.abs() > 2.0 * STILL_RAD_S;
-        if turning.began && !turning.stop_said && self.overtakes(left, rate) {
+        if turning.began && !turning.stop_said && !turning.held && self.overtakes(left, rate) {
+            if !self.may_end_anywhere(now) {
+                turning.held = true;
+                self.phase = Phase::Turning(turning);
+                return Some(CueKind::StandStill);
+            }
             turning.stop_said = true;
             self.phase = Phase::Turning(turning);
             return Some(CueKind::StopTurning(self.ahead(now)));
@@ -51,19 +64,37 @@ impl Follower {
             || near && rate * left < 0.0 && left.abs().to_degrees() < 60.0 && rate.abs() > 2.0 * STILL_RAD_S
     }
 
+    /// A turn as it is told where it must be exact, because somebody watches the way: people who are told to bear turn by about
+    /// [`BEAR_DEG`], and those who are told to turn slightly, by far more.
+    pub(crate) fn worded(&self, turn: f64) -> f64 {
+        let bears = self.way.is_some() && turn.abs().to_degrees() < SLIGHT_DEG;
+        if bears { turn.signum() * turn.abs().min(BEAR_DEG.to_radians()) } else { turn }
+    }
+
+    /// Whether the walker may walk on in any heading in which a turn to the aim may end.
+    fn may_end_anywhere(&self, now: &Now) -> bool {
+        let aim = self.aim(now);
+        self.way.as_ref().is_none_or(|way| way.admits_within(aim, TURN_ENDS_DEG.to_radians()))
+    }
+
     /// The turn has ended: go on, or turn further.
     fn turned(&mut self, turning: &Turning, left: f64, now: &Now) -> Option<CueKind> {
         let off = left.abs().to_degrees();
-        let small: f64 = if turning.stop_said || turning.moving { 60.0 } else { 45.0 };
-        if off > small.max(self.config.turn_tolerance_deg) {
+        let small: f64 = if turning.goes_on() { 60.0 } else { 45.0 };
+        let admitted = self.may_set_out(now);
+        if !admitted && off < LEAST_TURN_DEG {
+            // He faces where he is to go, and it is not free at this moment: the watch says so, or leads elsewhere.
+            return None;
+        }
+        if !admitted || off > small.max(self.config.turn_tolerance_deg) {
             // Already where the next turn begins: make that turn.
             if let Some(turn @ CueKind::TurnNow { .. }) = self.turn_now(now) {
                 return Some(turn);
             }
-            let moving = turning.stop_said || turning.moving;
+            let moving = turning.goes_on();
             self.phase = Phase::Turning(Turning::new(now, moving));
             self.memory.last_direction = Some(now.stamp);
-            return Some(CueKind::Rotate(left));
+            return Some(CueKind::Rotate(self.worded(left)));
         }
         if let Some(arrived) = self.arrival(now) {
             return Some(arrived);

@@ -1,6 +1,7 @@
 //! The tests of an initialisation, each a value with its number.
 
-use super::{Initial, InitialiseConfig, Scale, Seen};
+use super::estimate::Initial;
+use super::input::{InitialiseConfig, Scale, Seen};
 use crate::Preintegrated;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::GRAVITY_M_S2;

@@ -4,7 +4,7 @@
 //! velocities are not unknowns here: with the visual rotations, the position at each key frame is linear in the first
 //! position and velocity, gravity, scale and the accelerometer's bias.
 
-use super::map::Problem;
+use super::problem::Problem;
 use crate::{Bias, Gravity, Preintegrated};
 use cairn_geometry::{Manifold, Mat3, So3, Vec3};
 use cairn_sensor::GRAVITY_M_S2;

@@ -1,35 +1,27 @@
-//! The maximum a posteriori over scale, gravity, biases, velocities, and the errors of the visual poses.
-//!
-//! Per key frame nine unknowns: the error of its position (map units, world axes), of its rotation (the IMU's axes), its
-//! velocity (m/s, world). Shared by all: log scale, gravity's tilt (2), gravity's norm (fixed, except in one
-//! check of what it would be), gyro bias (3), accel bias (3), and what is left of the offset between the clocks of IMU and
-//! camera (Li, Mourikis, "Online temporal calibration for camera-IMU systems", IJRR 2014, eq. 5: readings of a key
-//! frame's stamp are of a pose that is the offset later, along the velocity and the turning rate). Levenberg-Marquardt on
-//! [`Chain`].
+//! The maximum a posteriori of a [`Problem`]: from several guesses, by Levenberg-Marquardt, with the noise fitted too.
 //!
 //! How noisy the visual poses are, the caller can only state roughly (pixels and depth). Too large a number hides
 //! what the readings tell of scale, so it is fitted: halved for as long as that makes the measurements more likely, all
 //! unknowns integrated out (MacKay, "Bayesian interpolation", Neural Computation 1992, the evidence by Laplace's
 //! approximation).
 
-use super::chain::{Block, Chain, SHARED, STATE, Step};
+use super::chain::Chain;
+use super::estimate::Initial;
 use super::guess::{self, Guess};
-use super::{Initial, InitialiseConfig, Scale, Seen};
-use crate::{Bias, Gravity, NavState, Preintegrated};
-use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3, hat};
+use super::problem::{NORM_SIGMA, Problem, State, worse};
+use cairn_geometry::Vec3;
 use cairn_sensor::GRAVITY_M_S2;
-use cairn_sensor::ImuNoise;
 use cairn_solve::{Convergence, Damping, LevenbergMarquardt, Trial};
-use nalgebra::{SMatrix, SVector, Vector2};
-
-/// Standard deviation that holds gravity's norm, relative.
-const NORM_SIGMA: f64 = 1e-5;
-
-/// The offset of the clocks changes by no more than this in a step of the solver, seconds.
-const MOST_OFFSET_STEP_S: f64 = 0.02;
+use nalgebra::SMatrix;
 
 /// How often the noise of the IMU is fitted to the residuals.
 const ROUNDS: usize = 4;
+
+/// How often the stated noise of the visual poses may be halved.
+const HALVINGS: usize = 3;
+
+/// Least factor on the covariance by the residuals.
+const LEAST_FACTOR: f64 = 0.25;
 
 /// A solve under way.
 struct Search<'a> {
@@ -59,447 +51,151 @@ impl cairn_solve::Problem for Search<'_> {
     }
 }
 
-/// How often the stated noise of the visual poses may be halved.
-const HALVINGS: usize = 3;
-
-/// Least factor on the covariance by the residuals.
-const LEAST_FACTOR: f64 = 0.25;
-
-/// The measurements and settings.
-pub struct Problem {
-    pub rotations: Vec<So3>,
-    /// Of the camera, in the map's units.
-    pub places: Vec<Vec3>,
-    /// The gyroscope's reading at each key frame, rad/s.
-    rates: Vec<Vec3>,
-    pub links: Vec<Preintegrated>,
-    pub imu_from_camera: Se3,
-    pub scale: Scale,
-    pub config: InitialiseConfig,
-    rotation_sigma: f64,
-    position_sigma: f64,
-    /// Of the gyroscope and the accelerometer.
-    noise_times: [f64; 2],
-}
-
-/// The same sum with the white noise of (gyroscope, accelerometer) so many times larger.
-fn worse(link: &Preintegrated, times: [f64; 2]) -> Preintegrated {
-    let n = link.noise();
-    let noise = ImuNoise { gyro: n.gyro * times[0], accel: n.accel * times[1], ..*n };
-    Preintegrated::of(noise, *link.bias(), link.samples().to_vec())
-}
-
-/// The gyroscope's reading at each end of the links.
-fn rates(links: &[Preintegrated]) -> Vec<Vec3> {
-    let last = links.last().and_then(|link| link.samples().last());
-    let firsts = links.iter().map(|link| link.samples().first());
-    firsts.chain([last]).map(|sample| sample.map_or_else(Vec3::zeros, |s| s.gyro)).collect()
-}
-
-/// A state of the search.
-#[derive(Clone)]
-struct State {
-    log_scale: f64,
-    gravity: Gravity,
-    bias: Bias,
-    /// Seconds by which the readings are of later poses than their stamps say.
-    offset_s: f64,
-    errors: Vec<Vec3>,
-    turns: Vec<Vec3>,
-    velocities: Vec<Vec3>,
-}
-
-impl Problem {
-    pub fn new(
-        seen: &Seen,
-        links: &[Preintegrated],
-        imu_from_camera: &Se3,
-        scale: Scale,
-        config: &InitialiseConfig,
-    ) -> Self {
-        let camera_from_imu = imu_from_camera.rotation.inverse();
-        Self {
-            rotations: seen.poses.iter().map(|p| p.world_from_camera.rotation * camera_from_imu).collect(),
-            places: seen.poses.iter().map(|p| p.world_from_camera.translation).collect(),
-            rates: rates(links),
-            links: links.iter().map(|link| worse(link, [config.noise_times; 2])).collect(),
-            noise_times: [config.noise_times; 2],
-            imu_from_camera: *imu_from_camera,
-            scale,
-            config: *config,
-            rotation_sigma: seen.rotation_sigma.max(1e-6),
-            position_sigma: seen.position_sigma.max(1e-9),
+/// The best solution from all guesses; `None` when none converges.
+pub fn solve(mut problem: Problem) -> Option<Initial> {
+    let gyro = guess::gyro_bias(&problem.rotations, &mut problem.links, 6);
+    let mut best: Option<(f64, State)> = None;
+    for guess in guess::guesses(&problem, gyro) {
+        if let Some((cost, state)) = descend(&mut problem, start(&guess))
+            && best.as_ref().is_none_or(|(least, _)| cost < *least)
+        {
+            best = Some((cost, state));
         }
     }
-
-    pub fn scale_is_free(&self) -> bool {
-        self.scale == Scale::Free
-    }
-
-    /// The best solution from all guesses; `None` when none converges.
-    pub fn solve(mut self) -> Option<Initial> {
-        let gyro = guess::gyro_bias(&self.rotations, &mut self.links, 6);
-        let mut best: Option<(f64, State)> = None;
-        for guess in guess::guesses(&self, gyro) {
-            if let Some((cost, state)) = self.descend(self.start(&guess))
-                && best.as_ref().is_none_or(|(least, _)| cost < *least)
-            {
-                best = Some((cost, state));
-            }
-        }
-        let (cost, state) = self.fit_imu_noise(best?)?;
-        let mut best = (self.surprise(cost, &state)?, cost, state);
-        for _ in 0..HALVINGS {
-            let before = (self.links.clone(), self.noise_times);
-            self.position_sigma *= 0.5;
-            self.rotation_sigma *= 0.5;
-            let found = self.descend(best.2.clone()).and_then(|found| self.fit_imu_noise(found));
-            let found = found.and_then(|(cost, state)| Some((self.surprise(cost, &state)?, cost, state)));
-            match found {
-                Some(found) if found.0 < best.0 => best = found,
-                _ => {
-                    self.position_sigma *= 2.0;
-                    self.rotation_sigma *= 2.0;
-                    (self.links, self.noise_times) = before;
-                    break;
-                }
-            }
-        }
-        let (_, cost, state) = best;
-        self.follow(&state);
-        self.estimate(cost, &state)
-    }
-
-    /// Residuals beyond their share are attributed to the IMU: real ones err by more than their white noise.
-    fn fit_imu_noise(&mut self, (mut cost, mut state): (f64, State)) -> Option<(f64, State)> {
-        for _ in 0..ROUNDS {
-            let times = self.shares(&state)?.map(|share| if share > 1.2 { share.sqrt() } else { 1.0 });
-            if times == [1.0; 2] {
+    let (cost, state) = fit_imu_noise(&mut problem, best?)?;
+    let mut best = (surprise(&mut problem, cost, &state)?, cost, state);
+    for _ in 0..HALVINGS {
+        let before = (problem.links.clone(), problem.noise_times);
+        problem.position_sigma *= 0.5;
+        problem.rotation_sigma *= 0.5;
+        let found =
+            descend(&mut problem, best.2.clone()).and_then(|found| fit_imu_noise(&mut problem, found));
+        let found =
+            found.and_then(|(cost, state)| Some((surprise(&mut problem, cost, &state)?, cost, state)));
+        match found {
+            Some(found) if found.0 < best.0 => best = found,
+            _ => {
+                problem.position_sigma *= 2.0;
+                problem.rotation_sigma *= 2.0;
+                (problem.links, problem.noise_times) = before;
                 break;
             }
-            self.noise_times = [0, 1].map(|i| self.noise_times[i] * times[i]);
-            self.links = self.links.iter().map(|link| worse(link, times)).collect();
-            (cost, state) = self.descend(state)?;
-        }
-        Some((cost, state))
-    }
-
-    /// The negative logarithm of the evidence of the noise assumed now, up to a constant.
-    fn surprise(&mut self, cost: f64, state: &State) -> Option<f64> {
-        self.follow(state);
-        let half_log_det = self.linearise(state, NORM_SIGMA)?.1.solve(0.0)?.half_log_det;
-        let seen = 3.0 * self.places.len() as f64 * (self.position_sigma.ln() + self.rotation_sigma.ln());
-        let mut measured = 0.0;
-        for link in &self.links {
-            // Of the whitening, the inverse of the covariance's root.
-            measured -= link.motion_whitening()?.diagonal().iter().map(|x| x.abs().ln()).sum::<f64>();
-        }
-        Some(cost + half_log_det + seen + measured)
-    }
-
-    /// Weighted squared residual per degree of freedom: rows are 9 a link and 6 a key frame; unknowns 9 a key frame, and
-    /// the shared ones but gravity's norm.
-    fn residual(&self, cost: f64) -> f64 {
-        let n = self.places.len();
-        let freedom = (9 * self.links.len() + 6 * n) as f64 - (9 * n + 9) as f64;
-        2.0 * cost / freedom.max(1.0)
-    }
-
-    /// The same for the part of the gyroscope (rotations) and of the accelerometer (velocities and positions).
-    fn shares(&self, s: &State) -> Option<[f64; 2]> {
-        let (n, links) = (self.places.len() as f64, self.links.len() as f64);
-        let mut turns = s.turns.iter().map(Vec3::norm_squared).sum::<f64>() / self.rotation_sigma.powi(2);
-        let mut places = s.errors.iter().map(Vec3::norm_squared).sum::<f64>() / self.position_sigma.powi(2);
-        for k in 0..self.links.len() {
-            let white = self.whitened(s, k)?;
-            turns += white.fixed_rows::<3>(0).norm_squared();
-            places += white.fixed_rows::<6>(3).norm_squared();
-        }
-        Some([turns / (3.0 * links - 3.0).max(1.0), places / (6.0 * links - 3.0 * n - 6.0).max(1.0)])
-    }
-
-    /// The whitened residual of a link; its first three rows are of the rotation alone.
-    fn whitened(&self, s: &State, k: usize) -> Option<SVector<f64, 9>> {
-        let link = &self.links[k];
-        let r = link.residual(&self.nav(s, k), &self.nav(s, k + 1), &s.gravity);
-        Some(link.motion_whitening()? * r.fixed_rows::<9>(0))
-    }
-
-    fn start(&self, guess: &Guess) -> State {
-        let n = self.places.len();
-        State {
-            log_scale: guess.scale.ln(),
-            gravity: guess.gravity,
-            bias: guess.bias,
-            offset_s: 0.0,
-            errors: vec![Vec3::zeros(); n],
-            turns: vec![Vec3::zeros(); n],
-            velocities: guess.velocities.clone(),
         }
     }
+    let (_, cost, state) = best;
+    problem.follow(&state);
+    estimate(&problem, cost, &state)
+}
 
-    fn follow(&mut self, state: &State) {
-        self.links.iter_mut().for_each(|link| link.follow(&state.bias));
-    }
-
-    fn descend(&mut self, state: State) -> Option<(f64, State)> {
-        let solver = LevenbergMarquardt {
-            iterations: self.config.iterations,
-            damping: Damping::Factors {
-                first: 1e-4,
-                least: 1e-9,
-                most: 1e6,
-                shrink: 0.1,
-                grow: 10.0,
-                restart: 0.0,
-            },
-            convergence: Convergence::Actual { relative: 1e-6 },
-        };
-        self.follow(&state);
-        let mut search = Search { problem: self, trial: state.clone(), state, chain: None };
-        let cost = solver.minimise(&mut search, || false).cost_after;
-        cost.is_finite().then_some((cost, search.state))
-    }
-
-    fn moved(&self, s: &State, step: &Step) -> State {
-        let shared = &step.shared;
-        let part = |d: &SVector<f64, STATE>, i: usize| -> Vec3 { d.fixed_rows::<3>(i).into() };
-        let turned = |turn: &Vec3, by: Vec3| (So3::exp(turn) * So3::exp(&by)).log();
-        let mut gravity = s.gravity.retract(&Vector2::new(shared[1], shared[2]));
-        gravity.magnitude *= 1.0 + shared[3];
-        State {
-            // One step may not change the scale more than threefold.
-            log_scale: s.log_scale + shared[0].clamp(-1.1, 1.1),
-            gravity,
-            bias: Bias {
-                gyro: s.bias.gyro + shared.fixed_rows::<3>(4),
-                accel: s.bias.accel + shared.fixed_rows::<3>(7),
-            },
-            offset_s: s.offset_s + shared[10].clamp(-MOST_OFFSET_STEP_S, MOST_OFFSET_STEP_S),
-            errors: s.errors.iter().zip(&step.states).map(|(e, d)| e + part(d, 0)).collect(),
-            turns: s.turns.iter().zip(&step.states).map(|(t, d)| turned(t, part(d, 3))).collect(),
-            velocities: s.velocities.iter().zip(&step.states).map(|(v, d)| v + part(d, 6)).collect(),
+/// Residuals beyond their share are attributed to the IMU: real ones err by more than their white noise.
+fn fit_imu_noise(problem: &mut Problem, (mut cost, mut state): (f64, State)) -> Option<(f64, State)> {
+    for _ in 0..ROUNDS {
+        let times = shares(problem, &state)?.map(|share| if share > 1.2 { share.sqrt() } else { 1.0 });
+        if times == [1.0; 2] {
+            break;
         }
+        problem.noise_times = [0, 1].map(|i| problem.noise_times[i] * times[i]);
+        problem.links = problem.links.iter().map(|link| worse(link, times)).collect();
+        (cost, state) = descend(problem, state)?;
     }
+    Some((cost, state))
+}
 
-    /// How far the body turns at a key frame within the offset, in its own axes.
-    fn turned(&self, s: &State, k: usize) -> So3 {
-        So3::exp(&((self.rates[k] - s.bias.gyro) * s.offset_s))
+/// The negative logarithm of the evidence of the noise assumed now, up to a constant.
+fn surprise(problem: &mut Problem, cost: f64, state: &State) -> Option<f64> {
+    problem.follow(state);
+    let half_log_det = problem.linearise(state, NORM_SIGMA)?.1.solve(0.0)?.half_log_det;
+    let seen =
+        3.0 * problem.places.len() as f64 * (problem.position_sigma.ln() + problem.rotation_sigma.ln());
+    let mut measured = 0.0;
+    for link in &problem.links {
+        // Of the whitening, the inverse of the covariance's root.
+        measured -= link.motion_whitening()?.diagonal().iter().map(|x| x.abs().ln()).sum::<f64>();
     }
+    Some(cost + half_log_det + seen + measured)
+}
 
-    /// The sensor's state at a key frame, in metres; of the time that its readings are of.
-    fn nav(&self, s: &State, k: usize) -> NavState {
-        let seen = self.rotations[k] * So3::exp(&s.turns[k]);
-        let camera = (self.places[k] + s.errors[k]) * s.log_scale.exp();
-        let place = camera - seen * self.imu_from_camera.translation + s.velocities[k] * s.offset_s;
-        let rotation = seen * self.turned(s, k);
-        NavState { world_from_imu: Se3::new(rotation, place), velocity: s.velocities[k], bias: s.bias }
+/// Weighted squared residual per degree of freedom: rows are 9 a link and 6 a key frame; unknowns 9 a key frame, and
+/// the shared ones but gravity's norm.
+fn variance_factor(problem: &Problem, cost: f64) -> f64 {
+    let n = problem.places.len();
+    let freedom = (9 * problem.links.len() + 6 * n) as f64 - (9 * n + 9) as f64;
+    2.0 * cost / freedom.max(1.0)
+}
+
+/// The same for the part of the gyroscope (rotations) and of the accelerometer (velocities and positions).
+fn shares(problem: &Problem, s: &State) -> Option<[f64; 2]> {
+    let (n, links) = (problem.places.len() as f64, problem.links.len() as f64);
+    let mut turns = s.turns.iter().map(Vec3::norm_squared).sum::<f64>() / problem.rotation_sigma.powi(2);
+    let mut places = s.errors.iter().map(Vec3::norm_squared).sum::<f64>() / problem.position_sigma.powi(2);
+    for k in 0..problem.links.len() {
+        let white = problem.whitened(s, k)?;
+        turns += white.fixed_rows::<3>(0).norm_squared();
+        places += white.fixed_rows::<6>(3).norm_squared();
     }
+    Some([turns / (3.0 * links - 3.0).max(1.0), places / (6.0 * links - 3.0 * n - 6.0).max(1.0)])
+}
 
-    /// Standard deviations of the shared unknowns' priors, and the unknowns' differences from the prior means.
-    fn priors(&self, s: &State, norm_sigma: f64) -> [(f64, f64); SHARED] {
-        let (gyro, accel) = (self.config.gyro_bias_sigma, self.config.accel_bias_sigma);
-        let scale = match self.scale {
-            Scale::Free => 20.0,
-            Scale::Known { sigma } => sigma.max(1e-6),
-        };
-        let norm = s.gravity.magnitude / GRAVITY_M_S2 - 1.0;
-        let (g, a) = (s.bias.gyro, s.bias.accel);
-        [
-            (scale, s.log_scale),
-            (1e3, 0.0),
-            (1e3, 0.0),
-            (norm_sigma, norm),
-            (gyro, g.x),
-            (gyro, g.y),
-            (gyro, g.z),
-            (accel, a.x),
-            (accel, a.y),
-            (accel, a.z),
-            (self.config.offset_sigma_s.max(1e-6), s.offset_s),
-        ]
-    }
-
-    fn prior_cost(&self, s: &State) -> f64 {
-        let shared: f64 = self.priors(s, NORM_SIGMA).iter().map(|(sigma, off)| (off / sigma).powi(2)).sum();
-        let places = s.errors.iter().map(Vec3::norm_squared).sum::<f64>() / self.position_sigma.powi(2);
-        let turns = s.turns.iter().map(Vec3::norm_squared).sum::<f64>() / self.rotation_sigma.powi(2);
-        0.5 * (shared + places + turns)
-    }
-
-    fn cost(&self, s: &State) -> Option<f64> {
-        let mut cost = self.prior_cost(s);
-        for k in 0..self.links.len() {
-            cost += 0.5 * self.whitened(s, k)?.norm_squared();
-        }
-        cost.is_finite().then_some(cost)
-    }
-
-    fn linearise(&self, s: &State, norm_sigma: f64) -> Option<(f64, Chain)> {
-        let n = self.places.len();
-        let mut chain = Chain::new(n);
-        let mut cost = self.prior_cost(s);
-        for (i, (sigma, off)) in self.priors(s, norm_sigma).iter().enumerate() {
-            chain.shared[(i, i)] += sigma.powi(-2);
-            chain.shared_gradient[i] += off / sigma.powi(2);
-        }
-        for k in 0..n {
-            for i in 0..3 {
-                chain.diagonal[k][(i, i)] += self.position_sigma.powi(-2);
-                chain.diagonal[k][(3 + i, 3 + i)] += self.rotation_sigma.powi(-2);
-                // A weak prior: velocities of up to 1 km/s.
-                chain.diagonal[k][(6 + i, 6 + i)] += 1e-6;
-                chain.gradient[k][i] += s.errors[k][i] / self.position_sigma.powi(2);
-                chain.gradient[k][3 + i] += s.turns[k][i] / self.rotation_sigma.powi(2);
-            }
-        }
-        let scale = s.log_scale.exp();
-        for (k, link) in self.links.iter().enumerate() {
-            let (from, to) = (self.nav(s, k), self.nav(s, k + 1));
-            let l = link.linearise(&from, &to, &s.gravity);
-            let white = link.motion_whitening()?;
-            let shift = (self.places[k + 1] + s.errors[k + 1] - self.places[k] - s.errors[k]) * scale;
-            let by_first = self.by_state(&l.by_from, &from, s, k, scale);
-            let by_second = self.by_state(&l.by_to, &to, s, k + 1, scale);
-            let mut by_shared = SMatrix::<f64, 9, SHARED>::zeros();
-            by_shared.set_column(0, &l.by_log_scale(&shift).fixed_rows::<9>(0));
-            by_shared.fixed_view_mut::<9, 2>(0, 1).copy_from(&l.by_gravity.fixed_view::<9, 2>(0, 0));
-            // By the logarithm of gravity's norm.
-            let (t, g) = (link.seconds(), from.world_from_imu.rotation.inverse() * s.gravity.vector());
-            by_shared.fixed_view_mut::<3, 1>(3, 3).copy_from(&(g * -t));
-            by_shared.fixed_view_mut::<3, 1>(6, 3).copy_from(&(g * (-0.5 * t * t)));
-            by_shared.fixed_view_mut::<9, 6>(0, 4).copy_from(&l.by_from.fixed_view::<9, 6>(0, 9));
-            let by_offset = self.by_offset(&l.by_from, &from, k) + self.by_offset(&l.by_to, &to, k + 1);
-            by_shared.set_column(10, &by_offset);
-            let residual = white * l.residual.fixed_rows::<9>(0);
-            cost += 0.5 * residual.norm_squared();
-            chain.add(k, &(white * by_first), &(white * by_second), &(white * by_shared), &residual);
-        }
-        cost.is_finite().then_some((cost, chain))
-    }
-
-    /// A link's Jacobian by a key frame's nine unknowns from that by its tangent.
-    fn by_state(&self, by: &SMatrix<f64, 15, 15>, at: &NavState, s: &State, k: usize, scale: f64) -> Block {
-        let by_place: SMatrix<f64, 9, 3> = by.fixed_view::<9, 3>(0, 0).into();
-        let by_turn: SMatrix<f64, 9, 3> = by.fixed_view::<9, 3>(0, 3).into();
-        let to_imu: Mat3 = at.world_from_imu.rotation.matrix().transpose();
-        let mut out = Block::zeros();
-        out.fixed_view_mut::<9, 3>(0, 0).copy_from(&(by_place * to_imu * scale));
-        // position = camera - R exp(turn) arm: turning moves the IMU about the camera.
-        let back = self.turned(s, k).inverse().matrix();
-        let turn = by_turn * back + by_place * back * hat(&self.imu_from_camera.translation);
-        out.fixed_view_mut::<9, 3>(0, 3).copy_from(&turn);
-        let moved = by_place * to_imu * s.offset_s;
-        out.fixed_view_mut::<9, 3>(0, 6).copy_from(&(by.fixed_view::<9, 3>(0, 6) + moved));
-        out
-    }
-
-    /// The same by the offset of the clocks: the key frame goes on along its velocity and its turning rate.
-    fn by_offset(&self, by: &SMatrix<f64, 15, 15>, at: &NavState, k: usize) -> SVector<f64, 9> {
-        let velocity = at.world_from_imu.rotation.inverse() * at.velocity;
-        by.fixed_view::<9, 3>(0, 0) * velocity + by.fixed_view::<9, 3>(0, 3) * (self.rates[k] - at.bias.gyro)
-    }
-
-    fn estimate(&self, cost: f64, state: &State) -> Option<Initial> {
-        let n = self.places.len();
-        let residual = self.residual(cost);
-        let (_, chain) = self.linearise(state, NORM_SIGMA)?;
-        let mut covariance = chain.solve(0.0)?.covariance;
-        // The a posteriori variance factor: poses are mostly better than stated.
-        covariance *= residual.max(LEAST_FACTOR);
-        let (_, free) = self.linearise(state, 1.0)?;
-        let free = free.solve(0.0)?;
-        let norm = GRAVITY_M_S2 * (1.0 + free.shared[3]);
-        let norm_sigma = GRAVITY_M_S2 * (free.covariance[(3, 3)] * residual.max(1.0)).sqrt();
-        let offset_sigma_s = covariance[(10, 10)].sqrt();
-        let kept = [0, 1, 2, 4, 5, 6, 7, 8, 9];
-        let covariance = SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(kept[i], kept[j])]);
-        let tilt: SMatrix<f64, 2, 2> = covariance.fixed_view::<2, 2>(1, 1).into();
-        Some(Initial {
-            scale: state.log_scale.exp(),
-            scale_sigma: covariance[(0, 0)].sqrt(),
-            gravity: state.gravity,
-            gravity_sigma: tilt.symmetric_eigenvalues().max().max(0.0).sqrt(),
-            gravity_norm: [norm, norm_sigma],
-            bias: state.bias,
-            offset_s: state.offset_s,
-            offset_sigma_s,
-            states: (0..n).map(|k| self.nav(state, k)).collect(),
-            covariance,
-            residual,
-            noise_times: self.noise_times,
-            position_sigma: self.position_sigma,
-        })
+fn start(guess: &Guess) -> State {
+    let n = guess.velocities.len();
+    State {
+        log_scale: guess.scale.ln(),
+        gravity: guess.gravity,
+        bias: guess.bias,
+        offset_s: 0.0,
+        errors: vec![Vec3::zeros(); n],
+        turns: vec![Vec3::zeros(); n],
+        velocities: guess.velocities.clone(),
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::initialise::SeenPose;
-    use cairn_sensor::{ImuSample, Stamp};
-    use nalgebra::SMatrix;
+fn descend(problem: &mut Problem, state: State) -> Option<(f64, State)> {
+    let solver = LevenbergMarquardt {
+        iterations: problem.config.iterations,
+        damping: Damping::Factors {
+            first: 1e-4,
+            least: 1e-9,
+            most: 1e6,
+            shrink: 0.1,
+            grow: 10.0,
+            restart: 0.0,
+        },
+        convergence: Convergence::Actual { relative: 1e-6 },
+    };
+    problem.follow(&state);
+    let mut search = Search { problem, trial: state.clone(), state, chain: None };
+    let cost = solver.minimise(&mut search, || false).cost_after;
+    cost.is_finite().then_some((cost, search.state))
+}
 
-    /// Three key frames of a motion that does not fit the readings, so that every residual counts.
-    fn problem() -> (Problem, State) {
-        let noise = ImuNoise { gyro: 1e-3, gyro_walk: 1e-4, accel: 1e-2, accel_walk: 1e-3 };
-        let reading = |t: f64| {
-            let gyro = Vec3::new(0.3 * t.sin(), 0.5, -0.2 * t);
-            ImuSample::new(Stamp::from_seconds(t), gyro, Vec3::new(0.4, t.cos(), GRAVITY_M_S2))
-        };
-        let link = |k: usize| {
-            let readings = (0..=20).map(|i| reading(0.3 * (k as f64 + f64::from(i) / 20.0))).collect();
-            Preintegrated::of(noise, Bias::default(), readings)
-        };
-        let pose = |k: usize| {
-            let t = 0.3 * k as f64;
-            let turn = So3::exp(&Vec3::new(0.05 * t, 0.45 * t, 0.1 - 0.05 * t));
-            let world_from_camera = Se3::new(turn, Vec3::new(t, 0.2 * t * t, 0.1));
-            SeenPose { stamp: Stamp::from_seconds(t), world_from_camera }
-        };
-        let poses: Vec<SeenPose> = (0..3).map(pose).collect();
-        let seen = Seen { poses: &poses, rotation_sigma: 0.01, position_sigma: 0.01 };
-        let imu_from_camera = Se3::new(So3::exp(&Vec3::new(0.1, -0.2, 0.3)), Vec3::new(0.1, 0.05, -0.08));
-        let config = InitialiseConfig { noise_times: 1.0, offset_sigma_s: 0.03, ..Default::default() };
-        let links = [link(0), link(1)];
-        let problem = Problem::new(&seen, &links, &imu_from_camera, Scale::Free, &config);
-        let gravity = Gravity::along(&Vec3::new(0.1, -0.05, -1.0), GRAVITY_M_S2).unwrap();
-        let velocities = (0..3).map(|k| Vec3::new(1.2, 0.3 * f64::from(k), 0.1)).collect();
-        let mut state = problem.start(&Guess { scale: 1.3, gravity, bias: Bias::default(), velocities });
-        state.offset_s = 0.02;
-        (problem, state)
-    }
-
-    #[test]
-    fn gradient_agrees_with_differences_of_the_cost() {
-        let (problem, state) = problem();
-        let (_, chain) = problem.linearise(&state, NORM_SIGMA).unwrap();
-        let n = state.velocities.len();
-        let at = |of: Option<usize>, i: usize, by: f64| {
-            let mut step = Step {
-                states: vec![SVector::zeros(); n],
-                shared: SVector::zeros(),
-                covariance: SMatrix::zeros(),
-                half_log_det: 0.0,
-            };
-            match of {
-                Some(k) => step.states[k][i] = by,
-                None => step.shared[i] = by,
-            }
-            problem.cost(&problem.moved(&state, &step)).unwrap()
-        };
-        let check = |of: Option<usize>, i: usize, analytic: f64| {
-            let h = 1e-6;
-            let numeric = (at(of, i, h) - at(of, i, -h)) / (2.0 * h);
-            let scale = 1.0 + numeric.abs().max(analytic.abs());
-            assert!((numeric - analytic).abs() < 2e-3 * scale, "{of:?} {i}: {numeric} {analytic}");
-        };
-        for k in 0..n {
-            (0..STATE).for_each(|i| check(Some(k), i, chain.gradient[k][i]));
-        }
-        // Gravity's norm is held; that a bias turns the key frame within the offset is left out of the Jacobian.
-        for i in [0, 1, 2, 7, 8, 9, 10] {
-            check(None, i, chain.shared_gradient[i]);
-        }
-    }
+fn estimate(problem: &Problem, cost: f64, state: &State) -> Option<Initial> {
+    let n = problem.places.len();
+    let residual = variance_factor(problem, cost);
+    let (_, chain) = problem.linearise(state, NORM_SIGMA)?;
+    let mut covariance = chain.solve(0.0)?.covariance;
+    // The a posteriori variance factor: poses are mostly better than stated.
+    covariance *= residual.max(LEAST_FACTOR);
+    let (_, free) = problem.linearise(state, 1.0)?;
+    let free = free.solve(0.0)?;
+    let norm = GRAVITY_M_S2 * (1.0 + free.shared[3]);
+    let norm_sigma = GRAVITY_M_S2 * (free.covariance[(3, 3)] * residual.max(1.0)).sqrt();
+    let offset_sigma_s = covariance[(10, 10)].sqrt();
+    let kept = [0, 1, 2, 4, 5, 6, 7, 8, 9];
+    let covariance = SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(kept[i], kept[j])]);
+    let tilt: SMatrix<f64, 2, 2> = covariance.fixed_view::<2, 2>(1, 1).into();
+    Some(Initial {
+        scale: state.log_scale.exp(),
+        scale_sigma: covariance[(0, 0)].sqrt(),
+        gravity: state.gravity,
+        gravity_sigma: tilt.symmetric_eigenvalues().max().max(0.0).sqrt(),
+        gravity_norm: [norm, norm_sigma],
+        bias: state.bias,
+        offset_s: state.offset_s,
+        offset_sigma_s,
+        states: (0..n).map(|k| problem.nav(state, k)).collect(),
+        covariance,
+        residual,
+        noise_times: problem.noise_times,
+        position_sigma: problem.position_sigma,
+    })
 }

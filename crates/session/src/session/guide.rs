@@ -131,6 +131,8 @@ impl Session {
             let walker = guiding.walker(&place).filter(|_| guiding.facing == Facing::Home)?;
             let found = self.way_ahead.as_mut()?.look(&guiding.guide, &walker, now);
             guiding.guide.detour(found.detour);
+            guiding.guide.free_way(found.free);
+            guiding.guide.step_back(found.step_back);
             found.stop
         });
         let cue = guiding.step(&map, &held.route, &place, self.confidence, hazard, now);

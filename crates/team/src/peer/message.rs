@@ -1,8 +1,9 @@
-//! Messages between peers: what each has, what a robot published, and its blocks on request.
+//! Messages between peers: what each has and wants, what a robot published, and its blocks on request.
 
 use super::seal::{Identity, hash, is_signed};
 use crate::{MAX_ROBOTS, Refused, RobotId};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Greatest length of a block, in bytes.
 pub const BLOCK_BYTES: usize = 64 << 10;
@@ -12,6 +13,8 @@ pub(super) const MAX_BLOCKS: usize = 4096;
 const ENTRY_BYTES: usize = 16 + 3;
 /// Greatest length of what a robot publishes, in bytes.
 pub const MAX_PART_BYTES: usize = 64 << 20;
+/// Greatest length of the words that a robot publishes, in bytes.
+pub const MAX_WORDS_PART_BYTES: usize = 8 << 20;
 /// Greatest length of a message between peers, in bytes.
 pub const MAX_PEER_MESSAGE_BYTES: usize = MAX_BLOCKS * ENTRY_BYTES + 1024;
 /// Blocks that may be on their way from one peer, by number and bytes.
@@ -22,17 +25,54 @@ pub(super) const WINDOW_BYTES: usize = 1 << 20;
 /// hash decides, so that everyone chooses the same.
 pub(super) type Stamp = (u32, [u8; 8]);
 
+/// What a robot publishes, each with versions of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub(super) enum Layer {
+    /// The bags of words of its key frames: every robot gets them.
+    Words,
+    /// Its map: only robots that want it get it.
+    Map,
+}
+
+/// A layer of a robot.
+pub(super) type Topic = (RobotId, Layer);
+
+/// Whose maps a peer wants; it gets the words of all.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Wanted {
+    /// Of all robots.
+    All,
+    /// Of these, and its own if it has lost it.
+    Of(BTreeSet<RobotId>),
+}
+
+impl Wanted {
+    /// Whether the map of this robot is wanted.
+    pub fn includes(&self, robot: RobotId) -> bool {
+        match self {
+            Self::All => true,
+            Self::Of(robots) => robots.contains(&robot),
+        }
+    }
+
+    fn is_bounded(&self) -> bool {
+        matches!(self, Self::Of(robots) if robots.len() <= MAX_ROBOTS) || *self == Self::All
+    }
+}
+
 /// Kinds of messages between peers, for counting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PeerKind {
-    /// Which versions a peer has.
+    /// Which versions a peer has, and whose maps it wants.
     Have,
     /// What a robot published: lengths and hashes of the blocks, signed.
     Manifest,
     /// A request for blocks.
     Want,
-    /// A block.
+    /// A block of the words of a robot's key frames.
+    Words,
+    /// A block of a robot's map.
     Block,
 }
 
@@ -42,6 +82,7 @@ impl std::fmt::Display for PeerKind {
             Self::Have => "have",
             Self::Manifest => "manifest",
             Self::Want => "want",
+            Self::Words => "words",
             Self::Block => "block",
         })
     }
@@ -55,18 +96,19 @@ pub(super) struct PeerMessage {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Body {
-    Have(Vec<(RobotId, Stamp)>),
+    Have { has: Vec<(Topic, Stamp)>, wants: Wanted },
     Manifest(Manifest),
-    Want { robot: RobotId, stamp: Stamp, blocks: Vec<u16> },
-    Block { robot: RobotId, stamp: Stamp, index: u16, bytes: Vec<u8> },
+    Want { topic: Topic, stamp: Stamp, blocks: Vec<u16> },
+    Block { topic: Topic, stamp: Stamp, index: u16, bytes: Vec<u8> },
 }
 
 impl PeerMessage {
     pub fn kind(&self) -> PeerKind {
         match self.body {
-            Body::Have(_) => PeerKind::Have,
+            Body::Have { .. } => PeerKind::Have,
             Body::Manifest(_) => PeerKind::Manifest,
             Body::Want { .. } => PeerKind::Want,
+            Body::Block { topic: (_, Layer::Words), .. } => PeerKind::Words,
             Body::Block { .. } => PeerKind::Block,
         }
     }
@@ -74,7 +116,7 @@ impl PeerMessage {
     pub fn decode(body: &[u8]) -> Result<Self, Refused> {
         let (message, rest) = postcard::take_from_bytes::<Self>(body).map_err(|_| Refused::Encoding)?;
         let sound = match &message.body {
-            Body::Have(known) => known.len() <= MAX_ROBOTS,
+            Body::Have { has, wants } => has.len() <= 2 * MAX_ROBOTS && wants.is_bounded(),
             Body::Want { blocks, .. } => blocks.len() <= WINDOW,
             Body::Block { bytes, .. } => bytes.len() <= BLOCK_BYTES,
             Body::Manifest(manifest) => manifest.blocks.len() <= MAX_BLOCKS,
@@ -87,6 +129,7 @@ impl PeerMessage {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Manifest {
     pub robot: RobotId,
+    pub layer: Layer,
     pub version: u32,
     /// Hash and length of each block.
     pub blocks: Vec<([u8; 16], u32)>,
@@ -95,9 +138,10 @@ pub(super) struct Manifest {
 }
 
 impl Manifest {
-    pub fn new(identity: &Identity, version: u32, blocks: &[&[u8]]) -> Self {
+    pub fn new(identity: &Identity, layer: Layer, version: u32, blocks: &[&[u8]]) -> Self {
         let mut manifest = Self {
             robot: identity.robot(),
+            layer,
             version,
             blocks: blocks.iter().map(|block| (hash(block), block.len() as u32)).collect(),
             key: identity.public(),
@@ -109,7 +153,10 @@ impl Manifest {
 
     /// The bytes that the signature covers.
     fn signed(&self) -> Vec<u8> {
-        let mut bytes = b"cairn part".to_vec();
+        let mut bytes = match self.layer {
+            Layer::Words => b"cairn words".to_vec(),
+            Layer::Map => b"cairn map".to_vec(),
+        };
         bytes.extend(self.robot.to_le_bytes());
         bytes.extend(self.version.to_le_bytes());
         for (hash, length) in &self.blocks {
@@ -117,6 +164,10 @@ impl Manifest {
             bytes.extend(length.to_le_bytes());
         }
         bytes
+    }
+
+    pub fn topic(&self) -> Topic {
+        (self.robot, self.layer)
     }
 
     pub fn stamp(&self) -> Stamp {
@@ -128,7 +179,11 @@ impl Manifest {
         if self.blocks.is_empty() || !self.blocks.iter().all(fits) {
             return Err(Refused::Inconsistent("its blocks do not make up a map"));
         }
-        if self.length() > MAX_PART_BYTES {
+        let most = match self.layer {
+            Layer::Words => MAX_WORDS_PART_BYTES,
+            Layer::Map => MAX_PART_BYTES,
+        };
+        if self.length() > most {
             return Err(Refused::TooLong(self.length()));
         }
         match is_signed(&self.key, &self.signed(), &self.signature) {

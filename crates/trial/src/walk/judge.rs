@@ -251,6 +251,7 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::TurnNow { .. } | CueKind::StairsNow(_) => "turn now",
         CueKind::Rotate(_) => "rotate",
         CueKind::StopTurning(_) => "stop turning",
+        CueKind::StandStill => "stand still",
         CueKind::Go { .. } => "go",
         CueKind::Adjust(_) => "adjust",
         CueKind::Progress(_) => "progress",

@@ -12,42 +12,6 @@ use std::time::Instant;
 /// Where the processes share memory.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// The arguments of a run as processes.
-#[derive(clap::Args)]
-pub struct Isolated {
-    /// Runs capture, SLAM and the guide as processes under a supervisor: one that dies or hangs is started again, the guide
-    /// says stop meanwhile, and the run goes on in the map of a moment ago. Needs /dev/shm.
-    #[arg(help_heading = super::arguments::RUNNING, long, conflicts_with_all = NOT_ISOLATED)]
-    pub isolated: bool,
-    /// Memory that each process may use, MB; one that needs more dies and is started again.
-    #[arg(help_heading = super::arguments::RUNNING, long, default_value_t = 8000, value_name = "MB", requires = "isolated")]
-    #[arg(value_parser = clap::value_parser!(u64).range(50..=1_000_000))]
-    pub worker_memory: u64,
-    /// What this process does for its supervisor.
-    #[arg(long, hide = true)]
-    pub worker: Option<String>,
-}
-
-/// What only one process can do so far.
-const NOT_ISOLATED: [&str; 16] = [
-    "frame",
-    "record",
-    "script",
-    "status",
-    "lines",
-    "events",
-    "mcap",
-    "rerun",
-    "watch_way",
-    "mesh",
-    "dense",
-    "journal",
-    "replay",
-    "report_html",
-    "localize_only",
-    "lockstep",
-];
-
 /// The folder in which processes can share memory; `None` where there is none, which is said: the run then is one process.
 ///
 /// # Errors

@@ -1,5 +1,7 @@
 //! `cairn team join`: shares a saved map, as it grows, with other robots, and keeps the atlas of all of them.
 
+use super::meetings::Meetings;
+use super::paths::beside;
 use super::status::{Shown, Status};
 use crate::commands::map::failed;
 use crate::failure::Failure;
@@ -8,12 +10,12 @@ use crate::map_lock::MapLock;
 use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use cairn::team::RobotId;
-use cairn::team::peer::{Identity, Peer, TeamKey};
-use cairn::{Config, SharedAtlas, own_map, shared_atlas};
+use cairn::team::peer::{Identity, Peer, TeamKey, Wanted};
+use cairn::{Config, SharedAtlas, in_reach, own_map, shared_atlas, words_of_map};
 use cairn_atlas::store::pieces;
 use cairn_files::MIB;
 use cairn_wire::Member;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,7 +26,8 @@ use std::time::{Duration, Instant, SystemTime};
 ///
 /// For a walk of another program than cairn run --team: each time the map is saved, the others get it. They need not be
 /// reached all at once: whoever has a robot's map passes it on. The atlas of all is written to --out whenever something
-/// new has come, and is the same file on every robot that has the same maps. Ends with Ctrl-C.
+/// new has come, and is the same file on every robot that has the same maps. Robots learn from the words of each other's
+/// key frames who shares places with whom, and fetch only those maps. Ends with Ctrl-C.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The map of this robot; it need not exist yet.
@@ -43,6 +46,9 @@ pub struct Arguments {
     /// Replace the atlas of an earlier time.
     #[arg(long)]
     overwrite: bool,
+    /// Fetch the maps of all robots, also of those that share no place with this one; for a base station.
+    #[arg(long)]
+    all: bool,
     /// Ends after this many seconds.
     #[arg(long = "for", value_name = "S", value_parser = seconds)]
     time: Option<f64>,
@@ -74,7 +80,10 @@ fn seconds(text: &str) -> Result<f64, String> {
 const STEP: Duration = Duration::from_millis(500);
 
 /// At the end, how long is waited for the others to get the last map.
-const LAST: Duration = Duration::from_secs(10);
+const LAST: Duration = Duration::from_secs(20);
+
+/// A map is not fetched again for so many seconds: what local mapping moves at each save is then sent more rarely.
+const REFRESH_S: usize = 8;
 
 /// Shares until interrupted or the time is over.
 ///
@@ -86,7 +95,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let outputs = outputs.output_map("--out", Some(&a.out)).checked()?;
     let out = outputs.file("--out").unwrap_or(&a.out).to_owned();
     let _lock = MapLock::take(&out)?;
-    let mut robot = Robot::open(a.robot, &a.team, &a.reach, &a.map, out)?;
+    let mut robot = Robot::open(a.robot, &a.team, &a.reach, (&a.map, out), a.all)?;
     interrupt::in_order();
     let began = Instant::now();
     let ends = |began: Instant| a.time.is_some_and(|s| began.elapsed().as_secs_f64() >= s);
@@ -110,7 +119,7 @@ impl Sharing {
     /// When a file cannot be read, or the address cannot be listened on.
     pub fn begin(robot: RobotId, team: &str, reach: &Reach, map: &Path, out: &Path) -> Result<Self, Failure> {
         let lock = MapLock::take(out)?;
-        let mut robot = Robot::open(robot, team, reach, map, out.to_owned())?;
+        let mut robot = Robot::open(robot, team, reach, (map, out.to_owned()), false)?;
         let ends = Arc::new(AtomicBool::new(false));
         let ended = ends.clone();
         let share = move || {
@@ -181,14 +190,6 @@ fn team_key(team: &str, secret_file: Option<&Path>) -> Result<TeamKey, Failure> 
     Ok(TeamKey::new(&secret))
 }
 
-/// `NAME.EXTENSION` beside a file.
-pub(super) fn beside(path: &Path, extension: &str) -> PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".");
-    name.push(extension);
-    path.with_file_name(name)
-}
-
 /// This robot with its files.
 struct Robot {
     member: Member,
@@ -203,11 +204,23 @@ struct Robot {
     work: Option<JoinHandle<([u8; 8], Option<SharedAtlas>)>>,
     /// The version of each robot's map, as it was said last.
     heard: BTreeMap<RobotId, u32>,
+    /// Who shares places with whom; `None` where the maps of all are wanted.
+    meetings: Option<Meetings>,
 }
 
 impl Robot {
-    fn open(robot: RobotId, team: &str, reach: &Reach, map: &Path, out: PathBuf) -> Result<Self, Failure> {
-        let peer = Peer::new(identity(robot, map)?, team_key(team, reach.secret.as_deref())?);
+    fn open(
+        robot: RobotId,
+        team: &str,
+        reach: &Reach,
+        (map, out): (&Path, PathBuf),
+        all: bool,
+    ) -> Result<Self, Failure> {
+        let key = team_key(team, reach.secret.as_deref())?;
+        let mut peer = Peer::new(identity(robot, map)?, key).with_refresh(REFRESH_S);
+        if !all {
+            peer.want(Wanted::Of(BTreeSet::new()));
+        }
         let listen = reach.listen.as_deref().unwrap_or("0.0.0.0:7450");
         let member = Member::open(peer, listen, &reach.peer).map_err(|e| {
             Failure::new(format!("--listen {listen}"), e.to_string(), "choose another address or port")
@@ -222,6 +235,7 @@ impl Robot {
             digest: [0; 8],
             work: None,
             heard: BTreeMap::new(),
+            meetings: (!all).then(Meetings::default),
         })
     }
 
@@ -231,12 +245,13 @@ impl Robot {
         loop {
             self.step()?;
             let peer = self.member.peer();
-            let own = peer.parts().find(|(h, _)| h.robot == peer.robot()).map(|(h, _)| h.version);
-            let reached: Vec<RobotId> = self.member.reached().collect();
-            let has = |r: &RobotId| {
-                peer.heard().any(|(other, has)| other == *r && has.get(&peer.robot()).copied() == own)
-            };
-            if own.is_none() || reached.iter().all(has) || Instant::now() > until || interrupt::requested() {
+            let mut reached = self.member.reached();
+            let has_none = peer.parts().all(|(holding, _)| holding.robot != peer.robot());
+            if has_none
+                || reached.all(|other| peer.is_up_to_date(other))
+                || Instant::now() > until
+                || interrupt::requested()
+            {
                 return Ok(());
             }
         }
@@ -245,6 +260,13 @@ impl Robot {
     fn step(&mut self) -> Result<(), Failure> {
         self.publish();
         self.member.step(STEP).iter().for_each(|line| warn(line));
+        if let Some(meetings) = &mut self.meetings
+            && self.member.peer().has_new_words()
+        {
+            let peer = self.member.peer_mut();
+            meetings.update(peer).iter().for_each(|line| note(line));
+            peer.want(Wanted::Of(in_reach(peer.robot(), &meetings.pairs())));
+        }
         for (holding, _) in self.member.peer().parts() {
             if self.heard.insert(holding.robot, holding.version) != Some(holding.version) {
                 let megabytes = holding.bytes as f64 / 1e6;
@@ -275,9 +297,13 @@ impl Robot {
             Err(e) => return warn(&format!("{shown} is not shared: {e}")),
         };
         let robot = self.member.peer().robot();
-        let published = own_map(robot, &bytes).and_then(|_| {
+        let published = own_map(robot, &bytes).and_then(|file| {
             let pieces = pieces::cut(&bytes).map_err(|e| e.to_string())?;
             let peer = self.member.peer_mut();
+            let (words, lengths) = words_of_map(robot, &file);
+            if !words.is_empty() {
+                peer.publish_words(&words, &lengths).map_err(|e| e.to_string())?;
+            }
             peer.publish_pieces(&pieces.bytes, &pieces.lengths).map_err(|e| e.to_string())
         });
         if let Err(why) = published {

@@ -2,6 +2,8 @@
 
 mod graph;
 pub mod join;
+mod meetings;
+mod paths;
 pub mod status;
 
 use crate::failure::Failure;

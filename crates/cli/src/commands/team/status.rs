@@ -1,6 +1,6 @@
 //! `cairn team status`: what a robot of a team has, what it made of it, and what that cost on the network.
 
-use super::join::beside;
+use super::paths::beside;
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn::SharedAtlas;
@@ -32,6 +32,9 @@ pub struct Status {
     pub fetching: bool,
     /// The maps that it has.
     pub maps: Vec<MapOfRobot>,
+    /// Robots of which it has only the words: they share no place with those above.
+    #[serde(default)]
+    pub words_only: Vec<MapOfRobot>,
     /// Robots that it hears now.
     pub reached: Vec<RobotId>,
     /// What became of the maps.
@@ -133,10 +136,12 @@ impl Status {
             version: h.version,
             bytes: h.bytes,
         };
+        let fetched = |robot| robot == peer.robot() || peer.wanted().includes(robot);
         Self {
             robot: peer.robot(),
             digest: hex(peer.digest()),
             fetching: peer.is_fetching(),
+            words_only: peer.words().filter(|(h, _)| !fetched(h.robot)).map(of).collect(),
             maps: peer.parts().map(of).collect(),
             reached: member.reached().collect(),
             atlas,
@@ -161,6 +166,15 @@ impl Status {
             let megabytes = map.bytes as f64 / 1e6;
             let _ =
                 writeln!(text, "map       robot {}, version {}, {megabytes:.3} MB", map.robot, map.version);
+        }
+        for map in &self.words_only {
+            let _ = writeln!(
+                text,
+                "words     robot {}, version {}, {:.3} MB; shares no place, so its map is not here",
+                map.robot,
+                map.version,
+                map.bytes as f64 / 1e6
+            );
         }
         if self.fetching {
             let _ = writeln!(text, "fetching  a newer map");

@@ -6,7 +6,6 @@
 use super::super::config::DemoConfig;
 use super::super::once::distance_to;
 use super::super::out::corners;
-use super::jpeg::JpegEncoder;
 use super::pace::LEVELS;
 use super::page::{Page, PageClock};
 use cairn_engine::Config;
@@ -464,11 +463,22 @@ impl<'a> Phone<'a> {
             let image = camera.picture(at, &poses);
             let scale = side as f64 / image.width().max(image.height()) as f64;
             let image = if scale < 1.0 { smaller(&image, scale) } else { image };
-            let jpeg = JpegEncoder::new(quality).encode(&image);
+            let jpeg = encoded(&image, quality);
             std::thread::sleep(Duration::from_secs_f64(ENCODING_S).saturating_sub(began.elapsed()));
             (camera, ms, jpeg)
         }));
         Ok(())
+    }
+}
+
+/// A grey image as a JPEG file, as a browser makes it; empty where that fails, and then refused by the server.
+fn encoded(image: &GrayImage, quality: u8) -> Vec<u8> {
+    let mut file = Vec::new();
+    let [w, h] = [image.width(), image.height()].map(|side| u16::try_from(side).unwrap_or(u16::MAX));
+    let encoder = jpeg_encoder::Encoder::new(&mut file, quality);
+    match encoder.encode(image.data(), w, h, jpeg_encoder::ColorType::Luma) {
+        Ok(()) => file,
+        Err(_) => Vec::new(),
     }
 }
 

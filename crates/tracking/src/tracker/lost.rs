@@ -1,9 +1,10 @@
 //! Too few matches: the IMU or another measured motion carries the pose for a while (coasting), a short blank view (a plain wall) is bridged by
 //! the motion model, and after that a new map begins at the last known pose, with a relocation prior.
 
+use super::Tracker;
 use crate::scale::PACE_SIGMA;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
-use crate::tracker::{Last, Tracker, anchored_at};
+use crate::state::{Last, anchored_at};
 use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_geometry::Se3;
 use cairn_inertial::NavEstimate;

@@ -6,8 +6,8 @@
 //! texture, they outweigh the walls and drag the pose along. A landmark that key frames observed at one position over
 //! some time is known to be static: the confirmed landmarks determine the pose, and points on moving objects do not
 //! fit it for that long.
+use super::Tracker;
 use crate::match_last::Matches;
-use crate::tracker::Tracker;
 use cairn_adjust::{Located, locate, pinhole, pixel, weight};
 use cairn_atlas::{Landmark, Observation, Snapshot};
 use cairn_geometry::{Se3, Vec3};

@@ -1,27 +1,30 @@
 //! The tracking stage, frame by frame: predict, match, locate, decide.
 
-use crate::decide::{Situation, wants_key_frame};
+mod find;
+mod finish;
+mod lost;
+mod scale;
+mod static_landmarks;
+mod turning;
+mod waiting;
+
 use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
-use crate::match_last::{Before, Matches, match_last};
+use crate::match_last::Matches;
 use crate::odometry::{MotionSource, Odometry, OdometryFilter};
 use crate::parallax::ParallaxWatch;
 use crate::reckoning::{DeadReckoning, MeasuredMotion, Reckoned};
-use crate::recover::{candidates, match_key_frame};
 use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::shutter::{Moving, Shutter, in_camera};
 use crate::start::Starter;
-use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, State, Tracked};
-use cairn_adjust::{Located, RecogniseConfig, locate, recognise};
-use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
-use cairn_geometry::{Manifold, Se3, So3};
-use cairn_inertial::NavEstimate;
+use crate::state::{AnchoredPose, Last, Tracked};
+use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_geometry::{Se3, So3};
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use cairn_settings::Settings;
-use cairn_solve::PosePrior;
 use cairn_vision::{Frame, RectifiedCamera};
 use nalgebra::SVector;
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Configuration of tracking.
@@ -54,27 +57,9 @@ pub struct TrackerConfig {
     pub estimate_readout: bool,
 }
 
-/// Frames buffered while there is no map, so that they get their poses afterwards.
-const WAITING: usize = 64;
-
-/// Inlier matches needed where the IMU constrains the pose too.
-const MIN_INLIERS_WITH_IMU: usize = 15;
 /// Seconds without a pose up to which matches are still searched around the pose predicted by the motion
 /// model.
 const BRIDGE_S: f64 = 0.6;
-/// Needed to relocalise: seed matches by appearance that agree, and the share of expected landmarks that
-/// agree in the end.
-const RECOGNISE_SEED: usize = 12;
-const RECOGNISE_SHARE: f64 = 0.4;
-
-/// What is kept of the last frame that had a pose.
-#[derive(Debug)]
-pub(crate) struct Last {
-    pub frame: Arc<Frame>,
-    pub landmarks: Vec<Option<LandmarkId>>,
-    pub anchored: AnchoredPose,
-}
-
 /// The tracking stage.
 #[derive(Debug)]
 pub struct Tracker {
@@ -331,95 +316,6 @@ impl Tracker {
         self.odometry.step(snapshot, frame, tracked.state, anchored, landmarks, other_motion);
     }
 
-    fn start(&mut self, frame: Arc<Frame>) -> Tracked {
-        self.odometry.miss();
-        let features = frame.len();
-        self.wait(&frame);
-        let submitted = self.starter.step(&self.camera, &frame, self.features);
-        let (state, request) = match submitted.map(|request| self.with_imu_segment(request)) {
-            Ok(request) => (State::Starting { have: features, need: 0 }, Some(request)),
-            Err(state) => (state, None),
-        };
-        self.since_key_frame = 0;
-        let evidence = Evidence { features, ..Evidence::default() };
-        Tracked {
-            stamp: frame.stamp,
-            state,
-            pose: None,
-            evidence,
-            request,
-            earlier: Vec::new(),
-            scale_supported: true,
-            seen: Vec::new(),
-        }
-    }
-
-    /// Buffers a frame that may get its pose later.
-    pub(crate) fn wait(&mut self, frame: &Arc<Frame>) {
-        if self.waiting.len() == WAITING {
-            self.waiting.pop_front();
-        }
-        self.waiting.push_back(frame.clone());
-    }
-
-    /// Poses of the frames from before the initialisation, newest to oldest, as far as they can be tracked.
-    fn track_waiting_frames(&mut self, snapshot: &Snapshot) -> Vec<(Stamp, AnchoredPose)> {
-        let frames = std::mem::take(&mut self.waiting);
-        let mut found = Vec::new();
-        let (Some(last), false) = (&self.last, frames.is_empty()) else { return found };
-        let mut before =
-            Last { frame: last.frame.clone(), landmarks: last.landmarks.clone(), anchored: last.anchored };
-        for frame in frames.iter().rev() {
-            let known = snapshot.key_frames().find(|k| Arc::ptr_eq(&k.frame, frame));
-            let (anchored, landmarks) = match known {
-                Some(k) => (AnchoredPose::at(k.id, k.world_from_camera), k.landmarks.clone()),
-                None => {
-                    let Some((anchored, landmarks)) = self.track_next_to(&before, frame, snapshot) else {
-                        break;
-                    };
-                    found.push((frame.stamp, anchored));
-                    (anchored, landmarks)
-                }
-            };
-            before = Last { frame: frame.clone(), landmarks, anchored };
-        }
-        found
-    }
-
-    /// The pose of a frame taken next to one whose pose is known.
-    fn track_next_to(
-        &mut self,
-        before: &Last,
-        frame: &Frame,
-        snapshot: &Snapshot,
-    ) -> Option<(AnchoredPose, Vec<Option<LandmarkId>>)> {
-        let (guess, mut matches) =
-            self.match_from(before, &before.anchored.world_from_camera, frame, snapshot)?;
-        matches.extra.clear();
-        self.local.gather(snapshot, &matches, before.anchored.reference, self.config.local_key_frames);
-        self.local.search(snapshot, &self.camera, frame, &guess, 1.0, &mut matches);
-        let located = self.locate(snapshot, frame, &guess, &mut matches);
-        if located.inliers < self.config.min_inliers {
-            return None;
-        }
-        let anchored = self.anchor_nearest(snapshot, before.anchored.reference, located.world_from_camera)?;
-        Some((anchored, matches.landmarks))
-    }
-
-    /// A pose anchored to the nearest of the key frames that the local map was collected around.
-    fn anchor_nearest(
-        &self,
-        snapshot: &Snapshot,
-        fallback: KeyFrameId,
-        world_from_camera: Se3,
-    ) -> Option<AnchoredPose> {
-        anchored_at(
-            snapshot,
-            self.local.nearest(snapshot, &world_from_camera.translation).unwrap_or(fallback),
-            world_from_camera,
-        )
-    }
-
     /// When the last frame has become a key frame, its landmarks and pose are taken from the map.
     pub(crate) fn refresh_last(&mut self, snapshot: &Snapshot) {
         self.refresh_unit(snapshot);
@@ -456,252 +352,6 @@ impl Tracker {
         self.unit = Some((id, now));
     }
 
-    fn locate(&self, snapshot: &Snapshot, frame: &Frame, guess: &Se3, matches: &mut Matches) -> Located {
-        self.locate_from(snapshot, frame, guess, None, matches)
-    }
-
-    fn locate_from(
-        &self,
-        snapshot: &Snapshot,
-        frame: &Frame,
-        guess: &Se3,
-        prior: Option<&PosePrior>,
-        matches: &mut Matches,
-    ) -> Located {
-        let located = locate(snapshot, &self.camera, frame, guess, &matches.landmarks, &matches.extra, prior);
-        let located = self.gated(snapshot, frame, guess, prior, matches, located);
-        matches.drop_outliers(&located.outliers);
-        located
-    }
-
-    /// Predicts by the IMU, else by a measured motion, else by constant velocity, else by the last pose, and matches around
-    /// that.
-    pub(crate) fn by_motion(
-        &self,
-        frame: &Frame,
-        snapshot: &Snapshot,
-        predicted: Option<&NavEstimate>,
-    ) -> Option<(Se3, Matches)> {
-        let last = self.last.as_ref()?;
-        let elapsed = frame.stamp - last.frame.stamp;
-        let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * elapsed)));
-        let reckoned = self.reckoned().map(|r| r.world_from_camera);
-        let guess = predicted.map(|b| b.world_from_camera).or(reckoned);
-        let guess = guess.unwrap_or(last.anchored.world_from_camera * moved);
-        self.match_from(last, &guess, frame, snapshot)
-    }
-
-    /// Matches with the previous frame around a guess, and farther out where the guess was poor.
-    fn match_from(
-        &self,
-        last: &Last,
-        guess: &Se3,
-        frame: &Frame,
-        snapshot: &Snapshot,
-    ) -> Option<(Se3, Matches)> {
-        let mut guess = *guess;
-        let radius = if self.camera.has_depth() { 7.0 } else { 15.0 };
-        let known = last.landmarks.iter().flatten().count();
-        let before = Before {
-            frame: &last.frame,
-            landmarks: &last.landmarks,
-            world_from_camera: last.anchored.world_from_camera,
-        };
-        let few = self.need(frame).min(15);
-        let mut best: Option<(usize, Se3, Matches)> = None;
-        // A good prediction finds most of what was seen; else search farther, then closely around the
-        // resulting pose.
-        for radius in [radius, 2.0 * radius, 4.0 * radius, radius] {
-            let mut matches = match_last(snapshot, &self.camera, &before, frame, &guess, radius);
-            if matches.count() < few {
-                continue;
-            }
-            let located = self.locate(snapshot, frame, &guess, &mut matches);
-            if located.inliers >= few.min(12) && best.as_ref().is_none_or(|(n, ..)| located.inliers > *n) {
-                guess = located.world_from_camera;
-                best = Some((located.inliers, located.world_from_camera, matches));
-            }
-            if located.inliers * 2 >= known.max(24) {
-                break;
-            }
-        }
-        best.map(|(_, pose, matches)| (pose, matches))
-    }
-
-    /// Matches by the descriptors of the reference key frame, near the last pose.
-    pub(crate) fn by_reference(&self, frame: &Frame, snapshot: &Snapshot) -> Option<(Se3, Matches)> {
-        let last = self.last.as_ref()?;
-        let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
-        let mut matches = match_key_frame(snapshot.key_frame(reference)?, frame, 0.7);
-        if matches.count() < 15 {
-            return None;
-        }
-        let located = self.locate(snapshot, frame, &last.anchored.world_from_camera, &mut matches);
-        (located.inliers >= 12).then_some((located.world_from_camera, matches))
-    }
-
-    /// Relocalises among earlier key frames; the best inlier count when no place is recognised.
-    fn relocalise(&mut self, frame: &Frame, snapshot: &Snapshot) -> Result<(Se3, Matches), usize> {
-        let last = self.last.as_ref().map(|l| l.anchored.world_from_camera.translation);
-        let config =
-            RecogniseConfig { seed: RECOGNISE_SEED, need: self.config.min_inliers, share: RECOGNISE_SHARE };
-        let mut best = 0;
-        for id in candidates(snapshot, frame, last, self.lost_frames) {
-            match recognise(
-                snapshot,
-                &self.camera,
-                frame,
-                id,
-                &BTreeSet::new(),
-                &config,
-                frame.stamp.0 as u64,
-            ) {
-                Ok(place) if !self.reaches(snapshot, id, &place.world_from_camera, frame.stamp) => {}
-                Ok(place) => {
-                    let matches = Matches { landmarks: place.landmarks, extra: Vec::new() };
-                    return Ok((place.world_from_camera, matches));
-                }
-                Err(why) => best = best.max(why.agreed()),
-            }
-        }
-        Err(best)
-    }
-
-    /// Matches with the local map, optimises the pose and decides whether the frame becomes a key frame.
-    fn finish(
-        &mut self,
-        frame: Arc<Frame>,
-        snapshot: &Snapshot,
-        guess: Se3,
-        mut matches: Matches,
-        predicted: Option<NavEstimate>,
-        idle: bool,
-    ) -> Tracked {
-        let Some(newest) = snapshot.newest_key_frame().map(|k| k.id) else { return self.lose(frame, 0) };
-        let prior = predicted.as_ref().and_then(|b| {
-            Some(PosePrior { world_from_camera: b.world_from_camera, information: b.pose_information()? })
-        });
-        let reckoned = self.reckoned().filter(|r| prior.is_none() && r.may_coast());
-        let prior = prior.or(reckoned.map(|r| r.prior()));
-        let prior = prior.or_else(|| self.parallax.position_prior(snapshot, &guess));
-        let fallback = self
-            .last
-            .as_ref()
-            .and_then(|l| snapshot.surviving_ancestor(l.anchored.reference))
-            .map_or(newest, |(id, _)| id);
-        matches.extra.clear();
-        self.local.gather(snapshot, &matches, fallback, self.config.local_key_frames);
-        let factor = match self.since_recovery {
-            0..=2 => 5.0,
-            _ if matches.count() == 0 => 5.0,
-            _ => 1.0,
-        };
-        let mut expected = self.local.search(snapshot, &self.camera, &frame, &guess, factor, &mut matches);
-        let mut matched = matches.count();
-        let mut located = self.locate_from(snapshot, &frame, &guess, prior.as_ref(), &mut matches);
-        // Few of the expected landmarks were found: the guess was poor. Search again from the better pose.
-        if located.inliers * 3 < expected.len() {
-            expected = self.local.search(
-                snapshot,
-                &self.camera,
-                &frame,
-                &located.world_from_camera,
-                1.0,
-                &mut matches,
-            );
-            matched = matches.count();
-            located =
-                self.locate_from(snapshot, &frame, &located.world_from_camera, prior.as_ref(), &mut matches);
-        }
-        let need = match (&prior, self.since_recovery < 30) {
-            // The prior constrains the pose too: from the IMU, or that the camera turns on the spot.
-            (Some(_), _) => self.need(&frame).min(MIN_INLIERS_WITH_IMU),
-            (None, true) => self.config.min_inliers * 3 / 2,
-            (None, false) => self.need(&frame),
-        };
-        if located.inliers < need {
-            return self.miss(frame, snapshot, located.inliers, predicted, idle);
-        }
-        let world_from_camera = located.world_from_camera;
-        self.learn_readout(&frame, snapshot, &matches, &world_from_camera);
-        if reckoned.is_some_and(|r| !r.agrees(&world_from_camera)) {
-            return self.miss(frame, snapshot, located.inliers, predicted, idle);
-        }
-        let Some(anchored) = self.anchor_nearest(snapshot, fallback, world_from_camera) else {
-            return self.lose(frame, located.inliers);
-        };
-        if self.inertial.as_mut().is_some_and(|i| i.wants_rotations(frame.stamp)) {
-            // The IMU prior is part of the pose; the time offset must be estimated from vision alone.
-            let alone = prior.as_ref().and_then(|p| without_prior(&located, p)).unwrap_or(world_from_camera);
-            if let Some(inertial) = &mut self.inertial {
-                inertial.add_rotation(frame.stamp, alone.rotation);
-            }
-        }
-        if let Some(inertial) = &mut self.inertial {
-            inertial.update(snapshot, frame.stamp, &anchored, predicted.as_ref(), &located.information);
-        }
-        let reference = self.local.reference.unwrap_or(fallback);
-        self.velocity = match &self.last {
-            Some(last) if self.recent(&frame, BRIDGE_S) && frame.stamp > last.frame.stamp => Some(
-                last.anchored.world_from_camera.local(&world_from_camera) / (frame.stamp - last.frame.stamp),
-            ),
-            _ => None,
-        };
-        if let Some(v) = self.velocity.filter(|_| !self.scale_support.is_lost()) {
-            self.pace.push(v.fixed_rows::<3>(0).norm());
-        }
-        self.unit = snapshot.world_from_here(anchored.reference).map(|here| (anchored.reference, here.scale));
-        self.watch_scale(&frame, snapshot, &matches, anchored);
-        self.lost = false;
-        self.lost_frames = 0;
-        self.located = Some(frame.stamp);
-        let situation = Situation {
-            snapshot,
-            camera: &self.camera,
-            frame: &frame,
-            matches: &matches,
-            inliers: located.inliers,
-            need,
-            reference,
-            rotated_rad: anchored.reference_from_camera.rotation.angle(),
-            since: self.since_key_frame,
-            stationary: self.inertial.as_ref().is_some_and(|i| i.is_stationary(frame.stamp)),
-            since_s: self.inertial.as_ref().and_then(|i| i.seconds_since_request(frame.stamp)),
-            idle,
-        };
-        let request = wants_key_frame(&situation, self.rate_hz, self.config.min_key_frame_gap).then(|| {
-            self.since_key_frame = 0;
-            let anchored = anchored_at(snapshot, reference, world_from_camera).unwrap_or(anchored);
-            let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
-            KeyFrameRequest::Next {
-                frame: frame.clone(),
-                landmarks: matches.landmarks.clone(),
-                anchored,
-                imu,
-                orientation_only: self.scale_support.is_lost() || self.parallax.is_turning(),
-                rescale: self.due_rescale(snapshot, reference),
-            }
-        });
-        let found: std::collections::BTreeSet<LandmarkId> =
-            matches.landmarks.iter().flatten().copied().collect();
-        let evidence =
-            Evidence { features: frame.len(), expected: expected.len(), matched, inliers: located.inliers };
-        let stamp = frame.stamp;
-        self.last = Some(Last { frame, landmarks: matches.landmarks, anchored });
-        self.reckoning.restart(true);
-        let seen = expected.into_iter().map(|id| (id, found.contains(&id))).collect();
-        Tracked {
-            stamp,
-            state: State::Tracking,
-            pose: Some(anchored),
-            evidence,
-            request,
-            earlier: Vec::new(),
-            scale_supported: self.is_scale_supported(),
-            seen,
-        }
-    }
-
     /// The pose by dead reckoning from the last one that is kept.
     pub(crate) fn reckoned(&self) -> Option<Reckoned> {
         self.reckoning.pose(&self.last.as_ref()?.anchored.world_from_camera)
@@ -723,21 +373,4 @@ impl Tracker {
 /// Rows of the image, by the bounds of its rectified pixels.
 fn rows_of(camera: &RectifiedCamera) -> usize {
     (camera.bounds[3] - camera.bounds[1]).round().max(1.0) as usize
-}
-
-/// The pose without the prior: at the solution the gradients of the prior and of the observations cancel.
-fn without_prior(located: &Located, prior: &PosePrior) -> Option<Se3> {
-    let gradient = prior.information * prior.world_from_camera.local(&located.world_from_camera);
-    let own = (located.information - prior.information).cholesky()?;
-    Some(located.world_from_camera.retract(&own.solve(&gradient)))
-}
-
-/// A pose anchored to a key frame.
-pub(crate) fn anchored_at(
-    snapshot: &Snapshot,
-    reference: KeyFrameId,
-    world_from_camera: Se3,
-) -> Option<AnchoredPose> {
-    let reference_from_camera = snapshot.anchor(reference, &world_from_camera)?;
-    Some(AnchoredPose { reference, reference_from_camera, world_from_camera })
 }

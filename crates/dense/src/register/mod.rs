@@ -1,0 +1,267 @@
+//! Global registration: the pose between two surfaces without a guess.
+//!
+//! Features of normals (FPFH), reciprocal matches, groups of them that one pose may explain, the pose of each group by
+//! fast global registration, the best of them refined against the other's field. It is accepted when enough of the two
+//! surfaces coincides, hardly any of it lies where the other saw free space, and the surfaces fix all directions; the
+//! numbers are told in any case.
+
+mod fgr;
+mod fpfh;
+mod matches;
+mod refine;
+mod surfels;
+mod verify;
+
+use crate::sample::Sampler;
+use crate::{DenseError, OccupancyGrid, TsdfVolume};
+use cairn_geometry::{Se3, So3, Vec3};
+use surfels::Surfels;
+
+/// A point this near to the other surface lies on it, in metres (a voxel where that is more).
+const ON_M: f64 = 0.05;
+/// Points that hypotheses are judged with, and those of the last judgement.
+const FEW: usize = 300;
+const MANY: usize = 1500;
+
+/// Configuration of global registration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RegisterConfig {
+    /// Edge of the cubes that the surface is thinned to, in metres: one point in each.
+    pub cell_m: f64,
+    /// Radius of the features in metres.
+    pub radius_m: f64,
+    /// At most so many of the most distinct points of each surface are matched.
+    pub distinct: usize,
+    /// Matches agree when they differ by less than this, in metres.
+    pub tolerance_m: f64,
+    /// Groups of matches that are tried.
+    pub groups: usize,
+    /// At least this share of one surface lies on the other.
+    pub least_overlap: f64,
+    /// At most this share of what the other has looked at lies in its free space.
+    pub most_violation: f64,
+}
+
+impl Default for RegisterConfig {
+    fn default() -> Self {
+        Self {
+            cell_m: 0.1,
+            radius_m: 0.35,
+            distinct: 1000,
+            tolerance_m: 0.1,
+            groups: 8,
+            least_overlap: 0.25,
+            most_violation: 0.1,
+        }
+    }
+}
+
+/// Points, normals and features of a surface; made once, matched often.
+#[derive(Clone, Debug)]
+pub struct SurfaceFeatures {
+    surfels: Surfels,
+    fpfh: Vec<fpfh::Fpfh>,
+    distinct: Vec<u32>,
+    config: RegisterConfig,
+}
+
+impl SurfaceFeatures {
+    /// The features of a field's surface.
+    ///
+    /// # Errors
+    /// A configuration out of range.
+    pub fn new(volume: &TsdfVolume, config: &RegisterConfig) -> Result<Self, DenseError> {
+        config.check()?;
+        let surfels = surfels::surfels(volume, config.cell_m);
+        let fpfh = fpfh::features(&surfels, config.radius_m as f32);
+        let distinct = matches::distinct(&fpfh, config.distinct);
+        Ok(Self { surfels, fpfh, distinct, config: *config })
+    }
+
+    /// The configuration that they were made with.
+    pub fn config(&self) -> &RegisterConfig {
+        &self.config
+    }
+
+    /// Number of points.
+    pub fn points(&self) -> usize {
+        self.surfels.points.len()
+    }
+}
+
+impl RegisterConfig {
+    fn check(&self) -> Result<(), DenseError> {
+        let metres = (0.02..=1.0).contains(&self.cell_m)
+            && self.radius_m > self.cell_m
+            && self.radius_m <= 20.0 * self.cell_m
+            && self.tolerance_m > 0.0
+            && self.tolerance_m <= 1.0;
+        let counts = (10..=5000).contains(&self.distinct) && (1..=100).contains(&self.groups);
+        let shares = (0.0..=1.0).contains(&self.least_overlap) && (0.0..=1.0).contains(&self.most_violation);
+        if metres && counts && shares {
+            return Ok(());
+        }
+        Err(DenseError::Config(format!("registration: {self:?}")))
+    }
+}
+
+/// One of the two surfaces.
+#[derive(Clone, Copy)]
+pub struct Surface<'a> {
+    /// Its field.
+    pub tsdf: &'a TsdfVolume,
+    /// Its free space, in the same frame.
+    pub occupancy: &'a OccupancyGrid,
+    /// Its features.
+    pub features: &'a SurfaceFeatures,
+    /// The direction against gravity in that frame, where it is known: with both known, only yaw and translation are
+    /// looked for.
+    pub up: Option<Vec3>,
+}
+
+impl Surface<'_> {
+    /// Its direction up with unit length.
+    fn unit_up(&self) -> Result<Option<Vec3>, DenseError> {
+        let Some(up) = self.up else { return Ok(None) };
+        let unit = up.try_normalize(1e-6).filter(|u| u.iter().all(|v| v.is_finite()));
+        unit.map(Some)
+            .ok_or_else(|| DenseError::Config(format!("({}, {}, {}) is no direction", up.x, up.y, up.z)))
+    }
+}
+
+/// Whether a pose is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It is.
+    Accepted,
+    /// Too few matches of features agree on any pose.
+    NoAgreement,
+    /// Too little of the surfaces coincides.
+    LittleOverlap,
+    /// Too much lies where the other saw free space.
+    FreeSpaceViolated,
+    /// What coincides leaves a direction open, such as one bare wall.
+    Unconstrained,
+}
+
+/// Result of a registration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Registration {
+    /// The pose of the source in the target; means nothing for [`Verdict::NoAgreement`].
+    pub target_from_source: Se3,
+    /// Whether it is believed.
+    pub verdict: Verdict,
+    /// Reciprocal matches of features, and those that agree with the pose of the best group.
+    pub matches: [usize; 2],
+    /// Share of the points of the source on the target's surface, or the other way round, whichever is more.
+    pub overlap: f64,
+    /// Of the points that the other has looked at, the share in its free space.
+    pub violation: f64,
+    /// Root mean square distance of the source's points to the target's surface, in metres.
+    pub rms_m: f64,
+    /// Number of directions (of six) that what coincides leaves open.
+    pub open: usize,
+}
+
+impl Registration {
+    /// Whether the pose is believed.
+    pub fn accepted(&self) -> bool {
+        self.verdict == Verdict::Accepted
+    }
+}
+
+/// Looks for the pose of `source` in `target`, whatever it is.
+///
+/// # Errors
+/// A configuration out of range; a direction up that is not finite or has no length.
+pub fn register(
+    target: &Surface,
+    source: &Surface,
+    config: &RegisterConfig,
+) -> Result<Registration, DenseError> {
+    config.check()?;
+    let ups = target.unit_up()?.zip(source.unit_up()?).map(|(a, b)| [a, b]);
+    let matches = matches::reciprocal(target.features, source.features, ups);
+    let samplers = [Sampler::new(target.tsdf), Sampler::new(source.tsdf)];
+    let centre = refine::centre(source.features);
+    let search = Search { target, source, centre, samplers, ups, config };
+    let mut out = Registration {
+        target_from_source: Se3::identity(),
+        verdict: Verdict::NoAgreement,
+        matches: [matches.len(), 0],
+        overlap: 0.0,
+        violation: 0.0,
+        rms_m: f64::INFINITY,
+        open: 6,
+    };
+    let Some((pose, agree)) = search.best(&matches) else { return Ok(out) };
+    out.matches[1] = agree;
+    search.judge(&pose, &mut out);
+    Ok(out)
+}
+
+struct Search<'a> {
+    target: &'a Surface<'a>,
+    source: &'a Surface<'a>,
+    /// Of the source's points, which are moved relative to it.
+    centre: Vec3,
+    /// Of the target's and the source's field.
+    samplers: [Sampler<'a>; 2],
+    ups: Option<[Vec3; 2]>,
+    config: &'a RegisterConfig,
+}
+
+impl Search<'_> {
+    /// The pose of the group that the surfaces speak for most, near the surface, and the matches that agree with it.
+    fn best(&self, all: &[matches::Match]) -> Option<(Se3, usize)> {
+        let tolerance_m = self.config.tolerance_m;
+        let planes = refine::Planes::new(self.target.features, 2.0 * self.target.features.surfels.cell_m);
+        let few = refine::sampled(self.source.features, FEW, &self.centre);
+        let source_from_centred = Se3::new(So3::identity(), self.centre);
+        let mut best: Option<(i64, Se3, usize)> = None;
+        for group in matches::groups(all, self.ups, tolerance_m, self.config.groups) {
+            let group: Vec<matches::Match> = group.into_iter().map(|i| all[i]).collect();
+            let Some((pose, agree)) = fgr::align(&group, self.ups, tolerance_m) else { continue };
+            let start = pose * source_from_centred;
+            let pose = refine::to_planes(&planes, &few, &start, self.source_up(), 6);
+            let score = verify::look(self.target, &self.samplers[0], &few, &pose).score();
+            if best.as_ref().is_none_or(|b| score > b.0) {
+                best = Some((score, pose, agree));
+            }
+        }
+        let (_, pose, agree) = best?;
+        let many = refine::sampled(self.source.features, MANY, &self.centre);
+        Some((refine::to_planes(&planes, &many, &pose, self.source_up(), 12), agree))
+    }
+
+    fn source_up(&self) -> Option<&Vec3> {
+        self.ups.as_ref().map(|u| &u[1])
+    }
+
+    /// Refines a pose of the centred source and fills in the numbers.
+    fn judge(&self, pose: &Se3, out: &mut Registration) {
+        let points = refine::sampled(self.source.features, MANY, &self.centre);
+        let refined = refine::to_field(self.target.tsdf, &self.samplers[0], &points, pose, self.source_up());
+        let target_from_source = refined.pose * Se3::new(So3::identity(), -self.centre);
+        let back = target_from_source.inverse();
+        let there = verify::look(self.target, &self.samplers[0], &points, &refined.pose);
+        let others = refine::sampled(self.target.features, MANY, &Vec3::zeros());
+        let here = verify::look(self.source, &self.samplers[1], &others, &back);
+        let share = |a: usize, b: usize| a as f64 / b.max(1) as f64;
+        let (on, free) = (there.on + here.on, there.free + here.free);
+        out.target_from_source = target_from_source;
+        out.overlap = share(there.on, there.all).max(share(here.on, here.all));
+        out.violation = share(free, on + free);
+        out.rms_m = refined.rms_m;
+        out.open = refined.free.len();
+        out.verdict = if out.overlap < self.config.least_overlap {
+            Verdict::LittleOverlap
+        } else if out.violation > self.config.most_violation {
+            Verdict::FreeSpaceViolated
+        } else if out.open > 0 {
+            Verdict::Unconstrained
+        } else {
+            Verdict::Accepted
+        };
+    }
+}

@@ -1,0 +1,58 @@
+//! The inertial initialisation ([`cairn_inertial::initialise`]) of the last seconds of a chain of key frames: what it is
+//! given of the map.
+
+use crate::triangulation::median_depth;
+use cairn_adjust::ImuModel;
+use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
+use cairn_inertial::{Attempt, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose, initialise};
+use cairn_vision::RectifiedCamera;
+
+/// Standard deviation of a key frame's orientation in an adjusted map, as an angle in pixels; its position
+/// uncertainty is this angle at the median depth.
+const SEEN_PIXELS: f64 = 0.5;
+/// Relative standard deviation of the scale of cameras with depth.
+const DEPTH_SCALE_SIGMA: f64 = 0.003;
+/// Below this speed the camera counts as stationary, m/s.
+pub(crate) const STATIONARY_M_S: f64 = 0.05;
+
+/// Camera and IMU of the key frames.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CameraAndImu<'a> {
+    pub camera: &'a RectifiedCamera,
+    pub imu: &'a ImuModel,
+    /// Standard deviation of the offset between their clocks, seconds.
+    pub offset_sigma_s: f64,
+}
+
+impl CameraAndImu<'_> {
+    /// The initialisation with the key frames of the last `seconds` of a chain.
+    pub fn attempt(&self, snapshot: &Snapshot, chain: &[KeyFrameId], seconds: f64) -> Option<Attempt> {
+        let camera = self.camera;
+        let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
+        let last = frames.last()?.frame.stamp;
+        let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.frame.stamp <= seconds).collect();
+        let poses: Vec<SeenPose> = frames
+            .iter()
+            .map(|k| SeenPose { stamp: k.frame.stamp, world_from_camera: k.world_from_camera })
+            .collect();
+        let links: Option<Vec<Preintegrated>> = frames
+            .iter()
+            .skip(1)
+            .map(|k| Some((*k.motion.as_ref()?.imu_factor.as_ref()?.sum).clone()))
+            .collect();
+        let rotation_sigma = SEEN_PIXELS / camera.fx;
+        let position_sigma = rotation_sigma * median_depth(snapshot, frames.last()?)?;
+        let seen = Seen { poses: &poses, rotation_sigma, position_sigma };
+        let scale = match camera.has_depth() {
+            true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
+            false => Scale::Free,
+        };
+        // `initialise` raises the noise itself, starting from that of the data sheet.
+        let config = InitialiseConfig {
+            noise_times: 1.0,
+            offset_sigma_s: self.offset_sigma_s,
+            ..InitialiseConfig::default()
+        };
+        Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
+    }
+}

@@ -1,0 +1,216 @@
+//! The final pose of a frame from the local map, and whether it becomes a key frame.
+
+use super::{BRIDGE_S, Tracker};
+use crate::decide::{Situation, wants_key_frame};
+use crate::match_last::Matches;
+use crate::reckoning::Reckoned;
+use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, Last, State, Tracked, anchored_at};
+use cairn_adjust::Located;
+use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
+use cairn_geometry::{Manifold, Se3};
+use cairn_inertial::NavEstimate;
+use cairn_solve::PosePrior;
+use cairn_vision::Frame;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// Inlier matches needed where the IMU constrains the pose too.
+const MIN_INLIERS_WITH_IMU: usize = 15;
+
+/// A frame located in the local map.
+struct Found {
+    located: Located,
+    matches: Matches,
+    /// Landmarks that should be in view.
+    expected: Vec<LandmarkId>,
+    /// Matches before outliers were dropped.
+    matched: usize,
+    /// Inlier matches that were required.
+    need: usize,
+}
+
+impl Tracker {
+    /// Matches with the local map, optimises the pose and decides whether the frame becomes a key frame.
+    pub(super) fn finish(
+        &mut self,
+        frame: Arc<Frame>,
+        snapshot: &Snapshot,
+        guess: Se3,
+        matches: Matches,
+        predicted: Option<NavEstimate>,
+        idle: bool,
+    ) -> Tracked {
+        let Some(newest) = snapshot.newest_key_frame().map(|k| k.id) else { return self.lose(frame, 0) };
+        let last = self.last.as_ref();
+        let fallback =
+            last.and_then(|l| snapshot.surviving_ancestor(l.anchored.reference)).map_or(newest, |(id, _)| id);
+        let (prior, reckoned) = self.prior(snapshot, &guess, predicted.as_ref());
+        let found = self.in_local_map(&frame, snapshot, &guess, matches, prior.as_ref(), fallback);
+        let (world_from_camera, inliers) = (found.located.world_from_camera, found.located.inliers);
+        if inliers < found.need {
+            return self.miss(frame, snapshot, inliers, predicted, idle);
+        }
+        self.learn_readout(&frame, snapshot, &found.matches, &world_from_camera);
+        if reckoned.is_some_and(|r| !r.agrees(&world_from_camera)) {
+            return self.miss(frame, snapshot, inliers, predicted, idle);
+        }
+        let Some(anchored) = self.anchor_nearest(snapshot, fallback, world_from_camera) else {
+            return self.lose(frame, inliers);
+        };
+        self.tell_inertial(&frame, snapshot, &found.located, &anchored, prior.as_ref(), predicted.as_ref());
+        self.settle(&frame, snapshot, &found.matches, anchored);
+        let reference = self.local.reference.unwrap_or(fallback);
+        let request = self.request_key_frame(&frame, snapshot, &found, reference, anchored, idle);
+        let Found { matches, expected, matched, .. } = found;
+        let seen: BTreeSet<LandmarkId> = matches.landmarks.iter().flatten().copied().collect();
+        let evidence = Evidence { features: frame.len(), expected: expected.len(), matched, inliers };
+        let stamp = frame.stamp;
+        self.last = Some(Last { frame, landmarks: matches.landmarks, anchored });
+        self.reckoning.restart(true);
+        Tracked {
+            stamp,
+            state: State::Tracking,
+            pose: Some(anchored),
+            evidence,
+            request,
+            earlier: Vec::new(),
+            scale_supported: self.is_scale_supported(),
+            seen: expected.into_iter().map(|id| (id, seen.contains(&id))).collect(),
+        }
+    }
+
+    /// What is known of the pose without the matches: from the IMU, else from a measured motion, else that a camera that
+    /// turns on the spot keeps its position; with the measured motion.
+    fn prior(
+        &self,
+        snapshot: &Snapshot,
+        guess: &Se3,
+        predicted: Option<&NavEstimate>,
+    ) -> (Option<PosePrior>, Option<Reckoned>) {
+        let prior = predicted.and_then(|b| {
+            Some(PosePrior { world_from_camera: b.world_from_camera, information: b.pose_information()? })
+        });
+        let reckoned = self.reckoned().filter(|r| prior.is_none() && r.may_coast());
+        let prior = prior.or(reckoned.map(|r| r.prior()));
+        (prior.or_else(|| self.parallax.position_prior(snapshot, guess)), reckoned)
+    }
+
+    /// Locates a frame in the local map around its matches, twice where the guess was poor.
+    fn in_local_map(
+        &mut self,
+        frame: &Frame,
+        snapshot: &Snapshot,
+        guess: &Se3,
+        mut matches: Matches,
+        prior: Option<&PosePrior>,
+        fallback: KeyFrameId,
+    ) -> Found {
+        matches.extra.clear();
+        self.local.gather(snapshot, &matches, fallback, self.config.local_key_frames);
+        let factor = match self.since_recovery {
+            0..=2 => 5.0,
+            _ if matches.count() == 0 => 5.0,
+            _ => 1.0,
+        };
+        let mut expected = self.local.search(snapshot, &self.camera, frame, guess, factor, &mut matches);
+        let mut matched = matches.count();
+        let mut located = self.locate_from(snapshot, frame, guess, prior, &mut matches);
+        // Few of the expected landmarks were found: the guess was poor. Search again from the better pose.
+        if located.inliers * 3 < expected.len() {
+            let better = located.world_from_camera;
+            expected = self.local.search(snapshot, &self.camera, frame, &better, 1.0, &mut matches);
+            matched = matches.count();
+            located = self.locate_from(snapshot, frame, &better, prior, &mut matches);
+        }
+        let need = match (prior, self.since_recovery < 30) {
+            // The prior constrains the pose too: from the IMU, or that the camera turns on the spot.
+            (Some(_), _) => self.need(frame).min(MIN_INLIERS_WITH_IMU),
+            (None, true) => self.config.min_inliers * 3 / 2,
+            (None, false) => self.need(frame),
+        };
+        Found { located, matches, expected, matched, need }
+    }
+
+    /// Gives the pose to the inertial filter.
+    fn tell_inertial(
+        &mut self,
+        frame: &Frame,
+        snapshot: &Snapshot,
+        located: &Located,
+        anchored: &AnchoredPose,
+        prior: Option<&PosePrior>,
+        predicted: Option<&NavEstimate>,
+    ) {
+        let Some(inertial) = &mut self.inertial else { return };
+        if inertial.wants_rotations(frame.stamp) {
+            // The IMU prior is part of the pose; the time offset must be estimated from vision alone.
+            let alone = prior.and_then(|p| without_prior(located, p)).unwrap_or(anchored.world_from_camera);
+            inertial.add_rotation(frame.stamp, alone.rotation);
+        }
+        inertial.update(snapshot, frame.stamp, anchored, predicted, &located.information);
+    }
+
+    /// Takes over the pose: velocity, walking speed, unit of length.
+    fn settle(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot, matches: &Matches, anchored: AnchoredPose) {
+        let world_from_camera = &anchored.world_from_camera;
+        self.velocity = match &self.last {
+            Some(last) if self.recent(frame, BRIDGE_S) && frame.stamp > last.frame.stamp => Some(
+                last.anchored.world_from_camera.local(world_from_camera) / (frame.stamp - last.frame.stamp),
+            ),
+            _ => None,
+        };
+        if let Some(v) = self.velocity.filter(|_| !self.scale_support.is_lost()) {
+            self.pace.push(v.fixed_rows::<3>(0).norm());
+        }
+        self.unit = snapshot.world_from_here(anchored.reference).map(|here| (anchored.reference, here.scale));
+        self.watch_scale(frame, snapshot, matches, anchored);
+        self.lost = false;
+        self.lost_frames = 0;
+        self.located = Some(frame.stamp);
+    }
+
+    /// Asks for a key frame where one is due.
+    fn request_key_frame(
+        &mut self,
+        frame: &Arc<Frame>,
+        snapshot: &Snapshot,
+        found: &Found,
+        reference: KeyFrameId,
+        anchored: AnchoredPose,
+        idle: bool,
+    ) -> Option<KeyFrameRequest> {
+        let situation = Situation {
+            snapshot,
+            camera: &self.camera,
+            frame,
+            matches: &found.matches,
+            inliers: found.located.inliers,
+            need: found.need,
+            reference,
+            rotated_rad: anchored.reference_from_camera.rotation.angle(),
+            since: self.since_key_frame,
+            stationary: self.inertial.as_ref().is_some_and(|i| i.is_stationary(frame.stamp)),
+            since_s: self.inertial.as_ref().and_then(|i| i.seconds_since_request(frame.stamp)),
+            idle,
+        };
+        if !wants_key_frame(&situation, self.rate_hz, self.config.min_key_frame_gap) {
+            return None;
+        }
+        self.since_key_frame = 0;
+        Some(KeyFrameRequest::Next {
+            frame: frame.clone(),
+            landmarks: found.matches.landmarks.clone(),
+            anchored: anchored_at(snapshot, reference, anchored.world_from_camera).unwrap_or(anchored),
+            imu: self.inertial.as_mut().map(|i| i.take_segment(frame.stamp)),
+            orientation_only: self.scale_support.is_lost() || self.parallax.is_turning(),
+            rescale: self.due_rescale(snapshot, reference),
+        })
+    }
+}
+
+/// The pose without the prior: at the solution the gradients of the prior and of the observations cancel.
+fn without_prior(located: &Located, prior: &PosePrior) -> Option<Se3> {
+    let gradient = prior.information * prior.world_from_camera.local(&located.world_from_camera);
+    let own = (located.information - prior.information).cholesky()?;
+    Some(located.world_from_camera.retract(&own.solve(&gradient)))
+}
