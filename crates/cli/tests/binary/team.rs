@@ -79,7 +79,8 @@ fn two_robots_share_their_maps_and_come_to_the_same_file() {
         assert!(walked.status.success(), "{}", stderr(&walked));
         let arguments = ["team", "join", &own, "--robot", &robot, "--team", "test", "--out", &out];
         let mut join = Command::new(env!("CARGO_BIN_EXE_cairn"));
-        join.args(arguments).args(["--listen", &address[n - 1], "--peer", &address[2 - n]]);
+        // Two houses: the robots want each other's maps only because they want all.
+        join.args(arguments).args(["--all", "--listen", &address[n - 1], "--peer", &address[2 - n]]);
         join.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null());
         running.push(Running(join.spawn().expect("the binary starts")));
     }
@@ -94,7 +95,7 @@ fn two_robots_share_their_maps_and_come_to_the_same_file() {
         };
         let made = |s: &Value| s["atlas"]["digest"] == s["digest"];
         if a["digest"] == b["digest"] && a["maps"].as_array().unwrap().len() == 2 && made(&a) && made(&b) {
-            // Two houses: nothing is joined, and that is said.
+            // Nothing is joined, and that is said.
             assert_eq!(a["atlas"]["maps"].as_array().unwrap().len(), 2, "{a}");
             assert_eq!(a["refused"], 0);
             break;
@@ -120,7 +121,7 @@ fn a_run_shares_its_map_while_it_walks() {
     let (base, walker) = (free(), free());
     let mut join = Command::new(env!("CARGO_BIN_EXE_cairn"));
     join.args(["team", "join", &path("none.map"), "--robot", "9", "--team", "t", "--out", &path("base.map")]);
-    join.args(["--listen", &base, "--for", "40"]);
+    join.args(["--all", "--listen", &base, "--for", "40"]);
     join.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null());
     let base_station = Running(join.spawn().expect("the binary starts"));
     let world = "sim:demo?seed=3&sensor=rgbd&resolution=320x240&rate=10&detail=0.5&duration=6";
