@@ -59,15 +59,16 @@ fn errors(rig: &Rig, path: &Path, config: FrontEndConfig, apart: usize) -> [f64;
 #[test]
 fn kitchen_pose_errors() {
     let Some(path) = folder("7scenes-kitchen") else { return };
-    for (name, registered) in
-        [("one camera, as published", true), ("two cameras, depth searched along rays", false)]
+    // So many features have a depth at least, a tenth below today's: those beside an outline have none.
+    for (name, registered, least) in
+        [("one camera, as published", true, 640.0), ("two cameras, depth searched along rays", false, 470.0)]
     {
         for (apart, worst) in [(5, [1.2, 0.5]), (15, [3.0, 1.3])] {
             let [cm, deg, n] = errors(&kitchen_rig(registered), &path, FrontEndConfig::default(), apart);
             println!(
                 "{name}, {apart} frames apart: {cm:.2} cm, {deg:.2} deg (medians), {n:.0} points with depth"
             );
-            assert!(cm < worst[0] && deg < worst[1] && n > 600.0);
+            assert!(cm < worst[0] && deg < worst[1] && n > least);
         }
     }
 }
