@@ -17,6 +17,7 @@ pub mod processor;
 pub mod recordings;
 pub mod revisit;
 pub mod store;
+pub mod street;
 pub mod visual_inertial;
 pub mod walks;
 

@@ -6,7 +6,7 @@ use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
     MeasureOptions, Sensor, accuracy, busy, dense, depth_scale, graphs, halves, inertial, live, long,
-    measure, places, revisit, store, visual_inertial, walks,
+    measure, places, revisit, store, street, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -166,6 +166,25 @@ enum Command {
         /// The sensor.
         #[arg(long, default_value = "stereo")]
         sensor: Sensor,
+    },
+    /// A large map: a street of kilometres, walked on generated frames through the real stages. Each figure beside its
+    /// goal.
+    Street {
+        /// Length, metres.
+        #[arg(long, default_value_t = 5110)]
+        metres: usize,
+        /// Features per frame, at most.
+        #[arg(long, default_value_t = 1000)]
+        features: usize,
+        /// Repetitions of saving and opening.
+        #[arg(long, default_value_t = 3)]
+        times: usize,
+        /// Folder to save in; default the system's temporary folder.
+        #[arg(long)]
+        folder: Option<PathBuf>,
+        /// Writes all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
     },
     /// Saves and opens a large map: seconds, and bytes by kind of part.
     Store {
@@ -445,6 +464,12 @@ fn run(command: Command) -> Result<(), String> {
             let stored = store::run(&folder, key_frames, features, times)?;
             print!("{}", store::table(&stored));
             json.map_or(Ok(()), |path| save(path, &text(&stored)?))
+        }
+        Command::Street { metres, features, times, folder, json } => {
+            let folder = folder.unwrap_or_else(std::env::temp_dir);
+            let figures = street::run(&folder, metres, features, times)?;
+            print!("{}", street::table(&figures));
+            json.map_or(Ok(()), |path| save(path, &text(&figures)?))
         }
         Command::Dense { data, only, json } => {
             let rows = dense::run(&data.unwrap_or_else(data_folder), &only)?;

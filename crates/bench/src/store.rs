@@ -160,7 +160,11 @@ pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> R
     measured
 }
 
-fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> {
+/// Saves and opens a map `times` times.
+///
+/// # Errors
+/// As [`run`].
+pub fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> {
     let map = &file.snapshot;
     let mut stored = Stored {
         key_frames: map.key_frame_count(),
