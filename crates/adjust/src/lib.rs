@@ -12,5 +12,5 @@ pub use camera::{depth, pinhole, pixel, weight};
 pub use imu::ImuModel;
 pub use locate::{Located, locate};
 pub use parallax::has_parallax;
-pub use recognise::{MatchFailure, RecogniseConfig, Recognised, recognise};
+pub use recognise::{MatchFailure, RecogniseConfig, Recognised, View, recognise};
 pub use window::{Window, WindowConfig, WindowResult};

@@ -6,7 +6,7 @@
 //! pose-only adjustment; the same landmarks and their neighbours' projected and searched for; adjustment again.
 
 use crate::locate;
-use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
+use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{
     DescriptorQuery, Frame, PnpConfig, RectifiedCamera, Target, match_descriptors, pnp_ransac, search,
@@ -116,6 +116,29 @@ impl fmt::Display for MatchFailure {
 
 impl std::error::Error for MatchFailure {}
 
+/// A frame with the camera that it was taken with.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// The frame.
+    pub frame: &'a Frame,
+    /// Its camera.
+    pub camera: &'a RectifiedCamera,
+    /// Focal length of its camera over that of the atlas's.
+    pub focal_ratio: f64,
+}
+
+impl<'a> View<'a> {
+    /// A frame of the atlas's camera.
+    pub fn new(camera: &'a RectifiedCamera, frame: &'a Frame) -> Self {
+        Self { frame, camera, focal_ratio: 1.0 }
+    }
+
+    /// That of a key frame, where `atlas` is the camera of the atlas.
+    pub fn of(atlas: &'a RectifiedCamera, k: &'a KeyFrame) -> Self {
+        Self { frame: &k.frame, camera: k.camera(atlas), focal_ratio: k.focal_ratio() }
+    }
+}
+
 /// Tests whether a frame shows the place around the key frame `old`. Landmarks in `known` are left out. The same `seed`
 /// gives the same result.
 ///
@@ -123,13 +146,13 @@ impl std::error::Error for MatchFailure {}
 /// [`MatchFailure`] with the stage that failed and its numbers.
 pub fn recognise(
     snapshot: &Snapshot,
-    camera: &RectifiedCamera,
-    frame: &Frame,
+    view: &View,
     old: KeyFrameId,
     known: &BTreeSet<LandmarkId>,
     config: &RecogniseConfig,
     seed: u64,
 ) -> Result<Recognised, MatchFailure> {
+    let View { frame, camera, .. } = *view;
     let near = landmarks_around(snapshot, old, COMPARED, known);
     let mut landmarks = matching(snapshot, frame, &near);
     let have = landmarks.iter().flatten().count();
@@ -147,7 +170,7 @@ pub fn recognise(
     let wide = landmarks_around(snapshot, old, PROJECTED, known);
     let (mut of, mut inliers, mut expected) = (0, 0, 0);
     for radius in [8.0, 4.0] {
-        expected = project(snapshot, camera, frame, &wide, &pose, radius, &mut landmarks);
+        expected = project(snapshot, view, &wide, &pose, radius, &mut landmarks);
         of = landmarks.iter().flatten().count();
         let found = locate(snapshot, camera, frame, &pose, &landmarks, &[], None);
         found.outliers.iter().for_each(|i| landmarks[*i] = None);
@@ -221,13 +244,13 @@ fn pose_from_points(
 /// Adds the landmarks found near their projections; returns how many are expected in view.
 fn project(
     snapshot: &Snapshot,
-    camera: &RectifiedCamera,
-    frame: &Frame,
+    view: &View,
     landmarks: &[LandmarkId],
     world_from_camera: &Se3,
     radius: f64,
     matches: &mut [Option<LandmarkId>],
 ) -> usize {
+    let View { frame, camera, focal_ratio } = *view;
     let mut expected = 0;
     let mut taken: BTreeSet<LandmarkId> = matches.iter().flatten().copied().collect();
     let (octaves, camera_from_world) = (snapshot.octaves(), world_from_camera.inverse());
@@ -235,7 +258,8 @@ fn project(
         let q = camera_from_world * l.position;
         let Some([u, v, right]) = camera.project(&q) else { continue };
         let distance = q.norm();
-        if !camera.contains(u, v) || distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
+        let [nearest, farthest] = [l.min_distance, l.max_distance].map(|d| d * focal_ratio);
+        if !camera.contains(u, v) || distance < 0.8 * nearest || distance > 1.2 * farthest {
             continue;
         }
         if (l.position - world_from_camera.translation).dot(&l.normal) < 0.5 * distance {
@@ -245,7 +269,7 @@ fn project(
         if taken.contains(&l.id) {
             continue;
         }
-        let level = octaves.predict(l.max_distance, distance);
+        let level = octaves.predict(farthest, distance);
         let target = Target {
             pixel: [u as f32, v as f32],
             right_x: if camera.has_depth() { right as f32 } else { f32::NAN },

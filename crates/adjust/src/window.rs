@@ -181,7 +181,9 @@ impl Window {
 
     /// Solves the window: robustly, then without the outliers. `stop` is asked before each step.
     pub fn solve(mut self, config: &WindowConfig, mut stop: impl FnMut() -> bool) -> WindowResult {
-        self.bundle.right_offset.sigma = config.right_offset_sigma;
+        // Of several rigs each has an error of its own: that which was found stays.
+        let several = self.bundle.own_cameras.iter().any(Option::is_some);
+        self.bundle.right_offset.sigma = if several { 0.0 } else { config.right_offset_sigma };
         let [before, after] = config.iterations;
         let mut report = self.minimise(config, before, &mut stop);
         if after > 0 && !stop() {
@@ -271,8 +273,15 @@ fn bundle(
         held: offset == 0.0,
         ..RightOffset::default()
     };
+    let own = |id: &KeyFrameId| {
+        let k = snapshot.key_frame(*id)?;
+        k.other_camera.as_ref().map(|other| pinhole(&other.camera))
+    };
+    let mixed = snapshot.other_cameras().next().is_some();
+    let own_cameras = if mixed { subproblem.key_frames.iter().map(own).collect() } else { Vec::new() };
     Bundle {
         camera: pinhole(camera),
+        own_cameras,
         poses: take(&mut subproblem.poses),
         freedom,
         points: take(&mut subproblem.points),

@@ -459,7 +459,7 @@ impl Snapshot {
         let first = l.observations.first()?;
         let k = self.key_frame(first.key_frame)?;
         let range = (l.position - k.world_from_camera.translation).norm();
-        let max = range * self.octaves.scale(k.frame.octave[first.feature as usize]);
+        let max = range * self.octaves.scale(k.frame.octave[first.feature as usize]) / k.focal_ratio();
         let min = max / self.octaves.scale((self.octaves.levels - 1) as u8);
         Some((normal.try_normalize(1e-12).unwrap_or_else(Vec3::zeros), min, max))
     }

@@ -40,7 +40,7 @@ impl Shift {
 impl Snapshot {
     /// This snapshot with all maps of another added, unaligned: what the other holds keeps its order and gets
     /// ids after those of this one; names stay, except of a robot that both have. The disparity correction stays that
-    /// of this snapshot.
+    /// of this snapshot, and so does the camera of the atlas: the other one must be in an atlas of that camera, too.
     ///
     /// # Errors
     ///
@@ -110,6 +110,12 @@ impl Snapshot {
         let gravity_alignments = Arc::make_mut(&mut snapshot.gravity_alignments);
         for (map, times) in other.gravity_alignments.iter() {
             gravity_alignments.insert(shift.map(*map)?, *times);
+        }
+        let cameras = Arc::make_mut(&mut snapshot.other_cameras);
+        for camera in other.other_cameras.iter() {
+            if !cameras.contains(camera) {
+                cameras.push(camera.clone());
+            }
         }
         Some(snapshot)
     }

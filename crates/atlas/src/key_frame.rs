@@ -1,6 +1,6 @@
 //! Key frames.
 
-use crate::{InertialState, KeyFrameId, LandmarkId, MapId};
+use crate::{InertialState, KeyFrameId, LandmarkId, MapId, OtherCamera};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Frame;
 use cairn_vision::bow::BagOfWords;
@@ -30,6 +30,8 @@ pub struct KeyFrame {
     pub links: Vec<KeyFrameId>,
     /// Its inertial state, where there is an IMU.
     pub motion: Option<InertialState>,
+    /// The camera that made it, where that is not the atlas's.
+    pub other_camera: Option<Arc<OtherCamera>>,
     /// Covisible key frames with the number of shared landmarks, most first (derived by the map).
     pub covisible: Vec<(KeyFrameId, u32)>,
 }
@@ -54,6 +56,7 @@ impl KeyFrame {
             parent,
             links: Vec::new(),
             motion: None,
+            other_camera: None,
             covisible: Vec::new(),
         }
     }

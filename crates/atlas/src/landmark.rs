@@ -27,8 +27,8 @@ pub struct Landmark {
     pub normal: Vec3,
     /// The observed descriptor with the least median Hamming distance to the others.
     pub descriptor: Descriptor,
-    /// Smallest distance in map units at which the feature detector would still find it, at its coarsest
-    /// level.
+    /// Smallest distance in map units at which the feature detector would still find it with the atlas's camera, at its
+    /// coarsest level.
     pub min_distance: f64,
     /// Greatest distance at which it would be found, at the finest level.
     pub max_distance: f64,

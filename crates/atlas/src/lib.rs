@@ -6,6 +6,7 @@
 mod apply;
 mod arena;
 mod atlas;
+mod cameras;
 mod change;
 mod combine;
 mod ids;
@@ -24,6 +25,7 @@ pub mod store;
 mod stream;
 
 pub use atlas::{Atlas, Reader};
+pub use cameras::OtherCamera;
 pub use change::{Applied, Change, ChangeSet};
 pub use combine::Shift;
 pub use ids::{KeyFrameId, LandmarkId};

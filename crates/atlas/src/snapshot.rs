@@ -2,9 +2,9 @@
 
 use crate::arena::Arena;
 use crate::names::Names;
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, PlaceIndex};
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, OtherCamera, PlaceIndex};
 use cairn_geometry::{Se3, Sim3};
-use cairn_vision::{Octaves, RectifiedCamera};
+use cairn_vision::Octaves;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -24,6 +24,7 @@ pub struct Snapshot {
     pub(crate) rescalings: Arc<BTreeMap<MapId, u32>>,
     pub(crate) places: PlaceIndex,
     pub(crate) names: Arc<Names>,
+    pub(crate) other_cameras: Arc<Vec<Arc<OtherCamera>>>,
     pub(crate) right_offset: f64,
     pub(crate) imu_offset: f64,
     pub(crate) next_key_frame: usize,
@@ -55,6 +56,7 @@ impl Snapshot {
             rescalings: Arc::default(),
             places: PlaceIndex::default(),
             names: Arc::default(),
+            other_cameras: Arc::default(),
             right_offset: 0.0,
             imu_offset: 0.0,
             next_key_frame: 0,
@@ -117,16 +119,6 @@ impl Snapshot {
     /// Whether a map is gravity-aligned by the IMU: its lengths are metres and its z axis points up.
     pub fn is_gravity_aligned(&self, map: MapId) -> bool {
         self.gravity_alignments.contains_key(&map)
-    }
-
-    /// Whether lengths in one map are metres.
-    pub fn is_metric_in(&self, map: MapId, camera: &RectifiedCamera) -> bool {
-        camera.has_depth() || self.is_gravity_aligned(map)
-    }
-
-    /// Whether lengths in all maps are metres: the camera has depth, or every map is gravity-aligned.
-    pub fn is_metric(&self, camera: &RectifiedCamera) -> bool {
-        camera.has_depth() || self.is_gravity_aligned_throughout()
     }
 
     /// Whether there are maps, and every one is gravity-aligned.

@@ -62,7 +62,9 @@ impl Map {
     /// The key frames of a map in order of creation, with the pose of the body.
     pub fn key_frames(&self, map: MapId) -> impl Iterator<Item = (&KeyFrame, Pose<World, Body>)> {
         let metric = self.is_metric(map);
-        let body = move |k: &KeyFrame| Pose::new(self.camera.world_from_body(&k.world_from_camera, metric));
+        let body = move |k: &KeyFrame| {
+            Pose::new(k.camera(&self.camera).world_from_body(&k.world_from_camera, metric))
+        };
         self.snapshot.key_frames_of(map).map(move |k| (k, body(k)))
     }
 

@@ -6,6 +6,7 @@ use cairn_atlas::{Atlas, MapId, Shift};
 use cairn_engine::Config;
 use cairn_guide::{Route, RouteError};
 use cairn_mapping::{Closer, MapJoin};
+use cairn_vision::SensorMode;
 use std::collections::BTreeMap;
 
 /// Largest difference of the disparity corrections of two stereo maps that needs no note, pixels.
@@ -17,7 +18,7 @@ pub enum MergeError {
     /// There is none.
     #[error("there is no map to merge")]
     Empty,
-    /// One was made with another camera or other sensors than the first, or there are not enough ids.
+    /// Its features cannot be compared with those of the first, or there are not enough ids.
     #[error("{name}: does not fit the first map: {why}")]
     Unfit {
         /// Which, as it was given.
@@ -78,7 +79,9 @@ pub struct MergedMaps {
     pub notes: Vec<String>,
 }
 
-/// Puts saved maps of the same camera into one, and joins those that show the same places ([`Closer::join_maps`]). Every
+/// Puts saved maps into one, and joins those that show the same places ([`Closer::join_maps`]). They may be of different
+/// cameras and sensors: the atlas has the camera of the first that measures depth, if any does, and key frames of others carry
+/// theirs ([`cairn_atlas::OtherCamera`]). Every
 /// key frame keeps its name (robot and number), and so every recorded route stays anchored to the key frames that it was
 /// recorded with and moves with them. Where two files have key frames of one name, as of the same robot that began twice
 /// from nothing, the robot of the later file gets another number, in its attached routes too, and a note says so. Maps in which no place is recognised
@@ -87,6 +90,9 @@ pub struct MergedMaps {
 /// # Errors
 /// [`MergeError`] when a map does not fit the first one, or one of its routes is damaged.
 pub fn merge_maps(files: Vec<(String, MapFile)>, config: &Config) -> Result<MergedMaps, MergeError> {
+    let mut files = files;
+    // Maps that measure depth come first: those whose lengths are not metres are scaled to them.
+    files.sort_by_key(|(_, file)| !file.about.camera.has_depth());
     let mut files = files.into_iter();
     let (name, first) = files.next().ok_or(MergeError::Empty)?;
     let own = |name: &str, id: MapId| MapOfFile { name: name.to_owned(), root: id.root().index() };
@@ -108,12 +114,8 @@ pub fn merge_maps(files: Vec<(String, MapFile)>, config: &Config) -> Result<Merg
 impl MergedMaps {
     /// Puts another file beside what is there.
     fn add(&mut self, name: &str, other: MapFile) -> Result<Shift, MergeError> {
-        let mut other = other.with_depth_weighed_for(&self.file.about.camera).into_owned();
         let unfit = |why: String| MergeError::Unfit { name: name.to_owned(), why };
-        let (a, b) = (&other.about, &self.file.about);
-        let octaves = (other.snapshot.octaves(), self.file.snapshot.octaves());
-        let fits = b.fits(octaves.1, a.sensor, &a.camera, octaves.0).map_err(unfit)?;
-        self.notes.extend(fits.into_iter().map(|note| format!("{name}: {note}")));
+        let mut other = self.fitted(name, other).map_err(unfit)?;
         let (kept, left) = (self.file.snapshot.right_offset(), other.snapshot.right_offset());
         if (kept - left).abs() > RIGHT_OFFSET_PX {
             self.notes.push(format!(
@@ -149,6 +151,26 @@ impl MergedMaps {
             self.file.attached.insert(free, bytes);
         }
         Ok(shift)
+    }
+
+    /// A file as it can be put beside what is there: as it is where its camera is that of the atlas, else with key frames that
+    /// carry their camera.
+    fn fitted(&mut self, name: &str, other: MapFile) -> Result<MapFile, String> {
+        let b = &self.file.about;
+        let weighed = match (b.sensor, other.about.sensor) {
+            (SensorMode::Rgbd, SensorMode::Rgbd) => other.with_depth_weighed_for(&b.camera).into_owned(),
+            _ => other.clone(),
+        };
+        let a = &weighed.about;
+        let octaves = (weighed.snapshot.octaves(), self.file.snapshot.octaves());
+        let alone = weighed.snapshot.other_cameras().next().is_none();
+        match b.fits(octaves.1, a.sensor, &a.camera, octaves.0) {
+            Ok(notes) if alone => {
+                self.notes.extend(notes.into_iter().map(|note| format!("{name}: {note}")));
+                Ok(weighed)
+            }
+            _ => other.in_atlas_of(&self.file),
+        }
     }
 
     /// Tries every two maps, until no more of them become one.

@@ -18,8 +18,8 @@ pub struct SharedAtlas {
 /// Puts the maps of the robots of a team into one atlas. The same maps always give the same atlas, so that robots which
 /// have the same maps need not exchange what came of them. `None` when no map can be used.
 ///
-/// Left out are maps that are damaged, of another camera than that of the lowest robot, or that hold key frames of
-/// another robot than the one that published them.
+/// Robots may have different cameras. Left out are maps that are damaged, or that hold key frames of another robot than the one
+/// that published them.
 pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Option<SharedAtlas> {
     let mut left_out = BTreeMap::new();
     let mut files: BTreeMap<RobotId, MapFile> = BTreeMap::new();

@@ -34,6 +34,10 @@ impl Engine {
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
+        if file.snapshot.other_cameras().next().is_some() {
+            let why = "its key frames were made with several cameras, and a run continues maps of its own camera only";
+            return Err(OpenMapError::Camera(why.into()));
+        }
         let file = file.with_depth_weighed_for(front_end.model());
         let notes = file
             .about

@@ -95,6 +95,7 @@ fn map(course: &Course, baseline_fx: f64) -> Map {
         (0..key_frames).map(|k| course.world_from_imu(k as f64 * STEP_S) * imu_from_camera()).collect();
     let mut bundle = Bundle {
         camera,
+        own_cameras: Vec::new(),
         poses: truth.clone(),
         freedom: vec![Freedom::Free; key_frames],
         points: Vec::new(),

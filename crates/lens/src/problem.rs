@@ -57,7 +57,7 @@ impl LensProblem {
         let links = links.collect();
         let camera = pinhole(camera);
         let bundle =
-            Bundle { camera, poses, freedom, points, observations, right_offset: RightOffset::default() };
+            Bundle { camera, own_cameras: Vec::new(), poses, freedom, points, observations, right_offset: RightOffset::default() };
         Some(Self { bundle, links })
     }
 }

@@ -190,6 +190,7 @@ mod tests {
         freedom[0] = Freedom::Fixed;
         let bundle = Bundle {
             camera: guess,
+            own_cameras: Vec::new(),
             poses: truth,
             freedom,
             points,

@@ -28,7 +28,7 @@ pub(crate) fn around(snapshot: &Snapshot, centre: KeyFrameId, neighbours: usize)
     near
 }
 
-/// The fusions and observations that result when `landmarks` are searched in a key frame.
+/// The fusions and observations that result when `landmarks` are searched in a key frame; `camera` is that of the atlas.
 pub(crate) fn fuse_into(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -36,6 +36,7 @@ pub(crate) fn fuse_into(
     target: &KeyFrame,
 ) -> Vec<Change> {
     let octaves = snapshot.octaves();
+    let (camera, focal_ratio) = (target.camera(camera), target.focal_ratio());
     let camera_from_world = target.world_from_camera.inverse();
     let rotation = camera_from_world.rotation.matrix();
     let mut changes = Vec::new();
@@ -48,13 +49,14 @@ pub(crate) fn fuse_into(
         let q = rotation * l.position + camera_from_world.translation;
         let Some([u, v, right]) = camera.project(&q) else { continue };
         let distance = q.norm();
-        if !camera.contains(u, v) || distance < 0.8 * l.min_distance || distance > 1.2 * l.max_distance {
+        let [nearest, farthest] = [l.min_distance, l.max_distance].map(|d| d * focal_ratio);
+        if !camera.contains(u, v) || distance < 0.8 * nearest || distance > 1.2 * farthest {
             continue;
         }
         if (l.position - target.world_from_camera.translation).dot(&l.normal) < 0.5 * distance {
             continue;
         }
-        let level = octaves.predict(l.max_distance, distance);
+        let level = octaves.predict(farthest, distance);
         let aim = Target {
             pixel: [u as f32, v as f32],
             right_x: f32::NAN,

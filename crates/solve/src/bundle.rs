@@ -43,8 +43,10 @@ const HEADING: f64 = 1e12;
 /// The problem and, after [`Bundle::solve`], its solution.
 #[derive(Clone, Debug)]
 pub struct Bundle {
-    /// The camera of all poses.
+    /// The camera of all poses that have none of their own.
     pub camera: Pinhole,
+    /// The own camera of each pose; empty where none has one.
+    pub own_cameras: Vec<Option<Pinhole>>,
     /// `world_from_camera` of each pose.
     pub poses: Vec<Se3>,
     /// How far each pose may move.
@@ -95,10 +97,16 @@ impl Default for BundleConfig {
 }
 
 impl Bundle {
+    /// The camera of a pose.
+    #[inline(always)]
+    fn camera_of(&self, pose: u32) -> &Pinhole {
+        self.own_cameras.get(pose as usize).and_then(Option::as_ref).unwrap_or(&self.camera)
+    }
+
     /// Squared whitened residual of an observation; infinite behind the camera.
     pub fn chi2(&self, o: &Observation) -> f64 {
         let q = View::new(&self.poses[o.pose as usize]).to_camera(&self.points[o.point as usize]);
-        match self.camera.residual(&q, &shifted(&o.pixel, self.right_offset.value)) {
+        match self.camera_of(o.pose).residual(&q, &shifted(&o.pixel, self.right_offset.value)) {
             Some(r) => (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight,
             None => f64::INFINITY,
         }
@@ -202,7 +210,9 @@ impl Bundle {
         let mut cost = 0.5 * self.offset_information() * (offset - self.right_offset.prior).powi(2);
         for o in self.observations.iter().filter(|o| o.weight > 0.0) {
             let q = views[o.pose as usize].to_camera(&points[o.point as usize]);
-            let Some(r) = self.camera.residual(&q, &shifted(&o.pixel, offset)) else { return f64::INFINITY };
+            let Some(r) = self.camera_of(o.pose).residual(&q, &shifted(&o.pixel, offset)) else {
+                return f64::INFINITY;
+            };
             let chi2 = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight;
             cost += 0.5 * if robust { huber(chi2, Self::bound(o)).0 } else { chi2 };
         }
@@ -230,8 +240,9 @@ impl Bundle {
             if o.weight <= 0.0 {
                 continue;
             }
+            let camera = self.own_cameras.get(o.pose as usize).and_then(Option::as_ref).unwrap_or(&self.camera);
             let (view, point) = (&views[o.pose as usize], o.point as usize);
-            let Some(seen) = Seen::of(&self.camera, view, &self.points[point], o, offset, robust) else {
+            let Some(seen) = Seen::of(camera, view, &self.points[point], o, offset, robust) else {
                 // An observation of a point behind the camera cannot be fitted: it is left out.
                 o.weight = 0.0;
                 continue;
@@ -267,7 +278,7 @@ impl Bundle {
         move |k| {
             let o = &self.observations[k];
             let (view, point) = (&views[o.pose as usize], &self.points[o.point as usize]);
-            let seen = (o.weight > 0.0).then(|| Seen::of(&self.camera, view, point, o, offset, robust));
+            let seen = (o.weight > 0.0).then(|| Seen::of(self.camera_of(o.pose), view, point, o, offset, robust));
             seen.flatten().map_or_else(SMatrix::zeros, |seen| {
                 let weighted = seen.by_pose() * seen.weight;
                 weighted * seen.by_point().transpose()

@@ -98,37 +98,46 @@ impl About {
 
     pub(super) fn encode(&self, e: &mut Encoder) {
         e.text(&self.program);
-        e.u8(match self.sensor {
-            SensorMode::Mono => 0,
-            SensorMode::Stereo => 1,
-            SensorMode::Rgbd => 2,
-        });
-        let m = &self.camera;
-        e.f64s(&[m.fx, m.fy, m.cx, m.cy, m.baseline_fx, m.close_depth]);
-        e.f64s(&m.bounds);
-        e.f64s(&numbers(&m.body_from_camera));
+        encode_camera(e, self.sensor, &self.camera);
     }
 
     pub(super) fn decode(d: &mut Decoder) -> Result<Self, StoreError> {
         let program = d.text()?;
-        let sensor = match d.u8()? {
-            0 => SensorMode::Mono,
-            1 => SensorMode::Stereo,
-            2 => SensorMode::Rgbd,
-            other => return Err(d.wrong(format!("sensor {other} is unknown"))),
-        };
-        let [fx, fy, cx, cy, baseline_fx, close_depth] = d.f64s()?;
-        let bounds: [f64; 4] = d.f64s()?;
-        let body_from_camera = pose(d.f64s()?).ok_or_else(|| d.wrong("the camera's pose is invalid"))?;
-        let camera = RectifiedCamera { fx, fy, cx, cy, baseline_fx, bounds, close_depth, body_from_camera };
-        let finite = [fx, fy, cx, cy, baseline_fx, close_depth].iter().chain(&bounds).all(|v| v.is_finite());
-        let valid =
-            fx > 0.0 && fy > 0.0 && baseline_fx >= 0.0 && bounds[0] < bounds[2] && bounds[1] < bounds[3];
-        if !(finite && valid) {
-            return Err(d.wrong(format!("the camera is invalid: {camera:?}")));
-        }
+        let (sensor, camera) = decode_camera(d)?;
         Ok(Self { program, sensor, camera })
     }
+}
+
+/// Sensors and camera: 1 byte and 17 numbers.
+pub(super) fn encode_camera(e: &mut Encoder, sensor: SensorMode, m: &RectifiedCamera) {
+    e.u8(match sensor {
+        SensorMode::Mono => 0,
+        SensorMode::Stereo => 1,
+        SensorMode::Rgbd => 2,
+    });
+    e.f64s(&[m.fx, m.fy, m.cx, m.cy, m.baseline_fx, m.close_depth]);
+    e.f64s(&m.bounds);
+    e.f64s(&numbers(&m.body_from_camera));
+}
+
+/// The inverse of [`encode_camera`].
+pub(super) fn decode_camera(d: &mut Decoder) -> Result<(SensorMode, RectifiedCamera), StoreError> {
+    let sensor = match d.u8()? {
+        0 => SensorMode::Mono,
+        1 => SensorMode::Stereo,
+        2 => SensorMode::Rgbd,
+        other => return Err(d.wrong(format!("sensor {other} is unknown"))),
+    };
+    let [fx, fy, cx, cy, baseline_fx, close_depth] = d.f64s()?;
+    let bounds: [f64; 4] = d.f64s()?;
+    let body_from_camera = pose(d.f64s()?).ok_or_else(|| d.wrong("the camera's pose is invalid"))?;
+    let camera = RectifiedCamera { fx, fy, cx, cy, baseline_fx, bounds, close_depth, body_from_camera };
+    let finite = [fx, fy, cx, cy, baseline_fx, close_depth].iter().chain(&bounds).all(|v| v.is_finite());
+    let valid = fx > 0.0 && fy > 0.0 && baseline_fx >= 0.0 && bounds[0] < bounds[2] && bounds[1] < bounds[3];
+    if !(finite && valid) {
+        return Err(d.wrong(format!("the camera is invalid: {camera:?}")));
+    }
+    Ok((sensor, camera))
 }
 
 /// The name of a sensor mode on the command line.

@@ -1,9 +1,9 @@
 //! Encoding: from a snapshot to the parts of a file (`layout.rs`). `decode` is the inverse; read the two together.
 
-use super::about::{About, numbers};
+use super::about::{About, encode_camera, numbers};
 use super::container::PartsWriter;
 use super::error::StoreError;
-use super::layout::{ATTACHED, CHUNK, DESCRIPTORS, MapFile, NO_PICK};
+use super::layout::{ATTACHED, CAMERAS, CHUNK, DESCRIPTORS, MapFile, NO_PICK, ONE_CAMERA};
 use super::wire::Encoder;
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::DESCRIPTOR_ID;
@@ -43,9 +43,11 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
         ["about", "worlds", "key frames", "motion", "gone", "landmarks", "words", "robots", DESCRIPTORS]
             .map(String::from)
             .into();
+    let mixed = snapshot.other_cameras().next().is_some();
+    names.extend(mixed.then(|| CAMERAS.to_owned()));
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("features {i}")));
     names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
-    let mut parts = PartsWriter::begin(out, super::VERSION, names)?;
+    let mut parts = PartsWriter::begin(out, if mixed { super::VERSION } else { ONE_CAMERA }, names)?;
     parts.put(&about(&file.about, snapshot))?;
     parts.put(&maps(snapshot, &rows))?;
     parts.put(&key_frame_columns(&key_frames, &rows))?;
@@ -55,6 +57,9 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     parts.put(&words(&key_frames))?;
     parts.put(&robots(snapshot))?;
     parts.put(&DESCRIPTOR_ID.to_le_bytes())?;
+    if mixed {
+        parts.put(&cameras(snapshot, &key_frames)?)?;
+    }
     for chunk in key_frames.chunks(CHUNK) {
         parts.put(&features(chunk, &rows))?;
     }
@@ -207,6 +212,22 @@ fn robots(snapshot: &Snapshot) -> Vec<u8> {
         }
     }
     e.0
+}
+
+/// The other cameras, and for each key frame the number of its own, counted from 1; 0 is that of the atlas.
+fn cameras(snapshot: &Snapshot, key_frames: &[&KeyFrame]) -> Result<Vec<u8>, StoreError> {
+    let count = u8::try_from(snapshot.other_cameras().count())
+        .map_err(|_| StoreError::Unfit("more than 255 cameras".into()))?;
+    let mut e = Encoder::default();
+    e.u8(count);
+    for other in snapshot.other_cameras() {
+        encode_camera(&mut e, other.sensor, &other.camera);
+    }
+    for k in key_frames {
+        let number = |camera| snapshot.other_cameras().position(|c| c == camera).map_or(0, |n| n + 1);
+        e.u8(k.other_camera.as_deref().map_or(0, number) as u8);
+    }
+    Ok(e.0)
 }
 
 /// Differences of rising numbers, the first from 0.

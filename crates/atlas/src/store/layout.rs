@@ -1,4 +1,4 @@
-//! The layout of a file, version 4: its parts, and what they hold.
+//! The layout of a file, version 5: its parts, and what they hold.
 //!
 //! Parts hold columns (see `wire.rs`). Key frames and landmarks refer to each other by row: the index in
 //! their part, which is in order of creation. A row that may be missing is counted from 1, and 0 means none.
@@ -14,6 +14,7 @@
 //! | landmarks | ids, positions, and which observation gave the descriptor |
 //! | words | words of each key frame, by the vocabulary that made them |
 //! | robots | since version 4: which robot created which key frames and landmarks |
+//! | cameras | in version 5: the cameras of key frames that are not the atlas's; which key frame has which |
 //! | descriptors | which descriptors the features have; in files without it, those of the first release |
 //! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
 //! | attached/NAME | what the map does not know: recorded routes, depth of key frames (`depth.rs`) |
@@ -25,8 +26,13 @@ use super::about::About;
 use crate::Snapshot;
 use std::collections::BTreeMap;
 
-/// The format version that is written; versions from 1 to this are read.
-pub const VERSION: u32 = 4;
+/// The newest format version; versions from 1 to this are read. It is written where key frames have several cameras, which
+/// programs that know only version 4 cannot use; all other maps are version 4.
+pub const VERSION: u32 = 5;
+/// The version of a map whose key frames all have the camera of the atlas.
+pub(super) const ONE_CAMERA: u32 = 4;
+/// The part that tells which key frame has which camera.
+pub(super) const CAMERAS: &str = "cameras";
 /// Prefix of the names of attached parts, which mean nothing to the map.
 pub(super) const ATTACHED: &str = "attached/";
 /// The part that tells what the bits of descriptors mean.

@@ -31,7 +31,9 @@ impl Snapshot {
         self.right_offset *= by;
         let ids: Vec<usize> = self.key_frames.iter().map(|(k, _)| k).collect();
         for id in ids {
-            let Some(key_frame) = self.key_frames.get_mut(id) else { continue };
+            let Some(key_frame) = self.key_frames.get_mut(id).filter(|k| k.other_camera.is_none()) else {
+                continue;
+            };
             let frame = Arc::make_mut(&mut key_frame.frame);
             for (right_x, px) in frame.right_x.iter_mut().zip(&frame.px) {
                 *right_x = px[0] - ((px[0] - *right_x) as f64 * by) as f32;

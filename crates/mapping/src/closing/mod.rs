@@ -15,7 +15,7 @@ mod tests;
 use crate::inertial::InertialConfig;
 use crate::triangulation::median_depth;
 use cairn_adjust::{
-    ImuModel, MatchFailure, RecogniseConfig, Recognised, Window, WindowConfig, has_parallax, recognise,
+    ImuModel, MatchFailure, RecogniseConfig, Recognised, View, Window, WindowConfig, has_parallax, recognise,
 };
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
@@ -251,7 +251,8 @@ impl Closer {
         let known: BTreeSet<_> = here.landmarks.iter().flatten().copied().collect();
         let config = RecogniseConfig { seed: self.config.need / 2, need: self.config.need, share: 0.5 };
         let seed = here.id.index() as u64;
-        let place = recognise(snapshot, &self.camera, &here.frame, old, &known, &config, seed)
+        let view = View::of(&self.camera, here);
+        let place = recognise(snapshot, &view, old, &known, &config, seed)
             .map_err(Refusal::MatchFailure)?;
         let scale = self.scale(snapshot, here, &place)?;
         let there = place.world_from_camera;
@@ -289,10 +290,10 @@ impl Closer {
 
     /// The degrees of freedom that may have drifted between two visits.
     fn freedom(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> Freedom {
-        let gravity_aligned = snapshot
-            .key_frame(old)
-            .is_some_and(|k| snapshot.is_gravity_aligned(k.map) && snapshot.is_gravity_aligned(here.map));
-        match (gravity_aligned, self.camera.has_depth()) {
+        let maps = [Some(here.map), snapshot.key_frame(old).map(|k| k.map)];
+        let both = |has: &dyn Fn(MapId) -> bool| maps.iter().all(|map| map.is_some_and(has));
+        let metric = both(&|map| snapshot.is_metric_in(map, &self.camera));
+        match (both(&|map| snapshot.is_gravity_aligned(map)), metric) {
             (true, _) => Freedom::AlignGravity,
             (false, true) => Freedom::Metric,
             (false, false) => Freedom::Similar,
@@ -301,8 +302,9 @@ impl Closer {
 
     /// Distance within which a key frame is a candidate by its estimated position alone.
     fn reach(&self, snapshot: &Snapshot, here: &KeyFrame) -> f64 {
-        match self.camera.has_depth() {
-            true => self.camera.close_depth / 3.0,
+        let camera = here.camera(&self.camera);
+        match camera.has_depth() {
+            true => camera.close_depth / 3.0,
             false => median_depth(snapshot, here).unwrap_or(0.0),
         }
     }
@@ -332,7 +334,9 @@ impl Closer {
             return if metric { Ok(1.0) } else { Err(refusal) };
         }
         // A scale estimated with the IMU is accurate to a few percent.
-        let most_metric = if self.camera.has_depth() { 0.1 } else { 0.2 };
+        let there = snapshot.key_frame(place.old).unwrap_or(here);
+        let depth = [here, there].iter().all(|k| k.camera(&self.camera).has_depth());
+        let most_metric = if depth { 0.1 } else { 0.2 };
         match metric {
             true if median.abs() < most_metric => Ok(1.0),
             false if spread < 0.15 && median.abs() < most => Ok(median.exp()),

@@ -8,6 +8,7 @@ fn disturbed() -> (Bundle, Vec<Se3>) {
     let camera = Pinhole { fx: 500.0, fy: 500.0, cx: 320.0, cy: 240.0, baseline_fx: 50.0 };
     let mut bundle = Bundle {
         camera,
+        own_cameras: Vec::new(),
         poses: vec![],
         freedom: vec![],
         points: vec![],

@@ -4,7 +4,7 @@ use super::Tracker;
 use crate::match_last::{Before, Matches, match_last};
 use crate::recover::{candidates, match_key_frame};
 use crate::state::Last;
-use cairn_adjust::{Located, RecogniseConfig, locate, recognise};
+use cairn_adjust::{Located, RecogniseConfig, View, locate, recognise};
 use cairn_atlas::Snapshot;
 use cairn_geometry::Se3;
 use cairn_inertial::NavEstimate;
@@ -115,15 +115,8 @@ impl Tracker {
             RecogniseConfig { seed: RECOGNISE_SEED, need: self.config.min_inliers, share: RECOGNISE_SHARE };
         let mut best = 0;
         for id in candidates(snapshot, frame, last, self.lost_frames) {
-            match recognise(
-                snapshot,
-                &self.camera,
-                frame,
-                id,
-                &BTreeSet::new(),
-                &config,
-                frame.stamp.0 as u64,
-            ) {
+            let view = View::new(&self.camera, frame);
+            match recognise(snapshot, &view, id, &BTreeSet::new(), &config, frame.stamp.0 as u64) {
                 Ok(place) if !self.reaches(snapshot, id, &place.world_from_camera, frame.stamp) => {}
                 Ok(place) => {
                     let matches = Matches { landmarks: place.landmarks, extra: Vec::new() };

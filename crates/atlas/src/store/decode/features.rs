@@ -80,7 +80,7 @@ pub(super) fn read_feature_part(
         frame.descriptors = descriptors[span.clone()].to_vec();
         frame.right_x = right_x[span.clone()].to_vec();
         frame.depth = depth[span.clone()].to_vec();
-        frame.index(camera);
+        frame.index(k.camera(camera));
         k.landmarks = vec![None; frame.len()];
         k.frame = Arc::new(frame);
         start = span.end;

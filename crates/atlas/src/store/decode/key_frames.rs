@@ -2,14 +2,16 @@
 
 use super::features::empty_frame;
 use crate::names::{Names, Stretch, Stretches};
-use crate::store::about::pose;
+use crate::store::about::{decode_camera, pose};
 use crate::store::container::Parts;
 use crate::store::error::StoreError;
+use crate::store::layout::CAMERAS;
 use crate::store::wire::Decoder;
-use crate::{InertialState, KeyFrame, KeyFrameId, MapId, MapPrior, RobotId, Snapshot};
+use crate::{InertialState, KeyFrame, KeyFrameId, MapId, MapPrior, OtherCamera, RobotId, Snapshot};
 use cairn_geometry::{Sim3, Vec3};
 use cairn_inertial::Bias;
 use cairn_sensor::Stamp;
+use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -178,6 +180,35 @@ pub(super) fn read_robots(parts: &Parts, snapshot: &mut Snapshot) -> Result<(), 
     let landmarks = stretches(snapshot.next_landmark)?;
     d.end()?;
     snapshot.names = Arc::new(Names { key_frames, landmarks });
+    Ok(())
+}
+
+/// The cameras that are not the atlas's, and which key frame has which. Without them features mean nothing.
+pub(super) fn read_cameras(
+    parts: &Parts,
+    camera: &RectifiedCamera,
+    snapshot: &mut Snapshot,
+    key_frames: &mut [KeyFrame],
+) -> Result<(), StoreError> {
+    let bytes = parts.get(CAMERAS)?;
+    let mut d = Decoder::new(CAMERAS, &bytes);
+    let mut others = Vec::new();
+    for _ in 0..d.u8()? {
+        let (sensor, other) = decode_camera(&mut d)?;
+        let focal_ratio = other.fx / camera.fx;
+        if !(focal_ratio.is_finite() && focal_ratio > 0.0) {
+            return Err(d.wrong("a focal length is beyond all measure"));
+        }
+        others.push(Arc::new(OtherCamera { sensor, camera: other, focal_ratio }));
+    }
+    for k in key_frames {
+        if let Some(n) = usize::from(d.u8()?).checked_sub(1) {
+            let other = others.get(n).ok_or_else(|| d.wrong(format!("{:?} has an unknown camera", k.id)))?;
+            k.other_camera = Some(other.clone());
+        }
+    }
+    d.end()?;
+    snapshot.other_cameras = Arc::new(others);
     Ok(())
 }
 

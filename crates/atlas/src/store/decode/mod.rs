@@ -1,4 +1,4 @@
-//! Decoding: from the parts of a file to a snapshot, versions 1 to 4; see `encode.rs` for the layout.
+//! Decoding: from the parts of a file to a snapshot, versions 1 to 5; see `encode.rs` for the layout.
 //!
 //! A file may contain anything: every number is checked before it is used, and invalid content is an error
 //! that names the part.
@@ -20,7 +20,7 @@ use super::wire::Decoder;
 use crate::{PlaceIndex, Snapshot};
 use cairn_vision::{DESCRIPTOR_ID, Octaves};
 use features::{bag_of, read_features, read_words};
-use key_frames::{read_gone, read_key_frames, read_maps, read_motion, read_robots};
+use key_frames::{read_cameras, read_gone, read_key_frames, read_maps, read_motion, read_robots};
 use landmarks::{derive, observe, read_landmarks};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -66,6 +66,9 @@ pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreE
     if parts.version >= 4 {
         let robots = read_robots(parts, &mut snapshot);
         damage.or(robots, "which robot created what is forgotten", || ())?;
+    }
+    if parts.version >= 5 {
+        read_cameras(parts, &about.camera, &mut snapshot, &mut key_frames)?;
     }
     let (mut landmarks, mut picks) = read_landmarks(parts, &snapshot, counts.landmarks)?;
     let whole = damage.count();

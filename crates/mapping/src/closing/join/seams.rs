@@ -1,7 +1,7 @@
 //! Seams: key frames of one map in which places of another are recognised, by words first and then by geometry.
 
 use crate::closing::{Closer, Freedom, with_gravity_of};
-use cairn_adjust::{RecogniseConfig, Recognised, recognise};
+use cairn_adjust::{RecogniseConfig, Recognised, View, recognise};
 use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::Sim3;
 use std::collections::BTreeSet;
@@ -54,7 +54,7 @@ impl Closer {
     pub(super) fn seam(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> Option<Found> {
         let config = RecogniseConfig { seed: self.config.need / 2, need: self.config.need, share: 0.5 };
         let (seed, known) = (here.id.index() as u64, BTreeSet::new());
-        let place = recognise(snapshot, &self.camera, &here.frame, old, &known, &config, seed).ok()?;
+        let place = recognise(snapshot, &View::of(&self.camera, here), old, &known, &config, seed).ok()?;
         let scale = self.scale(snapshot, here, &place).ok()?;
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);

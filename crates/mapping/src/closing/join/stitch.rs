@@ -8,7 +8,7 @@ use crate::closing::relax::{Loop, relax};
 use crate::closing::{Closer, Freedom, correct, metre_in_map_units};
 use cairn_adjust::{Window, WindowConfig};
 use cairn_atlas::{Change, KeyFrameId, MapId, Snapshot};
-use cairn_geometry::{Sim3, Vec3};
+use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 
 impl Closer {
@@ -29,10 +29,22 @@ impl Closer {
         let younger: Vec<KeyFrameId> = snapshot.key_frames_of(from).map(|k| k.id).collect();
         // Metres and the direction of gravity are kept, whichever of the maps has them.
         let mut aligned_from_into = Sim3::identity();
+        let metric = |map| snapshot.is_metric_in(map, &self.camera);
+        let held = match (metric(into), metric(from)) {
+            (true, false) => older.clone(),
+            (false, true) => younger.iter().copied().collect(),
+            _ => BTreeSet::new(),
+        };
         if snapshot.is_gravity_aligned(from) && !snapshot.is_gravity_aligned(into) {
             aligned_from_into = into_from.inverse();
             into_from = Sim3::identity();
             draft.push(vec![Change::AlignGravity(into, aligned_from_into)]);
+        } else if metric(from) && !metric(into) {
+            let factor = 1.0 / into_from.scale;
+            let root = snapshot.world_from_camera(into.root()).unwrap_or(Se3::identity()).translation;
+            aligned_from_into = Sim3::new(So3::identity(), root * (1.0 - factor), factor);
+            into_from = aligned_from_into * into_from;
+            draft.push(vec![Change::Rescale(into, factor)]);
         }
         if let Some(here) = snapshot.key_frame(middle.seam.key_frame) {
             correct::merge(&mut draft, here, middle.seam.place, &into_from);
@@ -46,7 +58,7 @@ impl Closer {
                 world_from_here: in_merged(f, middle, &aligned_from_into),
             })
             .collect();
-        self.relax_along(&mut draft, middle, &placed, from, &older);
+        self.relax_along(&mut draft, middle, &placed, from, &held);
         for f in &chosen {
             correct::fuse(&mut draft, &self.camera, f.seam.key_frame, &f.place);
         }
@@ -67,20 +79,19 @@ impl Closer {
         (junction, draft.into_changes())
     }
 
-    /// Relaxes the pose graph of the merged map under all seams. Where only the older map has metres, it stays.
+    /// Relaxes the pose graph of the merged map under all seams; `held` stay: the map that alone has metres.
     fn relax_along(
         &self,
         draft: &mut Draft,
         middle: &Found,
         placed: &[Loop],
         root: MapId,
-        older: &BTreeSet<KeyFrameId>,
+        held: &BTreeSet<KeyFrameId>,
     ) {
         let snapshot = draft.snapshot();
         let Some(here) = snapshot.key_frame(middle.seam.key_frame) else { return };
         let metre = metre_in_map_units(snapshot, here, middle.freedom);
-        let holds = middle.freedom == Freedom::Similar && snapshot.is_gravity_aligned(here.map);
-        let fixed = |id: KeyFrameId| holds && older.contains(&id);
+        let fixed = |id: KeyFrameId| middle.freedom == Freedom::Similar && held.contains(&id);
         let changes = relax(snapshot, here.map, placed, Some(root.root()), metre, middle.freedom, fixed);
         draft.push(changes);
         draft.push(placed.iter().map(|l| Change::Link(l.here, l.old)).collect());

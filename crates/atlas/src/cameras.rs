@@ -1,0 +1,127 @@
+//! Key frames of several cameras in one atlas: each knows the camera that its features are seen with.
+//!
+//! An atlas has a camera of its own, that of [`crate::store::About`]; most have no other. A key frame that another camera made
+//! carries that one. Everything that projects into a key frame asks it for its camera, and distances at which landmarks are
+//! found, which depend on the focal length, are those of the atlas's camera.
+
+use crate::store::{About, MapFile};
+use crate::{KeyFrame, MapId, Snapshot};
+use cairn_vision::{Frame, RectifiedCamera, SensorMode};
+use std::sync::Arc;
+
+/// A camera that is not that of the atlas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OtherCamera {
+    /// What depth comes from.
+    pub sensor: SensorMode,
+    /// The camera.
+    pub camera: RectifiedCamera,
+    /// Its focal length over that of the atlas's camera.
+    pub focal_ratio: f64,
+}
+
+impl KeyFrame {
+    /// The camera of its features, where `atlas` is that of the atlas.
+    pub fn camera<'a>(&'a self, atlas: &'a RectifiedCamera) -> &'a RectifiedCamera {
+        self.other_camera.as_ref().map_or(atlas, |other| &other.camera)
+    }
+
+    /// Focal length of its camera over that of the atlas's: what a landmark's range of distances is multiplied by.
+    pub fn focal_ratio(&self) -> f64 {
+        self.other_camera.as_ref().map_or(1.0, |other| other.focal_ratio)
+    }
+}
+
+impl Snapshot {
+    /// The cameras of key frames that are not the atlas's.
+    pub fn other_cameras(&self) -> impl Iterator<Item = &OtherCamera> {
+        self.other_cameras.iter().map(|other| &**other)
+    }
+
+    /// Whether lengths in one map are metres, by the depth of some of its key frames, or by gravity.
+    pub fn is_metric_in(&self, map: MapId, camera: &RectifiedCamera) -> bool {
+        self.is_gravity_aligned(map)
+            || match self.other_cameras.is_empty() {
+                true => camera.has_depth(),
+                false => self.key_frames_of(map).any(|k| k.camera(camera).has_depth()),
+            }
+    }
+
+    /// Whether lengths in all maps are metres.
+    pub fn is_metric(&self, camera: &RectifiedCamera) -> bool {
+        match self.other_cameras.is_empty() {
+            true => camera.has_depth() || self.is_gravity_aligned_throughout(),
+            false => self.maps().all(|(map, _)| self.is_metric_in(map, camera)),
+        }
+    }
+
+    /// The same maps in an atlas of another camera: the key frames of `was`, that of this atlas, carry it from now on, and so
+    /// do all others theirs. What is measured with a right image is stated as if it had the disparity error
+    /// `right_offset`, so that one correction serves all.
+    pub(crate) fn in_atlas_of(
+        &self,
+        was: (SensorMode, RectifiedCamera),
+        camera: &RectifiedCamera,
+        right_offset: f64,
+    ) -> Self {
+        let mut snapshot = self.clone();
+        let correction = self.right_offset - right_offset;
+        let stated = |sensor, camera_of: &RectifiedCamera| {
+            let focal_ratio = camera_of.fx / camera.fx;
+            Arc::new(OtherCamera { sensor, camera: *camera_of, focal_ratio })
+        };
+        let own = stated(was.0, &was.1);
+        let others: Vec<_> = self.other_cameras.iter().map(|o| stated(o.sensor, &o.camera)).collect();
+        let now = |k: &KeyFrame| match &k.other_camera {
+            None => own.clone(),
+            Some(other) => {
+                let known = self.other_cameras.iter().position(|o| o == other);
+                known.map_or_else(|| stated(other.sensor, &other.camera), |n| others[n].clone())
+            }
+        };
+        for id in self.key_frames.iter().map(|(id, _)| id) {
+            let Some(k) = snapshot.key_frames.get_mut(id) else { continue };
+            let other = now(k);
+            if correction != 0.0 && other.camera.has_depth() {
+                shift_disparities(Arc::make_mut(&mut k.frame), &other.camera, correction);
+            }
+            k.other_camera = Some(other);
+        }
+        let stretch = camera.fx / was.1.fx;
+        for id in self.landmarks.iter().map(|(id, _)| id) {
+            if let Some(l) = snapshot.landmarks.get_mut(id) {
+                (l.min_distance, l.max_distance) = (l.min_distance * stretch, l.max_distance * stretch);
+            }
+        }
+        snapshot.right_offset = right_offset;
+        snapshot.other_cameras = Arc::new(std::iter::once(own).chain(others).collect());
+        snapshot
+    }
+}
+
+impl MapFile {
+    /// This map, ready to be put beside those of another one's atlas, whose camera may be any other: its key frames carry
+    /// their camera along.
+    ///
+    /// # Errors
+    /// A description, when the pyramids differ: levels of features could not be compared.
+    pub fn in_atlas_of(&self, other: &MapFile) -> Result<Self, String> {
+        let octaves = [&self.snapshot, &other.snapshot].map(Snapshot::octaves);
+        if octaves[0] != octaves[1] {
+            return Err(format!("one map has {:?}, the other {:?}", octaves[0], octaves[1]));
+        }
+        let (was, camera) = ((self.about.sensor, self.about.camera), &other.about.camera);
+        let snapshot = self.snapshot.in_atlas_of(was, camera, other.snapshot.right_offset());
+        let about = About { program: self.about.program.clone(), ..other.about.clone() };
+        Ok(Self { snapshot, about, attached: self.attached.clone() })
+    }
+}
+
+/// Adds to every measured right x, and to the depths that follow from it.
+fn shift_disparities(frame: &mut Frame, camera: &RectifiedCamera, by: f64) {
+    for (right_x, depth) in frame.right_x.iter_mut().zip(&mut frame.depth) {
+        *right_x += by as f32;
+        let disparity = camera.baseline_fx / f64::from(*depth) - by;
+        *depth = if disparity > 0.0 { (camera.baseline_fx / disparity) as f32 } else { f32::NAN };
+    }
+}

@@ -1,0 +1,117 @@
+//! Robots with different cameras and sensors walk through one simulated house: their saved maps become one, in metres, and each
+//! key frame keeps its camera; where rooms look alike nothing is joined wrongly.
+
+use cairn::geometry::{Se3, umeyama};
+use cairn::sensor::Stamp;
+use cairn::team::RobotId;
+use cairn::{Config, Map, MergedMaps, Slam, map_file, merge_maps, open};
+use cairn_atlas::store::{MapFile, Table};
+use std::collections::BTreeMap;
+
+/// Sensors, image size, focal length and rate of each robot: no two have the same camera.
+const RGBD: &str = "sensor=rgbd&resolution=320x240&rate=10";
+const STEREO: &str = "sensor=stereo&resolution=400x300&focal=300&rate=10";
+const STEREO_IMU: &str = "sensor=stereo-imu&resolution=400x300&focal=300&rate=10";
+const MONO_IMU: &str = "sensor=mono-imu&resolution=480x360&focal=270&rate=20";
+const MONO: &str = "sensor=mono&resolution=480x360&focal=270&rate=20";
+
+struct Walk {
+    robot: RobotId,
+    file: MapFile,
+    /// The true pose of the body at each time.
+    truth: BTreeMap<Stamp, Se3>,
+}
+
+fn walk(robot: RobotId, world: &str, options: &str) -> Walk {
+    let mut source = open(&format!("sim:{world}?detail=0.5&{options}")).expect("a world");
+    let config = Config { robot, ..Config::default() };
+    let mut slam = Slam::for_source(&*source).config(&config).build().expect("it can be built");
+    while let Some(frame) = source.next_packet().expect("a simulated world can be read") {
+        slam.track(&frame).expect("a frame in order");
+    }
+    slam.finish();
+    let truth = source.info().truth.iter().copied().collect();
+    let file = map_file(slam.session(), &BTreeMap::new()).expect("a map with key frames");
+    Walk { robot, file, truth }
+}
+
+fn merge(walks: &[&Walk]) -> MergedMaps {
+    let files = walks.iter().map(|w| (format!("robot {}", w.robot), w.file.clone())).collect();
+    let merged = merge_maps(files, &Config::default()).expect("they fit");
+    merged.file.snapshot.check().expect("a sound map");
+    merged
+}
+
+/// Root mean square error of the positions of the cameras of all key frames of the largest map, or of those of one robot,
+/// aligned by SE3, or by Sim3, and the scale of that.
+fn ate(file: &MapFile, walks: &[&Walk], only: Option<RobotId>, with_scale: bool) -> (f64, f64) {
+    let (mut estimated, mut truth) = (Vec::new(), Vec::new());
+    let largest = Map::of_file(file).largest().expect("a map");
+    for k in file.snapshot.key_frames_of(largest) {
+        let robot = file.snapshot.key_frame_name(k.id).robot;
+        if only.is_none_or(|only| only == robot) {
+            let walk = walks.iter().find(|w| w.robot == robot).expect("its walk");
+            let body = walk.truth.get(&k.frame.stamp).expect("a true pose at each frame");
+            estimated.push(k.world_from_camera.translation);
+            truth.push((*body * k.camera(&file.about.camera).body_from_camera).translation);
+        }
+    }
+    let fit = umeyama(&truth, &estimated, with_scale).expect("a walk is not a straight line");
+    let squares: f64 = estimated.iter().zip(&truth).map(|(e, t)| (fit * *e - *t).norm_squared()).sum();
+    ((squares / estimated.len() as f64).sqrt(), fit.scale)
+}
+
+/// Walks that share 10 m and more in the same direction, at other speeds and heights.
+fn house(seed: u64, sensors: [&str; 3]) -> Vec<Walk> {
+    let ways = ["duration=24", "start=6&duration=16&speed=1.05&height=1.4", "start=3&duration=18&height=1.45"];
+    let one = |(robot, (sensor, way))| walk(robot, "demo", &format!("seed={seed}&{sensor}&{way}"));
+    (1..).zip(sensors.into_iter().zip(ways)).map(one).collect()
+}
+
+/// Merges the walks of a house and prints what came of it; returns the merged maps, the errors alone and of all.
+fn merged(seed: u64, sensors: [&str; 3]) -> (MergedMaps, Vec<f64>, f64, f64) {
+    let walks = house(seed, sensors);
+    let all: Vec<&Walk> = walks.iter().collect();
+    let merged = merge(&all);
+    let file = &merged.file;
+    let alone = walks.iter().map(|w| {
+        let metric = Map::of_file(&w.file).maps().all(|map| Map::of_file(&w.file).is_metric(map));
+        ate(&w.file, &[w], None, !metric).0
+    });
+    let alone: Vec<f64> = alone.collect();
+    let parts: Vec<f64> = walks.iter().map(|w| ate(file, &all, Some(w.robot), false).0).collect();
+    let (both, (free, scale)) = (ate(file, &all, None, false).0, ate(file, &all, None, true));
+    let best = alone.iter().copied().fold(f64::INFINITY, f64::min);
+    println!(
+        "seed {seed}: {} maps, {} cameras; ATE alone {alone:.3?} m, in the atlas {parts:.3?} m, all {both:.3} m, {:.2} times \
+         the best; scale free {free:.3} m, scale {scale:.4}",
+        file.snapshot.maps().count(),
+        1 + file.snapshot.other_cameras().count(),
+        both / best
+    );
+    for a in &merged.attempts {
+        match &a.join.result {
+            Ok(j) => println!(
+                "  {} into {}: {} seams, {} left out, {:?}, scale {:.4}, rms {:.3}, {:.3} after",
+                a.from.name, a.into.name, j.seams.len(), j.left_out, j.support, j.into_from.scale, j.rms, j.rms_after
+            ),
+            Err(apart) => println!("  {} and {}: {apart}", a.from.name, a.into.name),
+        }
+    }
+    (merged, alone, both, scale)
+}
+
+#[test]
+#[ignore = "a table for docs/team.md: ten minutes"]
+fn table() {
+    for (name, sensors) in [
+        ("rgbd, stereo, mono-imu", [RGBD, STEREO, MONO_IMU]),
+        ("rgbd, stereo-imu, mono", [RGBD, STEREO_IMU, MONO]),
+        ("mono-imu, rgbd, stereo", [MONO_IMU, RGBD, STEREO]),
+    ] {
+        println!("{name}");
+        for seed in 1..=9 {
+            merged(seed, sensors);
+        }
+    }
+}
