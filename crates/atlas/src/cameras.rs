@@ -87,10 +87,9 @@ impl Snapshot {
             }
             k.other_camera = Some(other);
         }
-        let stretch = camera.fx / was.1.fx;
-        for id in self.landmarks.iter().map(|(id, _)| id) {
-            if let Some(l) = snapshot.landmarks.get_mut(id) {
-                (l.min_distance, l.max_distance) = (l.min_distance * stretch, l.max_distance * stretch);
+        for (id, l) in self.landmarks.iter() {
+            if let (Some(seen), Some(l)) = (snapshot.visibility(l), snapshot.landmarks.get_mut(id)) {
+                (l.normal, l.min_distance, l.max_distance) = seen;
             }
         }
         snapshot.right_offset = right_offset;

@@ -2,7 +2,9 @@
 
 use crate::arena::Arena;
 use crate::names::Names;
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, OtherCamera, PlaceIndex};
+use crate::{
+    KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, OtherCamera, PlaceIndex,
+};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Octaves;
 use std::collections::BTreeMap;

@@ -70,6 +70,7 @@ mod merge;
 mod reach;
 mod shared;
 mod slam;
+pub mod team_scale;
 mod walk;
 
 pub use accuracy::accuracy;

@@ -72,7 +72,7 @@ impl MapWords {
         Ok(Self::new(bags))
     }
 
-    fn new(bags: Vec<BagOfWords>) -> Self {
+    pub(crate) fn new(bags: Vec<BagOfWords>) -> Self {
         let next: Vec<f64> = bags.windows(2).map(|pair| pair[0].similarity(&pair[1])).collect();
         let at = |k: Option<usize>| k.and_then(|k| next.get(k)).copied().unwrap_or(0.0);
         let own = (0..bags.len()).map(|k| at(Some(k)).max(at(k.checked_sub(1)))).collect();

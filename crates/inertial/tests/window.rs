@@ -73,7 +73,18 @@ fn window(n: usize, seed: u64) -> Window {
     imu.links = (0..n - 1).map(link).collect();
     let freedom = vec![Freedom::Free; n];
     let right_offset = RightOffset::default();
-    Window { bundle: Bundle { camera: CAMERA, own_cameras: Vec::new(), poses, freedom, points, observations, right_offset }, imu }
+    Window {
+        bundle: Bundle {
+            camera: CAMERA,
+            own_cameras: Vec::new(),
+            poses,
+            freedom,
+            points,
+            observations,
+            right_offset,
+        },
+        imu,
+    }
 }
 
 /// Away from the truth: everything a tenth too large about the first camera, no bias, wrong velocities.

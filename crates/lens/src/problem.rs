@@ -56,8 +56,15 @@ impl LensProblem {
         });
         let links = links.collect();
         let camera = pinhole(camera);
-        let bundle =
-            Bundle { camera, own_cameras: Vec::new(), poses, freedom, points, observations, right_offset: RightOffset::default() };
+        let bundle = Bundle {
+            camera,
+            own_cameras: Vec::new(),
+            poses,
+            freedom,
+            points,
+            observations,
+            right_offset: RightOffset::default(),
+        };
         Some(Self { bundle, links })
     }
 }

@@ -240,7 +240,8 @@ impl Bundle {
             if o.weight <= 0.0 {
                 continue;
             }
-            let camera = self.own_cameras.get(o.pose as usize).and_then(Option::as_ref).unwrap_or(&self.camera);
+            let camera =
+                self.own_cameras.get(o.pose as usize).and_then(Option::as_ref).unwrap_or(&self.camera);
             let (view, point) = (&views[o.pose as usize], o.point as usize);
             let Some(seen) = Seen::of(camera, view, &self.points[point], o, offset, robust) else {
                 // An observation of a point behind the camera cannot be fitted: it is left out.
@@ -278,7 +279,8 @@ impl Bundle {
         move |k| {
             let o = &self.observations[k];
             let (view, point) = (&views[o.pose as usize], &self.points[o.point as usize]);
-            let seen = (o.weight > 0.0).then(|| Seen::of(self.camera_of(o.pose), view, point, o, offset, robust));
+            let seen =
+                (o.weight > 0.0).then(|| Seen::of(self.camera_of(o.pose), view, point, o, offset, robust));
             seen.flatten().map_or_else(SMatrix::zeros, |seen| {
                 let weighted = seen.by_pose() * seen.weight;
                 weighted * seen.by_point().transpose()

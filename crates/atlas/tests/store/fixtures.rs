@@ -26,8 +26,41 @@ fn writes_the_fixture() {
             && f.snapshot.key_frames().any(|k| !k.links.is_empty())
     };
     let saved = (0..1000).map(|seed| file(seed, 10, 12)).find(has_everything).unwrap();
+    let saved = two_cameras(&saved);
     saved.save(&path).unwrap();
     same(&MapFile::load(&path).unwrap().snapshot, &saved.snapshot, "the fixture");
+}
+
+/// A file beside another one of another camera.
+pub fn two_cameras(own: &MapFile) -> MapFile {
+    let mut other = file(3, 6, 12);
+    (other.about.sensor, other.about.camera.fx, other.about.camera.baseline_fx) =
+        (SensorMode::Mono, 300.0, 0.0);
+    let other = other.in_atlas_of(own).unwrap();
+    MapFile { snapshot: own.snapshot.combined_with(&other.snapshot).unwrap().0, ..own.clone() }
+}
+
+#[test]
+fn version_5_opens_with_its_cameras() {
+    let opened = MapFile::load(&fixture(5)).unwrap();
+    let snapshot = &opened.snapshot;
+    let others: Vec<_> = snapshot.other_cameras().collect();
+    assert_eq!(others.len(), 1);
+    assert_eq!(
+        (others[0].sensor, others[0].camera.fx, others[0].focal_ratio),
+        (SensorMode::Mono, 300.0, 300.0 / 450.0)
+    );
+    let has = |other: bool| snapshot.key_frames().filter(|k| k.other_camera.is_some() == other).count();
+    assert!(has(true) > 0 && has(false) > 0);
+    assert_eq!(snapshot.check(), Ok(()));
+}
+
+#[test]
+fn cameras_are_kept_and_one_camera_stays_in_the_older_format() {
+    let saved = two_cameras(&file(1, 6, 12));
+    same(&MapFile::read(&saved.write().unwrap()).unwrap().snapshot, &saved.snapshot, "two cameras");
+    assert_eq!(Table::read(&saved.write().unwrap()).unwrap().version, 5);
+    assert_eq!(Table::read(&file(1, 6, 12).write().unwrap()).unwrap().version, 4);
 }
 
 #[test]

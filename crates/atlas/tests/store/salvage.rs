@@ -1,5 +1,6 @@
 //! What is whole of a damaged map is saved, and the result is a whole map.
 
+use crate::fixtures::two_cameras;
 use crate::history::{Dice, file};
 use cairn_atlas::store::{MapFile, Table, inspect};
 
@@ -45,6 +46,15 @@ fn a_whole_map_loses_nothing() {
     let (saved, lost) = salvaged(&bytes);
     assert_eq!(lost, [""; 0]);
     assert_eq!(saved.write().unwrap(), bytes);
+}
+
+/// Without the list of cameras the features of a map of several would mean nothing.
+#[test]
+fn a_map_of_several_cameras_needs_to_know_them() {
+    let bytes = two_cameras(&file(3, 8, 6)).write().unwrap();
+    let damaged = with_damage(&bytes, "cameras");
+    let why = MapFile::salvage(&damaged).unwrap_err().to_string();
+    assert!(why.contains("part 'cameras'"), "{why}");
 }
 
 #[test]

@@ -252,8 +252,7 @@ impl Closer {
         let config = RecogniseConfig { seed: self.config.need / 2, need: self.config.need, share: 0.5 };
         let seed = here.id.index() as u64;
         let view = View::of(&self.camera, here);
-        let place = recognise(snapshot, &view, old, &known, &config, seed)
-            .map_err(Refusal::MatchFailure)?;
+        let place = recognise(snapshot, &view, old, &known, &config, seed).map_err(Refusal::MatchFailure)?;
         let scale = self.scale(snapshot, here, &place)?;
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);

@@ -15,7 +15,7 @@ pub(super) use damage::Damage;
 use super::about::About;
 use super::container::Parts;
 use super::error::StoreError;
-use super::layout::{ATTACHED, DESCRIPTORS, MapFile, NO_PICK};
+use super::layout::{ATTACHED, CAMERAS, DESCRIPTORS, MapFile, NO_PICK};
 use super::wire::Decoder;
 use crate::{PlaceIndex, Snapshot};
 use cairn_vision::{DESCRIPTOR_ID, Octaves};
@@ -67,7 +67,7 @@ pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreE
         let robots = read_robots(parts, &mut snapshot);
         damage.or(robots, "which robot created what is forgotten", || ())?;
     }
-    if parts.version >= 5 {
+    if parts.names().any(|name| name == CAMERAS) {
         read_cameras(parts, &about.camera, &mut snapshot, &mut key_frames)?;
     }
     let (mut landmarks, mut picks) = read_landmarks(parts, &snapshot, counts.landmarks)?;

@@ -4,6 +4,7 @@ use crate::closing::{Closer, Freedom, with_gravity_of};
 use cairn_adjust::{RecogniseConfig, Recognised, View, recognise};
 use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::Sim3;
+use cairn_vision::{Frame, RectifiedCamera};
 use std::collections::BTreeSet;
 
 /// Seams that are judged, at most: of more, evenly chosen ones.
@@ -54,7 +55,15 @@ impl Closer {
     pub(super) fn seam(&self, snapshot: &Snapshot, here: &KeyFrame, old: KeyFrameId) -> Option<Found> {
         let config = RecogniseConfig { seed: self.config.need / 2, need: self.config.need, share: 0.5 };
         let (seed, known) = (here.id.index() as u64, BTreeSet::new());
-        let place = recognise(snapshot, &View::of(&self.camera, here), old, &known, &config, seed).ok()?;
+        let mut view = View::of(&self.camera, here);
+        // Measured depth is in metres, and would contradict landmarks in another unit.
+        let metric = |k: &KeyFrame| snapshot.is_metric_in(k.map, &self.camera);
+        let flat = (view.camera.has_depth() && !snapshot.key_frame(old).is_some_and(metric))
+            .then(|| without_depth(&view));
+        if let Some((frame, camera)) = &flat {
+            view = View { frame, camera, ..view };
+        }
+        let place = recognise(snapshot, &view, old, &known, &config, seed).ok()?;
         let scale = self.scale(snapshot, here, &place).ok()?;
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
@@ -71,4 +80,12 @@ impl Closer {
         };
         Some(Found { seam, place, world_from_here, freedom })
     }
+}
+
+/// The same frame as a single camera would have seen it.
+fn without_depth(view: &View) -> (Frame, RectifiedCamera) {
+    let mut frame = view.frame.clone();
+    frame.right_x.fill(f32::NAN);
+    frame.depth.fill(f32::NAN);
+    (frame, RectifiedCamera { baseline_fx: 0.0, ..*view.camera })
 }

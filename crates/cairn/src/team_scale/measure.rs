@@ -1,0 +1,278 @@
+//! The costs of one robot, measured on this machine: two short simulated walks of one house, what they send and weigh, and how
+//! long what robots do with their maps takes. Half a minute at most.
+
+use super::costs::{Costs, Power, Straight};
+use crate::reach::{MapWords, words_of_map};
+use crate::{Config, Error, Slam, map_file, merge_maps, open};
+use cairn_atlas::store::{MapFile, pieces};
+use cairn_atlas::{KeyFrameId, PlaceIndex, RobotId};
+use cairn_geometry::{LieGroup, Se3, So3, Vec3};
+use cairn_mapping::Closer;
+use cairn_random::Random;
+use cairn_sensor::Stamp;
+use cairn_solve::Loss;
+use cairn_solve::graph::{GraphConfig, PoseGraph};
+use cairn_team::peer::{Identity, Peer, PeerKind, TeamKey, To};
+use cairn_vision::bow::{BagOfWords, WordId};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
+
+/// Both walks, as those of `cairn demo --team`.
+const WALKS: [&str; 2] = ["duration=24", "start=6&duration=16&speed=1.05&height=1.4"];
+const WORLD: &str = "sim:demo?seed=5&sensor=rgbd&resolution=320x240&rate=10&detail=0.5";
+/// Seconds of a walk between two saves.
+const SAVE_S: f64 = 4.0;
+/// Copies of a map whose memory is not counted, and is: the first ones fill gaps that are free.
+const COPIES: [usize; 2] = [10, 20];
+/// Key frames of the indices that are queried, and queries.
+const INDEX: [usize; 2] = [2_000, 8_000];
+const QUERIES: usize = 40;
+/// Key frames of two robots whose words are compared.
+const COMPARED: usize = 500;
+/// Robots that say what they have.
+const TEAMS: [RobotId; 2] = [4, 16];
+/// Key frames of the pose graphs; of a lap, and every how many there is a loop to the lap before.
+const GRAPHS: [usize; 2] = [1_000, 4_000];
+const LAP: usize = 200;
+const LOOP_EVERY: usize = 5;
+
+/// Why costs could not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum MeasureError {
+    /// The walks failed.
+    #[error(transparent)]
+    Walk(#[from] Error),
+    /// Their map could not be cut, packed or read.
+    #[error("the map of a simulated walk: {0}")]
+    Map(String),
+    /// The maps of both walks did not become one.
+    #[error("the maps of two simulated walks of one house did not become one")]
+    Apart,
+}
+
+/// A walk with what it said.
+struct Walk {
+    file: MapFile,
+    bytes: Vec<u8>,
+    seconds: f64,
+    /// Bytes of all pieces that were new at a save.
+    sent: usize,
+    /// Bytes of the last save in pieces.
+    last: usize,
+}
+
+/// Measures all costs; `said` is told what is measured next.
+///
+/// # Errors
+/// [`MeasureError`] when a walk fails.
+pub fn measure_costs(config: &Config, mut said: impl FnMut(&str)) -> Result<Costs, MeasureError> {
+    said("two walks through a simulated house");
+    let walks = [walk(1, config)?, walk(2, config)?];
+    let key_frames: usize = walks.iter().map(|w| w.file.snapshot.key_frame_count()).sum();
+    let sum = |of: fn(&Walk) -> usize| walks.iter().map(of).sum::<usize>() as f64;
+    let bags: Vec<BagOfWords> =
+        walks.iter().flat_map(|w| w.file.snapshot.key_frames()).map(|k| (*k.bag).clone()).collect();
+    let words_bytes: usize = (1..).zip(&walks).map(|(r, w)| words_of_map(r, &w.file).0.len()).sum();
+    said("memory of their maps");
+    let memory = memory_of(&walks[0])?.map(|bytes| bytes / walks[0].file.snapshot.key_frame_count() as f64);
+    said("what robots say they have");
+    let have = TEAMS.map(|n| (f64::from(n), have_bytes(n)));
+    said("queries and comparisons of words");
+    let query = INDEX.map(|n| (n as f64, query_s(&bags, n)));
+    let compare_s = compare_s(&bags);
+    said("joining, adjusting, relaxing");
+    let (join_s, adjust_s) = join_s(walks.each_ref().map(|w| &w.file), config)?;
+    let relax = GRAPHS.map(|n| (n as f64, relax_s(n)));
+    Ok(Costs {
+        key_frames,
+        walked_s: walks.iter().map(|w| w.seconds).sum(),
+        words: bags.iter().map(|b| b.words().len()).sum::<usize>() as f64 / key_frames as f64,
+        words_bytes: words_bytes as f64 / key_frames as f64,
+        map_bytes: sum(|w| w.last) / key_frames as f64,
+        sent_again: sum(|w| w.sent) / sum(|w| w.last),
+        memory_bytes: memory,
+        have_bytes: Straight::through(have[0], have[1]),
+        query_s: Straight::through(query[0], query[1]),
+        compare_s,
+        join_s,
+        adjust_s,
+        adjusted_as_a_whole: config.closer.whole_key_frames,
+        relax_s: Power::through(relax[0], relax[1]),
+    })
+}
+
+/// Walks, and saves every few seconds.
+fn walk(robot: RobotId, config: &Config) -> Result<Walk, MeasureError> {
+    let mut source = open(&format!("{WORLD}&{}", WALKS[usize::from(robot) - 1])).map_err(Error::from)?;
+    let config = Config { robot, ..config.clone() };
+    let mut slam = Slam::for_source(&*source).config(&config).build()?;
+    let (mut known, mut sent, mut last) = (BTreeSet::new(), 0, 0);
+    let mut save = |slam: &Slam| -> Result<Option<(MapFile, Vec<u8>)>, MeasureError> {
+        let Some(file) = map_file(slam.session(), &BTreeMap::new()) else { return Ok(None) };
+        let wrong = |e: cairn_atlas::store::StoreError| MeasureError::Map(e.to_string());
+        let bytes = file.write().map_err(wrong)?;
+        let cut = pieces::cut(&bytes).map_err(wrong)?;
+        let mut rest = &cut.bytes[..];
+        for length in &cut.lengths {
+            let (piece, after) = rest.split_at((*length).min(rest.len()));
+            sent += if known.insert(piece.to_vec()) { piece.len() } else { 0 };
+            rest = after;
+        }
+        last = cut.bytes.len();
+        Ok(Some((file, bytes)))
+    };
+    let (mut first, mut now, mut saved): (Option<Stamp>, Stamp, f64) = (None, Stamp(0), 0.0);
+    while let Some(frame) = source.next_packet().map_err(Error::from)? {
+        now = frame.stamp;
+        let since = now - *first.get_or_insert(now);
+        slam.track(&frame)?;
+        if since - saved >= SAVE_S {
+            saved = since;
+            save(&slam)?;
+        }
+    }
+    slam.finish();
+    let (file, bytes) = save(&slam)?.ok_or(Error::EmptyMap)?;
+    let seconds = first.map_or(0.0, |first| now - first);
+    Ok(Walk { file, bytes, seconds, sent, last })
+}
+
+/// Bytes that a map takes in memory, by how much the process grows with copies of it.
+fn memory_of(walk: &Walk) -> Result<Option<f64>, MeasureError> {
+    let mut copies = Vec::new();
+    let mut read = |n: usize| -> Result<(), MeasureError> {
+        for _ in 0..n {
+            copies.push(MapFile::read(&walk.bytes).map_err(|e| MeasureError::Map(e.to_string()))?);
+        }
+        Ok(())
+    };
+    read(COPIES[0])?;
+    let before = resident();
+    read(COPIES[1])?;
+    let after = resident();
+    Ok(before.zip(after).map(|(before, after)| after.saturating_sub(before) as f64 / COPIES[1] as f64))
+}
+
+/// Bytes of this process in memory, where the system tells (Linux).
+fn resident() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+}
+
+/// Bytes of the message in which a robot of a team of `count` says what it has, when it has words and maps of all.
+fn have_bytes(count: RobotId) -> f64 {
+    let mut peers: BTreeMap<RobotId, Peer> = BTreeMap::new();
+    for robot in 1..=count {
+        let Ok(identity) = Identity::from_seed(robot, &[robot as u8; 32]) else { continue };
+        let mut peer = Peer::new(identity, TeamKey::new(b"scale"));
+        // Short enough by far.
+        let _ = peer.publish_words(&[robot as u8; 64], &[64]);
+        let _ = peer.publish_pieces(&[robot as u8; 64], &[64]);
+        peers.insert(robot, peer);
+    }
+    let robots: Vec<RobotId> = peers.keys().copied().collect();
+    for _ in 0..20 {
+        let mut mail: Vec<_> = Vec::new();
+        for (robot, peer) in &mut peers {
+            mail.extend(peer.tick().into_iter().map(|message| (*robot, message)));
+        }
+        while let Some((from, message)) = mail.pop() {
+            for to in robots.iter().filter(|r| **r != from && (message.to == To::All || message.to == To::Robot(**r))) {
+                let answers = peers.get_mut(to).and_then(|peer| peer.receive(&message.bytes).ok());
+                mail.extend(answers.into_iter().flatten().map(|answer| (*to, answer)));
+            }
+        }
+    }
+    let said = peers.values_mut().next().map(Peer::tick).unwrap_or_default();
+    said.iter().filter(|m| m.kind == PeerKind::Have).map(|m| m.bytes.len()).sum::<usize>() as f64
+}
+
+/// A key frame that looks like two of those: words of either by chance.
+fn mixed(bags: &[BagOfWords], random: &mut Random) -> BagOfWords {
+    let mut words: BTreeMap<WordId, f32> = BTreeMap::new();
+    for _ in 0..2 {
+        let Some(bag) = bags.get(random.below(bags.len())) else { break };
+        words.extend(bag.words().iter().filter(|_| random.chance(0.5)).copied());
+    }
+    // Words of a map rise, and so do these.
+    BagOfWords::from_parts(words.into_iter().collect(), Vec::new()).unwrap_or_default()
+}
+
+/// Seconds of a query in an index of `n` key frames, the median.
+fn query_s(bags: &[BagOfWords], n: usize) -> f64 {
+    let mut random = Random::new(n as u64);
+    let mut index = PlaceIndex::default();
+    for id in (0..n).filter_map(KeyFrameId::from_index) {
+        index.insert(id, &mixed(bags, &mut random));
+    }
+    let mut times: Vec<f64> = (0..QUERIES)
+        .map(|_| {
+            let bag = mixed(bags, &mut random);
+            let began = Instant::now();
+            std::hint::black_box(index.query(&bag, 24, |_| true));
+            began.elapsed().as_secs_f64()
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[QUERIES / 2]
+}
+
+/// Seconds to compare the words of two key frames of two robots.
+fn compare_s(bags: &[BagOfWords]) -> f64 {
+    let mut random = Random::new(1);
+    let [a, b] = [0, 1].map(|_| MapWords::new((0..COMPARED).map(|_| mixed(bags, &mut random)).collect()));
+    let began = Instant::now();
+    std::hint::black_box(a.alike(&b));
+    began.elapsed().as_secs_f64() / (COMPARED * COMPARED) as f64
+}
+
+/// Seconds to join the second map with the first, for each key frame of the second, without an adjustment of the whole; and seconds
+/// of that, for each key frame of both.
+fn join_s(files: [&MapFile; 2], config: &Config) -> Result<(f64, f64), MeasureError> {
+    let mut around = config.clone();
+    around.closer.whole_key_frames = 0;
+    let named = files.iter().zip(["first", "second"]).map(|(f, name)| (name.to_owned(), (*f).clone()));
+    let named: Vec<_> = named.collect();
+    let began = Instant::now();
+    let merged = merge_maps(named, &around).map_err(Error::from)?;
+    let join = began.elapsed().as_secs_f64() / files[1].snapshot.key_frame_count() as f64;
+    let snapshot = &merged.file.snapshot;
+    let mut maps = snapshot.maps();
+    let (Some((map, _)), None) = (maps.next(), maps.next()) else { return Err(MeasureError::Apart) };
+    let closer = Closer::new(merged.file.about.camera, config.closer, config.mapper.window);
+    let began = Instant::now();
+    std::hint::black_box(closer.adjust_whole(snapshot, map, || false));
+    Ok((join, began.elapsed().as_secs_f64() / snapshot.key_frame_count() as f64))
+}
+
+/// Seconds to relax a pose graph of `n` key frames: laps of a ring, each key frame connected with the three before it and some
+/// with the lap before, and drift.
+fn relax_s(n: usize) -> f64 {
+    let mut random = Random::new(7);
+    let step = Se3::new(So3::exp(&Vec3::new(0.0, std::f64::consts::TAU / LAP as f64, 0.0)), Vec3::new(0.0, 0.0, 0.4));
+    let mut truth = vec![Se3::identity()];
+    let mut walked = truth.clone();
+    for k in 1..n {
+        let mut off = || 1e-3 * random.standard_normal();
+        let error = Se3::new(So3::exp(&Vec3::new(off(), off(), off())), Vec3::new(off(), off(), off()));
+        truth.push(truth[k - 1] * step);
+        walked.push(walked[k - 1] * step * error);
+    }
+    let mut graph = PoseGraph::<Se3, 6>::new();
+    for (k, pose) in walked.iter().enumerate() {
+        graph.add_vertex(*pose, k == 0);
+    }
+    for b in 1..n {
+        let before = (b.saturating_sub(3)..b).map(|a| (a, walked[a].inverse() * walked[b]));
+        let lap = b.checked_sub(LAP).filter(|_| b % LOOP_EVERY == 0).map(|a| (a, truth[a].inverse() * truth[b]));
+        for (a, a_from_b) in before.chain(lap) {
+            // Between two vertices that are there, with numbers that are finite.
+            let _ = graph.add_edge(a, b, a_from_b, &nalgebra::SMatrix::identity(), Loss::Squared);
+        }
+    }
+    let config = GraphConfig { iterations: 20, tolerance: 1e-6, ..GraphConfig::default() };
+    let began = Instant::now();
+    std::hint::black_box(graph.solve(&config, || false));
+    began.elapsed().as_secs_f64()
+}
