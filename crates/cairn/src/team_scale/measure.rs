@@ -6,7 +6,7 @@ use crate::reach::{MapWords, words_of_map};
 use crate::{Config, Error, Slam, map_file, merge_maps, open};
 use cairn_atlas::store::{MapFile, pieces};
 use cairn_atlas::{KeyFrameId, PlaceIndex, RobotId};
-use cairn_geometry::{LieGroup, Se3, So3, Vec3};
+use cairn_geometry::{Se3, So3, Vec3};
 use cairn_mapping::Closer;
 use cairn_random::Random;
 use cairn_sensor::Stamp;

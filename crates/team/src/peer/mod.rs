@@ -35,7 +35,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// Greatest number of bytes that a peer holds, of all robots together.
-const MAX_HELD_BYTES: usize = 512 << 20;
+pub const MAX_HELD_BYTES: usize = 512 << 20;
 
 /// A peer that said nothing for this many ticks is taken for gone: nothing is expected from it.
 const SILENT_TICKS: usize = 6;

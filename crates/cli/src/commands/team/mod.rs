@@ -4,6 +4,7 @@ mod graph;
 pub mod join;
 mod meetings;
 mod paths;
+mod scale;
 pub mod status;
 
 use crate::failure::Failure;
@@ -20,6 +21,7 @@ pub struct Arguments {
 enum Command {
     Graph(graph::Arguments),
     Join(join::Arguments),
+    Scale(scale::Arguments),
     Status(status::Arguments),
 }
 
@@ -31,6 +33,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     match &arguments.command {
         Command::Graph(arguments) => graph::run(arguments, output),
         Command::Join(arguments) => join::run(arguments, output),
+        Command::Scale(arguments) => scale::run(arguments, output),
         Command::Status(arguments) => status::run(arguments, output),
     }
 }
