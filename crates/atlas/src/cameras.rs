@@ -57,7 +57,7 @@ impl Snapshot {
 
     /// The same maps in an atlas of another camera: the key frames of `was`, that of this atlas, carry it from now on, and so
     /// do all others theirs. What is measured with a right image is stated as if it had the disparity error
-    /// `right_offset`, so that one correction serves all.
+    /// `right_offset`, so that one correction serves all. Velocities and biases are left out: they are of another IMU.
     pub(crate) fn in_atlas_of(
         &self,
         was: (SensorMode, RectifiedCamera),
@@ -85,7 +85,7 @@ impl Snapshot {
             if correction != 0.0 && other.camera.has_depth() {
                 shift_disparities(Arc::make_mut(&mut k.frame), &other.camera, correction);
             }
-            k.other_camera = Some(other);
+            (k.other_camera, k.motion) = (Some(other), None);
         }
         for (id, l) in self.landmarks.iter() {
             if let (Some(seen), Some(l)) = (snapshot.visibility(l), snapshot.landmarks.get_mut(id)) {
@@ -109,10 +109,16 @@ impl MapFile {
         if octaves[0] != octaves[1] {
             return Err(format!("one map has {:?}, the other {:?}", octaves[0], octaves[1]));
         }
-        let (was, camera) = ((self.about.sensor, self.about.camera), &other.about.camera);
-        let snapshot = self.snapshot.in_atlas_of(was, camera, other.snapshot.right_offset());
-        let about = About { program: self.about.program.clone(), ..other.about.clone() };
-        Ok(Self { snapshot, about, attached: self.attached.clone() })
+        let about = &other.about;
+        Ok(self.in_atlas_with(about.sensor, &about.camera, other.snapshot.right_offset()))
+    }
+
+    /// This map in an atlas of any camera, whose right x have this error.
+    pub fn in_atlas_with(&self, sensor: SensorMode, camera: &RectifiedCamera, right_offset: f64) -> Self {
+        let was = (self.about.sensor, self.about.camera);
+        let snapshot = self.snapshot.in_atlas_of(was, camera, right_offset);
+        let about = About { program: self.about.program.clone(), sensor, camera: *camera };
+        Self { snapshot, about, attached: self.attached.clone() }
     }
 }
 

@@ -83,7 +83,7 @@ fn merged(seed: u64, walks: &[Walk]) -> (MergedMaps, Vec<f64>, f64, f64) {
     let (both, (free, scale)) = (ate(file, &all, None, false).0, ate(file, &all, None, true));
     let best = alone.iter().copied().fold(f64::INFINITY, f64::min);
     println!(
-        "seed {seed}: {} maps, {} cameras; ATE alone {alone:.3?} m, in the atlas {parts:.3?} m, all {both:.3} m, {:.2} times \
+        "seed {seed}: {} maps, {} cameras; ATE alone {alone:.3?} m, in the atlas {parts:.3?} m, all {both:.3} m, {:.3} times \
          the best; scale free {free:.3} m, scale {scale:.4}",
         file.snapshot.maps().count(),
         1 + file.snapshot.other_cameras().count(),
@@ -148,6 +148,38 @@ fn three_sensors_share_one_map_in_metres_that_is_as_good_as_the_best() {
         assert!(again.write().unwrap() == bytes, "written again it is another file");
         assert_eq!(Table::read(&walks[0].file.write().unwrap()).unwrap().version, 4);
     }
+}
+
+/// Coverage and error of a walk that is localised in an atlas of other cameras, or why it cannot be.
+fn localised(atlas: &MapFile, options: &str) -> Result<(f64, f64), String> {
+    let mut source = open(&format!("sim:demo?detail=0.5&{options}")).expect("a world");
+    let built = Slam::for_source(&*source).map(atlas.clone()).build();
+    let mut slam = built.map_err(|e| e.to_string())?;
+    assert!(slam.notes().iter().any(|note| note.contains("only localises")), "{:?}", slam.notes());
+    while let Some(frame) = source.next_packet().expect("a simulated world can be read") {
+        slam.track(&frame).expect("a frame in order");
+    }
+    slam.finish();
+    assert_eq!(slam.map().snapshot().key_frame_count(), atlas.snapshot.key_frame_count());
+    let found = slam.accuracy(&source.info().truth).expect("poses");
+    Ok((found.coverage, found.ate_m.rmse))
+}
+
+/// A camera that made none of an atlas's key frames finds its way in it; without depth only where gravity is known.
+#[test]
+fn a_fourth_camera_is_localised_in_the_atlas_of_three() {
+    let walks = house(5, [RGBD, STEREO, MONO_IMU]);
+    let atlas = merge(&walks.iter().collect::<Vec<_>>()).file;
+    let rgbd = "sensor=rgbd&resolution=360x270&focal=250&rate=10";
+    for sensor in [rgbd, STEREO, MONO_IMU] {
+        let (coverage, ate_m) =
+            localised(&atlas, &format!("seed=5&{sensor}&start=8&duration=8&height=1.35")).unwrap();
+        println!("{sensor}: coverage {coverage:.3}, ATE {ate_m:.3} m");
+        assert!(coverage > 0.9 && ate_m < 0.03, "{sensor}: coverage {coverage}, ATE {ate_m} m");
+    }
+    let level_unknown = merge(&walks[..2].iter().collect::<Vec<_>>()).file;
+    let why = localised(&level_unknown, &format!("seed=5&{MONO}&start=8&duration=2")).unwrap_err();
+    assert!(why.contains("only where gravity is known"), "{why}");
 }
 
 /// A map without metres that was put into the atlas first takes them from a map that comes later.

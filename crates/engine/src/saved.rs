@@ -35,8 +35,7 @@ impl Engine {
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
         if file.snapshot.other_cameras().next().is_some() {
-            let why = "its key frames were made with several cameras, and a run continues maps of its own camera only";
-            return Err(OpenMapError::Camera(why.into()));
+            return Self::among_other_cameras(front_end, file, rig, mode, rate_hz, runner, config);
         }
         let file = file.with_depth_weighed_for(front_end.model());
         let notes = file
@@ -44,6 +43,30 @@ impl Engine {
             .fits(file.snapshot.octaves(), mode, front_end.model(), front_end.octaves())
             .map_err(OpenMapError::Camera)?;
         Ok((Self::around(front_end, file.snapshot.clone(), rig, mode, rate_hz, runner, config), notes))
+    }
+
+    /// An engine in a map of several cameras, of which its own need not be one: it only localises.
+    fn among_other_cameras(
+        front_end: FrontEnd,
+        file: &MapFile,
+        rig: &Rig,
+        mode: SensorMode,
+        rate_hz: f64,
+        runner: Runner,
+        config: &Config,
+    ) -> Result<(Self, Vec<String>), OpenMapError> {
+        let (camera, octaves) = (*front_end.model(), (file.snapshot.octaves(), front_end.octaves()));
+        if octaves.0 != octaves.1 {
+            let why = format!("the map has {:?}, this run {:?}", octaves.0, octaves.1);
+            return Err(OpenMapError::Camera(why));
+        }
+        if !(camera.has_depth() || file.snapshot.is_gravity_aligned_throughout()) {
+            let why = "it was made with several cameras; a run without depth finds its way in it only where gravity is known";
+            return Err(OpenMapError::Camera(why.into()));
+        }
+        let snapshot = file.in_atlas_with(mode, &camera, 0.0).snapshot;
+        let engine = Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config).localize_only();
+        Ok((engine, vec!["it was made with several cameras: this run only localises in it".into()]))
     }
 
     /// The same engine that only localises: the map stays unchanged, and no new map is created.

@@ -25,15 +25,8 @@ pub enum Resource {
 
 impl Resource {
     /// All, in the order of tables.
-    pub const ALL: [Self; 7] = [
-        Self::Bandwidth,
-        Self::Memory,
-        Self::Held,
-        Self::Query,
-        Self::Compare,
-        Self::Atlas,
-        Self::Relax,
-    ];
+    pub const ALL: [Self; 7] =
+        [Self::Bandwidth, Self::Memory, Self::Held, Self::Query, Self::Compare, Self::Atlas, Self::Relax];
 }
 
 impl fmt::Display for Resource {

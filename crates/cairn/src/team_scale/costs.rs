@@ -75,6 +75,8 @@ pub struct Costs {
     pub adjust_s: f64,
     /// Key frames up to which a map is adjusted as a whole.
     pub adjusted_as_a_whole: usize,
+    /// Earlier key frames to which one has an edge in the pose graph that is relaxed.
+    pub edges: f64,
     /// Seconds to relax the pose graph of a map, by its key frames.
     pub relax_s: Power,
 }

@@ -100,7 +100,10 @@ impl Team {
     /// them, zero where it is broken without any.
     pub fn most_key_frames(&self, costs: &Costs, budgets: &Budgets, resource: Resource) -> f64 {
         let broken = |key_frames: f64| {
-            Self { key_frames, ..*self }.load(costs).of(resource).is_some_and(|load| load > budgets.of(resource))
+            Self { key_frames, ..*self }
+                .load(costs)
+                .of(resource)
+                .is_some_and(|load| load > budgets.of(resource))
         };
         if broken(0.0) {
             return 0.0;
@@ -137,7 +140,8 @@ impl Load {
     /// What is over its budget, with how many times, worst first.
     pub fn broken(&self, budgets: &Budgets) -> Vec<(Resource, f64)> {
         let times = |r: Resource| Some((r, self.of(r)? / budgets.of(r)));
-        let mut broken: Vec<_> = Resource::ALL.into_iter().filter_map(times).filter(|(_, t)| *t > 1.0).collect();
+        let mut broken: Vec<_> =
+            Resource::ALL.into_iter().filter_map(times).filter(|(_, t)| *t > 1.0).collect();
         broken.sort_by(|a, b| b.1.total_cmp(&a.1));
         broken
     }
@@ -164,18 +168,13 @@ mod tests {
             join_s: 4e-3,
             adjust_s: 2e-3,
             adjusted_as_a_whole: 1000,
+            edges: 4.0,
             relax_s: Power { factor: 1e-5, exponent: 1.3 },
         }
     }
 
-    const BUDGETS: Budgets = Budgets {
-        bandwidth: 100e3,
-        memory: 8e9,
-        held: 512e6,
-        query_s: 0.1,
-        renew_s: 8.0,
-        relax_s: 5.0,
-    };
+    const BUDGETS: Budgets =
+        Budgets { bandwidth: 100e3, memory: 8e9, held: 512e6, query_s: 0.1, renew_s: 8.0, relax_s: 5.0 };
 
     /// Two robots with 50 key frames each, by hand.
     #[test]

@@ -55,6 +55,47 @@ fn what_is_no_team_is_said_in_one_line() {
     fails(&["team", "graph", name, name], &["vertex 0 is in none of the texts"]);
 }
 
+/// The model is made of what was measured, and is compared with a run: one that sent half of what the model says is told so.
+#[test]
+fn costs_are_measured_and_scaled_and_checked() {
+    let folder = folder("team-scale");
+    let (demo, svg) = (folder.join("demo.json"), folder.join("scale.svg"));
+    let robot = |n: u16| serde_json::json!({ "robot": n, "key_frames": 40, "sent_kb_per_s": 50.0 });
+    let run = serde_json::json!({ "seconds": 30.0, "robots": [robot(1), robot(2), robot(3)] });
+    std::fs::write(&demo, run.to_string()).unwrap();
+    let paths = [demo.to_str().unwrap(), svg.to_str().unwrap()];
+    let r =
+        json(&cairn(&["team", "scale", "--json", "--group", "5", "--check", paths[0], "--svg", paths[1]]));
+    let number = |v: &Value| v.as_f64().unwrap_or_else(|| panic!("{v} in {r}"));
+    let costs = &r["costs"];
+    assert!((50..300).contains(&costs["key_frames"].as_u64().unwrap()), "{costs}");
+    let (map, words) = (number(&costs["map_bytes"]), number(&costs["words_bytes"]));
+    assert!((5e3..1e5).contains(&map) && (100.0..1026.0).contains(&words), "{costs}");
+    let again = number(&costs["sent_again"]);
+    assert!((1.0..3.0).contains(&again), "{costs}");
+    let rows = r["table"].as_array().unwrap();
+    assert_eq!(rows.len(), 24);
+    let row = |robots: u64, key_frames: f64| {
+        let found = rows.iter().find(|row| row["robots"] == robots && row["key_frames"] == key_frames);
+        &found.unwrap_or_else(|| panic!("no row of {robots} robots"))["load"]
+    };
+    // In groups of five, maps cost a hundred robots what they cost ten, and words eleven times as much.
+    let maps = |robots| number(&row(robots, 1e4)["bandwidth_maps"]);
+    assert_eq!(maps(10), maps(100));
+    let words = |robots| number(&row(robots, 1e4)["bandwidth_words"]);
+    assert!((words(100) / words(10) - 11.0).abs() < 1e-6);
+    assert!(number(&row(2, 1e6)["memory"]) > 5.0 * number(&row(2, 1e5)["memory"]));
+    // 120 key frames to two others each, in 30 s.
+    let check = &r["check"];
+    let predicted = number(&check["predicted_kb_per_s"]);
+    let each = 120.0 * 2.0 * (map * again + number(&costs["words_bytes"])) / 30.0 / 3.0 / 1e3;
+    assert!(predicted >= each && predicted < each + 1.0, "{check}, {each} without what robots say they have");
+    assert_eq!(number(&check["measured_kb_per_s"]), 50.0);
+    assert!(std::fs::read_to_string(&svg).unwrap().contains("bandwidth"));
+    fails(&["team", "scale", "--check", paths[1]], &["scale.svg", "cairn demo --team 4 --json"]);
+    assert_eq!(cairn(&["team", "scale", "--memory", "-1"]).status.code(), Some(2));
+}
+
 /// A process that does not outlive its test.
 struct Running(std::process::Child);
 

@@ -7,6 +7,7 @@ use cairn::{Map, routes_of};
 use cairn_atlas::store::{DEPTH_PREFIX, MapFile, StoreError, Table, sensor_name};
 use cairn_atlas::{MapId, Snapshot};
 use cairn_guide::{CleanConfig, Route, RouteError, survey};
+use cairn_vision::RectifiedCamera;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -21,6 +22,9 @@ struct Info {
     sensor: &'static str,
     metric: bool,
     camera: Camera,
+    /// The cameras of key frames that are not the atlas's.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    other_cameras: Vec<OtherCamera>,
     /// Correction added to every measured right-image x coordinate, as estimated by the map.
     right_offset_px: f64,
     key_frames: usize,
@@ -49,6 +53,35 @@ struct Camera {
     focal_px: [f64; 2],
     centre_px: [f64; 2],
     baseline_m: f64,
+}
+
+impl Camera {
+    fn of(camera: &RectifiedCamera) -> Self {
+        Self {
+            focal_px: [camera.fx, camera.fy],
+            centre_px: [camera.cx, camera.cy],
+            baseline_m: camera.baseline_fx / camera.fx,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct OtherCamera {
+    sensor: &'static str,
+    camera: Camera,
+    /// Key frames that it made.
+    key_frames: usize,
+}
+
+impl OtherCamera {
+    fn of(snapshot: &Snapshot, other: &cairn_atlas::OtherCamera) -> Self {
+        let its = |k: &&cairn_atlas::KeyFrame| k.other_camera.as_deref() == Some(other);
+        Self {
+            sensor: sensor_name(other.sensor),
+            camera: Camera::of(&other.camera),
+            key_frames: snapshot.key_frames().filter(its).count(),
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -125,11 +158,8 @@ fn info(path: &Path) -> Result<Info, Failure> {
         program: file.about.program.clone(),
         sensor: sensor_name(file.about.sensor),
         metric: snapshot.is_metric(camera),
-        camera: Camera {
-            focal_px: [camera.fx, camera.fy],
-            centre_px: [camera.cx, camera.cy],
-            baseline_m: camera.baseline_fx / camera.fx,
-        },
+        camera: Camera::of(camera),
+        other_cameras: snapshot.other_cameras().map(|other| OtherCamera::of(snapshot, other)).collect(),
         right_offset_px: snapshot.right_offset(),
         key_frames: snapshot.key_frame_count(),
         removed_key_frames: snapshot.removed_key_frame_count(),
@@ -212,6 +242,18 @@ fn text(i: &Info) -> String {
         (false, false) => ", without metric scale".to_owned(),
     };
     let _ = writeln!(text, "made with {}, focal length {fx:.2} {fy:.2} px{baseline}", i.sensor);
+    for other in &i.other_cameras {
+        let [fx, fy] = other.camera.focal_px;
+        let baseline = match other.camera.baseline_m > 0.0 {
+            true => format!(", baseline {:.4} m", other.camera.baseline_m),
+            false => String::new(),
+        };
+        let _ = writeln!(
+            text,
+            "and with  {}, focal length {fx:.2} {fy:.2} px{baseline}: {} key frames",
+            other.sensor, other.key_frames
+        );
+    }
     let _ = writeln!(
         text,
         "total     {} key frames ({} removed), {} landmarks, {} observations",

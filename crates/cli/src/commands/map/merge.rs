@@ -10,8 +10,8 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Puts several saved maps of the same camera, with their recorded routes, into one file, and joins those that show the
-/// same places.
+/// Puts several saved maps, of any cameras, with their recorded routes, into one file, and joins those that show the same
+/// places.
 ///
 /// Two maps become one when at least three places that are apart from each other are recognised, agree with each other,
 /// and are not contradicted. Maps where that is not certain stay apart in the file, with the reason; a later run joins
@@ -92,7 +92,7 @@ struct ApartReport {
 /// Merges the files.
 ///
 /// # Errors
-/// When a file cannot be read or written, or the maps are of different cameras.
+/// When a file cannot be read or written, or features of the maps cannot be compared.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let outputs = Outputs::new(a.overwrite);
     let outputs = a.files.iter().fold(outputs, |outputs, file| outputs.input("a map to merge", Some(file)));
@@ -110,7 +110,7 @@ fn unmerged(error: MergeError) -> Failure {
     match error {
         MergeError::Empty => Failure::new("map merge", error.to_string(), "name at least two maps"),
         MergeError::Unfit { name, why } => {
-            let hint = "only maps made with the same camera can be put into one file";
+            let hint = "only maps made with the same front_end.orb.levels can be put into one file";
             Failure::new(name, format!("does not fit the first map: {why}"), hint)
         }
         MergeError::Depth { name, source } => {

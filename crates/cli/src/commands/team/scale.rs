@@ -4,10 +4,10 @@ use crate::failure::Failure;
 use crate::output::{Output, note};
 use crate::outputs::Outputs;
 use cairn::Config;
+use cairn::team::peer::MAX_HELD_BYTES;
 use cairn::team_scale::{Budgets, Costs, Load, Resource, Team, measure_costs};
 use cairn_eval::{Labels, Mark, Series, Tone, line_chart};
 use cairn_files::MIB;
-use cairn::team::peer::MAX_HELD_BYTES;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -139,7 +139,9 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
 }
 
 fn demo(path: &Path) -> Result<Demo, Failure> {
-    let fail = |why: String| Failure::new(path.display().to_string(), why, "save what cairn demo --team 4 --json prints");
+    let fail = |why: String| {
+        Failure::new(path.display().to_string(), why, "save what cairn demo --team 4 --json prints")
+    };
     let text = cairn_files::read_text(path, 16 * MIB).map_err(|e| fail(e.to_string()))?;
     let demo: Demo = serde_json::from_str(&text).map_err(|e| fail(e.to_string()))?;
     if demo.seconds <= 0.0 || demo.robots.is_empty() {
@@ -197,7 +199,8 @@ fn check(demo: &Demo, costs: &Costs) -> Check {
 fn text(r: &Report) -> String {
     let (c, b) = (&r.costs, &r.budgets);
     let mut text = String::new();
-    let memory = c.memory_bytes.map_or("unknown (this system does not tell)".into(), |m| format!("{:.0} kB", m / 1e3));
+    let memory =
+        c.memory_bytes.map_or("unknown (this system does not tell)".into(), |m| format!("{:.0} kB", m / 1e3));
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
@@ -207,7 +210,7 @@ fn text(r: &Report) -> String {
          query     {:.3} ms and {:.3} ms for each 1000 key frames\n\
          words     {:.0} ns to compare two key frames\n\
          atlas     {:.1} ms a key frame to join, and {:.1} ms to adjust all up to {} key frames\n\
-         relax     {:.2} s for 10^4 key frames, growing with their power {:.2}",
+         relax     {:.2} s for 10^4 key frames of {:.1} edges each, growing with their power {:.2}",
         c.key_frames,
         c.walked_s,
         c.key_frames_per_s(),
@@ -224,6 +227,7 @@ fn text(r: &Report) -> String {
         c.adjust_s * 1e3,
         c.adjusted_as_a_whole,
         c.relax_s.at(1e4),
+        c.edges,
         c.relax_s.exponent
     );
     let shared = r.group.map_or("all robots share places".into(), |g| format!("groups of {g} share places"));
@@ -261,7 +265,9 @@ fn text(r: &Report) -> String {
         );
     }
     let _ = write!(text, "\nkey frames of all up to which a budget is kept\n{:>6}", "robots");
-    Resource::ALL.iter().for_each(|r| drop(write!(text, " {r:>10}")));
+    for resource in Resource::ALL {
+        let _ = write!(text, " {resource:>10}");
+    }
     text.push('\n');
     for most in &r.most_key_frames {
         let _ = write!(text, "{:>6}", most.robots);
@@ -271,7 +277,10 @@ fn text(r: &Report) -> String {
         text.push('\n');
     }
     let (robots, key_frames) = TYPICAL;
-    let _ = writeln!(text, "\ngrowth at {robots} robots and {key_frames} key frames: the power of key frames of each, of robots");
+    let _ = writeln!(
+        text,
+        "\ngrowth at {robots} robots and {key_frames} key frames: the power of key frames of each, of robots"
+    );
     for g in &r.growth {
         let _ = writeln!(text, "{:<10} {:>5.2} {:>5.2}", g.resource, g.with_key_frames, g.with_robots);
     }
