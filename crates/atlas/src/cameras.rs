@@ -5,20 +5,9 @@
 //! found, which depend on the focal length, are those of the atlas's camera.
 
 use crate::store::{About, MapFile};
-use crate::{KeyFrame, MapId, Snapshot};
+use crate::{KeyFrame, MapId, OtherCamera, Snapshot};
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
 use std::sync::Arc;
-
-/// A camera that is not that of the atlas.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OtherCamera {
-    /// What depth comes from.
-    pub sensor: SensorMode,
-    /// The camera.
-    pub camera: RectifiedCamera,
-    /// Its focal length over that of the atlas's camera.
-    pub focal_ratio: f64,
-}
 
 impl KeyFrame {
     /// The camera of its features, where `atlas` is that of the atlas.

@@ -96,8 +96,17 @@ impl MapWords {
     /// How many key frames of this map look like one of the other, and of the other like one of this; the same numbers
     /// whichever way round.
     pub fn alike(&self, other: &Self) -> (usize, usize) {
+        self.alike_up_to(other, usize::MAX)
+    }
+
+    /// The same, counted no further than until both numbers are `enough`: of robots that walk in one place a few key frames
+    /// tell that.
+    fn alike_up_to(&self, other: &Self, enough: usize) -> (usize, usize) {
         let (mut here, mut there) = (BTreeSet::new(), BTreeSet::new());
         for (k, bag) in self.bags.iter().enumerate() {
+            if here.len().min(there.len()) >= enough {
+                break;
+            }
             let mut scores = vec![0.0; other.bags.len()];
             for (word, w) in bag.words() {
                 for (n, v) in other.lists.get(&word.0).into_iter().flatten() {
@@ -115,7 +124,7 @@ impl MapWords {
 
     /// Whether the two maps may show the same places.
     pub fn meets(&self, other: &Self) -> bool {
-        let (here, there) = self.alike(other);
+        let (here, there) = self.alike_up_to(other, LEAST_KEY_FRAMES);
         here.min(there) >= LEAST_KEY_FRAMES
     }
 }

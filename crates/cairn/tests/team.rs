@@ -113,6 +113,10 @@ fn meetings(walks: &BTreeMap<RobotId, Walk>) -> BTreeSet<(RobotId, RobotId)> {
             let alike = of_a.alike(of_b);
             println!("robots {a} and {b}: {} and {} key frames look alike", alike.0, alike.1);
             assert_eq!(of_b.alike(of_a), (alike.1, alike.0));
+            assert_eq!(
+                (of_a.meets(of_b), of_b.meets(of_a)),
+                (alike.0.min(alike.1) >= 3, alike.0.min(alike.1) >= 3)
+            );
             pairs.extend(of_a.meets(of_b).then_some((*a, *b)));
         }
     }

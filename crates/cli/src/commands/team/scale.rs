@@ -166,7 +166,7 @@ fn report(group: Option<u16>, costs: Costs, budgets: Budgets, demo: Option<Demo>
     let (robots, key_frames) = TYPICAL;
     let at = |robots, key_frames, resource| team(robots, key_frames).load(&costs).of(resource);
     let growth = Resource::ALL.into_iter().filter_map(|resource| {
-        let now = at(robots, key_frames, resource)?;
+        let now = at(robots, key_frames, resource).filter(|load| *load > 0.0)?;
         let exponent = |more: Option<f64>| Some((more? / now).log2());
         Some(Growth {
             resource,
