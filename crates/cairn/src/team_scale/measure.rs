@@ -110,7 +110,7 @@ pub fn measure_costs(config: &Config, mut said: impl FnMut(&str)) -> Result<Cost
 
 /// Walks, and saves every few seconds.
 fn walk(robot: RobotId, config: &Config) -> Result<Walk, MeasureError> {
-    let mut source = open(&format!("{WORLD}&{}", WALKS[usize::from(robot) - 1])).map_err(Error::from)?;
+    let mut source = open(&format!("{WORLD}&{}", WALKS[usize::from(robot) - 1]))?;
     let config = Config { robot, ..config.clone() };
     let mut slam = Slam::for_source(&*source).config(&config).build()?;
     let (mut known, mut sent, mut last) = (BTreeSet::new(), 0, 0);
