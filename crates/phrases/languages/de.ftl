@@ -264,7 +264,18 @@ walk-route-unreadable = Die Route ist nicht lesbar: { $why }.
 walk-route-empty = Diese Route ist leer.
 walk-other-map = Diese Route gehört zu einer Karte, die nicht geladen ist.
 walk-way-here-unknown = Ich weiß noch nicht, wo Sie sind.
-walk-way-unknown = Ich kenne keinen Ort namens { $place }.
+walk-way-unknown = Ich kenne keinen Ort namens { $place }. { walk-way-places }
+walk-way-places = { $count ->
+    [0] Ich kenne keinen Ort, zu dem ich führen kann: Auf dieser Karte ist keine Route aufgenommen.
+   *[other] Ich kann zu diesen Orten führen: { $places }.
+}
+walk-way-place = { $end ->
+    [start] Anfang von { $route }
+   *[end] Ende von { $route }
+}
+walk-way-route = Route { $number }
+walk-way-going = Ziel: { $place }, { distance }.
+walk-way-going-unmeasured = Ziel: { $place }.
 walk-way-ambiguous = Ich kenne mehr als einen Ort namens { $place }.
 walk-way-other-map = Ich kenne den Weg zu { $place } nicht: Noch kein Weg hat den Ort mit dieser Karte verbunden.
 walk-way-far = Sie sind zu weit von den aufgezeichneten Wegen entfernt, um zu { $place } geführt zu werden.
@@ -340,6 +351,7 @@ key-yes = ja
 key-no = nein
 key-load = die letzte Route laden
 key-guide = heimführen
+key-take-me = sagen, wohin ich geführt werden kann
 key-backwards = rückwärts führen
 key-halt = Führung beenden
 key-repeat = noch einmal sagen
@@ -372,6 +384,7 @@ page-guide-backwards = Rückwärts gehen
 page-halt = Führung beenden
 page-load = Die letzte Route laden
 page-guide-again = Vom Anfang zum Ende führen
+page-take-me = Wohin kann ich geführt werden?
 page-routes = Routen
 page-routes-none = Es wurde noch keine Route aufgenommen.
 page-routes-count = { $count ->
@@ -380,6 +393,8 @@ page-routes-count = { $count ->
 }
 page-route-loaded = Diese Route ist geladen.
 page-load-one = Laden
+page-take-me-start = Zum Anfang führen
+page-take-me-end = Zum Ende führen
 page-rename = Benennen
 page-delete = Löschen
 page-labelled = { $action }: { $route }

@@ -250,7 +250,18 @@ walk-route-unreadable = The route cannot be read: { $why }.
 walk-route-empty = That route is empty.
 walk-other-map = That route belongs to a map that is not loaded.
 walk-way-here-unknown = I do not know yet where you are.
-walk-way-unknown = I do not know a place called { $place }.
+walk-way-unknown = I do not know a place called { $place }. { walk-way-places }
+walk-way-places = { $count ->
+    [0] I know no place to take you to: no route was recorded on this map.
+   *[other] I can take you to: { $places }.
+}
+walk-way-place = { $end ->
+    [start] the start of { $route }
+   *[end] the end of { $route }
+}
+walk-way-route = route { $number }
+walk-way-going = Going to { $place }, { distance }.
+walk-way-going-unmeasured = Going to { $place }.
 walk-way-ambiguous = I know more than one place called { $place }.
 walk-way-other-map = I do not know the way to { $place }: no walk has joined it to this map yet.
 walk-way-far = You are too far from the recorded routes to be taken to { $place }.
@@ -326,6 +337,7 @@ key-yes = yes
 key-no = no
 key-load = load the latest route
 key-guide = guide home
+key-take-me = say where I can be taken
 key-backwards = guide backwards
 key-halt = halt guidance
 key-repeat = say it again
@@ -358,6 +370,7 @@ page-guide-backwards = Walk backwards
 page-halt = Halt guidance
 page-load = Load the latest route
 page-guide-again = Guide from start to end
+page-take-me = Where can you take me?
 page-routes = Routes
 page-routes-none = No route has been recorded yet.
 page-routes-count = { $count ->
@@ -366,6 +379,8 @@ page-routes-count = { $count ->
 }
 page-route-loaded = This route is at hand.
 page-load-one = Load
+page-take-me-start = Take me to its start
+page-take-me-end = Take me to its end
 page-rename = Rename
 page-delete = Delete
 page-labelled = { $action }: { $route }

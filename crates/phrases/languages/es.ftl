@@ -253,7 +253,18 @@ walk-route-unreadable = No se puede leer la ruta: { $why }.
 walk-route-empty = Esa ruta está vacía.
 walk-other-map = Esa ruta es de un mapa que no está cargado.
 walk-way-here-unknown = Todavía no sé dónde está usted.
-walk-way-unknown = No conozco ningún lugar llamado { $place }.
+walk-way-unknown = No conozco ningún lugar llamado { $place }. { walk-way-places }
+walk-way-places = { $count ->
+    [0] No conozco ningún lugar al que llevarle: no hay ninguna ruta grabada en este mapa.
+   *[other] Puedo llevarle a estos lugares: { $places }.
+}
+walk-way-place = { $end ->
+    [start] el principio de { $route }
+   *[end] el final de { $route }
+}
+walk-way-route = la ruta { $number }
+walk-way-going = Destino: { $place }, { distance }.
+walk-way-going-unmeasured = Destino: { $place }.
 walk-way-ambiguous = Conozco más de un lugar llamado { $place }.
 walk-way-other-map = No conozco el camino a { $place }: ningún recorrido lo ha unido aún a este mapa.
 walk-way-far = Está demasiado lejos de las rutas grabadas para ir a { $place }.
@@ -332,6 +343,7 @@ key-yes = sí
 key-no = no
 key-load = cargar la última ruta
 key-guide = guiar de vuelta
+key-take-me = decir adónde se me puede llevar
 key-backwards = guiar hacia atrás
 key-halt = terminar la guía
 key-repeat = repetir
@@ -364,6 +376,7 @@ page-guide-backwards = Caminar hacia atrás
 page-halt = Terminar la guía
 page-load = Cargar la última ruta
 page-guide-again = Guiar de principio a fin
+page-take-me = ¿Adónde puede llevarme?
 page-routes = Rutas
 page-routes-none = Todavía no se ha grabado ninguna ruta.
 page-routes-count = { $count ->
@@ -372,6 +385,8 @@ page-routes-count = { $count ->
 }
 page-route-loaded = Esta ruta está cargada.
 page-load-one = Cargar
+page-take-me-start = Llevarme al principio
+page-take-me-end = Llevarme al final
 page-rename = Nombre
 page-delete = Borrar
 page-labelled = { $action }: { $route }

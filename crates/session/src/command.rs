@@ -50,6 +50,8 @@ pub enum Command {
         /// From start to end as it was recorded, instead of home.
         again: bool,
     },
+    /// Guide over the recorded routes to this place; without one, say which places there are.
+    TakeMe(String),
     /// End guidance.
     Halt,
     /// Say the last words again.
@@ -78,7 +80,7 @@ const fn key(key: char, line: &'static str, does: &'static str) -> Key {
 }
 
 /// The keys of the terminal, the page and the help.
-pub const KEYS: [Key; 14] = [
+pub const KEYS: [Key; 15] = [
     key('r', "record", "key-record"),
     key('s', "stop", "key-stop"),
     key('n', "note", "key-note"),
@@ -88,6 +90,7 @@ pub const KEYS: [Key; 14] = [
     key('y', "yes", "key-yes"),
     key('x', "no", "key-no"),
     key('g', "guide", "key-guide"),
+    key('t', "take me", "key-take-me"),
     key('b', "backwards", "key-backwards"),
     key('h', "halt", "key-halt"),
     key('p', "repeat", "key-repeat"),
@@ -105,7 +108,7 @@ pub fn help(language: Language) -> String {
     let keys: Vec<String> = KEYS.iter().map(|k| format!("{} {}", k.key, language.text(k.does))).collect();
     let lines = format!(
         "load NUMBER|FILE (1-9), rename [NUMBER] NAME, delete [NUMBER], mark, note [left|right] TEXT, guide \
-         home|back|backwards [again], {}",
+         home|back|backwards [again], take me to PLACE, {}",
         settings::FORMS
     );
     format!("{}; {}", keys.join(", "), language.say("key-lines", &[("lines", (&lines).into())]))
@@ -137,6 +140,7 @@ impl Command {
             "rename" => return rename(after(line)),
             "note" => return Ok(note(after(line))),
             "delete" => return delete(&rest),
+            "take" => return take_me(after(line)),
             "mark" => Self::Mark,
             "yes" => Self::Answer(true),
             "no" => Self::Answer(false),
@@ -193,6 +197,15 @@ fn delete(words: &[&str]) -> Result<Command, String> {
             Ok(Command::Delete(Some(number)))
         }
         [_, more, ..] => Err(format!("unexpected \"{more}\" after \"delete\"")),
+    }
+}
+
+/// "take me to the kitchen" and "take me kitchen"; "take me" alone asks for the places.
+fn take_me(text: &str) -> Result<Command, String> {
+    let (me, to) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    match me.eq_ignore_ascii_case("me") {
+        true => Ok(Command::TakeMe(to.trim().to_owned())),
+        false => Err("write take me to the name of a place, or take me to hear which there are".into()),
     }
 }
 
@@ -265,6 +278,7 @@ mod tests {
             ('x', "no"),
             ('n', "note"),
             ('3', "load 3"),
+            ('t', "take me"),
             ('q', "quit"),
         ] {
             let command = Command::of_key(key).unwrap();
@@ -286,6 +300,11 @@ mod tests {
         );
         assert_eq!(Command::parse("rename home"), Ok(Command::Rename(None, "home".into())));
         assert_eq!(Command::parse("delete 4"), Ok(Command::Delete(Some(4))));
+        assert_eq!(
+            Command::parse("take me  to the kitchen start"),
+            Ok(Command::TakeMe("to the kitchen start".into()))
+        );
+        assert!(Command::parse("take").is_err() && Command::parse("take it").is_err());
         let note = |line: &str| match Command::parse(line).unwrap() {
             Command::Note { text, side } => (text, side),
             other => panic!("{other:?}"),

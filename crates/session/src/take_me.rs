@@ -93,15 +93,18 @@ impl<'a> WalkedRoutes<'a> {
 
     /// The start and the end of every route, in the order of the routes.
     pub fn destinations(&self) -> Vec<Destination> {
-        let ends = |r: &Resolved| {
-            let end = |what: &str, k: usize| {
-                let (point, map) = (r.points.get(k)?, (*r.maps.get(k)?)?);
-                let name = format!("{} {what}", r.name);
-                Some(Destination { name, at: point.frame_from_camera.translation, map })
-            };
-            [end("start", 0), end("end", r.points.len().wrapping_sub(1))]
+        (0..self.routes.len()).flat_map(|k| self.ends(k)).flatten().collect()
+    }
+
+    /// The start and the end of the route with this index; `None` where it has no place in the map.
+    pub fn ends(&self, route: usize) -> [Option<Destination>; 2] {
+        let Some(r) = self.routes.get(route) else { return [None, None] };
+        let end = |what: &str, k: usize| {
+            let (point, map) = (r.points.get(k)?, (*r.maps.get(k)?)?);
+            let name = format!("{} {what}", r.name);
+            Some(Destination { name, at: point.frame_from_camera.translation, map })
         };
-        self.routes.iter().flat_map(ends).flatten().collect()
+        [end("start", 0), end("end", r.points.len().wrapping_sub(1))]
     }
 
     /// The destination of a name, in any case; the name of a route alone is its end.

@@ -267,6 +267,32 @@ async fn token_is_required_and_one_page_controls() {
             break;
         }
     }
+    // A place is asked for by the number of its route, as the list of kept routes does.
+    send(&mut walker, json!({ "command": "take me to the attic" })).await;
+    let refused = next(&mut walker, "did").await;
+    let names = "I do not know a place called the attic. I can take you to: the end of route 1, the start of route 1.";
+    assert_eq!((&refused["ok"], &refused["text"]), (&json!(false), &json!(names)));
+    // The walk goes on: sooner or later it is far enough from its start.
+    let going = loop {
+        send(&mut walker, json!({ "command": "take me to route 1 start" })).await;
+        let did = next(&mut walker, "did").await;
+        if did["ok"] == true {
+            break did["text"].as_str().unwrap().to_owned();
+        }
+        let why = did["text"].as_str().unwrap();
+        assert!(
+            ["You are there already.", "I cannot guide you: the route is too short."].contains(&why),
+            "{why}"
+        );
+        tokio::time::sleep(Duration::from_millis(300)).await;
+    };
+    assert!(going.starts_with("Going to the start of route 1, "), "{going}");
+    send(&mut walker, json!({ "command": "load 1" })).await;
+    assert!(next(&mut walker, "did").await["text"].as_str().unwrap().contains("Halt it first"));
+    send(&mut walker, json!({ "command": "halt" })).await;
+    assert_eq!(next(&mut walker, "did").await["ok"], true);
+    send(&mut walker, json!({ "command": "load 1" })).await;
+    assert_eq!(next(&mut walker, "did").await["ok"], true);
     send(&mut walker, json!({ "command": "guide back" })).await;
     // First whether the map covers the route, then the route's length.
     let ready = next(&mut walker, "did").await["text"].as_str().unwrap().to_owned();

@@ -135,16 +135,18 @@ pub(crate) fn numbered(folder: &Path) -> Vec<(u32, PathBuf)> {
     all
 }
 
+/// The number in the name of a route's file.
+pub(crate) fn number_of(path: &Path) -> Option<u32> {
+    let stem = path.file_stem()?.to_str()?;
+    stem.strip_prefix("route-").or_else(|| stem.strip_prefix("way-"))?.parse().ok()
+}
+
 /// The files of routes in a folder, with the number in their names.
 pub(crate) fn routes_in(folder: &Path) -> Vec<(Option<u32>, PathBuf)> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
-    let number = |path: &Path| {
-        let stem = path.file_stem()?.to_str()?;
-        stem.strip_prefix("route-").or_else(|| stem.strip_prefix("way-"))?.parse::<u32>().ok()
-    };
     (entries.flatten().map(|e| e.path()))
         .filter(|p| p.extension().is_some_and(|e| e == "route" || e == "way") && p.is_file())
-        .map(|p| (number(&p), p))
+        .map(|p| (number_of(&p), p))
         .collect()
 }
 

@@ -12,10 +12,11 @@ pub(crate) mod words;
 
 use cairn_guide::PhraseConfig;
 pub use entry::RouteEntry;
-pub(crate) use folder::{RouteFolder, checked_name, latest};
+pub(crate) use folder::{RouteFolder, checked_name, latest, number_of};
 pub use keeper::{Kept, LibraryError, MapKeeper, RoutesLock};
 pub use listed::RouteListed;
 pub use wall::{WallClock, WallTime};
+pub(crate) use words::SPOKEN;
 
 /// The routes of a folder, newest first, before a session is there that could say which of them can be walked.
 pub fn routes_in(folder: &std::path::Path, now: WallTime, phrases: &PhraseConfig) -> Vec<RouteListed> {

@@ -5,7 +5,7 @@ use cairn_guide::PhraseConfig;
 use cairn_phrases::{Arg, Language};
 
 /// How many routes are named when the list is spoken.
-const SPOKEN: usize = 5;
+pub(crate) const SPOKEN: usize = 5;
 
 /// Why a route cannot be walked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -28,6 +28,7 @@ impl Session {
             Command::Guide { facing, again } => {
                 self.begin_guiding(facing.unwrap_or(self.config.facing), *again)
             }
+            Command::TakeMe(to) => self.take_me(to),
             Command::Halt => match self.guiding.take() {
                 Some(_) => {
                     self.speech.drop_waiting();

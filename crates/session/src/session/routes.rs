@@ -28,7 +28,7 @@ impl Session {
     }
 
     /// Why a route cannot be walked in this session, if so.
-    fn why_not(&self, entry: &RouteEntry) -> Option<WhyNot> {
+    pub(super) fn why_not(&self, entry: &RouteEntry) -> Option<WhyNot> {
         match &entry.damage {
             Some(_) => Some(WhyNot::Unreadable),
             None => (!self.is_here(&entry.path, entry.atlas.as_deref())).then_some(WhyNot::OtherMap),
@@ -42,7 +42,7 @@ impl Session {
             || self.keeper.as_ref().is_some_and(|k| k.holds(path, atlas))
     }
 
-    fn refresh(&mut self) {
+    pub(super) fn refresh(&mut self) {
         self.folder.refresh(self.recording.as_ref().and_then(|r| r.path.as_deref()));
     }
 

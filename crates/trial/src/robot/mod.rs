@@ -8,6 +8,7 @@ mod config;
 mod household;
 mod judge;
 mod localiser;
+mod once_open;
 mod pilot;
 mod run;
 

@@ -4,6 +4,7 @@
 
 use super::RobotConfig;
 use super::localiser::{Localiser, Located};
+use super::once_open::OnceOpen;
 use super::{GoalEnd, TrialError};
 use cairn_atlas::KeyFrameId;
 use cairn_geometry::{Se2, Vec2};
@@ -76,6 +77,7 @@ pub struct Pilot {
     config: RobotConfig,
     scanner: DepthScanner,
     ground: GroundMap<KeyFrameId>,
+    once_open: OnceOpen,
     navigator: Navigator,
     task: Task,
     target: Option<Approach>,
@@ -127,6 +129,7 @@ impl Pilot {
             config: config.clone(),
             scanner,
             ground: GroundMap::new(ground),
+            once_open: OnceOpen::default(),
             navigator: Navigator::new(config.navigator),
             task: Task::Look { turned: 0.0, then: Then::Explore },
             target: None,
@@ -228,6 +231,7 @@ impl Pilot {
             self.poses_s = t_s;
             let laid = self.ground.set_poses(|id| localiser.key_pose(id))?;
             self.laid_again += usize::from(laid.scans > 0);
+            self.ground.costs().into_iter().for_each(|costs| self.once_open.learn(costs));
         }
         let (Some((id, key)), Some(depth)) = (located.key, &packet.depth) else { return Ok(()) };
         let key_from_body = key.inverse() * located.ground_from_body;
@@ -361,6 +365,14 @@ impl Pilot {
         all.first().map(|a| a.goal).filter(|at| (at - pose.translation).norm() > SAME_M)
     }
 
+    /// The place before what blocks or hides the way to the goal, if that is not here.
+    fn before_blockage(&self, pose: &Se2, goal: Vec2) -> Option<Vec2> {
+        let costs = self.ground.costs()?;
+        let from = nearest_free(&costs.passable(), costs.frame().cell_at(pose.translation)?, 6)?;
+        let at = self.once_open.before_blockage(costs, from, self.free_goal(goal))?;
+        Some(at).filter(|at| (at - pose.translation).norm() > SAME_M)
+    }
+
     /// A free place about a metre away.
     fn aside(&mut self, pose: &Se2) -> Option<Vec2> {
         let passable = self.ground.costs()?.passable();
@@ -409,7 +421,8 @@ impl Pilot {
                 let then = Then::Visit { goal, began_s, tries: tries + 1 };
                 self.task = Task::Look { turned: 0.0, then };
                 // What is in the way may have gone: from near the goal that is seen best, else from another place.
-                let near = self.near_goal(pose, self.goals[goal]);
+                let at = self.goals[goal];
+                let near = self.near_goal(pose, at).or_else(|| self.before_blockage(pose, at));
                 if let Some(at) = near.or_else(|| if tries > 1 { self.aside(pose) } else { None }) {
                     self.navigator.set_goal(at);
                     self.task = Task::Aside(then);

@@ -74,6 +74,14 @@ export class RouteList {
     const item = make('li', {}, make('p', { className: 'name', textContent: route.words }));
     if (more.length) item.append(make('p', { className: 'more', textContent: more.join(' ') }));
     item.append(make('div', { className: 'three' }, load, rename, remove));
+    if (!route.why_not) {
+      const there = (id, end) => {
+        const made = button(id, `take-${end}`, () => this.command(`take me to route ${route.number} ${end}`));
+        made.classList.add('go');
+        return made;
+      };
+      item.append(make('div', { className: 'two' }, there('page-take-me-start', 'start'), there('page-take-me-end', 'end')));
+    }
     item.classList.toggle('loaded', route.loaded);
     return item;
   }
