@@ -56,9 +56,7 @@ impl Last {
     fn restarted(&self, snapshot: &Snapshot, carried: NavEstimate) -> Option<Self> {
         let Self { stamp, anchored, tracked, .. } = *self;
         if tracked == stamp {
-            let seen = carried.seen(&anchored.world_from_camera, &pose_covariance())?;
-            // The images behind this pose have told the estimate of the biases what they can already.
-            let estimate = seen.with_biases_of(&self.estimate);
+            let estimate = carried.seen(&anchored.world_from_camera, &pose_covariance())?;
             return Some(Self { stamp, estimate, anchored, tracked });
         }
         let anchored = anchored_at(snapshot, anchored.reference, carried.world_from_camera)?;
@@ -156,7 +154,6 @@ impl InertialFilter {
                 if last.stamp - k.frame.stamp > MAX_AGE_S || current != Some(k.map) {
                     return;
                 }
-                let adjusted = adjusted.with_biases_of(&last.estimate);
                 let Some(carried) = self.carried(&adjusted, k.frame.stamp, last.stamp) else { return };
                 if let Some(better) = last.restarted(snapshot, carried) {
                     self.last = Some(better);
