@@ -15,7 +15,7 @@ mod window;
 pub use buffer::{ImuBuffer, Missing};
 pub use factor::InertialResidual;
 pub use initialise::{Attempt, Gate, GateKind, Initial, InitialiseConfig, Scale, Seen, SeenPose, initialise};
-pub use nav_estimate::NavEstimate;
+pub use nav_estimate::{Level, NavEstimate};
 pub use noise::of_data_sheet;
 pub use offset::{OffsetConfig, OffsetUnknown, TimeOffset, time_offset};
 pub use preintegrated::Preintegrated;

@@ -5,11 +5,15 @@
 //! step between two frames is thus the adjustment of both with the earlier one marginalised.
 
 use crate::{Bias, Gravity, NavState, Preintegrated};
-use cairn_geometry::{Manifold, Se3, Vec3};
+use cairn_geometry::{Manifold, Se3, So3, Vec3};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
-/// Unknowns: translation and rotation of the camera, velocity, gyro bias, accel bias.
-const N: usize = 15;
+/// Unknowns: translation and rotation of the camera, velocity, gyro bias, accel bias, direction of gravity.
+const N: usize = 17;
+/// Those of the sensor at one instant: all but gravity, which is the same at each.
+const M: usize = 15;
+/// The first of the biases and of gravity.
+const BIAS: usize = 9;
 
 /// State of camera and IMU with its covariance.
 #[derive(Clone, Debug)]
@@ -20,15 +24,65 @@ pub struct NavEstimate {
     pub velocity: Vec3,
     /// The sensor's biases.
     pub bias: Bias,
-    /// Over (translation, rotation) of the camera along its own axes, velocity, gyro bias, accel bias.
+    /// Gravity in the world. How well the world is aligned with it is not better known than the accelerometer's bias: a walk
+    /// straight on tells the sum of both only.
+    pub gravity: Gravity,
+    /// Over (translation, rotation) of the camera along its own axes, velocity, gyro bias, accel bias, and the tilt of
+    /// gravity ([`Gravity`]'s tangent).
     pub covariance: SMatrix<f64, N, N>,
 }
 
+/// What is known of the direction of gravity and of the accelerometer's bias together, where only their sum was seen.
+#[derive(Clone, Copy, Debug)]
+pub struct Level {
+    /// Standard deviation of the bias across gravity, m/s^2.
+    pub bias: f64,
+    /// Of the bias along gravity, m/s^2.
+    pub bias_along: f64,
+    /// Of the direction of gravity with the bias known, radians.
+    pub tilt: f64,
+}
+
+impl Level {
+    /// Over accel bias and tilt. A specific force that was seen holds `bias = -world_from_imu' gravity`, up to a constant: the
+    /// tilt is what the bias makes of it, plus what is left.
+    fn covariance(&self, gravity: &Gravity, world_from_imu: So3) -> SMatrix<f64, 5, 5> {
+        let rotation = world_from_imu.matrix();
+        let up = -gravity.vector() / gravity.magnitude;
+        let along = up * up.transpose();
+        let variance =
+            (nalgebra::Matrix3::identity() - along) * self.bias.powi(2) + along * self.bias_along.powi(2);
+        let bias = rotation.transpose() * variance * rotation;
+        let tilt_by_bias = gravity.jacobian().transpose() * rotation / gravity.magnitude.powi(2);
+        let mut out = SMatrix::<f64, 5, 5>::zeros();
+        out.fixed_view_mut::<3, 3>(0, 0).copy_from(&bias);
+        out.fixed_view_mut::<2, 3>(3, 0).copy_from(&(tilt_by_bias * bias));
+        out.fixed_view_mut::<3, 2>(0, 3).copy_from(&(bias * tilt_by_bias.transpose()));
+        let own = tilt_by_bias * bias * tilt_by_bias.transpose()
+            + nalgebra::Matrix2::identity() * self.tilt.powi(2);
+        out.fixed_view_mut::<2, 2>(3, 3).copy_from(&own);
+        out
+    }
+}
+
 impl NavEstimate {
-    /// A state with independent standard deviations: metres, radians, m/s, rad/s, m/s^2.
-    pub fn new(world_from_camera: Se3, velocity: Vec3, bias: Bias, sigmas: [f64; 5]) -> Self {
-        let covariance = SMatrix::from_diagonal(&SVector::from_fn(|i, _| sigmas[i / 3].powi(2)));
-        Self { world_from_camera, velocity, bias, covariance }
+    /// A state in a world that is level, with independent standard deviations: metres, radians, m/s, rad/s, m/s^2; `level` of
+    /// the direction of gravity, beyond what the accelerometer's bias makes of it, radians.
+    pub fn new(
+        world_from_camera: Se3,
+        velocity: Vec3,
+        bias: Bias,
+        sigmas: [f64; 5],
+        level: &Level,
+        imu_from_camera: &Se3,
+    ) -> Self {
+        let mut covariance =
+            SMatrix::from_diagonal(&SVector::<f64, N>::from_fn(|i, _| sigmas[(i / 3).min(4)].powi(2)));
+        let gravity = Gravity::level();
+        let world_from_imu = world_from_camera.rotation * imu_from_camera.rotation.inverse();
+        let own = level.covariance(&gravity, world_from_imu);
+        covariance.fixed_view_mut::<5, 5>(12, 12).copy_from(&own);
+        Self { world_from_camera, velocity, bias, gravity, covariance }
     }
 
     /// The sensor's state.
@@ -38,27 +92,45 @@ impl NavEstimate {
     }
 
     /// The prediction at the end of preintegrated readings that begin at this instant; `None` when they are empty.
-    pub fn after(&self, sum: &Preintegrated, gravity: &Gravity, imu_from_camera: &Se3) -> Option<Self> {
+    pub fn after(&self, sum: &Preintegrated, imu_from_camera: &Se3) -> Option<Self> {
         if sum.seconds() <= 0.0 {
             return None;
         }
         let from = self.nav(imu_from_camera);
-        let to = sum.predict(&from, &gravity.vector());
-        let l = sum.linearise(&from, &to, gravity);
+        let to = sum.predict(&from, &self.gravity.vector());
+        let l = sum.linearise(&from, &to, &self.gravity);
         let adjoint = imu_from_camera.adjoint();
-        let of_camera = |by: &SMatrix<f64, N, N>| {
+        let of_camera = |by: &SMatrix<f64, M, M>| {
             let mut out = *by;
-            let pose = by.fixed_view::<N, 6>(0, 0) * adjoint;
-            out.fixed_view_mut::<N, 6>(0, 0).copy_from(&pose);
+            let pose = by.fixed_view::<M, 6>(0, 0) * adjoint;
+            out.fixed_view_mut::<M, 6>(0, 0).copy_from(&pose);
             out
         };
-        // residual(from, to) is the noise: to first order, by_from d_from + by_to d_to = noise.
-        let (by_from, by_to) = (of_camera(&l.by_from), of_camera(&l.by_to));
-        let carried = sum.covariance() + by_from * self.covariance * by_from.transpose();
-        let back = by_to.try_inverse()?;
-        let covariance = symmetric(&(back * carried * back.transpose()));
+        // residual(from, to) is the noise: to first order, by_from d_from + by_to d_to + by_gravity d_gravity = noise.
+        let back = of_camera(&l.by_to).try_inverse()?;
+        let mut step = SMatrix::<f64, N, N>::identity();
+        step.fixed_view_mut::<M, M>(0, 0).copy_from(&(-back * of_camera(&l.by_from)));
+        step.fixed_view_mut::<M, 2>(0, M).copy_from(&(-back * l.by_gravity));
+        let mut covariance = step * self.covariance * step.transpose();
+        let mut own = covariance.fixed_view_mut::<M, M>(0, 0);
+        own += back * sum.covariance() * back.transpose();
+        let covariance = symmetric(&covariance);
         let world_from_camera = to.world_from_imu * *imu_from_camera;
-        Some(Self { world_from_camera, velocity: to.velocity, bias: to.bias, covariance })
+        Some(Self {
+            world_from_camera,
+            velocity: to.velocity,
+            bias: to.bias,
+            gravity: self.gravity,
+            covariance,
+        })
+    }
+
+    /// With the biases and the gravity of another estimate, and what that knows of them.
+    pub fn with_biases_of(mut self, other: &Self) -> Self {
+        (self.bias, self.gravity) = (other.bias, other.gravity);
+        let own = other.covariance.fixed_view::<{ N - BIAS }, { N - BIAS }>(BIAS, BIAS);
+        self.covariance.fixed_view_mut::<{ N - BIAS }, { N - BIAS }>(BIAS, BIAS).copy_from(&own);
+        self
     }
 
     /// Information over the pose alone, everything else marginalised.
@@ -82,10 +154,13 @@ impl NavEstimate {
         })
     }
 
-    /// Takes over a correction of the map: the camera has this pose now, and keeps its velocity along its own axes.
+    /// Takes over a correction of the map: the camera has this pose now, and keeps its velocity and gravity along its own
+    /// axes.
     pub fn carry_to(&mut self, world_from_camera: Se3) {
-        let turn = (world_from_camera.rotation * self.world_from_camera.rotation.inverse()).matrix();
+        let turned = world_from_camera.rotation * self.world_from_camera.rotation.inverse();
+        let turn = turned.matrix();
         self.velocity = turn * self.velocity;
+        self.gravity.world_from_level = turned * self.gravity.world_from_level;
         let rows = turn * self.covariance.fixed_view::<3, N>(6, 0);
         self.covariance.fixed_view_mut::<3, N>(6, 0).copy_from(&rows);
         let columns = self.covariance.fixed_view::<N, 3>(0, 6) * turn.transpose();
@@ -128,6 +203,7 @@ impl NavEstimate {
             world_from_camera: self.world_from_camera.retract(&d.fixed_rows::<6>(0).into()),
             velocity: self.velocity + part(6),
             bias,
+            gravity: self.gravity.retract(&d.fixed_rows::<2>(M).into()),
             covariance: self.covariance,
         }
     }
@@ -149,6 +225,7 @@ mod tests {
     use cairn_solve::ransac::Rng;
 
     const NOISE: ImuNoise = ImuNoise { gyro: 2e-3, gyro_walk: 1e-4, accel: 2e-2, accel_walk: 1e-3 };
+    const LEVEL: Level = Level { bias: 0.1, bias_along: 0.05, tilt: 0.01 };
     const SIGMAS: [f64; 5] = [0.01, 0.01, 0.05, 0.01, 0.05];
 
     fn imu_from_camera() -> Se3 {
@@ -156,8 +233,7 @@ mod tests {
     }
 
     /// Half a second of swinging motion, measured with noise at 200 Hz; the true state at its end.
-    fn integrated(from: &NavState, rng: &mut Rng) -> (Preintegrated, NavState) {
-        let gravity = Gravity::level();
+    fn integrated(from: &NavState, gravity: &Gravity, rng: &mut Rng) -> (Preintegrated, NavState) {
         let (mut state, mut bias, mut samples) = (*from, from.bias, Vec::new());
         let dt = 0.005_f64;
         let mut draw = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
@@ -189,7 +265,7 @@ mod tests {
     #[test]
     fn errors_agree_with_the_covariance() {
         let mut rng = Rng::new(5);
-        let (gravity, arm) = (Gravity::level(), imu_from_camera());
+        let arm = imu_from_camera();
         let mut sums = [0.0; 2];
         for _ in 0..300 {
             let mut draw = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
@@ -198,15 +274,15 @@ mod tests {
                 Vec3::new(0.5, -0.3, 0.1),
                 Bias::default(),
                 SIGMAS,
+                &LEVEL,
+                &arm,
             );
-            let mut d = SVector::<f64, N>::zeros();
-            for (k, sigma) in SIGMAS.iter().enumerate() {
-                d.fixed_rows_mut::<3>(3 * k).copy_from(&draw(*sigma));
-            }
+            let unit = SVector::<f64, N>::from_fn(|_, _| draw(1.0).x);
+            let d = Cholesky::new(prior.covariance).unwrap().l() * unit;
             let (pose_noise, turn_noise) = (draw(0.005), draw(0.003));
             let truth = prior.moved(&d);
-            let (sum, end) = integrated(&truth.nav(&arm), &mut rng);
-            let carried = prior.after(&sum, &gravity, &arm).unwrap();
+            let (sum, end) = integrated(&truth.nav(&arm), &truth.gravity, &mut rng);
+            let carried = prior.after(&sum, &arm).unwrap();
             let true_camera = end.world_from_imu * arm;
             let error = |b: &NavEstimate| {
                 let mut e = SVector::<f64, N>::zeros();
@@ -214,6 +290,7 @@ mod tests {
                 e.fixed_rows_mut::<3>(6).copy_from(&(end.velocity - b.velocity));
                 e.fixed_rows_mut::<3>(9).copy_from(&(end.bias.gyro - b.bias.gyro));
                 e.fixed_rows_mut::<3>(12).copy_from(&(end.bias.accel - b.bias.accel));
+                e.fixed_rows_mut::<2>(M).copy_from(&b.gravity.local(&truth.gravity));
                 e.dot(&Cholesky::new(b.covariance).unwrap().solve(&e))
             };
             sums[0] += error(&carried);
@@ -234,8 +311,8 @@ mod tests {
         }
         for mean in sums.map(|s| s / 300.0) {
             assert!(
-                (13.5..16.5).contains(&mean),
-                "mean squared error over covariance: {sums:?}, 15 is right"
+                (15.5..18.5).contains(&mean),
+                "mean squared error over covariance: {sums:?}, 17 is right"
             );
         }
     }
@@ -247,6 +324,8 @@ mod tests {
             Vec3::new(0.2, 0.0, -0.1),
             Bias::default(),
             [0.1, 0.1, 0.3, 0.01, 0.1],
+            &LEVEL,
+            &Se3::identity(),
         );
         let still = moving.at_rest(1e-3).unwrap();
         assert!(still.velocity.norm() < 1e-5 && still.covariance[(6, 6)] < 1.1e-6);

@@ -5,6 +5,8 @@ mod closing;
 mod cull;
 mod disparity;
 mod fuse;
+#[cfg(test)]
+mod imu_walk;
 mod inertial;
 mod initialisation;
 mod insert;

@@ -12,7 +12,7 @@ use crate::initialisation::{CameraAndImu, STATIONARY_M_S};
 use cairn_adjust::{Window, WindowConfig};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_inertial::{Gate, GateKind, Initial, NavState};
+use cairn_inertial::{GateKind, Initial, NavState};
 use cairn_sensor::Stamp;
 use std::collections::BTreeSet;
 
@@ -149,9 +149,8 @@ fn measured_over(
     seconds: f64,
 ) -> Option<Initial> {
     let attempt = of.attempt(snapshot, chain, seconds)?;
-    let is_good = |g: &Gate| g.passed || matches!(g.kind, GateKind::ScaleSigma | GateKind::GravitySigma);
-    let found = attempt.found.filter(|_| attempt.gates.iter().all(is_good))?;
-    (found.scale_sigma <= MOST_SIGMA).then_some(found)
+    let found = attempt.good_but_for(&[GateKind::ScaleSigma, GateKind::GravitySigma])?;
+    (found.scale_sigma <= MOST_SIGMA).then(|| found.clone())
 }
 
 /// Adjusts the key frames of the last seconds; those before hold what both see.
@@ -234,79 +233,15 @@ fn scaled(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<Cha
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synthetic::{World, mono, pose};
+    use crate::imu_walk::{NOISE, STEP_S, ToAndFro, position};
+    use crate::synthetic::mono;
     use cairn_adjust::ImuModel;
-    use cairn_atlas::{ImuFactor, InertialState, KeyFrame, MapId};
-    use cairn_geometry::{Sim3, So3};
-    use cairn_inertial::{Bias, Preintegrated};
-    use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample};
-    use std::f64::consts::{FRAC_PI_2, TAU};
-    use std::sync::Arc;
-
-    /// Seconds from key frame to key frame.
-    const STEP_S: f64 = 0.25;
-    const NOISE: ImuNoise = ImuNoise { gyro: 3e-4, gyro_walk: 1e-4, accel: 3e-3, accel_walk: 1e-3 };
-
-    /// To and fro with the gait of a walker, in the world of the views (y is down).
-    fn position(t: f64) -> Vec3 {
-        Vec3::new(0.8 * (0.8 * t).sin(), 0.008 * (1.8 * TAU * t).sin(), 0.5 * (0.6 * t).sin())
-    }
-
-    fn heading(t: f64) -> f64 {
-        0.3 * (0.8 * t).sin()
-    }
-
-    fn at(t: f64) -> Se3 {
-        Se3::new(pose(0.0, 0.0, heading(t)).rotation, position(t))
-    }
-
-    fn reading(t: f64) -> ImuSample {
-        let h = 1e-3;
-        let acceleration = (position(t + h) + position(t - h) - position(t) * 2.0) / (h * h);
-        let force = at(t).rotation.inverse() * (acceleration - Vec3::y() * GRAVITY_M_S2);
-        let rate = (heading(t + h) - heading(t - h)) / (2.0 * h);
-        ImuSample::new(Stamp::from_seconds(t), Vec3::y() * rate, force)
-    }
-
-    fn link(n: usize) -> Arc<Preintegrated> {
-        let readings = (0..=25).map(|i| reading(STEP_S * (n as f64 + i as f64 / 25.0))).collect();
-        Arc::new(Preintegrated::of(NOISE, Bias::default(), readings))
-    }
-
-    /// A gravity-aligned map of the walk, exact but for its unit.
-    fn map(count: usize, factor: f64) -> (Atlas, Vec<KeyFrameId>) {
-        let world = World::around(mono(), 71);
-        let path: Vec<Se3> = (0..count).map(|n| at(STEP_S * n as f64)).collect();
-        let mut seen = Atlas::new(Snapshot::new());
-        let ids = world.map(&mut seen, &world.walk(&path, 0.0, STEP_S), &path, None, |_| Sim3::identity());
-        let (seen, mut changes) = (seen.latest().clone(), Vec::new());
-        for (n, id) in ids.iter().enumerate() {
-            let k = seen.key_frame(*id).unwrap();
-            let t = STEP_S * n as f64;
-            let velocity = path[n].rotation.inverse() * (position(t + 1e-3) - position(t - 1e-3)) / 2e-3;
-            let imu_factor =
-                n.checked_sub(1).map(|before| ImuFactor { since: ids[before], sum: link(before) });
-            let mut k = KeyFrame::new(k.id, k.frame.clone(), k.world_from_camera, k.parent);
-            k.motion = Some(InertialState { velocity, bias: Bias::default(), imu_factor });
-            changes.push(Change::AddKeyFrame(Box::new(k)));
-        }
-        for l in seen.landmarks() {
-            changes.push(Change::AddLandmark(l.id, l.position));
-            changes.extend(l.observations.iter().map(|o| Change::Observe(l.id, o.key_frame, o.feature)));
-        }
-        let up = So3::exp(&(Vec3::x() * -FRAC_PI_2));
-        changes.push(Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() }));
-        changes.push(Change::Rescale(MapId(ids[0]), factor));
-        let mut atlas = Atlas::new(Snapshot::new());
-        assert_eq!(atlas.commit(changes).dropped, 0);
-        (atlas, ids)
-    }
 
     /// Checks with each key frame of the last two seconds: after how many seconds a contradiction was told and put right, and
     /// the scale of those seconds at the end.
     fn checked(factor: f64) -> (Option<f64>, Option<f64>, f64) {
         let count = 33;
-        let (mut atlas, ids) = map(count, factor);
+        let (mut atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor }.map(count);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
         let camera = mono();
         let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };

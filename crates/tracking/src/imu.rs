@@ -5,10 +5,10 @@
 //! there is a [`NavEstimate`]: it starts from the newest key frame that mapping has adjusted with its IMU
 //! factors, is propagated to each frame by the readings, and corrected by the pose that is tracked there.
 
-use crate::state::AnchoredPose;
+use crate::state::{AnchoredPose, anchored_at};
 use cairn_atlas::{ImuSegment, KeyFrame, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_inertial::{Bias, Gravity, ImuBuffer, NavEstimate, Rest, RestConfig, of_data_sheet};
+use cairn_inertial::{Bias, ImuBuffer, Level, NavEstimate, Rest, RestConfig, of_data_sheet};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use nalgebra::SMatrix;
 
@@ -25,6 +25,8 @@ const ADJUSTED_SIGMAS: [f64; 5] = [0.003, 0.002, 0.02, 0.001, 0.05];
 const ADJUSTED_LANDMARKS: usize = 30;
 /// The standard deviations where only the pose was tracked.
 const TRACKED_SIGMAS: [f64; 5] = [0.005, 0.003, 1.0, 0.003, 0.05];
+/// What a map that mapping has levelled tells of gravity and of the accelerometer's bias.
+const LEVELLED: Level = Level { bias: 0.1, bias_along: 0.05, tilt: 0.002 };
 /// Age in seconds up to which an adjusted key frame corrects the state.
 const MAX_AGE_S: f64 = 2.0;
 /// Standard deviation of the velocity in a zero-velocity update, m/s.
@@ -44,6 +46,22 @@ struct Last {
     stamp: Stamp,
     estimate: NavEstimate,
     anchored: AnchoredPose,
+    /// When the pose was last tracked: at this frame, unless the readings alone have led here since.
+    tracked: Stamp,
+}
+
+impl Last {
+    /// The same frame with the state that the readings predict for it from an adjusted key frame, corrected by its pose if
+    /// that was tracked. A pose that the readings predicted says nothing new, and is replaced.
+    fn restarted(&self, snapshot: &Snapshot, carried: NavEstimate) -> Option<Self> {
+        let Self { stamp, anchored, tracked, .. } = *self;
+        if tracked == stamp {
+            let estimate = carried.seen(&anchored.world_from_camera, &pose_covariance())?;
+            return Some(Self { stamp, estimate, anchored, tracked });
+        }
+        let anchored = anchored_at(snapshot, anchored.reference, carried.world_from_camera)?;
+        Some(Self { stamp, estimate: carried, anchored, tracked })
+    }
 }
 
 /// Readings and state estimate.
@@ -125,27 +143,25 @@ impl InertialFilter {
         let newest = newest.filter(|k| k.landmarks.iter().flatten().count() >= ADJUSTED_LANDMARKS);
         let Some((k, motion)) = newest.and_then(|k| Some((k, k.motion.as_ref()?))) else { return };
         self.bias = motion.bias;
-        let adjusted = NavEstimate::new(
-            k.world_from_camera,
-            k.world_from_camera.rotation * motion.velocity,
-            motion.bias,
-            ADJUSTED_SIGMAS,
-        );
+        let velocity = k.world_from_camera.rotation * motion.velocity;
+        let adjusted = self.state(k.world_from_camera, velocity, motion.bias, ADJUSTED_SIGMAS);
         match &self.last {
+            // Made where the readings alone had led: its landmarks are where that pose put them, so adjusting it to
+            // them makes the pose no better known.
+            Some(last) if last.tracked < k.frame.stamp => {}
             Some(last) if last.stamp > k.frame.stamp => {
                 let current = snapshot.key_frame(last.anchored.reference).map(|r| r.map);
                 if last.stamp - k.frame.stamp > MAX_AGE_S || current != Some(k.map) {
                     return;
                 }
                 let Some(carried) = self.carried(&adjusted, k.frame.stamp, last.stamp) else { return };
-                let corrected = carried.seen(&last.anchored.world_from_camera, &pose_covariance());
-                let (stamp, anchored) = (last.stamp, last.anchored);
-                self.last = corrected.map(|estimate| Last { stamp, estimate, anchored }).or(self.last.take());
+                if let Some(better) = last.restarted(snapshot, carried) {
+                    self.last = Some(better);
+                }
             }
-            Some(last) if last.stamp < k.frame.stamp => {}
             _ => {
-                let anchored = AnchoredPose::at(k.id, k.world_from_camera);
-                self.last = Some(Last { stamp: k.frame.stamp, estimate: adjusted, anchored });
+                let (stamp, anchored) = (k.frame.stamp, AnchoredPose::at(k.id, k.world_from_camera));
+                self.last = Some(Last { stamp, estimate: adjusted, anchored, tracked: stamp });
             }
         }
     }
@@ -198,19 +214,18 @@ impl InertialFilter {
             (None, Some(last)) => {
                 let turn =
                     anchored.world_from_camera.rotation * last.anchored.world_from_camera.rotation.inverse();
-                NavEstimate::new(
+                self.state(
                     anchored.world_from_camera,
                     turn * last.estimate.velocity,
                     self.bias,
                     TRACKED_SIGMAS,
                 )
+                .with_biases_of(&last.estimate)
             }
-            (None, None) => {
-                NavEstimate::new(anchored.world_from_camera, Default::default(), self.bias, TRACKED_SIGMAS)
-            }
+            (None, None) => self.state(anchored.world_from_camera, Vec3::zeros(), self.bias, TRACKED_SIGMAS),
         };
         self.carried_s = 0.0;
-        self.last = gravity_aligned.then_some(Last { stamp, estimate, anchored: *anchored });
+        self.last = gravity_aligned.then_some(Last { stamp, estimate, anchored: *anchored, tracked: stamp });
     }
 
     /// Whether orientations from vision alone are still wanted: until the time offset is known.
@@ -228,7 +243,8 @@ impl InertialFilter {
         let at_rest = self.is_at_rest(stamp, &predicted);
         let since = self.last.as_ref().map_or(0.0, |last| stamp - last.stamp);
         self.carried_s += if at_rest { 0.0 } else { since };
-        self.last = Some(Last { stamp, estimate: predicted, anchored: *anchored });
+        let tracked = self.last.as_ref().map_or(stamp, |last| last.tracked);
+        self.last = Some(Last { stamp, estimate: predicted, anchored: *anchored, tracked });
     }
 
     /// The IMU data of a frame that becomes a key frame; the next segment starts here.
@@ -273,7 +289,12 @@ impl InertialFilter {
 
     fn carried(&self, from: &NavEstimate, since: Stamp, to: Stamp) -> Option<NavEstimate> {
         let sum = self.buffer.preintegrate(from.bias, since, to).ok()?;
-        from.after(&sum, &Gravity::level(), &self.imu_from_camera)
+        from.after(&sum, &self.imu_from_camera)
+    }
+
+    /// A state in a map that mapping has levelled.
+    fn state(&self, world_from_camera: Se3, velocity: Vec3, bias: Bias, sigmas: [f64; 5]) -> NavEstimate {
+        NavEstimate::new(world_from_camera, velocity, bias, sigmas, &LEVELLED, &self.imu_from_camera)
     }
 
     /// The up direction in the camera frame, by the mean specific force of the last [`MEAN_FORCE_S`].

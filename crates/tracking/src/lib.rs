@@ -2,6 +2,8 @@
 
 mod decide;
 mod imu;
+#[cfg(test)]
+mod imu_tests;
 mod local_map;
 mod match_last;
 mod odometry;

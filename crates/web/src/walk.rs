@@ -48,7 +48,7 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
         let listed = routes_in(folder, wall_of(hub)(), &serve.session.phrases);
         hub.routes.send_replace(ToPage::Routes(&listed).text().into());
     }
-    let mut lens = None;
+    let (mut lens, mut config) = (None, serve.config);
     let (source, mode, has_imu): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
         CameraSource::Page { rig } => {
             let guessed = rig.is_none();
@@ -56,6 +56,8 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
             lens = guessed.then(|| lens_of(hub, serve.keep.clone(), &mut phone)).flatten();
             // A phone with motion data makes the map metric.
             let has_imu = phone.rig().imu.is_some();
+            // Phones expose row after row, each type with a time of its own.
+            config.tracker.estimate_readout |= has_imu;
             let to_pages = hub.clone();
             let watched =
                 Validator::new(Box::new(phone), move |doubt| to_pages.broadcast(&ToPage::Doubt(doubt)))
@@ -65,7 +67,6 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
         CameraSource::Source { open, .. } => open()?,
     };
     let name = source.info().name.clone();
-    let mut config = serve.config;
     config.inertial.enabled = has_imu;
     let (rig, rate_hz) = (source.rig(), source.info().rate_hz);
     let mut session_config = serve.session;

@@ -2,7 +2,7 @@
 //! beside the standard deviation that was stated there.
 
 use cairn_engine::Odometry;
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Stamp;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -25,6 +25,8 @@ pub struct Carried {
     pub sigma_m: f64,
     /// Error of the mean velocity in the half second before it, m/s.
     pub before_m_s: f64,
+    /// Error of the direction of gravity at its beginning and at its end, degrees.
+    pub tilt_deg: [f64; 2],
 }
 
 impl Carried {
@@ -59,8 +61,16 @@ impl Carried {
             error_deg: off.rotation.log().norm().to_degrees(),
             sigma_m: *sigmas.get(&moved[to].0)?,
             before_m_s: off_before.translation.norm() / (moved[from].0 - before.0),
+            tilt_deg: [tilt_deg(&moved[from], truth)?, tilt_deg(&moved[to], truth)?],
         })
     }
+}
+
+/// Angle between where up is and where it is said to be, seen from the body, in degrees.
+fn tilt_deg(at: &(Stamp, Odometry), truth: &BTreeMap<Stamp, Se3>) -> Option<f64> {
+    let said = at.1.world_from_odom.sim3.rotation * at.1.odom_from_body.se3.rotation;
+    let [said, true_up] = [said, truth.get(&at.0)?.rotation].map(|r| r.inverse() * Vec3::z());
+    Some(said.cross(&true_up).norm().asin().to_degrees())
 }
 
 /// What is missing of the motion between two instants, in the body frame of the second; `None` without ground truth there or

@@ -134,14 +134,14 @@ pub fn walk(
 }
 
 /// Header of the table of [`row`]s.
-pub const HEAD: &str = "| run | ATE m (after Sim3) | live ATE m | scale error % | live scale error %: first (sigma) | after 30 s | worst (at s) | s more than 10 % off: told, told to be unknown | carried: s, error m (sigma), deg; m/s before | first metric pose s | coverage | maps |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+pub const HEAD: &str = "| run | ATE m (after Sim3) | live ATE m | scale error % | live scale error %: first (sigma) | after 30 s | worst (at s) | s more than 10 % off: told, told to be unknown | carried: s, error m (sigma), deg; before: m/s, tilt deg, after | first metric pose s | coverage | maps |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 /// One row of the table.
 pub fn row(w: &Walked) -> String {
     let or = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
     let carried = w.carried.map_or("-".to_owned(), |c| {
-        let Carried { seconds, error_m, sigma_m, error_deg, before_m_s, .. } = c;
-        format!("{seconds:.1}, {error_m:.3} ({sigma_m:.3}), {error_deg:.2}; {before_m_s:.3}")
+        let Carried { seconds, error_m, sigma_m, error_deg, before_m_s, tilt_deg: [tilt, after], .. } = c;
+        format!("{seconds:.1}, {error_m:.3} ({sigma_m:.3}), {error_deg:.2}; {before_m_s:.3}, {tilt:.2}, {after:.2}")
     });
     let f = &w.figures;
     format!(

@@ -1,0 +1,82 @@
+//! A gravity-aligned map with IMU readings for tests: a walk to and fro, exact but for what a test puts wrong.
+
+use crate::synthetic::{World, mono, pose};
+use cairn_atlas::{Atlas, Change, ImuFactor, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_geometry::{Se3, Sim3, So3, Vec3};
+use cairn_inertial::{Bias, Preintegrated};
+use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, Stamp};
+use std::f64::consts::{FRAC_PI_2, TAU};
+use std::sync::Arc;
+
+/// Seconds from key frame to key frame.
+pub const STEP_S: f64 = 0.25;
+/// Noise that the readings are said to have; they have none.
+pub const NOISE: ImuNoise = ImuNoise { gyro: 3e-4, gyro_walk: 1e-4, accel: 3e-3, accel_walk: 1e-3 };
+
+/// To and fro with the gait of a walker, in the world of the views (y is down).
+pub fn position(t: f64) -> Vec3 {
+    Vec3::new(0.8 * (0.8 * t).sin(), 0.008 * (1.8 * TAU * t).sin(), 0.5 * (0.6 * t).sin())
+}
+
+/// The walk and what is wrong with its map.
+#[derive(Clone, Copy, Debug)]
+pub struct ToAndFro {
+    /// How far the camera turns to either side, radians.
+    pub turn_rad: f64,
+    /// How far the map is from level, radians.
+    pub tilt_rad: f64,
+    /// Units of the map in a metre.
+    pub factor: f64,
+}
+
+impl ToAndFro {
+    fn heading(&self, t: f64) -> f64 {
+        self.turn_rad * (0.8 * t).sin()
+    }
+
+    fn at(&self, t: f64) -> Se3 {
+        Se3::new(pose(0.0, 0.0, self.heading(t)).rotation, position(t))
+    }
+
+    fn reading(&self, t: f64) -> ImuSample {
+        let h = 1e-3;
+        let acceleration = (position(t + h) + position(t - h) - position(t) * 2.0) / (h * h);
+        let force = self.at(t).rotation.inverse() * (acceleration - Vec3::y() * GRAVITY_M_S2);
+        let rate = (self.heading(t + h) - self.heading(t - h)) / (2.0 * h);
+        ImuSample::new(Stamp::from_seconds(t), Vec3::y() * rate, force)
+    }
+
+    fn link(&self, n: usize) -> Arc<Preintegrated> {
+        let readings = (0..=25).map(|i| self.reading(STEP_S * (n as f64 + i as f64 / 25.0))).collect();
+        Arc::new(Preintegrated::of(NOISE, Bias::default(), readings))
+    }
+
+    /// A gravity-aligned map of so many key frames of the walk.
+    pub fn map(&self, count: usize) -> (Atlas, Vec<KeyFrameId>) {
+        let world = World::around(mono(), 71);
+        let path: Vec<Se3> = (0..count).map(|n| self.at(STEP_S * n as f64)).collect();
+        let mut seen = Atlas::new(Snapshot::new());
+        let ids = world.map(&mut seen, &world.walk(&path, 0.0, STEP_S), &path, None, |_| Sim3::identity());
+        let (seen, mut changes) = (seen.latest().clone(), Vec::new());
+        for (n, id) in ids.iter().enumerate() {
+            let k = seen.key_frame(*id).unwrap();
+            let t = STEP_S * n as f64;
+            let velocity = path[n].rotation.inverse() * (position(t + 1e-3) - position(t - 1e-3)) / 2e-3;
+            let imu_factor =
+                n.checked_sub(1).map(|before| ImuFactor { since: ids[before], sum: self.link(before) });
+            let mut k = KeyFrame::new(k.id, k.frame.clone(), k.world_from_camera, k.parent);
+            k.motion = Some(InertialState { velocity, bias: Bias::default(), imu_factor });
+            changes.push(Change::AddKeyFrame(Box::new(k)));
+        }
+        for l in seen.landmarks() {
+            changes.push(Change::AddLandmark(l.id, l.position));
+            changes.extend(l.observations.iter().map(|o| Change::Observe(l.id, o.key_frame, o.feature)));
+        }
+        let up = So3::exp(&(Vec3::x() * (self.tilt_rad - FRAC_PI_2)));
+        changes.push(Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() }));
+        changes.push(Change::Rescale(MapId(ids[0]), self.factor));
+        let mut atlas = Atlas::new(Snapshot::new());
+        assert_eq!(atlas.commit(changes).dropped, 0);
+        (atlas, ids)
+    }
+}

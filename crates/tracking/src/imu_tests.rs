@@ -1,0 +1,92 @@
+//! The inertial filter on synthetic maps: what it says of its own uncertainty while the readings carry the pose.
+
+use crate::imu::InertialFilter;
+use crate::state::{AnchoredPose, anchored_at};
+use crate::synthetic::{World, pose, sideways, stereo};
+use cairn_atlas::{Atlas, Change, InertialState, KeyFrame, KeyFrameId, MapId};
+use cairn_geometry::{Se3, Sim3, So3, Vec3};
+use cairn_inertial::Bias;
+use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, ImuSensor, Stamp};
+use std::f64::consts::FRAC_PI_2;
+
+const NOISE: ImuNoise = ImuNoise { gyro: 3e-4, gyro_walk: 1e-4, accel: 3e-3, accel_walk: 1e-3 };
+/// Speed along x, m/s.
+const SPEED: f64 = 0.4;
+
+/// A walk at constant speed: 0.2 m in half a second, as [`sideways`] has its key frames.
+fn at(t: f64) -> Se3 {
+    pose(SPEED * t, 0.0, 0.0)
+}
+
+fn filter() -> InertialFilter {
+    let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
+    InertialFilter::new(&sensor, Se3::identity(), 5.0)
+}
+
+fn readings(from_s: f64, to_s: f64) -> Vec<ImuSample> {
+    let count = ((to_s - from_s) * 100.0).round() as usize;
+    let stamp = |i: usize| Stamp::from_seconds(from_s + i as f64 / 100.0);
+    // The camera's y points down.
+    (0..=count).map(|i| ImuSample::new(stamp(i), Vec3::zeros(), Vec3::y() * -GRAVITY_M_S2)).collect()
+}
+
+/// A key frame of the walk that mapping has adjusted with its IMU factors, with all landmarks in view.
+fn key_frame(world: &World, atlas: &Atlas, id: KeyFrameId, t: f64) -> Vec<Change> {
+    let view = world.see(&at(t), t);
+    let landmarks = world.matches(atlas.latest(), &view);
+    let turn = So3::exp(&(Vec3::x() * -FRAC_PI_2));
+    let world_from_camera = Se3::new(turn, Vec3::zeros()) * at(t);
+    let mut k = KeyFrame::new(
+        id,
+        view.frame.clone(),
+        world_from_camera,
+        atlas.latest().newest_key_frame().map(|k| k.id),
+    );
+    k.motion = Some(InertialState { velocity: Vec3::x() * SPEED, bias: Bias::default(), imu_factor: None });
+    let mut changes = vec![Change::AddKeyFrame(Box::new(k))];
+    let seen = landmarks.iter().enumerate().filter_map(|(feature, l)| Some((feature, (*l)?)));
+    changes.extend(seen.map(|(feature, l)| Change::Observe(l, id, feature as u16)));
+    changes
+}
+
+#[test]
+fn a_key_frame_made_while_the_readings_carry_the_pose_makes_it_no_better_known() {
+    let world = World::around(stereo(), 31);
+    let (mut atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    let up = So3::exp(&(Vec3::x() * -FRAC_PI_2));
+    atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() })]);
+    let id = atlas.latest().next_key_frame_id();
+    atlas.commit(key_frame(&world, &atlas, id, 2.0));
+
+    let mut filter = filter();
+    filter.take(&readings(2.0, 5.2), atlas.latest());
+    filter.refresh(atlas.latest());
+    let anchor =
+        |atlas: &Atlas, pose: Se3| -> AnchoredPose { anchored_at(atlas.latest(), id, pose).unwrap() };
+    let mut sigmas = Vec::new();
+    for n in 1..=30 {
+        let t = 2.0 + 0.1 * f64::from(n);
+        filter.refresh(atlas.latest());
+        let predicted = filter.predict(Stamp::from_seconds(t)).expect("readings");
+        sigmas.push(predicted.position_sigma());
+        filter.coast(Stamp::from_seconds(t), &anchor(&atlas, predicted.world_from_camera), predicted);
+        // Each of these looks as if mapping knew it to millimetres.
+        if n == 10 || n == 20 {
+            let id = atlas.latest().next_key_frame_id();
+            atlas.commit(key_frame(&world, &atlas, id, t - 0.1));
+            assert!(
+                atlas.latest().newest_key_frame().is_some_and(|k| k.landmarks.iter().flatten().count() > 30)
+            );
+        }
+    }
+    assert!(sigmas.is_sorted(), "{sigmas:.3?}");
+    assert!(sigmas[29] > 0.1, "{sigmas:.3?}");
+
+    // Once the pose has been tracked again, it is known again.
+    let seen = Stamp::from_seconds(5.1);
+    let anchored = anchor(&atlas, Se3::new(up, Vec3::zeros()) * at(5.1));
+    let known = nalgebra::SMatrix::<f64, 6, 6>::identity() * 1e6;
+    let predicted = filter.predict(seen);
+    filter.update(atlas.latest(), seen, &anchored, predicted.as_ref(), &known);
+    assert!(filter.predict(Stamp::from_seconds(5.2)).unwrap().position_sigma() < 0.05);
+}
