@@ -245,7 +245,7 @@ impl Snapshot {
                 k.links.retain(|l| *l != id);
             }
         }
-        self.places.remove(id, &removed.bag);
+        self.places.remove(id);
         self.key_frames.remove(id.index());
         self.join_imu_factors(id, removed.motion);
         self.removed.insert(id.index(), (parent, parent_from_it));
@@ -316,7 +316,9 @@ impl Snapshot {
     /// Joins the IMU factor that starts at a removed key frame with the one that ends there.
     fn join_imu_factors(&mut self, removed: KeyFrameId, motion: Option<InertialState>) {
         let since = |k: &KeyFrame| k.motion.as_ref().and_then(|m| m.imu_factor.as_ref()).map(|f| f.since);
-        let Some(next) = self.key_frames().find(|k| since(k) == Some(removed)).map(|k| k.id) else { return };
+        // Motion is measured from an older key frame.
+        let later = self.key_frames_from(removed).find(|k| since(k) == Some(removed));
+        let Some(next) = later.map(|k| k.id) else { return };
         if let Some(after) = self.key_frames.get_mut(next.index()).and_then(|k| k.motion.as_mut()) {
             let before = motion.and_then(|m| m.imu_factor);
             after.imu_factor = after
@@ -331,7 +333,7 @@ impl Snapshot {
     /// neighbours (never a descendant of their own), else its parent.
     fn adopt(&mut self, removed: KeyFrameId, parent: KeyFrameId) {
         let children: Vec<KeyFrameId> =
-            self.key_frames().filter(|k| k.parent == Some(removed)).map(|k| k.id).collect();
+            self.key_frames_from(removed).filter(|k| k.parent == Some(removed)).map(|k| k.id).collect();
         for child in children {
             // An older key frame cannot be a descendant: parents are always older than their children.
             let best = self.key_frame(child).and_then(|k| {

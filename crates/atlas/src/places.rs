@@ -1,71 +1,198 @@
-//! Place recognition index: an inverted index from words to key frames.
+//! Place recognition index: from the words of an image to the key frames that contain them.
 //!
-//! A persistent value like the snapshot it is part of: cloning is cheap, and a change copies only the lists
-//! it touches. The score of a key frame is [`BagOfWords::similarity`] with the query, summed over the words in the
-//! same order, so that it is equal to the last bit.
+//! A persistent value like the snapshot it is part of: cloning is cheap, and a change costs what it changes, however large
+//! the map. The newest key frames keep their bags and are compared one by one; groups of older ones have an inverted index
+//! each, which is never written again. A removed key frame is only marked in its group. The score of a key frame is
+//! [`BagOfWords::similarity`] with the query, summed over the words in the same order, so that it is equal to the last bit.
 
 use crate::KeyFrameId;
-use crate::arena::Arena;
 use cairn_vision::bow::BagOfWords;
+use std::sync::Arc;
+
+/// So many of the newest key frames are compared one by one.
+const NEWEST: usize = 64;
+/// So many small groups become one large one.
+const SMALL: usize = 8;
 
 /// Key frames by their words.
 #[derive(Clone, Debug, Default)]
 pub struct PlaceIndex {
-    /// For each word the key frames that contain it, in rising order, with its weight there.
-    words: Arena<Vec<(KeyFrameId, f32)>>,
+    newest: Arc<Vec<(KeyFrameId, Arc<BagOfWords>)>>,
+    groups: Vec<Group>,
+}
+
+/// An inverted index of some key frames, and which of them are still there.
+#[derive(Clone, Debug)]
+struct Group {
+    lists: Arc<Lists>,
+    there: Arc<Vec<bool>>,
+}
+
+/// For each word the key frames that contain it, with its weight there.
+#[derive(Debug, Default)]
+struct Lists {
+    ids: Vec<KeyFrameId>,
+    /// The lowest and the highest of them.
+    range: Option<[KeyFrameId; 2]>,
+    /// The words, rising.
+    words: Vec<u32>,
+    /// Where the entries of each word begin; one more than words.
+    starts: Vec<u32>,
+    /// Entries: key frame (index in `ids`) and weight.
+    at: Vec<u16>,
+    weights: Vec<f32>,
+}
+
+impl Lists {
+    /// Of entries (word, index in `ids`, weight) in any order.
+    fn new(ids: Vec<KeyFrameId>, mut entries: Vec<(u32, u16, f32)>) -> Self {
+        // They come in few rising runs, which this sort merges.
+        entries.sort_by_key(|(word, ..)| *word);
+        let range = ids.iter().min().zip(ids.iter().max()).map(|(a, b)| [*a, *b]);
+        let mut lists = Self {
+            ids,
+            range,
+            at: entries.iter().map(|(_, at, _)| *at).collect(),
+            weights: entries.iter().map(|(.., weight)| *weight).collect(),
+            ..Self::default()
+        };
+        for (i, (word, ..)) in entries.iter().enumerate() {
+            if lists.words.last() != Some(word) {
+                lists.words.push(*word);
+                lists.starts.push(i as u32);
+            }
+        }
+        lists.starts.push(entries.len() as u32);
+        lists.words.shrink_to_fit();
+        lists.starts.shrink_to_fit();
+        lists
+    }
+
+    /// The words of some key frames.
+    fn of<'a>(key_frames: impl Iterator<Item = (KeyFrameId, &'a BagOfWords)>) -> Self {
+        let (mut ids, mut entries) = (Vec::new(), Vec::new());
+        for (id, bag) in key_frames {
+            entries.extend(bag.words().iter().map(|(word, weight)| (word.0, ids.len() as u16, *weight)));
+            ids.push(id);
+        }
+        Self::new(ids, entries)
+    }
+
+    /// The key frames of several groups that are still there.
+    fn joined(groups: &[Group]) -> Self {
+        let (mut ids, mut entries) = (Vec::new(), Vec::new());
+        for group in groups {
+            let first = ids.len();
+            let mut rows: Vec<Option<u16>> = Vec::with_capacity(group.lists.ids.len());
+            for (id, there) in group.lists.ids.iter().zip(group.there.iter()) {
+                rows.push(there.then_some(ids.len() as u16));
+                ids.extend(there.then_some(*id));
+            }
+            if ids.len() > first {
+                entries.extend(group.lists.entries().filter_map(|(word, at, w)| Some((word, rows[at]?, w))));
+            }
+        }
+        Self::new(ids, entries)
+    }
+
+    fn entries(&self) -> impl Iterator<Item = (u32, usize, f32)> {
+        self.words.iter().zip(self.starts.windows(2)).flat_map(|(word, span)| {
+            let span = span[0] as usize..span[1] as usize;
+            self.at[span.clone()].iter().zip(&self.weights[span]).map(|(at, w)| (*word, usize::from(*at), *w))
+        })
+    }
+
+    /// Adds the similarity of each key frame with a bag.
+    fn score(&self, bag: &BagOfWords, scores: &mut [f64]) {
+        let mut from = 0;
+        for &(word, weight) in bag.words() {
+            from += first_from(&self.words[from..], word.0);
+            if self.words.get(from) != Some(&word.0) {
+                continue;
+            }
+            let span = self.starts[from] as usize..self.starts[from + 1] as usize;
+            for (at, w) in self.at[span.clone()].iter().zip(&self.weights[span]) {
+                scores[usize::from(*at)] += f64::from(weight.min(*w));
+            }
+        }
+    }
+}
+
+/// The index of the first value that is not below `least`, in steps that double from the start: it is near.
+fn first_from(rising: &[u32], least: u32) -> usize {
+    let mut end = 1;
+    while rising.get(end - 1).is_some_and(|v| *v < least) {
+        end *= 2;
+    }
+    let start = end / 2;
+    start + rising[start..end.min(rising.len())].partition_point(|v| *v < least)
+}
+
+impl Group {
+    fn new(lists: Lists) -> Self {
+        let there = Arc::new(vec![true; lists.ids.len()]);
+        Self { lists: Arc::new(lists), there }
+    }
+
+    fn is_small(&self) -> bool {
+        self.lists.ids.len() <= NEWEST
+    }
+
+    fn position(&self, id: KeyFrameId) -> Option<usize> {
+        self.lists.range.filter(|[first, last]| (*first..=*last).contains(&id))?;
+        (0..self.there.len()).find(|at| self.lists.ids[*at] == id && self.there[*at])
+    }
 }
 
 impl PlaceIndex {
-    /// The index of key frames in rising order of id; the same as inserting them one by one, but faster.
-    pub(crate) fn of<'a>(key_frames: impl Iterator<Item = (KeyFrameId, &'a BagOfWords)> + Clone) -> Self {
-        let mut counts: Vec<usize> = Vec::new();
-        for (word, _) in key_frames.clone().flat_map(|(_, bag)| bag.words()) {
-            let word = word.0 as usize;
-            if counts.len() <= word {
-                counts.resize(word + 1, 0);
-            }
-            counts[word] += 1;
-        }
-        let mut lists: Vec<Vec<(KeyFrameId, f32)>> = counts.into_iter().map(Vec::with_capacity).collect();
-        for (id, bag) in key_frames {
-            bag.words().iter().for_each(|(word, weight)| lists[word.0 as usize].push((id, *weight)));
-        }
-        let mut index = Self::default();
-        for (word, list) in lists.into_iter().enumerate().filter(|(_, list)| !list.is_empty()) {
-            index.words.insert(word, list);
-        }
+    /// The index of key frames; the same as inserting them one by one, but faster.
+    pub(crate) fn of<'a>(key_frames: impl Iterator<Item = (KeyFrameId, &'a Arc<BagOfWords>)>) -> Self {
+        let all: Vec<(KeyFrameId, &Arc<BagOfWords>)> = key_frames.collect();
+        let large = NEWEST * SMALL;
+        let groups = all.chunks_exact(large);
+        let newest = groups.remainder().iter();
+        let mut index = Self {
+            newest: Arc::default(),
+            groups: groups.map(|g| Group::new(Lists::of(g.iter().map(|(id, bag)| (*id, &***bag))))).collect(),
+        };
+        newest.for_each(|(id, bag)| index.insert(*id, bag));
         index
     }
 
-    /// Adds a key frame; one that is already there with these words is left as it is.
-    pub fn insert(&mut self, id: KeyFrameId, bag: &BagOfWords) {
-        for &(word, weight) in bag.words() {
-            let word = word.0 as usize;
-            match self.words.get_mut(word) {
-                Some(list) => {
-                    let at = list.partition_point(|(k, _)| *k < id);
-                    if list.get(at).is_none_or(|(k, _)| *k != id) {
-                        list.insert(at, (id, weight));
-                    }
-                }
-                None => self.words.insert(word, vec![(id, weight)]),
+    /// Adds a key frame; one that is already there is left as it is.
+    pub fn insert(&mut self, id: KeyFrameId, bag: &Arc<BagOfWords>) {
+        if bag.is_empty() || self.contains(id) {
+            return;
+        }
+        if self.newest.len() == NEWEST {
+            let newest = std::mem::take(&mut self.newest);
+            self.groups.push(Group::new(Lists::of(newest.iter().map(|(id, bag)| (*id, &**bag)))));
+            let small = self.groups.iter().rev().take_while(|group| group.is_small()).count();
+            if small >= SMALL {
+                let parts = self.groups.split_off(self.groups.len() - small);
+                self.groups.push(Group::new(Lists::joined(&parts)));
             }
         }
+        Arc::make_mut(&mut self.newest).push((id, bag.clone()));
     }
 
-    /// Removes a key frame; `bag` is the one it was added with.
-    pub fn remove(&mut self, id: KeyFrameId, bag: &BagOfWords) {
-        for &(word, _) in bag.words() {
-            let word = word.0 as usize;
-            if self.words.get(word).is_none_or(|list| list.iter().all(|(k, _)| *k != id)) {
-                continue;
-            }
-            let Some(list) = self.words.get_mut(word) else { continue };
-            list.retain(|(k, _)| *k != id);
-            if list.is_empty() {
-                self.words.remove(word);
+    fn contains(&self, id: KeyFrameId) -> bool {
+        self.newest.iter().any(|(k, _)| *k == id)
+            || self.groups.iter().any(|group| group.position(id).is_some())
+    }
+
+    /// Removes a key frame.
+    pub fn remove(&mut self, id: KeyFrameId) {
+        if self.newest.iter().any(|(k, _)| *k == id) {
+            Arc::make_mut(&mut self.newest).retain(|(k, _)| *k != id);
+            return;
+        }
+        for group in &mut self.groups {
+            if let Some(at) = group.position(id) {
+                Arc::make_mut(&mut group.there)[at] = false;
             }
         }
+        self.groups.retain(|group| group.there.contains(&true));
     }
 
     /// The key frames most similar to a bag, best first (of equals the oldest), with their similarity, which
@@ -76,26 +203,17 @@ impl PlaceIndex {
         limit: usize,
         accept: impl Fn(KeyFrameId) -> bool,
     ) -> Vec<(KeyFrameId, f64)> {
-        // Similarity by index in order of creation, grown as needed.
+        let mut found: Vec<(KeyFrameId, f64)> =
+            self.newest.iter().map(|(id, own)| (*id, bag.similarity(own))).collect();
         let mut scores: Vec<f64> = Vec::new();
-        for &(word, weight) in bag.words() {
-            let Some(list) = self.words.get(word.0 as usize) else { continue };
-            if let Some((last, _)) = list.last()
-                && scores.len() <= last.index()
-            {
-                scores.resize(last.index() + 1, 0.0);
-            }
-            for (id, w) in list {
-                scores[id.index()] += f64::from(weight.min(*w));
-            }
+        for group in &self.groups {
+            scores.clear();
+            scores.resize(group.there.len(), 0.0);
+            group.lists.score(bag, &mut scores);
+            let there = group.lists.ids.iter().zip(&scores).zip(group.there.iter());
+            found.extend(there.filter(|(_, there)| **there).map(|((id, score), _)| (*id, *score)));
         }
-        let mut found: Vec<(KeyFrameId, f64)> = scores
-            .iter()
-            .enumerate()
-            .filter(|(_, s)| **s > 0.0)
-            .filter_map(|(i, s)| Some((KeyFrameId::from_index(i)?, *s)))
-            .filter(|(id, _)| accept(*id))
-            .collect();
+        found.retain(|(id, score)| *score > 0.0 && accept(*id));
         let better = |a: &(KeyFrameId, f64), b: &(KeyFrameId, f64)| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0));
         if limit < found.len() {
             if limit > 0 {

@@ -2,9 +2,13 @@
 
 use crate::arena::Arena;
 use crate::names::Names;
+<<<<<<< HEAD
 use crate::{
     KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, OtherCamera, PlaceIndex,
 };
+=======
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, PlaceIndex};
+>>>>>>> street
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Octaves;
 use std::collections::BTreeMap;
@@ -108,6 +112,11 @@ impl Snapshot {
         self.key_frames.iter().map(|(_, k)| k)
     }
 
+    /// The key frames from an id on, in order of creation.
+    pub fn key_frames_from(&self, id: KeyFrameId) -> impl Iterator<Item = &KeyFrame> {
+        (id.index()..self.next_key_frame).filter_map(|i| self.key_frames.get(i))
+    }
+
     /// All landmarks in order of creation.
     pub fn landmarks(&self) -> impl Iterator<Item = &Landmark> {
         self.landmarks.iter().map(|(_, l)| l)
@@ -199,20 +208,16 @@ impl Snapshot {
 
     /// Key frames that observe any of these landmarks, with how many of them, most first.
     pub fn votes<'a>(&self, landmarks: impl IntoIterator<Item = &'a LandmarkId>) -> Vec<(KeyFrameId, u32)> {
-        let mut counts = vec![0u32; self.next_key_frame];
-        let mut votes: Vec<(KeyFrameId, u32)> = Vec::new();
-        for landmark in landmarks.into_iter().filter_map(|id| self.landmark(*id)) {
-            for Observation { key_frame, .. } in &landmark.observations {
-                let Some(count) = counts.get_mut(key_frame.index()) else { continue };
-                if *count == 0 {
-                    votes.push((*key_frame, 0));
-                }
-                *count += 1;
-            }
-        }
-        for (id, n) in &mut votes {
-            *n = counts[id.index()];
-        }
+        let seen = landmarks.into_iter().filter_map(|id| self.landmark(*id)).flat_map(|l| &l.observations);
+        let seen: Vec<usize> = seen.map(|o| o.key_frame.index()).collect();
+        // Those that see the same are neighbours: counts between the first and the last, not for the whole map.
+        let (first, last) =
+            (seen.iter().min().copied().unwrap_or(0), seen.iter().max().copied().unwrap_or(0));
+        let mut counts = vec![0u32; last - first + 1];
+        seen.iter().for_each(|index| counts[index - first] += 1);
+        let counted = counts.iter().enumerate().filter(|(_, n)| **n > 0);
+        let mut votes: Vec<(KeyFrameId, u32)> =
+            counted.filter_map(|(i, n)| Some((KeyFrameId::from_index(first + i)?, *n))).collect();
         votes.sort_unstable_by_key(|(id, n)| (std::cmp::Reverse(*n), *id));
         votes
     }

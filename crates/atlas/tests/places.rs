@@ -47,12 +47,12 @@ proptest! {
         let (mut index, mut all) = (PlaceIndex::default(), BTreeMap::new());
         let mut versions = Vec::new();
         for (i, insert, bag) in steps {
-            if let Some(there) = all.get(&id(i)) {
-                index.remove(id(i), there);
+            if all.contains_key(&id(i)) {
+                index.remove(id(i));
                 all.remove(&id(i));
             }
             if insert {
-                index.insert(id(i), &bag);
+                index.insert(id(i), &Arc::new(bag.clone()));
                 all.insert(id(i), bag);
             }
             versions.push((index.clone(), all.clone()));
@@ -83,4 +83,41 @@ proptest! {
             prop_assert_eq!(snapshot.places().query(&query, 100, |k| k.index() % 5 != 3), by_comparison(&all, &query, 100));
         }
     }
+}
+
+/// Many key frames, so that older ones are in small and large groups: some are removed from each, some come back.
+#[test]
+fn large_index_equals_comparison_with_all() {
+    let bag = |i: usize| {
+        let words: BTreeMap<u32, u32> =
+            (0..20).map(|n| (((i / 7 * 31 + i * n * n) % 60) as u32, 1 + ((i + n) % 5) as u32)).collect();
+        let sum: u32 = words.values().sum();
+        let words = words.into_iter().map(|(w, n)| (WordId(w), n as f32 / sum as f32)).collect();
+        Arc::new(BagOfWords::from_parts(words, vec![]).unwrap())
+    };
+    let (mut index, mut all) = (PlaceIndex::default(), BTreeMap::new());
+    let mut versions = Vec::new();
+    for i in 0..1500 {
+        index.insert(id(i), &bag(i));
+        all.insert(id(i), (*bag(i)).clone());
+        for gone in [i / 2, i - i % 6].into_iter().filter(|gone| gone % 3 == 1 || i % 6 == 5) {
+            index.remove(id(gone));
+            all.remove(&id(gone));
+        }
+        if i % 50 == 49 {
+            index.insert(id(i / 3), &bag(i / 3));
+            all.insert(id(i / 3), (*bag(i / 3)).clone());
+            versions.push((index.clone(), all.clone()));
+        }
+    }
+    assert!(all.len() > 700 && versions.len() == 30);
+    let mut compared = 0;
+    for (index, all) in &versions {
+        for query in [3, 400, 1200].map(bag) {
+            let found = index.query(&query, 40, |k| k.index() % 5 != 3);
+            assert_eq!(found, by_comparison(all, &query, 40));
+            compared += found.len();
+        }
+    }
+    assert!(compared > 2000, "{compared}");
 }

@@ -89,7 +89,7 @@ fn keeps_factors_short(snapshot: &Snapshot, k: &KeyFrame, newest: &KeyFrame) -> 
         return false;
     }
     let Some(before) = imu(k) else { return false };
-    let later = snapshot.key_frames().skip_while(|next| next.id <= k.id).filter_map(imu);
+    let later = snapshot.key_frames_from(k.id).filter_map(imu);
     let after = later.into_iter().find(|f| f.since == k.id);
     let longest = if snapshot.is_gravity_aligned(k.map) { MAX_FACTOR_S } else { MAX_FACTOR_UNALIGNED_S };
     after.is_some_and(|after| before.sum.seconds() + after.sum.seconds() > longest)

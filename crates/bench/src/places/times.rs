@@ -6,6 +6,7 @@ use cairn_vision::Descriptor;
 use cairn_vision::bow::{BagOfWords, Vocabulary};
 use serde::Serialize;
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Milliseconds, each the minimum of many repetitions.
@@ -37,7 +38,7 @@ pub fn measure(frames: &[Vec<Descriptor>]) -> Times {
     let Some(first) = (!all.is_empty()).then(&mut mixture) else {
         return Times { open_ms, bag_ms: 0.0, insert_ms: 0.0, query_ms: 0.0, similarity_ms: 0.0 };
     };
-    let bags: Vec<BagOfWords> = (0..1001).map(|_| vocabulary.bag(&mixture())).collect();
+    let bags: Vec<Arc<BagOfWords>> = (0..1001).map(|_| Arc::new(vocabulary.bag(&mixture()))).collect();
     let mut index = PlaceIndex::default();
     let ids: Vec<KeyFrameId> = (0..1001).filter_map(KeyFrameId::from_index).collect();
     for (id, bag) in ids.iter().zip(&bags).take(1000) {

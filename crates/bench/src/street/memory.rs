@@ -36,7 +36,8 @@ impl Bytes {
                 + 4 * (f.angle.capacity() + f.depth.capacity() + f.right_x.capacity()))
                 as f64;
             sum.descriptors += (32 * f.descriptors.capacity()) as f64;
-            sum.words += (16 * k.bag.words().len() + 8 * k.bag.nodes().len()) as f64;
+            // Eight bytes a word in the bag, six in the place index.
+            sum.words += (14 * k.bag.words().len() + 8 * k.bag.nodes().len()) as f64;
             sum.shown += (4 * k.landmarks.capacity()) as f64;
             sum.covisible += (8 * k.covisible.capacity()) as f64;
         }

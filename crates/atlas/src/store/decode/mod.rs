@@ -84,7 +84,7 @@ pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreE
         let words = read_words(parts, &mut key_frames);
         damage.or(words, "computed again", || key_frames.iter_mut().for_each(|k| k.bag = bag_of(k)))?;
     }
-    snapshot.places = PlaceIndex::of(key_frames.iter().map(|k| (k.id, &*k.bag)));
+    snapshot.places = PlaceIndex::of(key_frames.iter().map(|k| (k.id, &k.bag)));
     for k in key_frames {
         snapshot.key_frames.insert(k.id.index(), k);
     }
