@@ -144,7 +144,7 @@ impl Past {
                 }
             }
             let passable = Passable::new(&free);
-            let start = free_cell(&passable, search::Place::Start, walker.position).ok()?;
+            let Ok(start) = free_cell(&passable, search::Place::Start, walker.position) else { continue };
             let mut ahead = BEYOND_M[0];
             while ahead <= BEYOND_M[1] {
                 let goal = plan.point_at((begin + ahead).min(plan.length()));
