@@ -54,11 +54,6 @@ const AGAINST_DEG: f64 = 8.0;
 impl Follower {
     /// A small correction before the walker leaves the corridor.
     pub(crate) fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        // On a way past something, whoever walks where it is free is left alone: bearing is too coarse for it.
-        if self.detour.is_some() && self.may_set_out(now) {
-            self.memory.aim_off_since = None;
-            return None;
-        }
         let turn = self.wanted(now, aim);
         let Some(turn) = turn.filter(|_| now.speed >= STANDING_M_S) else {
             self.memory.aim_off_since = None;
