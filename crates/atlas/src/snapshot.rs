@@ -2,13 +2,7 @@
 
 use crate::arena::Arena;
 use crate::names::Names;
-<<<<<<< HEAD
-use crate::{
-    KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, Observation, OtherCamera, PlaceIndex,
-};
-=======
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, PlaceIndex};
->>>>>>> street
+use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, OtherCamera, PlaceIndex};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Octaves;
 use std::collections::BTreeMap;

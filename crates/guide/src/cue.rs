@@ -37,6 +37,8 @@ pub enum StopReason {
     Drop,
     /// The ground ahead was not seen.
     UnknownGround,
+    /// Something is in the way, and no way past it is found.
+    NoWayPast,
     /// The pose is in a unit of length that is not comparable with the route's: distances along it would be guesses.
     ScaleUncertain,
     /// Tracking is lost again and again at one place, or stays lost: looking round does not help.
@@ -53,7 +55,7 @@ impl StopReason {
 
     /// Whether it is the way that is in doubt, not the pose: the walker may be led past it.
     pub fn is_in_the_way(&self) -> bool {
-        matches!(self, Self::Obstacle(_) | Self::Drop | Self::UnknownGround)
+        matches!(self, Self::Obstacle(_) | Self::Drop | Self::UnknownGround | Self::NoWayPast)
     }
 }
 

@@ -382,6 +382,7 @@ pub fn reason_words(reason: StopReason, language: Language) -> String {
         StopReason::Obstacle(Obstacle { overhead: true, .. }) => "stop-overhead",
         StopReason::Drop => "stop-drop",
         StopReason::UnknownGround => "stop-unknown-ground",
+        StopReason::NoWayPast => "stop-no-way-past",
         StopReason::ScaleUncertain => "stop-scale",
         StopReason::CannotRelocalise => "stop-relocalise",
         StopReason::StageDied => "stop-stage-died",

@@ -136,7 +136,9 @@ impl Stops {
         let before = self.halted.filter(|h| h.reason.is_like(&reason)).map(|h| (h.said, h.times));
         // Advice is two sentences and a turn of the body: it takes a while to say and to follow.
         let again_s = match reason {
-            StopReason::ScaleUncertain | StopReason::CannotRelocalise => config.advice_again_s,
+            StopReason::ScaleUncertain | StopReason::CannotRelocalise | StopReason::NoWayPast => {
+                config.advice_again_s
+            }
             _ => config.stop_again_s,
         };
         let (said, times) = match before {

@@ -515,6 +515,25 @@ fn external_hazards_stop_and_new_reason_is_said_at_once() {
 }
 
 #[test]
+fn that_no_way_past_is_found_is_said_at_once_and_seldom_again() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(2.0, 1.0);
+    walker.hazard = Some(StopReason::Obstacle(Obstacle::at(1.2, 0.3, false)));
+    walker.stand(1.0);
+    let said = walker.words().len();
+    walker.hazard = Some(StopReason::NoWayPast);
+    walker.stand(0.2);
+    assert_eq!(&walker.words()[said..], ["Stop. I find no way past it."]);
+    walker.stand(15.0);
+    assert_eq!(walker.words().len(), said + 1, "{:?}", walker.words());
+    walker.stand(4.0);
+    assert_eq!(walker.words().len(), said + 2, "{:?}", walker.words());
+    walker.hazard = None;
+    walker.stand(1.5);
+    assert!(walker.words().last().unwrap().starts_with("The way is clear."), "{:?}", walker.words());
+}
+
+#[test]
 fn nobody_is_sent_where_it_is_not_free() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(2.0, 1.0);

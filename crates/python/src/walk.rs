@@ -121,6 +121,7 @@ pub fn state_name(state: GuideState) -> &'static str {
             StopReason::Obstacle(_) => "stopped: obstacle",
             StopReason::Drop => "stopped: the ground drops",
             StopReason::UnknownGround => "stopped: unknown ground",
+            StopReason::NoWayPast => "stopped: no way past",
             StopReason::ScaleUncertain => "stopped: scale uncertain",
             StopReason::CannotRelocalise => "stopped: cannot relocalise",
             StopReason::StageDied => "stopped: failure",

@@ -80,7 +80,7 @@ impl Default for InitialiseConfig {
     fn default() -> Self {
         Self {
             gyro_bias_sigma: 0.1,
-            accel_bias_sigma: 0.1,
+            accel_bias_sigma: 0.2,
             offset_sigma_s: 0.0,
             noise_times: 5.0,
             most_noise_times: [30.0, 60.0],

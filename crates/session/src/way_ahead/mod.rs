@@ -10,23 +10,24 @@
 
 mod pace;
 mod past;
+mod strip;
 #[cfg(test)]
 mod tests;
+mod tries;
 
 use cairn_dense::DenseError;
 use cairn_dense::walk::{Blocked, Hit, LocalConfig, LocalSpace, first_hit, free_around};
-use cairn_geometry::{Se3, So3, Vec2};
+use cairn_geometry::{Se3, Vec2};
 use cairn_guide::{FreeWay, Ground, Guide, GuideState, Heading, Obstacle, StopReason};
 use cairn_sensor::{FramePacket, Rig, Stamp};
 use pace::Pace;
 use past::{Blocking, Leg, Past, Plan};
 use std::time::Instant;
+use strip::{STRAIGHT_HALF_M, level, stopped_for, straight_half, strip};
+use tries::Tries;
 
 /// Half of the strip that must be free along the route: half the width of a person, and five centimetres.
 const HALF_M: f64 = 0.30;
-/// Straight ahead it is a little narrower, and where he already stands nearer to something, such as a wall, as narrow as there is
-/// room, down to his body's half.
-const STRAIGHT_HALF_M: [f64; 2] = [0.20, 0.28];
 /// The walker is stopped this far before an obstacle on the route, metres, ...
 const MARGIN_M: f64 = 0.7;
 /// ... and as much earlier as he walks in this time, seconds: a third of a second to say "stop", up to 1.2 s to react, and the time
@@ -77,6 +78,7 @@ pub(crate) struct WayAhead {
     way: Option<Way>,
 
     state: State,
+    tries: Tries,
     past: Past,
     /// Milliseconds that the last image and the steps since took: for reports only, nothing is decided by it.
     pub cost_ms: f64,
@@ -145,6 +147,7 @@ impl WayAhead {
             free: None,
             way: None,
             state: State::Free,
+            tries: Tries::default(),
             past: Past::new(),
             cost_ms: 0.0,
         }))
@@ -155,7 +158,7 @@ impl WayAhead {
         if self.began.is_some() {
             self.space.clear();
             (self.segment, self.seen, self.began, self.state) = (None, None, None, State::Free);
-            (self.free, self.way, self.pace) = (None, None, Pace::new());
+            (self.free, self.way, self.pace, self.tries) = (None, None, Pace::new(), Tries::default());
         }
     }
 
@@ -187,6 +190,9 @@ impl WayAhead {
 
     fn found(&mut self, guide: &Guide, walker: &Heading, now: Stamp) -> Found {
         self.pace.push(walker.position, now);
+        if let Some(place) = guide.place() {
+            self.tries.step(place.along_m, self.state != State::Free, now);
+        }
         let last = self.seen.max(self.began);
         if last.is_some_and(|last| now - last > BLIND_S) {
             return Found { stop: Some(StopReason::UnknownGround), ..Found::default() };
@@ -266,13 +272,21 @@ impl WayAhead {
                 Found::default()
             }
             State::Stopped => {
-                match self.pace.has_stood(STOOD_S, seen.now).then(|| self.search(seen)).flatten() {
+                let searches = self.pace.has_stood(STOOD_S, seen.now) && !self.tries.are_enough();
+                let plan = searches.then(|| self.search(seen)).flatten();
+                if searches {
+                    self.tries.searched(plan.is_some(), seen.now);
+                }
+                match plan {
                     Some(Plan::Walk(leg)) => {
                         self.way = Some(Way { since: seen.now, found: seen.now, leg });
                         self.state = State::Passing;
                         Found { detour: Some(leg.heading), ..Found::default() }
                     }
                     Some(Plan::StepBack(side)) => Found { step_back: Some(side), ..self.stop(seen) },
+                    None if self.pace.stands() && self.tries.are_in_vain(seen.now) => {
+                        Found { stop: Some(StopReason::NoWayPast), ..Found::default() }
+                    }
                     None => self.stop(seen),
                 }
             }
@@ -359,43 +373,6 @@ impl WayAhead {
     }
 }
 
-/// Half of the strip straight ahead, where something already is beside the walker.
-fn straight_half(obstacles: &[Blocked], at: &Vec2) -> f64 {
-    let nearest = obstacles.iter().map(|b| (b.at - at).norm()).fold(f64::INFINITY, f64::min);
-    (nearest - 0.03).clamp(STRAIGHT_HALF_M[0], STRAIGHT_HALF_M[1])
-}
-
-/// What in the way the guide has stopped for, if for that.
-fn stopped_for(guide: &Guide) -> Option<StopReason> {
-    match guide.state() {
-        GuideState::Stopped(reason) if reason.is_in_the_way() => Some(reason),
-        _ => None,
-    }
-}
-
-/// The line that the walker will follow: to where he is led, then along the route.
-fn strip(guide: &Guide, walker: &Heading) -> Option<Vec<Vec2>> {
-    let (aim_m, aim) = guide.aim_point()?;
-    let plan = guide.plan();
-    let mut line = vec![walker.position];
-    if (aim - walker.position).norm() > 0.1 {
-        line.push(aim);
-    }
-    let mut along = aim_m + 0.25;
-    while along < plan.length() && along < aim_m + 4.0 {
-        line.push(plan.point_at(along));
-        along += 0.25;
-    }
-    (line.len() > 1).then_some(line)
-}
-
 fn direction(heading: f64) -> Vec2 {
     Vec2::new(heading.cos(), heading.sin())
-}
-
-/// The rotation from the odometry frame to the level frame whose x and y are those of the ground plane.
-fn level(ground: &Ground) -> So3 {
-    let axes = [Vec2::x(), Vec2::y()].map(|axis| ground.point(&axis, 0.0));
-    let here_from_level = nalgebra::Matrix3::from_columns(&[axes[0], axes[1], ground.up()]);
-    So3::from_matrix(&here_from_level).inverse()
 }

@@ -92,7 +92,8 @@ impl Past {
         let past_m = what.along_m.map_or(0.0, |m| (m + PAST_M).min(FARTHEST_M)).max(what.free.needed_m());
         let ahead = |heading: f64| (what.free_from)(&what.walker.position, heading) >= past_m;
         let aligned = |limit_deg: f64| wrap(course - route).abs() < limit_deg.to_radians();
-        if aligned(ALONG_DEG) && ahead(course) {
+        // As the guide judges it too: else he would stand there without a word.
+        if aligned(ALONG_DEG) && ahead(course) && what.free.admits(course) {
             return Some(Plan::Walk(Leg { heading: course, free_m: what.free.needed_m() }));
         }
         if aligned(STEPS_DEG)
@@ -144,7 +145,7 @@ impl Past {
                 }
             }
             let passable = Passable::new(&free);
-            let start = free_cell(&passable, search::Place::Start, walker.position).ok()?;
+            let Ok(start) = free_cell(&passable, search::Place::Start, walker.position) else { continue };
             let mut ahead = BEYOND_M[0];
             while ahead <= BEYOND_M[1] {
                 let goal = plan.point_at((begin + ahead).min(plan.length()));
