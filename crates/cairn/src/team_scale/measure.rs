@@ -16,6 +16,7 @@ use cairn_team::peer::{Identity, Peer, PeerKind, TeamKey, To};
 use cairn_vision::bow::{BagOfWords, WordId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::hint::black_box;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Both walks, as those of `cairn demo --team`.
@@ -214,7 +215,7 @@ fn query_s(bags: &[BagOfWords], n: usize) -> f64 {
     let mut random = Random::new(n as u64);
     let mut index = PlaceIndex::default();
     for id in (0..n).filter_map(KeyFrameId::from_index) {
-        index.insert(id, &mixed(bags, &mut random));
+        index.insert(id, &Arc::new(mixed(bags, &mut random)));
     }
     let queries: Vec<BagOfWords> = (0..QUERIES).map(|_| mixed(bags, &mut random)).collect();
     least(|| queries.iter().for_each(|bag| drop(index.query(bag, 24, |_| true)))) / QUERIES as f64
