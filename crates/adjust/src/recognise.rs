@@ -207,11 +207,8 @@ fn landmarks_around(
 /// For each feature the landmark matched by appearance alone.
 fn matching(snapshot: &Snapshot, frame: &Frame, landmarks: &[LandmarkId]) -> Vec<Option<LandmarkId>> {
     // Orientation as the latest observer saw it.
-    let looks = landmarks.iter().filter_map(|id| snapshot.landmark(*id)).filter_map(|l| {
-        let o = l.observations.last()?;
-        let angle = snapshot.key_frame(o.key_frame)?.frame.angle[o.feature as usize];
-        Some(DescriptorQuery { item: l.id, descriptor: &l.descriptor, angle })
-    });
+    let known = landmarks.iter().filter_map(|id| snapshot.landmark(*id));
+    let looks = known.map(|l| DescriptorQuery { item: l.id, descriptor: &l.descriptor, angle: l.angle });
     let mut matches = vec![None; frame.len()];
     for (feature, id) in match_descriptors(looks, frame, MATCHING, RATIO) {
         matches[feature] = Some(id);

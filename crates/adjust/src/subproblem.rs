@@ -51,6 +51,10 @@ impl Subproblem {
                 let (Some(slot), Some(k)) = (slots.get(&o.key_frame), snapshot.key_frame(o.key_frame)) else {
                     continue;
                 };
+                // Features that could not be read back from the disk say nothing.
+                if k.frame.px[o.feature as usize][0].is_nan() {
+                    continue;
+                }
                 observations.push(Observation {
                     pose: *slot,
                     point: points.len() as u32,

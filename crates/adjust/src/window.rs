@@ -32,6 +32,10 @@ pub struct WindowConfig {
     /// leave it.
     #[setting(default = 0.2, range = 0.0..=5.0)]
     pub right_offset_sigma: f64,
+    /// True to keep key frames where tracking found them and to move landmarks only. So it is where depth gives the poses
+    /// (`tracker.dense`), which then know more than features do.
+    #[setting(default = false)]
+    pub hold_poses: bool,
 }
 
 /// A copied window.
@@ -181,6 +185,9 @@ impl Window {
 
     /// Solves the window: robustly, then without the outliers. `stop` is asked before each step.
     pub fn solve(mut self, config: &WindowConfig, mut stop: impl FnMut() -> bool) -> WindowResult {
+        if config.hold_poses {
+            self.bundle.freedom.fill(Freedom::Fixed);
+        }
         // Of several rigs each has an error of its own: that which was found stays.
         let several = self.bundle.own_cameras.iter().any(Option::is_some);
         self.bundle.right_offset.sigma = if several { 0.0 } else { config.right_offset_sigma };

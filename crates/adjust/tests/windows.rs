@@ -67,6 +67,33 @@ fn whole_window_recovers_a_perturbed_map_and_keeps_its_root() {
     assert!(metres < 5e-4 && radians < 2e-4, "{metres} m, {radians} rad");
 }
 
+/// Where depth gives the poses, landmarks alone move, and to where the poses see them.
+#[test]
+fn held_poses_stay_to_the_bit_and_landmarks_come_back() {
+    let (world, path) = (World::around(stereo(), 6), sideways(6, 0.15));
+    let (mut atlas, ids) = world.exact_map(&path);
+    let changes: Vec<Change> = (atlas.latest().landmarks())
+        .map(|l| Change::MoveLandmark(l.id, l.position + Vec3::new(0.02, -0.01, 0.02)))
+        .collect();
+    atlas.commit(changes);
+    let config =
+        WindowConfig { iterations: [20, 20], tolerance: 1e-9, hold_poses: true, ..WindowConfig::default() };
+    let windows = [
+        Window::around(atlas.latest(), &world.camera, ids[3], &config).expect("a window"),
+        Window::whole(atlas.latest(), &world.camera, MapId(ids[0])),
+    ];
+    for window in windows {
+        let changes = window.solve(&config, || false).changes.changes;
+        assert!(!changes.iter().any(|c| matches!(c, Change::MoveKeyFrame(..))));
+        atlas.commit(changes);
+    }
+    let far = atlas.latest().landmarks().filter(|l| {
+        l.observations.len() >= 3
+            && (l.position - world.point_of(atlas.latest(), l.id).expect("a point")).norm() > 0.005
+    });
+    assert_eq!(far.count(), 0);
+}
+
 #[test]
 fn key_frames_outside_a_window_stay_fixed() {
     let (world, path) = (World::around(stereo(), 3), sideways(8, 0.1));

@@ -77,7 +77,7 @@ impl Snapshot {
                 key_frame.map = map;
                 key_frame.landmarks = vec![None; key_frame.frame.len()];
                 key_frame.links.clear();
-                self.places.insert(k.id, &k.bag);
+                self.places.insert(k.id, &k.bag.shared());
                 self.key_frames.insert(k.id.index(), key_frame);
             }
             Change::AddLandmark(id, position) => {
@@ -181,6 +181,8 @@ impl Snapshot {
         self.key_frames.get_mut(key_frame.index())?.landmarks[feature as usize] = Some(id);
         let observations = &mut self.landmarks.get_mut(id.index())?.observations;
         let at = observations.partition_point(|o| o.key_frame < key_frame);
+        // No room for later ones: the next commit copies the landmark anyway, and most have few observations.
+        observations.reserve_exact(1);
         observations.insert(at, Observation { key_frame, feature });
         dirty.observed.insert(id);
         dirty.key_frames.insert(key_frame);
@@ -353,10 +355,15 @@ impl Snapshot {
             }
         }
         for id in &dirty.observed {
-            if let Some(descriptor) = self.landmark(*id).and_then(|l| self.typical_descriptor(l))
+            if let Some(look) = self.landmark(*id).and_then(|l| self.typical_descriptor(l))
                 && let Some(l) = self.landmarks.get_mut(id.index())
             {
-                l.descriptor = descriptor;
+                (l.descriptor, l.pick) = look;
+            }
+            if let Some(seen) = self.landmark(*id).and_then(|l| self.octave_and_angle(l))
+                && let Some(l) = self.landmarks.get_mut(id.index())
+            {
+                (l.octave, l.angle) = seen;
             }
         }
         dirty.moved.append(&mut dirty.observed);
@@ -434,9 +441,10 @@ impl Snapshot {
         k.covisible.truncate(NEIGHBOURS);
     }
 
-    /// The observed descriptor with the least median Hamming distance to the others.
-    pub(crate) fn typical_descriptor(&self, l: &Landmark) -> Option<Descriptor> {
-        let latest = &l.observations[l.observations.len().saturating_sub(DESCRIPTORS)..];
+    /// The observed descriptor with the least median Hamming distance to the others, and which observation has it.
+    pub(crate) fn typical_descriptor(&self, l: &Landmark) -> Option<(Descriptor, u16)> {
+        let first = l.observations.len().saturating_sub(DESCRIPTORS);
+        let latest = &l.observations[first..];
         let all: Vec<&Descriptor> = latest
             .iter()
             .filter_map(|o| self.key_frame(o.key_frame).map(|k| &k.frame.descriptors[o.feature as usize]))
@@ -447,7 +455,16 @@ impl Snapshot {
             *distances.select_nth_unstable(middle).1
         });
         let best = medians.enumerate().min_by_key(|(i, m)| (*m, *i))?.0;
-        Some(*all[best])
+        Some((*all[best], u16::try_from(first + best).unwrap_or(u16::MAX)))
+    }
+
+    /// The pyramid level of the first observation and the angle of the latest.
+    pub(crate) fn octave_and_angle(&self, l: &Landmark) -> Option<(u8, f32)> {
+        let frame = |o: &Observation| self.key_frame(o.key_frame).map(|k| &k.frame);
+        let (first, last) = (l.observations.first()?, l.observations.last()?);
+        let octave = *frame(first)?.octave.get(usize::from(first.feature))?;
+        // Features made by hand may have none.
+        Some((octave, frame(last)?.angle.get(usize::from(last.feature)).copied().unwrap_or(0.0)))
     }
 
     /// Mean viewing direction and the range of distances the detector's octaves cover.
@@ -461,7 +478,7 @@ impl Snapshot {
         let first = l.observations.first()?;
         let k = self.key_frame(first.key_frame)?;
         let range = (l.position - k.world_from_camera.translation).norm();
-        let max = range * self.octaves.scale(k.frame.octave[first.feature as usize]) / k.focal_ratio();
+        let max = range * self.octaves.scale(l.octave) / k.focal_ratio();
         let min = max / self.octaves.scale((self.octaves.levels - 1) as u8);
         Some((normal.try_normalize(1e-12).unwrap_or_else(Vec3::zeros), min, max))
     }

@@ -1,5 +1,6 @@
 //! The atlas: one writer, many readers, and subscribers to every change.
 
+use crate::paging::Paging;
 use crate::rebase::rebase;
 use crate::stream::Subscribers;
 use crate::{Applied, Change, MapId, Snapshot, Subscription};
@@ -13,6 +14,7 @@ pub struct Atlas {
     latest: Arc<Snapshot>,
     published: Arc<ArcSwap<Snapshot>>,
     subscribers: Subscribers,
+    paging: Paging,
     /// Every version since they were last taken, where they are recorded.
     recorded: Option<Vec<Arc<Snapshot>>>,
 }
@@ -33,7 +35,13 @@ impl Atlas {
     pub fn new(snapshot: Snapshot) -> Self {
         let latest = Arc::new(snapshot);
         let published = Arc::new(ArcSwap::new(latest.clone()));
-        Self { latest, published, subscribers: Subscribers::default(), recorded: None }
+        Self {
+            latest,
+            published,
+            subscribers: Subscribers::default(),
+            paging: Paging::default(),
+            recorded: None,
+        }
     }
 
     /// A reader for another stage.
@@ -68,7 +76,8 @@ impl Atlas {
             return Applied::default();
         }
         let mut dropped = Vec::new();
-        let (next, applied) = self.latest.apply_noting(&changes, |nth| dropped.push(nth));
+        let (mut next, applied) = self.latest.apply_noting(&changes, |nth| dropped.push(nth));
+        self.paging.sweep(&mut next);
         self.latest = Arc::new(next);
         self.published.store(self.latest.clone());
         if let Some(recorded) = &mut self.recorded {

@@ -72,7 +72,7 @@ impl Snapshot {
             let Some(k) = snapshot.key_frames.get_mut(id) else { continue };
             let other = now(k);
             if correction != 0.0 && other.camera.has_depth() {
-                shift_disparities(Arc::make_mut(&mut k.frame), &other.camera, correction);
+                k.frame.change(|frame| shift_disparities(frame, &other.camera, correction));
             }
             (k.other_camera, k.motion) = (Some(other), None);
         }

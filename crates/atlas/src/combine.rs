@@ -85,7 +85,7 @@ impl Snapshot {
             for id in k.landmarks.iter_mut().flatten() {
                 *id = shift.landmark(*id)?;
             }
-            snapshot.places.insert(k.id, &k.bag);
+            snapshot.places.insert(k.id, &k.bag.shared());
             snapshot.key_frames.insert(k.id.index(), k);
         }
         for l in other.landmarks() {

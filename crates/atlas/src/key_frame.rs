@@ -1,7 +1,8 @@
 //! Key frames.
 
-use crate::{InertialState, KeyFrameId, LandmarkId, MapId, OtherCamera};
+use crate::{InertialState, KeyFrameId, LandmarkId, MapId, OtherCamera, Paged};
 use cairn_geometry::{Se3, Sim3};
+use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use cairn_vision::bow::BagOfWords;
 use std::sync::Arc;
@@ -11,12 +12,14 @@ use std::sync::Arc;
 pub struct KeyFrame {
     /// Its id.
     pub id: KeyFrameId,
-    /// Its features, never changed.
-    pub frame: Arc<Frame>,
+    /// When it was taken.
+    pub stamp: Stamp,
+    /// Its features, never changed; on disk where nobody looks at them. How many there are, `landmarks` tells.
+    pub frame: Paged<Frame>,
     /// The map it belongs to (set on insertion: its parent's, or a new one).
     pub map: MapId,
     /// Its bag of words, for place recognition; empty where it shall not be found.
-    pub bag: Arc<BagOfWords>,
+    pub bag: Paged<BagOfWords>,
     /// The pose of the camera.
     pub world_from_camera: Se3,
     /// Units of the map per unit of length at the time the key frame was created: 1 until a map without
@@ -47,8 +50,9 @@ impl KeyFrame {
         let landmarks = vec![None; frame.len()];
         Self {
             id,
-            frame,
-            bag: Arc::default(),
+            stamp: frame.stamp,
+            frame: frame.into(),
+            bag: Paged::default(),
             map: MapId(id),
             world_from_camera,
             unit: 1.0,
@@ -69,6 +73,6 @@ impl KeyFrame {
 
     /// Adds the bag of words of its features.
     pub fn with_bag(self, bag: Arc<BagOfWords>) -> Self {
-        Self { bag, ..self }
+        Self { bag: bag.into(), ..self }
     }
 }

@@ -21,6 +21,12 @@ pub struct Landmark {
     pub id: LandmarkId,
     /// Position in the world frame of its map, in map units (metres where the map is metric).
     pub position: Vec3,
+    /// The pyramid level of its first observation.
+    pub octave: u8,
+    /// The angle of its latest observation.
+    pub angle: f32,
+    /// Which observation gave its descriptor.
+    pub(crate) pick: u16,
     /// Its observations, ordered by key frame.
     pub observations: Vec<Observation>,
     /// Mean viewing direction from the observing cameras to it, unit length.
@@ -40,6 +46,9 @@ impl Landmark {
         Self {
             id,
             position,
+            octave: 0,
+            angle: 0.0,
+            pick: 0,
             observations: Vec::new(),
             normal: Vec3::zeros(),
             descriptor: [0; 32],

@@ -45,24 +45,26 @@ struct Lists {
 
 impl Lists {
     /// Of entries (word, index in `ids`, weight) in any order.
-    fn new(ids: Vec<KeyFrameId>, mut entries: Vec<(u32, u16, f32)>) -> Self {
-        // They come in few rising runs, which this sort merges.
-        entries.sort_by_key(|(word, ..)| *word);
+    fn new(ids: Vec<KeyFrameId>, entries: Vec<(u32, u16, f32)>) -> Self {
+        // Sorted by counting: words are numbers below the size of the vocabulary, and those of one word stay in their order.
+        let most = entries.iter().map(|(word, ..)| *word as usize + 1).max().unwrap_or(0);
+        let mut counts = vec![0u32; most];
+        entries.iter().for_each(|(word, ..)| counts[*word as usize] += 1);
         let range = ids.iter().min().zip(ids.iter().max()).map(|(a, b)| [*a, *b]);
-        let mut lists = Self {
-            ids,
-            range,
-            at: entries.iter().map(|(_, at, _)| *at).collect(),
-            weights: entries.iter().map(|(.., weight)| *weight).collect(),
-            ..Self::default()
-        };
-        for (i, (word, ..)) in entries.iter().enumerate() {
-            if lists.words.last() != Some(word) {
-                lists.words.push(*word);
-                lists.starts.push(i as u32);
-            }
+        let (at, weights) = (vec![0; entries.len()], vec![0.0; entries.len()]);
+        let mut lists = Self { ids, range, at, weights, ..Self::default() };
+        let mut next = 0;
+        for (word, count) in counts.iter_mut().enumerate().filter(|(_, count)| **count > 0) {
+            lists.words.push(word as u32);
+            lists.starts.push(next);
+            next += std::mem::replace(count, next);
         }
-        lists.starts.push(entries.len() as u32);
+        lists.starts.push(next);
+        for (word, at, weight) in entries {
+            let place = &mut counts[word as usize];
+            (lists.at[*place as usize], lists.weights[*place as usize]) = (at, weight);
+            *place += 1;
+        }
         lists.words.shrink_to_fit();
         lists.starts.shrink_to_fit();
         lists
@@ -144,19 +146,38 @@ impl Group {
     }
 }
 
+/// Makes the index of many key frames, of which only some bags are held at a time.
+#[derive(Default)]
+pub(crate) struct PlaceIndexBuilder {
+    waiting: Vec<(KeyFrameId, Arc<BagOfWords>)>,
+    groups: Vec<Group>,
+}
+
+impl PlaceIndexBuilder {
+    /// Adds a key frame, each once.
+    pub fn insert(&mut self, id: KeyFrameId, bag: Arc<BagOfWords>) {
+        self.waiting.push((id, bag));
+        if self.waiting.len() == NEWEST * SMALL {
+            let bags = self.waiting.iter().map(|(id, bag)| (*id, &**bag));
+            self.groups.push(Group::new(Lists::of(bags)));
+            self.waiting.clear();
+        }
+    }
+
+    /// The index.
+    pub fn finish(self) -> PlaceIndex {
+        let mut index = PlaceIndex { newest: Arc::default(), groups: self.groups };
+        self.waiting.iter().for_each(|(id, bag)| index.insert(*id, bag));
+        index
+    }
+}
+
 impl PlaceIndex {
     /// The index of key frames; the same as inserting them one by one, but faster.
-    pub(crate) fn of<'a>(key_frames: impl Iterator<Item = (KeyFrameId, &'a Arc<BagOfWords>)>) -> Self {
-        let all: Vec<(KeyFrameId, &Arc<BagOfWords>)> = key_frames.collect();
-        let large = NEWEST * SMALL;
-        let groups = all.chunks_exact(large);
-        let newest = groups.remainder().iter();
-        let mut index = Self {
-            newest: Arc::default(),
-            groups: groups.map(|g| Group::new(Lists::of(g.iter().map(|(id, bag)| (*id, &***bag))))).collect(),
-        };
-        newest.for_each(|(id, bag)| index.insert(*id, bag));
-        index
+    pub(crate) fn of(key_frames: impl Iterator<Item = (KeyFrameId, Arc<BagOfWords>)>) -> Self {
+        let mut builder = PlaceIndexBuilder::default();
+        key_frames.for_each(|(id, bag)| builder.insert(id, bag));
+        builder.finish()
     }
 
     /// Adds a key frame; one that is already there is left as it is.

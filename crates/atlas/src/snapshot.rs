@@ -2,6 +2,7 @@
 
 use crate::arena::Arena;
 use crate::names::Names;
+use crate::paged::Faults;
 use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, OtherCamera, PlaceIndex};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Octaves;
@@ -29,6 +30,7 @@ pub struct Snapshot {
     pub(crate) imu_offset: f64,
     pub(crate) next_key_frame: usize,
     pub(crate) next_landmark: usize,
+    pub(crate) faults: Faults,
 }
 
 impl Default for Snapshot {
@@ -61,6 +63,7 @@ impl Snapshot {
             imu_offset: 0.0,
             next_key_frame: 0,
             next_landmark: 0,
+            faults: Faults::default(),
         }
     }
 
@@ -216,32 +219,33 @@ impl Snapshot {
         votes
     }
 
+    /// What went wrong first when features or words of a key frame were read back from the disk. Such a key frame matches
+    /// nothing any more, and the map cannot be saved.
+    pub fn read_fault(&self) -> Option<&str> {
+        self.faults.first()
+    }
+
     /// Checks the invariants, for tests and `map check`.
     ///
     /// # Errors
     ///
     /// A description of the first violation.
     pub fn check(&self) -> Result<(), String> {
+        self.check_observations()?;
+        self.check_key_frames()
+    }
+
+    /// What key frames say of each other, and of their features.
+    pub(crate) fn check_key_frames(&self) -> Result<(), String> {
         for k in self.key_frames() {
-            if k.landmarks.len() != k.frame.len() {
+            // What is on disk was checked when it was written, or is when it is read.
+            if k.frame.in_memory().is_some_and(|frame| k.landmarks.len() != frame.len()) {
                 return Err(format!(
                     "{:?} has {} landmark slots for {} features",
                     k.id,
                     k.landmarks.len(),
                     k.frame.len()
                 ));
-            }
-            for (i, id) in k.landmarks.iter().enumerate() {
-                let Some(id) = id else { continue };
-                let Some(l) = self.landmark(*id) else {
-                    return Err(format!("{:?} shows {id:?}, which does not exist", k.id));
-                };
-                if l.feature_in(k.id) != Some(i as u16) {
-                    return Err(format!(
-                        "{:?} shows {id:?} in feature {i}, but the landmark does not list it",
-                        k.id
-                    ));
-                }
             }
             match k.parent {
                 Some(p) if p >= k.id => return Err(format!("{:?} has the younger parent {p:?}", k.id)),
@@ -265,6 +269,25 @@ impl Snapshot {
         for map in self.maps.keys() {
             if self.key_frame(map.root()).is_none_or(|k| k.parent.is_some()) {
                 return Err(format!("{map:?} has no root"));
+            }
+        }
+        Ok(())
+    }
+
+    /// What key frames and landmarks say of each other.
+    fn check_observations(&self) -> Result<(), String> {
+        for k in self.key_frames() {
+            for (i, id) in k.landmarks.iter().enumerate() {
+                let Some(id) = id else { continue };
+                let Some(l) = self.landmark(*id) else {
+                    return Err(format!("{:?} shows {id:?}, which does not exist", k.id));
+                };
+                if l.feature_in(k.id) != Some(i as u16) {
+                    return Err(format!(
+                        "{:?} shows {id:?} in feature {i}, but the landmark does not list it",
+                        k.id
+                    ));
+                }
             }
         }
         for l in self.landmarks() {

@@ -7,18 +7,28 @@ use std::path::Path;
 
 /// Runs a recording; prints "skipped" if it is missing.
 fn run(name: &str, frames: usize) -> Option<Measured> {
+    run_with(name, frames, false)
+}
+
+/// The same, with the dense front end or without.
+fn run_with(name: &str, frames: usize, dense: bool) -> Option<Measured> {
     let recording = recording(name).expect("a row of the table");
     let data = data_folder();
     if !Path::new(&data).join(recording.folder).exists() {
         println!("skipped: {} is not in {}", recording.folder, data.display());
         return None;
     }
-    let config = MeasureOptions { frames, ..MeasureOptions::new(recording.sensor) };
+    let mut config = MeasureOptions { frames, ..MeasureOptions::new(recording.sensor) };
+    config.config.tracker.dense = dense;
     Some(run_here(&data, &recording, &config).expect("the engine runs"))
 }
 
 fn check(name: &str, ate_at_most_m: f64, coverage_at_least: f64) {
     let Some(m) = run(name, usize::MAX) else { return };
+    limit(name, &m, ate_at_most_m, coverage_at_least);
+}
+
+fn limit(name: &str, m: &Measured, ate_at_most_m: f64, coverage_at_least: f64) {
     let ate = m.ate_m.expect("poses to align");
     println!("{name}: ATE {ate:.4} m, coverage {:.3}, lost {:?}", m.coverage(), m.lost);
     assert!(ate <= ate_at_most_m, "{name}: ATE {ate:.4} m, the limit is {ate_at_most_m} m");
@@ -47,6 +57,14 @@ fn kitti_mono_accuracy() {
 #[test]
 fn kitchen_rgbd_accuracy() {
     check("7scenes-kitchen-rgbd", 0.0290, 1.0);
+}
+
+/// The pose of each frame from its depth: better than features here, whose depth is not registered to the picture exactly.
+#[test]
+fn kitchen_dense_accuracy() {
+    let name = "7scenes-kitchen-rgbd";
+    let Some(m) = run_with(name, usize::MAX, true) else { return };
+    limit(name, &m, 0.0228, 1.0);
 }
 
 #[test]

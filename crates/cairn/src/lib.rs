@@ -76,12 +76,14 @@ mod walk;
 pub use accuracy::accuracy;
 pub use builder::{Builder, sensor_mode_of};
 #[doc(no_inline)]
-pub use cairn_mapping::{Apart, Junction, MapJoin, Seam, Support};
+pub use cairn_mapping::{Agreement, Apart, Junction, MapComparison, MapJoin, Seam, Support};
 pub use changes::Changes;
 pub use error::Error;
 pub use events::{MapEvent, MapEvents};
 pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
-pub use merge::{Attempt, MapOfFile, MergeError, MergedMaps, merge_maps};
+pub use merge::{
+    Attempt, FileComparison, MapOfFile, MergeError, MergedMaps, compare_files, merge_maps, merge_maps_where,
+};
 pub use reach::{MapWords, in_reach, words_of_map};
 pub use shared::{SharedAtlas, own_map, shared_atlas};
 pub use slam::Slam;

@@ -78,7 +78,7 @@ impl Map {
     /// The poses of the body at a map's key frames in order of time; of two with the same time, as several sessions
     /// may have, the older one.
     pub fn trajectory(&self, map: MapId) -> Trajectory {
-        let mut poses: Vec<_> = self.key_frames(map).map(|(k, pose)| (k.frame.stamp.0, pose.se3)).collect();
+        let mut poses: Vec<_> = self.key_frames(map).map(|(k, pose)| (k.stamp.0, pose.se3)).collect();
         poses.sort_by_key(|(t, _)| *t);
         let mut trajectory = Trajectory::new();
         for (t, pose) in poses {

@@ -2,10 +2,10 @@
 
 use crate::ROUTE_PREFIX;
 use cairn_atlas::store::{MapFile, StoreError};
-use cairn_atlas::{Atlas, MapId, Shift};
+use cairn_atlas::{Atlas, MapId, RobotId, Shift};
 use cairn_engine::Config;
 use cairn_guide::{Route, RouteError};
-use cairn_mapping::{Closer, MapJoin};
+use cairn_mapping::{Agreement, Closer, MapComparison, MapJoin};
 use cairn_vision::SensorMode;
 use std::collections::BTreeMap;
 
@@ -47,7 +47,7 @@ pub enum MergeError {
 }
 
 /// A map of one of the files.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct MapOfFile {
     /// The file, as it was given.
     pub name: String,
@@ -75,6 +75,8 @@ pub struct MergedMaps {
     pub attempts: Vec<Attempt>,
     /// Where the maps that stay apart come from, by their root in the new file.
     pub maps: BTreeMap<MapId, Vec<MapOfFile>>,
+    /// For each file the robots of its key frames, with their numbers in the new file.
+    pub robots: BTreeMap<String, BTreeMap<RobotId, RobotId>>,
     /// What a user should know: small differences of the cameras.
     pub notes: Vec<String>,
 }
@@ -90,28 +92,126 @@ pub struct MergedMaps {
 /// # Errors
 /// [`MergeError`] when a map does not fit the first one, or one of its routes is damaged.
 pub fn merge_maps(files: Vec<(String, MapFile)>, config: &Config) -> Result<MergedMaps, MergeError> {
-    let mut files = files;
+    merge_maps_where(files, config, |_, _| true)
+}
+
+/// The same where it is known already which maps show the same places: of two maps of which `may` says no, neither is compared
+/// with the other. Maps that became one are compared where any of those that they were may be; those of one file always.
+///
+/// # Errors
+/// As [`merge_maps`].
+pub fn merge_maps_where(
+    files: Vec<(String, MapFile)>,
+    config: &Config,
+    may: impl Fn(&MapOfFile, &MapOfFile) -> bool,
+) -> Result<MergedMaps, MergeError> {
+    let mut merged = side_by_side(files)?;
+    merged.join(config, &may);
+    Ok(merged)
+}
+
+/// A map of one file compared with one of another.
+#[derive(Clone, Debug)]
+pub struct FileComparison {
+    /// The younger.
+    pub from: MapOfFile,
+    /// The older.
+    pub into: MapOfFile,
+    /// What agrees, or why that is not enough.
+    pub comparison: MapComparison,
+    /// Where they agree: how far the two key frames of the younger map are apart that are farthest from each other of those that stand
+    /// within a metre of a key frame of the older one. `None` where lengths are metres in neither.
+    pub overlap_m: Option<f64>,
+}
+
+/// Compares each map of a file with each of another, as [`merge_maps`] would, and changes nothing.
+///
+/// # Errors
+/// As [`merge_maps`].
+pub fn compare_files(
+    a: (String, MapFile),
+    b: (String, MapFile),
+    config: &Config,
+) -> Result<Vec<FileComparison>, MergeError> {
+    let merged = side_by_side(vec![a, b])?;
+    let closer = merged.closer(config);
+    let own = |id: &MapId| merged.maps.get(id).and_then(|of| of.first());
+    let mut compared = Vec::new();
+    for (n, from) in merged.maps.keys().enumerate() {
+        for into in merged.maps.keys().take(n) {
+            let (Some(of_from), Some(of_into)) = (own(from), own(into)) else { continue };
+            if of_from.name == of_into.name {
+                continue;
+            }
+            let comparison = closer.compare_maps(&merged.file.snapshot, *into, *from);
+            let overlap_m =
+                comparison.result.as_ref().ok().and_then(|agreed| merged.overlap_m(*from, *into, agreed));
+            compared.push(FileComparison {
+                from: of_from.clone(),
+                into: of_into.clone(),
+                comparison,
+                overlap_m,
+            });
+        }
+    }
+    Ok(compared)
+}
+
+/// All maps in one file, each still in a frame of its own.
+fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeError> {
     // Maps that measure depth come first: those whose lengths are not metres are scaled to them.
     files.sort_by_key(|(_, file)| !file.about.camera.has_depth());
     let mut files = files.into_iter();
     let (name, first) = files.next().ok_or(MergeError::Empty)?;
     let own = |name: &str, id: MapId| MapOfFile { name: name.to_owned(), root: id.root().index() };
     let maps = first.snapshot.maps().map(|(id, _)| (id, vec![own(&name, id)])).collect();
-    let mut merged = MergedMaps { file: first, attempts: Vec::new(), maps, notes: Vec::new() };
+    let robots = BTreeMap::from([(name, first.snapshot.robots().keys().map(|r| (*r, *r)).collect())]);
+    let mut merged = MergedMaps { file: first, attempts: Vec::new(), maps, robots, notes: Vec::new() };
     for (name, other) in files {
         let roots: Vec<MapId> = other.snapshot.maps().map(|(id, _)| id).collect();
+        let own_robots: Vec<RobotId> = other.snapshot.robots().into_keys().collect();
         let shift = merged.add(&name, other)?;
+        let renamed = own_robots.into_iter().map(|r| (r, shift.robot(r))).collect();
+        merged.robots.insert(name.clone(), renamed);
         for id in roots {
             if let Some(root) = shift.key_frame(id.root()) {
                 merged.maps.insert(MapId(root), vec![own(&name, id)]);
             }
         }
     }
-    merged.join(config);
     Ok(merged)
 }
 
 impl MergedMaps {
+    fn closer(&self, config: &Config) -> Closer {
+        Closer::new(self.file.about.camera, config.closer, config.mapper.window)
+    }
+
+    /// See [`FileComparison::overlap_m`].
+    fn overlap_m(&self, from: MapId, into: MapId, agreed: &Agreement) -> Option<f64> {
+        let (snapshot, camera) = (&self.file.snapshot, &self.file.about.camera);
+        // In metres of the older map, or else of the younger one.
+        let metre = match (snapshot.is_metric_in(into, camera), snapshot.is_metric_in(from, camera)) {
+            (true, _) => 1.0,
+            (false, true) => agreed.into_from.scale,
+            (false, false) => return None,
+        };
+        let at = |map| snapshot.key_frames_of(map).map(|k| k.world_from_camera.translation);
+        let there: Vec<_> = at(into).collect();
+        let near: Vec<_> = at(from)
+            .map(|p| agreed.into_from * p)
+            .filter(|p| there.iter().any(|q| (p - q).norm() < metre))
+            .collect();
+        let far = near.iter().flat_map(|p| near.iter().map(move |q| (p - q).norm())).fold(0.0, f64::max);
+        Some(far / metre)
+    }
+
+    /// Whether any of what one map was may share a place with any of what the other was.
+    fn may(&self, a: MapId, b: MapId, may: &impl Fn(&MapOfFile, &MapOfFile) -> bool) -> bool {
+        let of = |id| self.maps.get(&id).into_iter().flatten();
+        of(a).any(|a| of(b).any(|b| a.name == b.name || may(a, b)))
+    }
+
     /// Puts another file beside what is there.
     fn add(&mut self, name: &str, other: MapFile) -> Result<Shift, MergeError> {
         let unfit = |why: String| MergeError::Unfit { name: name.to_owned(), why };
@@ -173,9 +273,9 @@ impl MergedMaps {
         }
     }
 
-    /// Tries every two maps, until no more of them become one.
-    fn join(&mut self, config: &Config) {
-        let closer = Closer::new(self.file.about.camera, config.closer, config.mapper.window);
+    /// Tries every two maps that may share a place, until no more of them become one.
+    fn join(&mut self, config: &Config, may: &impl Fn(&MapOfFile, &MapOfFile) -> bool) {
+        let closer = self.closer(config);
         let mut atlas = Atlas::new(self.file.snapshot.clone());
         let mut again = true;
         while again {
@@ -183,7 +283,7 @@ impl MergedMaps {
             let ids: Vec<MapId> = self.maps.keys().copied().collect();
             for (n, from) in ids.iter().enumerate() {
                 for into in &ids[..n] {
-                    if !self.maps.contains_key(into) {
+                    if !self.maps.contains_key(into) || !self.may(*from, *into, may) {
                         continue;
                     }
                     let mut join = closer.join_maps(atlas.latest(), *into, *from);

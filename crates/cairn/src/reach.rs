@@ -83,6 +83,11 @@ impl MapWords {
         Self { bags, own, lists }
     }
 
+    /// The bags of words of the key frames, in their order.
+    pub fn bags(&self) -> &[BagOfWords] {
+        &self.bags
+    }
+
     /// Number of key frames.
     pub fn len(&self) -> usize {
         self.bags.len()

@@ -42,7 +42,7 @@ fn ate(file: &MapFile, walks: &[&Walk], only: Option<usize>) -> f64 {
         let next = first + w.file.snapshot.next_key_frame_id().index();
         let of = |index: usize| (first..next).contains(&index) && only.is_none_or(|only| only == n);
         for k in file.snapshot.key_frames().filter(|k| of(k.id.index())) {
-            let truth = w.truth.get(&k.frame.stamp).expect("a true pose at each frame");
+            let truth = w.truth.get(&k.stamp).expect("a true pose at each frame");
             estimated.push(k.world_from_camera.translation);
             true_ones.push((*truth * file.about.camera.body_from_camera).translation);
         }

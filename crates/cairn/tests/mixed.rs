@@ -51,7 +51,7 @@ fn ate(file: &MapFile, walks: &[&Walk], only: Option<RobotId>, with_scale: bool)
         let robot = file.snapshot.key_frame_name(k.id).robot;
         if only.is_none_or(|only| only == robot) {
             let walk = walks.iter().find(|w| w.robot == robot).expect("its walk");
-            let body = walk.truth.get(&k.frame.stamp).expect("a true pose at each frame");
+            let body = walk.truth.get(&k.stamp).expect("a true pose at each frame");
             estimated.push(k.world_from_camera.translation);
             truth.push((*body * k.camera(&file.about.camera).body_from_camera).translation);
         }

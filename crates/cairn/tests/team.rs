@@ -137,7 +137,7 @@ fn ate(file: &MapFile, walks: &BTreeMap<RobotId, Walk>, robots: &[RobotId]) -> f
     for k in file.snapshot.key_frames() {
         let robot = file.snapshot.key_frame_name(k.id).robot;
         if robots.contains(&robot) {
-            let body = walks[&robot].truth.get(&k.frame.stamp).expect("a true pose at each frame");
+            let body = walks[&robot].truth.get(&k.stamp).expect("a true pose at each frame");
             estimated.push(k.world_from_camera.translation);
             truth.push((*body * file.about.camera.body_from_camera).translation);
         }

@@ -12,6 +12,7 @@ mod log;
 mod map_lock;
 mod output;
 mod outputs;
+mod processes;
 mod progress;
 mod speaking;
 mod style;
@@ -50,6 +51,7 @@ enum Command {
     Mesh(commands::mesh::Arguments),
     Solve(commands::solve::Arguments),
     Team(commands::team::Arguments),
+    Fleet(commands::fleet::Arguments),
     Rig(commands::rig::Arguments),
     Vocab(commands::vocab::Arguments),
     Config(commands::config::Arguments),
@@ -96,6 +98,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Plan(arguments) => commands::plan::run(&arguments, output),
         Command::Solve(arguments) => commands::solve::run(&arguments, output),
         Command::Team(arguments) => commands::team::run(&arguments, output),
+        Command::Fleet(arguments) => commands::fleet::run(&arguments, output),
         Command::Rig(arguments) => commands::rig::run(&arguments, output),
         Command::Config(arguments) => commands::config::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),

@@ -57,6 +57,27 @@ impl Terminal {
     }
 }
 
+/// The mode of the terminal, if standard input is one.
+#[cfg(unix)]
+pub struct Mode(Option<rustix::termios::Termios>);
+
+#[cfg(unix)]
+impl Mode {
+    /// As it is now.
+    pub fn now() -> Self {
+        Self(rustix::termios::tcgetattr(rustix::stdio::stdin()).ok())
+    }
+
+    /// Sets it again: a process that was killed left the terminal as it used it.
+    pub fn restore(&self) {
+        if let Some(mode) = &self.0 {
+            // There is nobody left to report an error to.
+            let now = rustix::termios::OptionalActions::Now;
+            let _ = rustix::termios::tcsetattr(rustix::stdio::stdin(), now, mode);
+        }
+    }
+}
+
 /// A thread that ends with the process: it may wait for input forever.
 fn spawn(work: impl FnOnce() + Send + 'static) {
     // If the thread cannot be started, the run continues without commands.

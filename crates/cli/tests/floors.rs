@@ -23,7 +23,8 @@ const FLOORS: &[(u8, &[&str])] = &[
     (10, &["cairn-session"]),
     (11, &["cairn-web", "cairn-workers"]),
     (12, &["cairn"]),
-    (13, &["cairn-cli", "cairn-python", "cairn-ros", "bench"]),
+    (13, &["cairn-fleet"]),
+    (14, &["cairn-cli", "cairn-python", "cairn-ros", "bench"]),
 ];
 
 fn workspace_root() -> &'static Path {

@@ -104,6 +104,11 @@ impl DepthPreparer {
         self.fill(image, |v| f32::from(v) * scale)
     }
 
+    /// The frame that was prepared last; without any depth before the first.
+    pub fn frame(&self) -> &DepthFrame {
+        &self.frame
+    }
+
     /// A frame from an image in metres; 0, negative numbers, NaN and infinity mean no depth.
     ///
     /// # Errors

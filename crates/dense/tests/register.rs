@@ -72,19 +72,21 @@ fn an_image_finds_its_place_in_a_map_of_other_images() {
         let (image, pose) = common::frame(&folder, n);
         map.insert(AnchorId(n as u64), MapId(0), world * pose, Se3::identity(), &image).expect("a key frame");
     }
-    let config = RegisterConfig::default();
+    let mut locator = map.locator(RegisterConfig::default()).expect("in range");
     let (mut right, mut wrong) = (0, 0);
     for n in (5..300).step_by(30) {
         let (image, pose) = common::frame(&folder, n);
         let up = [world.rotation * -Vec3::y(), pose.rotation.inverse() * -Vec3::y()];
-        let found = map.locate(MapId(0), &image, Some(up), &config).expect("depth").expect("a submap");
+        let places = map.places(MapId(0), Some(up[0]));
+        let found = locator.locate(&places, &image, Some(up[1])).expect("depth").expect("a submap");
         let off = (world * pose).inverse() * found.world_from_source;
         let near = off.translation.norm() < 0.1 && off.rotation.angle() < 0.06;
         right += usize::from(found.registration.accepted() && near);
         wrong += usize::from(found.registration.accepted() && !near);
     }
     assert!(wrong == 0 && right >= 8, "{right} right, {wrong} wrong of 10");
-    assert!(map.locate(MapId(7), &common::frame(&folder, 0).0, None, &config).expect("depth").is_none());
+    let nowhere = map.places(MapId(7), None);
+    assert!(locator.locate(&nowhere, &common::frame(&folder, 0).0, None).expect("depth").is_none());
 }
 
 /// A synthetic scene, seen from some poses, in a frame of its own.
@@ -126,6 +128,23 @@ fn a_room_is_found_again_and_a_larger_one_is_not_it() {
     assert!(off.translation.norm() < 0.02 && off.rotation.angle() < 0.01, "{off:?}");
     let other = registered(&here, &seen(&larger, &turned(5), &poses), false);
     assert!(!other.accepted(), "{other:?}");
+}
+
+/// A box is itself again when it is turned by half a turn; things in it tell the two apart, if there are enough of them.
+#[test]
+fn a_bare_box_is_ambiguous_and_things_in_it_settle_it() {
+    let poses = scene::turn(24);
+    let ball = |x: f64, y: f64, z: f64, radius: f64| (Vec3::new(x, y, z), radius);
+    let things = vec![ball(-1.3, 0.2, -0.9, 0.5), ball(-1.5, -0.3, 0.5, 0.6), ball(0.3, 0.5, -1.3, 0.5)];
+    for (spheres, expected) in [(Vec::new(), Verdict::Ambiguous), (things, Verdict::Accepted)] {
+        let low_room = (Vec3::new(-2.0, -0.7, -1.5), Vec3::new(2.0, 0.7, 1.5));
+        let room = scene::Scene { spheres, room: Some(low_room) };
+        let here = seen(&room, &Se3::identity(), &poses);
+        for frame in [turned(5), turned(8)] {
+            let again = registered(&here, &seen(&room, &frame, &poses), false);
+            assert_eq!(again.verdict, expected, "{again:?}");
+        }
+    }
 }
 
 #[test]

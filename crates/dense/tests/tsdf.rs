@@ -208,6 +208,10 @@ fn a_ball_seen_from_all_sides_is_closed_across_blocks() {
     let all = Mesher::affected(volume.changed_since(0));
     let pieces: usize = all.into_iter().map(|key| mesher.block(&volume, key).triangles.len()).sum();
     assert_eq!(pieces, mesh.triangles.len());
+    // All that changed at once, the same as one by one.
+    for (key, piece) in Mesher::new(MeshConfig::default()).changed(&volume, 0) {
+        assert_eq!(piece, mesher.block(&volume, key), "{key:?}");
+    }
 }
 
 #[test]

@@ -3,20 +3,28 @@
 //! In: depth images of the frames that may become key frames, and the stream of changes ([`crate::Engine::subscribe`]).
 //! Out: a [`DenseMap`] whose submaps are where the map's key frames are. A loop, a merge or a new unit of length moves
 //! submaps as soon as the change is read; key frames that moved inside their submap are fused again by
-//! [`DenseMapper::step`], in slices that the caller bounds. The caller decides when that happens: there is no thread here.
+//! [`DenseMapper::step`], in slices that the caller bounds. The caller decides when that happens.
+//!
+//! A camera that is lost is looked for in the submaps by the shape of what it sees (`lost.rs`, `search.rs`), on a thread of its
+//! own where the engine has threads.
 
+mod lost;
 mod saved;
+mod search;
 
 pub use saved::{Restored, SavedDepthError, saved_dense_map};
+pub use search::{RefusedLooks, SearchCounts};
 
 use crate::{Engine, Output};
 use cairn_atlas::{Change, KeyFrameId, MapId, Mirror, Published, Subscription};
 use cairn_dense::{
-    AnchorId, DenseError, DenseMap, Located, MapId as DenseMapId, Progress, RegisterConfig, SubmapConfig,
-    TsdfConfig, TsdfVolume,
+    AnchorId, DenseError, DenseMap, Located, MapId as DenseMapId, Place, Progress, RegisterConfig,
+    SubmapConfig, TsdfConfig, TsdfVolume,
 };
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthImage, FramePacket, Rig, Stamp};
+use cairn_tracking::State;
+use lost::LostCamera;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::sync::mpsc::TryRecvError;
@@ -66,7 +74,12 @@ pub struct DenseMapper {
     counts: DenseCounts,
     /// The stream has ended: mapping is gone.
     ended: bool,
+    /// Looks for the engine's camera when it is lost.
+    lost: Option<LostCamera>,
 }
+
+/// Images of a saved map that are fused with each packet while the camera is lost, at most.
+const FUSED_WHILE_LOST: usize = 6;
 
 impl DenseMapper {
     /// A dense mapper that follows an engine from now on.
@@ -79,7 +92,12 @@ impl DenseMapper {
         let sensor = sensor.ok_or(DenseSetupError::NoDepth)?;
         let from = engine.subscribe().ok_or(DenseSetupError::NoMapping)?;
         let camera_from_depth = model.body_from_camera.inverse() * sensor.body_from_depth;
-        Self::following(from, sensor.camera, sensor.metres_per_unit, camera_from_depth, config)
+        let mut all =
+            Self::following(from, sensor.camera, sensor.metres_per_unit, camera_from_depth, config)?;
+        let locator = all.map.locator(RegisterConfig::default())?;
+        let (after_s, threaded) = (engine.find_by_depth_s, engine.is_threaded());
+        all.lost = Some(LostCamera::new(engine.depth_link(), locator, camera_from_depth, after_s, threaded));
+        Ok(all)
     }
 
     /// A dense mapper that follows a stream of changes: depth images of `camera` in units of `metres_per_unit`, mounted
@@ -100,7 +118,7 @@ impl DenseMapper {
             map.add_anchor(anchor(id), dense_map(k.map), k.world_from_camera)?;
         }
         let (offered, moved, counts) = (VecDeque::new(), BTreeMap::new(), DenseCounts::default());
-        Ok(Self { map, mirror, from, camera_from_depth, offered, moved, counts, ended: false })
+        Ok(Self { map, mirror, from, camera_from_depth, offered, moved, counts, ended: false, lost: None })
     }
 
     /// Takes the depth of a packet that the engine has processed, where its frame may become a key frame, and follows
@@ -110,6 +128,32 @@ impl DenseMapper {
             self.offer(packet.stamp, depth.clone());
         }
         self.follow();
+        self.look_for_camera(packet, matches!(output.state, State::Lost { .. }));
+    }
+
+    /// Looks for a lost camera, once it has been lost for the time that is set and the submaps are fused.
+    fn look_for_camera(&mut self, packet: &FramePacket, is_lost: bool) {
+        let Some(mut lost) = self.lost.take() else { return };
+        // What a saved map brings is fused when it is needed; key frames that moved by centimetres can wait.
+        if is_lost && !self.map.is_complete() {
+            self.map.step(&Vec3::zeros(), FUSED_WHILE_LOST);
+        }
+        if lost.is_due(packet.stamp, is_lost) && self.map.is_complete() {
+            let levelled = lost.levelled();
+            let maps: Vec<MapId> = self.mirror.maps().map(|(map, _)| map).collect();
+            let places = |map: MapId| self.map.places(dense_map(map), levelled.contains(&map).then(Vec3::z));
+            let places: Vec<Place> = maps.into_iter().flat_map(places).collect();
+            lost.begin(places);
+        }
+        if let Some(depth) = packet.depth.as_ref().filter(|_| is_lost) {
+            lost.see(packet.stamp, depth);
+        }
+        self.lost = Some(lost);
+    }
+
+    /// What the searches for a lost camera did.
+    pub fn search_counts(&self) -> SearchCounts {
+        self.lost.as_ref().map(LostCamera::counts).unwrap_or_default()
     }
 
     /// Takes the depth image of a frame that may become a key frame.
@@ -137,7 +181,7 @@ impl DenseMapper {
         mirror.take_with(published, |mirror, change, removal| match change {
             Change::AddKeyFrame(k) => {
                 let Some(known) = mirror.key_frame(k.id) else { return };
-                let depth = offered.iter().position(|(stamp, _)| *stamp == k.frame.stamp);
+                let depth = offered.iter().position(|(stamp, _)| *stamp == k.stamp);
                 let depth = depth.and_then(|i| offered.drain(..=i).next_back());
                 let (id, in_map, pose) = (anchor(k.id), dense_map(known.map), known.world_from_camera);
                 let fused =
@@ -210,8 +254,9 @@ impl DenseMapper {
         up: Option<Vec3>,
     ) -> Result<Option<Located>, DenseError> {
         let depth_from_camera = self.camera_from_depth.inverse();
-        let up = up.map(|up| [Vec3::z(), depth_from_camera.rotation * up]);
-        let found = self.map.locate(dense_map(map), depth, up, &RegisterConfig::default())?;
+        let places = self.map.places(dense_map(map), up.map(|_| Vec3::z()));
+        let up = up.map(|up| depth_from_camera.rotation * up);
+        let found = self.map.locator(RegisterConfig::default())?.locate(&places, depth, up)?;
         Ok(found.map(|l| Located { world_from_source: l.world_from_source * depth_from_camera, ..l }))
     }
 

@@ -1,20 +1,19 @@
 //! The whole system on one page: what happens to a packet.
 
 use crate::Config;
+use crate::depth_link::Link;
 use crate::digest::Digest;
 use crate::journal::{FrameRecord, Header, Journal};
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
+use crate::output::{Finished, Output};
 use crate::scale::{Scale, ScaleStretch, is_adrift, map_of, scale_of, stretches};
 use crate::status::{FrameResult, Status, StatusTracker};
 use cairn_atlas::{KeyFrameId, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
-use cairn_inertial::Attempt;
-use cairn_mapping::{Closer, Mapper, ScaleCheck, ScaleVerdict, Verdict};
+use cairn_mapping::{Closer, Mapper, ScaleVerdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
-use cairn_tracking::{
-    AnchoredPose, Evidence, KeyFrameRequest, MeasuredMotion, Odometry, State, Tracked, Tracker,
-};
+use cairn_tracking::{AnchoredPose, KeyFrameRequest, MeasuredMotion, Odometry, State, Tracked, Tracker};
 use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
 use std::io::Write;
 use std::sync::Arc;
@@ -36,62 +35,9 @@ pub struct Engine {
     /// Whether the IMU contradicts the scale of the map at present.
     scale_contradicted: bool,
     stage_failed: Option<String>,
-}
-
-/// The result of one packet.
-#[derive(Clone, Debug)]
-pub struct Output {
-    /// Time of the packet.
-    pub stamp: Stamp,
-    /// The extracted features.
-    pub frame: Arc<Frame>,
-    /// The state of tracking.
-    pub state: State,
-    /// The pose of the body, when it is known.
-    pub world_from_body: Option<Pose<World, Body>>,
-    /// The pose of the body in the odometry frame, which no correction of the map moves; `None` when the pose is not
-    /// known. `odometry.world_from_odom.then(&odometry.odom_from_body)` is `world_from_body`.
-    pub odometry: Option<Odometry>,
-    /// The camera pose (not the body's), anchored to a key frame.
-    pub anchored: Option<AnchoredPose>,
-    /// Whether lengths are metres in the map of the pose: always with depth, else once the IMU has been
-    /// initialised.
-    pub metric: bool,
-    /// What is known of the unit of length of the pose.
-    pub scale: Option<Scale>,
-    /// The last attempt to initialise gravity, scale and biases, if there was one.
-    pub attempt: Option<Attempt>,
-    /// What the IMU says of the scale of a metric map, where a key frame was checked since the last packet.
-    pub scale_check: Option<ScaleCheck>,
-    /// The evidence for the pose.
-    pub evidence: Evidence,
-    /// Whether tracking asked mapping to make this frame a key frame; mapping may decline.
-    pub key_frame_requested: bool,
-    /// Milliseconds from the decoded image to features.
-    pub extract_ms: f64,
-    /// Milliseconds from features to the pose.
-    pub track_ms: f64,
-    /// Milliseconds of each key frame that mapping has finished since the last packet.
-    pub map_ms: Vec<f64>,
-    /// Milliseconds of each key frame in closing, and of each adjustment of a whole map.
-    pub close_ms: Vec<f64>,
-    /// Verdicts of closing on places that may have been seen before.
-    pub verdicts: Vec<Verdict>,
-    /// Why mapping failed, reported once; tracking goes on with the map as it is.
-    pub stage_failed: Option<String>,
-    /// The same for people.
-    pub status: Status,
-}
-
-/// The work finished after the last packet.
-#[derive(Clone, Debug, Default)]
-pub struct Finished {
-    /// As in [`Output`].
-    pub map_ms: Vec<f64>,
-    /// As in [`Output`].
-    pub close_ms: Vec<f64>,
-    /// As in [`Output`].
-    pub verdicts: Vec<Verdict>,
+    /// Where a search by depth finds a lost camera, if a dense mapper looks for it.
+    depth_link: Option<Link>,
+    pub(crate) find_by_depth_s: f64,
 }
 
 impl Engine {
@@ -129,10 +75,17 @@ impl Engine {
         let rows = rig.cameras.first().map_or(0, |c| c.camera.height);
         let features = config.front_end_for(rig).orb.features;
         let tracker = Tracker::new(model, features, rate_hz, config.tracker).with_rows(rows);
+        let tracker = match rig.depth.as_ref().filter(|_| mode == SensorMode::Rgbd) {
+            Some(sensor) => {
+                tracker.with_depth(sensor, model.body_from_camera.inverse() * sensor.body_from_depth)
+            }
+            None => tracker,
+        };
         let mut mapper = config.mapper;
         if mode != SensorMode::Stereo {
             mapper.window.right_offset_sigma = 0.0;
         }
+        mapper.window.hold_poses |= config.tracker.dense && mode == SensorMode::Rgbd;
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper, mut closer) = (tracker, Mapper::new(model, mapper), closer);
         let imu = rig.imu.as_ref().filter(|_| config.inertial.enabled);
@@ -158,7 +111,44 @@ impl Engine {
             status_tracker,
             scale_contradicted: false,
             stage_failed: None,
+            depth_link: None,
+            find_by_depth_s: config.tracker.find_by_depth_s,
         }
+    }
+
+    /// The link to the search by depth.
+    pub(crate) fn depth_link(&mut self) -> Link {
+        self.depth_link.get_or_insert_default().clone()
+    }
+
+    /// Whether mapping runs on threads.
+    pub(crate) fn is_threaded(&self) -> bool {
+        matches!(self.mapping, Mapping::Thread(_))
+    }
+
+    /// Tells tracking where a search by depth has found the camera; whether it has.
+    fn pass_on_found(&mut self) -> bool {
+        let found = self.depth_link.as_ref().and_then(|link| link.lock().found.take());
+        let is_found = found.is_some();
+        if let Some(found) = found {
+            self.tracker.found_by_depth(found);
+        }
+        is_found
+    }
+
+    /// Tells the search by depth what came of the place it found, and what it has to know of gravity.
+    fn tell_search(&self, frame: &Frame, tracked: &Tracked, was_told: bool, snapshot: &Snapshot) {
+        let Some(link) = &self.depth_link else { return };
+        let is_lost = matches!(tracked.state, State::Lost { .. });
+        if !was_told && !is_lost {
+            return;
+        }
+        let mut shared = link.lock();
+        shared.taken[usize::from(is_lost)] += usize::from(was_told);
+        shared.up = self.tracker.up(tracked.stamp);
+        shared.is_of_use = self.tracker.may_believe_depth(frame);
+        let levelled = snapshot.maps().map(|(map, _)| map).filter(|map| snapshot.is_gravity_aligned(*map));
+        shared.levelled = levelled.collect();
     }
 
     /// Tells what other sensors (the wheels of a robot) measured of the motion of the body since the packet before; to be
@@ -192,7 +182,10 @@ impl Engine {
         let (snapshot, idle) = self.mapping.snapshot_for(packet.stamp, &mut done);
         let version = snapshot.version();
         let tracking_start = Instant::now();
+        self.tracker.depth_seen(packet.depth.clone());
+        let was_told = self.pass_on_found();
         let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &snapshot, idle, !self.localize_only);
+        self.tell_search(&frame, &tracked, was_told, &snapshot);
         // In the snapshot used for tracking: mapping may gravity-align and scale the map before this frame is
         // reported.
         let gravity_aligned = tracked
@@ -236,7 +229,8 @@ impl Engine {
                 let is_doubtful = self.scale_contradicted || (!depth && is_adrift(&tracked.state));
                 Scale { supported: scale.supported && !is_doubtful, ..scale }
             });
-        let stage_failed = done.stage_failed.filter(|_| self.stage_failed.is_none());
+        let unreadable = || snapshot.read_fault().map(|fault| format!("the map cannot be read: {fault}"));
+        let stage_failed = done.stage_failed.or_else(unreadable).filter(|_| self.stage_failed.is_none());
         self.stage_failed = self.stage_failed.take().or_else(|| stage_failed.clone());
         self.status_tracker.update(&FrameResult {
             stamp: tracked.stamp,

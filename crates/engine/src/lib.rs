@@ -3,11 +3,13 @@
 mod background;
 mod config;
 mod dense;
+mod depth_link;
 mod digest;
 mod engine;
 pub mod journal;
 mod log;
 mod mapping;
+mod output;
 mod record;
 mod saved;
 mod scale;
@@ -20,11 +22,15 @@ pub use cairn_settings::SettingsError as ConfigError;
 pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, Odometry, State};
 pub use cairn_vision::SensorMode;
 pub use config::Config;
-pub use dense::{DenseCounts, DenseMapper, DenseSetupError, Restored, SavedDepthError, saved_dense_map};
-pub use engine::{Engine, Finished, Output, PoseTime};
+pub use dense::{
+    DenseCounts, DenseMapper, DenseSetupError, RefusedLooks, Restored, SavedDepthError, SearchCounts,
+    saved_dense_map,
+};
+pub use engine::{Engine, PoseTime};
 pub use journal::{Journal, JournalError};
 pub use log::{Log, Logged};
 pub use mapping::{Delays, Replayed, Runner, Stopped};
+pub use output::{Finished, Output};
 pub use record::record_input;
 pub use saved::OpenMapError;
 pub use scale::{Scale, ScaleStretch};

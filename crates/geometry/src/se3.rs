@@ -40,6 +40,7 @@ impl Se3 {
     }
 
     /// The 4x4 matrix.
+    #[inline]
     pub fn matrix(&self) -> Matrix4<f64> {
         let mut m = Matrix4::identity();
         m.fixed_view_mut::<3, 3>(0, 0).copy_from(&self.rotation.matrix());
@@ -48,6 +49,7 @@ impl Se3 {
     }
 
     /// The inverse transform, `b_from_a`.
+    #[inline]
     pub fn inverse(&self) -> Self {
         let r = self.rotation.inverse();
         Self::new(r, -(r * self.translation))
@@ -93,6 +95,7 @@ impl Se3 {
 
 impl Mul for Se3 {
     type Output = Se3;
+    #[inline]
     fn mul(self, rhs: Se3) -> Se3 {
         Se3::new(self.rotation * rhs.rotation, self.translation + self.rotation * rhs.translation)
     }
@@ -100,6 +103,7 @@ impl Mul for Se3 {
 
 impl Mul<Vec3> for Se3 {
     type Output = Vec3;
+    #[inline]
     fn mul(self, rhs: Vec3) -> Vec3 {
         self.rotation * rhs + self.translation
     }

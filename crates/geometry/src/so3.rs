@@ -49,6 +49,7 @@ impl So3 {
     }
 
     /// The 3x3 matrix.
+    #[inline]
     pub fn matrix(&self) -> Mat3 {
         self.0.to_rotation_matrix().into_inner()
     }
@@ -75,6 +76,7 @@ impl So3 {
     }
 
     /// The inverse rotation.
+    #[inline]
     pub fn inverse(&self) -> Self {
         Self(self.0.inverse())
     }
@@ -124,6 +126,7 @@ impl So3 {
 
 impl Mul for So3 {
     type Output = So3;
+    #[inline]
     fn mul(self, rhs: So3) -> So3 {
         So3(UnitQuaternion::new_normalize((self.0 * rhs.0).into_inner()))
     }
@@ -131,6 +134,7 @@ impl Mul for So3 {
 
 impl Mul<Vec3> for So3 {
     type Output = Vec3;
+    #[inline]
     fn mul(self, rhs: Vec3) -> Vec3 {
         self.0 * rhs
     }

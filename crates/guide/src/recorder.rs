@@ -111,6 +111,12 @@ impl Recorder {
         }
     }
 
+    /// A recording that was resumed goes on without a gap: its last point is of this segment of odometry, and what comes now
+    /// follows it.
+    pub fn goes_on_in(&mut self, segment: u32) {
+        (self.segment, self.gap, self.confidence) = (Some(segment), false, Confidence::Good);
+    }
+
     /// Records to disk as well: every point from now on is appended.
     pub fn with_writer(mut self, writer: RouteWriter) -> Self {
         self.writer = Some(writer);

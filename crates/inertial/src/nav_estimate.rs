@@ -192,7 +192,8 @@ impl NavEstimate {
         own.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
 
-    fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
+    /// Covariance of the pose, of its right perturbation: translation, rotation.
+    pub fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
         self.covariance.fixed_view::<6, 6>(0, 0).into()
     }
 

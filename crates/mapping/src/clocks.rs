@@ -129,7 +129,7 @@ impl Clocks {
         pairs
             .filter_map(|(before, k)| {
                 let bias = k.motion.as_ref()?.bias;
-                let sum = self.preintegrated(bias, before.frame.stamp, k.frame.stamp, offset_s)?;
+                let sum = self.preintegrated(bias, before.stamp, k.stamp, offset_s)?;
                 Some(Change::ImuFactor(k.id, ImuFactor { since: before.id, sum: sum.into() }))
             })
             .collect()

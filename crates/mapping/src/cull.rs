@@ -85,7 +85,7 @@ pub(crate) fn redundant(
 /// be too long.
 fn keeps_factors_short(snapshot: &Snapshot, k: &KeyFrame, newest: &KeyFrame) -> bool {
     let imu = |k: &KeyFrame| k.motion.as_ref().and_then(|m| m.imu_factor.clone());
-    if newest.frame.stamp - k.frame.stamp > SHORT_FACTORS_S {
+    if newest.stamp - k.stamp > SHORT_FACTORS_S {
         return false;
     }
     let Some(before) = imu(k) else { return false };

@@ -64,7 +64,7 @@ impl ToAndFro {
             let velocity = path[n].rotation.inverse() * (position(t + 1e-3) - position(t - 1e-3)) / 2e-3;
             let imu_factor =
                 n.checked_sub(1).map(|before| ImuFactor { since: ids[before], sum: self.link(before) });
-            let mut k = KeyFrame::new(k.id, k.frame.clone(), k.world_from_camera, k.parent);
+            let mut k = KeyFrame::new(k.id, k.frame.shared(), k.world_from_camera, k.parent);
             k.motion = Some(InertialState { velocity, bias: Bias::default(), imu_factor });
             changes.push(Change::AddKeyFrame(Box::new(k)));
         }

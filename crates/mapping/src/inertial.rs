@@ -6,19 +6,17 @@
 //! it grows. Nothing is discarded meanwhile, and if the initialisation never succeeds, visual mapping goes on.
 
 use crate::clocks::Clocks;
-use crate::initialisation::{CameraAndImu, STATIONARY_M_S};
+use crate::initialisation::{CameraAndImu, INITIALISATION_S};
+use crate::level::{Due, Refined, is_better_level, levelled, told_level};
 use crate::scale_check::{ScaleCheck, ScaleWatch};
 use cairn_adjust::{ImuModel, Window, WindowConfig, WindowResult};
-use cairn_atlas::{
-    Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot,
-};
-use cairn_geometry::{Manifold, Se3, Sim3, Vec3};
-use cairn_inertial::{Attempt, Gate, GateKind, Gravity, Initial, Preintegrated, of_data_sheet};
+use cairn_atlas::{Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrameId, MapId, Snapshot};
+use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_inertial::{Attempt, Gate, GateKind, Initial, Preintegrated, of_data_sheet};
 use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
 use cairn_settings::Settings;
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
-use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 /// Configuration of the use of the IMU.
@@ -41,65 +39,6 @@ pub struct InertialConfig {
 
 /// With the clocks known this well, seconds, nothing waits for their comparison by rotations.
 const MOST_OFFSET_SIGMA_S: f64 = 0.002;
-/// Seconds of key frames, up to the newest, used by the initialisation.
-const INITIALISATION_S: f64 = 20.0;
-/// Seconds after the first key frame of the chain at which a gravity-aligned map is adjusted as a whole
-/// again.
-const REFINE_AT_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
-
-/// Stated standard deviation of the direction of gravity, radians, up to which a map is turned to it, and how many of them it
-/// must be off. Poses of a map that was built with a wrong level err together, so that errors are ten times what is stated.
-const LEVEL: (f64, f64) = (0.0006, 5.0);
-/// Until the last of them its level is looked at too where the camera has turned by so much and so many seconds have passed:
-/// what of the readings is the accelerometer's bias and what is gravity is told by a turn alone.
-const LEVEL_AFTER: (f64, f64) = (0.7, 0.5);
-
-/// How far a gravity-aligned map has been refined.
-#[derive(Clone, Copy, Debug)]
-struct Refined {
-    /// How many times of [`REFINE_AT_S`] have passed.
-    times: usize,
-    /// Heading of the camera when the level was looked at last, and when.
-    level: Option<(f64, Stamp)>,
-}
-
-impl Default for Refined {
-    /// A map that was aligned elsewhere is refined already.
-    fn default() -> Self {
-        Self { times: REFINE_AT_S.len(), level: None }
-    }
-}
-
-/// What a gravity-aligned map is due for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Due {
-    /// It is adjusted as a whole.
-    Whole,
-    /// Likewise, if it is not level.
-    IfNotLevel,
-}
-
-impl Refined {
-    /// What is due with a new key frame, so many seconds after the first.
-    fn due(&mut self, last: &KeyFrame, seconds: f64) -> Option<Due> {
-        // A stationary camera adds no information, and a correction of the map must not enter its IMU factors as
-        // motion.
-        let stationary = last.motion.as_ref().is_none_or(|m| m.velocity.norm() < STATIONARY_M_S);
-        let due_s = REFINE_AT_S.get(self.times).filter(|_| !stationary)?;
-        let (now, to) = (last.frame.stamp, heading(last));
-        let (from, since) = *self.level.get_or_insert((to, now));
-        let turned = ((to - from + PI).rem_euclid(TAU) - PI).abs();
-        let due = match seconds >= *due_s {
-            true => Due::Whole,
-            false if turned >= LEVEL_AFTER.0 && now - since >= LEVEL_AFTER.1 => Due::IfNotLevel,
-            false => return None,
-        };
-        self.times += usize::from(due == Due::Whole);
-        self.level = Some((to, now));
-        Some(due)
-    }
-}
-
 /// The IMU state of mapping.
 #[derive(Debug)]
 pub(crate) struct Inertial {
@@ -138,10 +77,10 @@ impl Inertial {
             .rev()
             .filter_map(|i| snapshot.key_frame(KeyFrameId::from_index(i)?))
             .find(|k| k.map == map)
-            .filter(|k| imu.offset_s != snapshot.imu_offset() || Some(k.frame.stamp) == begins);
+            .filter(|k| imu.offset_s != snapshot.imu_offset() || Some(k.stamp) == begins);
         // In the IMU's own clock: the request's segment may have been cut with another offset.
         let imu_factor = before.and_then(|k| {
-            let sum = self.clocks.preintegrated(imu.bias, k.frame.stamp, stamp, snapshot.imu_offset())?;
+            let sum = self.clocks.preintegrated(imu.bias, k.stamp, stamp, snapshot.imu_offset())?;
             Some(ImuFactor { since: k.id, sum: Arc::new(sum) })
         });
         InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor }
@@ -230,12 +169,15 @@ impl Inertial {
         let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
         let mut attempt_made = None;
         if snapshot.is_gravity_aligned(map) {
-            let due = self.refined.entry(map).or_default().due(last, seconds)?;
-            let level = better_level(&of, &snapshot, chain);
-            if due == Due::IfNotLevel && level.is_none() {
+            let refined = self.refined.entry(map).or_default();
+            let due = refined.due(last, seconds)?;
+            let told = told_level(&of, &snapshot, chain);
+            refined.looked(last, told.is_some());
+            let better = told.filter(is_better_level);
+            if due == Due::IfNotLevel && better.is_none() {
                 return None;
             }
-            if let Some(found) = level {
+            if let Some(found) = better {
                 atlas.commit(levelled(&snapshot, map, chain, &found, centre_point));
             }
         } else {
@@ -251,8 +193,7 @@ impl Inertial {
             self.imu.noise = self.data_sheet.times(noise_times);
             atlas.commit(self.settle_clocks(&snapshot, chain, &found));
             atlas.commit(self.align_gravity(&snapshot, map, chain, &found, camera.has_depth(), centre_point));
-            let times = REFINE_AT_S.iter().filter(|due| seconds >= **due).count();
-            self.refined.insert(map, Refined { times, level: None });
+            self.refined.insert(map, Refined::of_age(seconds));
         }
         let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
         if let Some(result) = self.whole(atlas.latest(), camera, map, &config, || false) {
@@ -302,12 +243,12 @@ impl Inertial {
         let scale = if metric { 1.0 } else { turn.scale };
         let shift = centre_point - turn.rotation * centre_point * scale;
         let mut changes = vec![Change::AlignGravity(map, Sim3::new(turn.rotation, shift, scale))];
-        let last = chain.last().and_then(|id| snapshot.key_frame(*id)).map(|k| k.frame.stamp);
+        let last = chain.last().and_then(|id| snapshot.key_frame(*id)).map(|k| k.stamp);
         let recent = |id: &&KeyFrameId| {
             snapshot
                 .key_frame(**id)
                 .zip(last)
-                .is_some_and(|(k, last): (_, Stamp)| last - k.frame.stamp <= INITIALISATION_S)
+                .is_some_and(|(k, last): (_, Stamp)| last - k.stamp <= INITIALISATION_S)
         };
         for (id, state) in chain.iter().filter(recent).zip(&found.states) {
             let world_from_camera = state.world_from_imu * self.imu.imu_from_camera;
@@ -316,48 +257,6 @@ impl Inertial {
         }
         changes
     }
-}
-
-/// Gravity, biases and velocities of the last seconds of a gravity-aligned map from its visual poses and the readings alone,
-/// where they tell gravity well and otherwise than the map. Bundle adjustment moves a whole map with small steps only, which
-/// take many iterations to turn it.
-fn better_level(of: &CameraAndImu, snapshot: &Snapshot, chain: &[KeyFrameId]) -> Option<Initial> {
-    let attempt = of.attempt(snapshot, chain, INITIALISATION_S)?;
-    let found = attempt.good_but_for(&[GateKind::ScaleSigma])?;
-    let tilt = Gravity::level().local(&found.gravity).norm();
-    (found.gravity_sigma <= LEVEL.0 && tilt > LEVEL.1 * found.gravity_sigma).then(|| found.clone())
-}
-
-/// The changes that turn a metric map about a fixed point so that gravity is as found, and give its key frames the velocities
-/// and biases that belong to it.
-fn levelled(
-    snapshot: &Snapshot,
-    map: MapId,
-    chain: &[KeyFrameId],
-    found: &Initial,
-    centre_point: Vec3,
-) -> Vec<Change> {
-    let turn = found.gravity.world_from_level.inverse();
-    let mut changes =
-        vec![Change::AlignGravity(map, Sim3::new(turn, centre_point - turn * centre_point, 1.0))];
-    let (earlier, stretch) = chain.split_at(chain.len().saturating_sub(found.states.len()));
-    for id in earlier {
-        if let Some(motion) = snapshot.key_frame(*id).and_then(|k| k.motion.as_ref()) {
-            changes.push(Change::InertialState(*id, motion.velocity, found.bias));
-        }
-    }
-    for (id, state) in stretch.iter().zip(&found.states) {
-        let Some(k) = snapshot.key_frame(*id) else { continue };
-        let velocity = k.world_from_camera.rotation.inverse() * state.velocity / found.scale;
-        changes.push(Change::InertialState(*id, velocity, found.bias));
-    }
-    changes
-}
-
-/// Angle of the camera's axis about the vertical, radians, in a gravity-aligned map.
-fn heading(k: &KeyFrame) -> f64 {
-    let ahead = k.world_from_camera.rotation * Vec3::z();
-    ahead.y.atan2(ahead.x)
 }
 
 /// Key frames linked by IMU factors up to one, oldest first.
@@ -382,14 +281,14 @@ mod tests {
 
     /// The tilt of a map that was made `tilt_rad` from level, of a walk that turns so far to either side, after every key frame
     /// has been looked at.
-    fn tilt_after(turn_rad: f64, tilt_rad: f64) -> f64 {
+    fn tilt_after(turn_rad: f64, tilt_rad: f64, refined: Refined) -> f64 {
         let (mut atlas, ids) = ToAndFro { turn_rad, tilt_rad, factor: 1.0 }.map(60);
         let before = atlas.latest().key_frame(ids[0]).unwrap().world_from_camera.rotation;
         let sensor =
             ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
         let config = InertialConfig { enabled: true, ..InertialConfig::default() };
         let mut inertial = Inertial::new(&sensor, Se3::identity(), config);
-        inertial.refined.insert(MapId(ids[0]), Refined { times: REFINE_AT_S.len() - 1, level: None });
+        inertial.refined.insert(MapId(ids[0]), refined);
         for n in 2..ids.len() {
             inertial.align_or_refine_chain(&mut atlas, &mono(), &ids[..=n], &WindowConfig::default());
         }
@@ -398,17 +297,28 @@ mod tests {
         (turned.xy() + nalgebra::Vector2::x() * tilt_rad).norm()
     }
 
+    /// Before and after the last adjustment as a whole.
+    const AGES_S: [f64; 2] = [50.0, 70.0];
+
     #[test]
     fn a_turn_levels_a_map_whose_tilt_was_taken_for_a_bias() {
-        let left = tilt_after(0.8, 0.02);
-        assert!(left < 0.002, "{left} rad of 0.02");
-        let left = tilt_after(0.8, 0.0);
+        for age in AGES_S {
+            let left = tilt_after(0.8, 0.02, Refined::of_age(age));
+            assert!(left < 0.002, "{left} rad of 0.02, {age} s");
+        }
+        let left = tilt_after(0.8, 0.0, Refined::of_age(AGES_S[0]));
         assert!(left < 1e-4, "{left} rad though it was level");
     }
 
     #[test]
     fn without_a_turn_nobody_knows() {
-        let left = tilt_after(0.1, 0.02);
+        let left = tilt_after(0.1, 0.02, Refined::of_age(AGES_S[0]));
+        assert!((left - 0.02).abs() < 1e-9, "{left} rad of 0.02");
+    }
+
+    #[test]
+    fn an_old_map_whose_level_is_known_is_left_alone() {
+        let left = tilt_after(0.8, 0.02, Refined::default());
         assert!((left - 0.02).abs() < 1e-9, "{left} rad of 0.02");
     }
 }

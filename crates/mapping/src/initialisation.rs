@@ -12,6 +12,8 @@ use cairn_vision::RectifiedCamera;
 const SEEN_PIXELS: f64 = 0.5;
 /// Relative standard deviation of the scale of cameras with depth.
 const DEPTH_SCALE_SIGMA: f64 = 0.003;
+/// Seconds of key frames, up to the newest, used by the initialisation.
+pub(crate) const INITIALISATION_S: f64 = 20.0;
 /// Below this speed the camera counts as stationary, m/s.
 pub(crate) const STATIONARY_M_S: f64 = 0.05;
 
@@ -30,10 +32,10 @@ impl CameraAndImu<'_> {
         let camera = self.camera;
         let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
         let last = frames.last()?.frame.stamp;
-        let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.frame.stamp <= seconds).collect();
+        let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.stamp <= seconds).collect();
         let poses: Vec<SeenPose> = frames
             .iter()
-            .map(|k| SeenPose { stamp: k.frame.stamp, world_from_camera: k.world_from_camera })
+            .map(|k| SeenPose { stamp: k.stamp, world_from_camera: k.world_from_camera })
             .collect();
         let links: Option<Vec<Preintegrated>> = frames
             .iter()

@@ -10,6 +10,7 @@ mod imu_walk;
 mod inertial;
 mod initialisation;
 mod insert;
+mod level;
 mod mapper;
 mod rotation_only;
 mod scale_check;
@@ -21,7 +22,8 @@ mod tests;
 mod triangulation;
 
 pub use closing::{
-    Accepted, Apart, Closed, Closer, CloserConfig, Joined, Junction, MapJoin, Refusal, Seam, Support, Verdict,
+    Accepted, Agreement, Apart, Closed, Closer, CloserConfig, Joined, Junction, MapComparison, MapJoin,
+    Refusal, Seam, Support, Verdict,
 };
 pub use inertial::InertialConfig;
 pub use mapper::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};

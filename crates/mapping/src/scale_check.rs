@@ -163,7 +163,7 @@ fn adjust_recent(
 ) {
     let snapshot = atlas.latest().clone();
     let Some(centre) = chain.last() else { return };
-    let stamp = |id: &KeyFrameId| snapshot.key_frame(*id).map(|k| k.frame.stamp);
+    let stamp = |id: &KeyFrameId| snapshot.key_frame(*id).map(|k| k.stamp);
     let recent = chain.iter().rev().filter_map(stamp).take_while(|t| now - *t <= ADJUSTED.0).count();
     let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
     let count = recent.min(ADJUSTED.1);

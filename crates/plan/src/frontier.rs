@@ -128,7 +128,7 @@ pub fn approaches(
 
 /// Length of the shortest drive from a cell to every other one (Dijkstra 1959), in units of the searches; `u64::MAX`
 /// where there is none.
-fn drive_lengths(passable: &Passable, from: Cell) -> Vec<u64> {
+pub(crate) fn drive_lengths(passable: &Passable, from: Cell) -> Vec<u64> {
     let frame = *passable.frame();
     let mut lengths = vec![u64::MAX; frame.len()];
     let Some(start) = frame.index(from) else { return lengths };

@@ -193,6 +193,20 @@ impl<K: Copy + Ord> GroundMap<K> {
         &self.moving
     }
 
+    /// The nearest place to a point where something moves, or stands that has newly come.
+    pub fn nearest_new(&self, at: Vec2) -> Option<Vec2> {
+        let occupied = |p: &Vec2| {
+            self.map().is_some_and(|map| map.frame().cell_at(*p).and_then(|c| map.get(c)) == Some(100))
+        };
+        let centre = |[x, y]: &[i32; 2]| {
+            Vec2::new(f64::from(*x) + 0.5, f64::from(*y) + 0.5) * self.config.resolution_m
+        };
+        let standing = self.settled.iter().map(centre).filter(occupied);
+        let moving = self.moving.tracks().iter().map(|t| t.position);
+        let away = |p: &Vec2| (p - at).norm_squared();
+        standing.chain(moving).min_by(|a, b| away(a).total_cmp(&away(b)))
+    }
+
     /// Brings the global costmap up to date: by the cells that changed, or anew when the grid has grown.
     fn refresh(&mut self) -> Result<(), GroundError> {
         let Some(map) = self.grid.grid().map(|grid| grid.to_map()) else { return Ok(()) };
@@ -412,8 +426,12 @@ mod tests {
         let (box_at, seen_side, wall) = (Vec2::new(1.5, 0.0), Vec2::new(1.31, 0.0), Vec2::new(-2.99, 0.5));
         look(&mut ground, None, 10);
         assert!(!ground.forget_new().unwrap(), "nothing came");
-        look(&mut ground, Some(box_at), 35);
+        assert_eq!(ground.nearest_new(here.translation), None);
+        look(&mut ground, Some(box_at), 5);
+        assert!((ground.nearest_new(here.translation).unwrap() - box_at).norm() < 0.2, "not settled yet");
+        look(&mut ground, Some(box_at), 30);
         assert_eq!(value(&ground, seen_side), 100);
+        assert!((ground.nearest_new(here.translation).unwrap() - box_at).norm() < 0.3);
         assert!(ground.forget_new().unwrap());
         assert_eq!((value(&ground, seen_side), value(&ground, wall)), (0, 100), "the wall was always there");
         assert!(!ground.forget_new().unwrap(), "once");

@@ -6,6 +6,7 @@ pub mod costmap;
 pub mod depth_scan;
 pub mod distance;
 pub mod frontier;
+pub mod give_way;
 pub mod grid;
 pub mod ground;
 pub mod map_server;

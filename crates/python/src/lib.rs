@@ -12,6 +12,7 @@ mod config;
 mod dense;
 mod errors;
 mod events;
+mod fleet;
 mod imu;
 mod interrupt;
 mod map;
@@ -48,6 +49,7 @@ fn _cairn(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<dense::DenseVolume>()?;
     module.add_class::<dense::Mesh>()?;
     module.add_class::<dense::Voxels>()?;
+    fleet::add_to(module)?;
     module.add_function(wrap_pyfunction!(source::open, module)?)?;
     module.add_function(wrap_pyfunction!(map::load_map, module)?)?;
     Ok(())

@@ -112,7 +112,7 @@ impl Map {
         let Some(map) = self.named(map)? else { return Ok(out) };
         for (k, pose) in self.inner.key_frames(map) {
             out.ids.push(k.id.index() as i64);
-            out.stamps_ns.push(k.frame.stamp.0);
+            out.stamps_ns.push(k.stamp.0);
             out.poses.push(pose.se3);
         }
         Ok(out)

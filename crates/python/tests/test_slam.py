@@ -116,13 +116,16 @@ def test_maps_that_merge_say_by_which_similarity() -> None:
     frames, truth = list(source), source.truth
     assert truth is not None
     dark = np.zeros((240, 320), np.uint8)
+    first = frames[0].depth
+    assert first is not None
+    nothing = np.zeros_like(np.asarray(first))
     order = [*range(31), *[-1] * 25, *range(56, 86), *range(85, 0, -1)]
     slam = cairn.Slam(source.rig, rate_hz=10.0)
     seen: list[cairn.Event] = []
     outputs: list[cairn.Output] = []
     for k, i in enumerate(order):
-        image = frames[i].image if i >= 0 else dark
-        outputs.append(slam.track(image, depth=frames[i].depth, stamp=0.1 * k))
+        image, depth = (frames[i].image, frames[i].depth) if i >= 0 else (dark, nothing)
+        outputs.append(slam.track(image, depth=depth, stamp=0.1 * k))
         seen.extend(slam.events())
     created = [e for e in seen if isinstance(e, cairn.MapCreated)]
     (merged,) = [e for e in seen if isinstance(e, cairn.MapsMerged)]

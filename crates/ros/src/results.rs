@@ -88,7 +88,7 @@ pub fn path(
     let camera_from_base = tree.base_from_camera(map.is_metric(id)).inverse();
     let mut poses: Vec<(Stamp, Se3)> = map
         .key_frames(id)
-        .map(|(k, _)| (k.frame.stamp, map_from_world * k.world_from_camera * camera_from_base))
+        .map(|(k, _)| (k.stamp, map_from_world * k.world_from_camera * camera_from_base))
         .collect();
     poses.sort_by_key(|(stamp, _)| *stamp);
     let poses = poses

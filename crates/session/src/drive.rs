@@ -5,7 +5,8 @@ use crate::event::Event;
 use crate::inbox::{Inbox, Item};
 use crate::script::Script;
 use crate::session::Session;
-use cairn_engine::Output;
+use crate::slam::Slam;
+use cairn_engine::{Engine, Output};
 use cairn_sensor::{ClockReading, FramePacket, Live, Source, SourceError, Stamp};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -14,15 +15,15 @@ use std::time::{Duration, Instant};
 const TICK: Duration = Duration::from_millis(50);
 
 /// The output side of a session: a terminal, the page, a voice.
-pub trait Observer {
+pub trait Observer<S = Engine> {
     /// An utterance or an earcon starts now.
-    fn on_event(&mut self, _session: &Session, _event: &Event) {}
+    fn on_event(&mut self, _session: &Session<S>, _event: &Event) {}
     /// A packet was processed; `Err` gives the reason why it was rejected.
-    fn on_output(&mut self, _session: &Session, _packet: &FramePacket, _output: &Result<Output, String>) {}
+    fn on_output(&mut self, _session: &Session<S>, _packet: &FramePacket, _output: &Result<Output, String>) {}
     /// A command was carried out, or the reason why it was not.
-    fn on_command(&mut self, _session: &Session, _command: &Command, _done: &Result<String, String>) {}
+    fn on_command(&mut self, _session: &Session<S>, _command: &Command, _done: &Result<String, String>) {}
     /// Called after every packet and about twenty times a second.
-    fn on_step(&mut self, _session: &Session) {}
+    fn on_step(&mut self, _session: &mut Session<S>) {}
     /// Commands that have arrived meanwhile, for callers that drive without an inbox.
     fn take_commands(&mut self) -> Vec<Command> {
         Vec::new()
@@ -42,11 +43,11 @@ pub enum Ended {
 ///
 /// # Errors
 /// The source's error.
-pub fn drive_lockstep(
-    session: &mut Session,
+pub fn drive_lockstep<S: Slam>(
+    session: &mut Session<S>,
     source: &mut dyn Source,
     script: &mut Script,
-    observer: &mut dyn Observer,
+    observer: &mut dyn Observer<S>,
 ) -> Result<Ended, SourceError> {
     while let Some(packet) = source.next_packet()? {
         let output = session.on_packet(&packet);
@@ -66,11 +67,11 @@ pub fn drive_lockstep(
 ///
 /// # Errors
 /// The source's error.
-pub fn drive_live(
-    session: &mut Session,
+pub fn drive_live<S: Slam>(
+    session: &mut Session<S>,
     inbox: &Inbox,
     script: &mut Script,
-    observer: &mut dyn Observer,
+    observer: &mut dyn Observer<S>,
 ) -> Result<Ended, SourceError> {
     let arrivals = Arc::new(Arrivals::default());
     // Where the time of capture is not known, the age is judged from the time of arrival: the capture was no later.
@@ -122,7 +123,11 @@ impl Live for Arrivals {
 }
 
 /// Carries out the commands; true when one of them was quit.
-fn carry_out(session: &mut Session, commands: &[Command], observer: &mut dyn Observer) -> bool {
+fn carry_out<S: Slam>(
+    session: &mut Session<S>,
+    commands: &[Command],
+    observer: &mut dyn Observer<S>,
+) -> bool {
     for command in commands {
         let done = session.command(command);
         observer.on_command(session, command, &done);
@@ -134,7 +139,7 @@ fn carry_out(session: &mut Session, commands: &[Command], observer: &mut dyn Obs
     false
 }
 
-fn after(session: &mut Session, observer: &mut dyn Observer) {
+fn after<S: Slam>(session: &mut Session<S>, observer: &mut dyn Observer<S>) {
     for event in session.events() {
         observer.on_event(session, &event);
     }

@@ -12,22 +12,26 @@ mod guidance;
 #[cfg(test)]
 mod guidance_tests;
 mod inbox;
+mod lens;
 mod library;
 mod place;
 mod ready;
 mod recording;
 mod reference_path;
 mod route_guide;
+mod route_recorder;
 mod scale_basis;
 mod script;
 mod session;
 mod settings;
+mod slam;
 mod speech;
 mod status;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
 mod take_me;
+mod walk_state;
 mod way_ahead;
 
 pub use age::Age;
@@ -38,6 +42,7 @@ pub use drive::{Ended, Observer, drive_live, drive_lockstep};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
 pub use file_config::FileConfig;
 pub use inbox::{Inbox, Item, feed};
+pub use lens::LensKnowledge;
 pub use library::{
     Kept, LONGEST_NAME, LibraryError, MOST_KEY_FRAMES, MOST_ROUTES, MapKeeper, RouteEntry, RouteListed,
     RoutesLock, WallClock, WallTime, routes_in,
@@ -45,8 +50,11 @@ pub use library::{
 pub use ready::{landmarks_in_view, readiness};
 pub use reference_path::{ReferencePath, anchor_in_map};
 pub use route_guide::{RouteGuide, TrackedPlace};
+pub use route_recorder::RouteRecorder;
 pub use script::{Script, ScriptError, When};
 pub use session::Session;
 pub use settings::{STEP_M, STEPS_M, Setting, WORDS_PER_MINUTE};
+pub use slam::{NotTracked, Slam};
 pub use status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
 pub use take_me::{Destination, NoWay, Planned, WalkedRoutes};
+pub use walk_state::WalkState;

@@ -116,6 +116,14 @@ impl Recording {
         }
     }
 
+    /// A recording that was resumed goes on from its last point, which is of this place, without a gap.
+    pub fn goes_on_from(&mut self, place: &Place) {
+        self.segment = Some(place.segment);
+        self.unit = if self.route().header.metric { place.world_from_odom.sim3.scale } else { 1.0 };
+        self.recorder.goes_on_in(place.segment);
+        self.placed = true;
+    }
+
     /// Takes a frame's pose; returns the id of a sentence for the walker, if one is due. `place` is the last known one.
     pub fn observe(&mut self, input: &RecordInput, place: Option<&Place>) -> Option<&'static str> {
         if let Some(place) = place.filter(|place| self.segment != Some(place.segment)) {

@@ -37,6 +37,8 @@ pub struct TrackedPlace {
     pub anchor_from_camera: Se3,
     /// How good it is.
     pub confidence: Confidence,
+    /// The share of the matches that agree with it.
+    pub quality: f32,
     /// Whether lengths are metres.
     pub metric: bool,
 }
@@ -54,11 +56,12 @@ impl TrackedPlace {
             anchor: place.anchor,
             anchor_from_camera: place.anchor_from_camera,
             confidence: seen.confidence,
+            quality: seen.quality,
             metric: output.metric,
         })
     }
 
-    fn place(&self) -> Place {
+    pub(crate) fn place(&self) -> Place {
         Place {
             stamp: self.stamp,
             world_from_camera: self.world_from_camera,

@@ -9,6 +9,7 @@
 
 use crate::command::Command;
 use crate::session::Session;
+use crate::slam::Slam;
 use cairn_geometry::Vec3;
 use std::collections::VecDeque;
 
@@ -59,7 +60,7 @@ impl Script {
     }
 
     /// The commands that are due now, in order.
-    pub fn due(&mut self, session: &Session) -> Vec<Command> {
+    pub fn due<S: Slam>(&mut self, session: &Session<S>) -> Vec<Command> {
         let mut due = Vec::new();
         while let Some((when, _)) = self.steps.front() {
             // A command that waits for arrival also waits for guidance that this same call has just started.

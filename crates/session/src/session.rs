@@ -4,11 +4,13 @@
 //! ([`crate::drive_live`], [`crate::drive_lockstep`]) passes packets, and ticks while there are none: after a while
 //! the guide then says stop.
 
+mod begin_again;
 mod commands;
 mod guide;
 mod look;
 mod record;
 mod routes;
+mod survive;
 mod take_me;
 
 use crate::age::Ages;
@@ -17,9 +19,11 @@ use crate::disk::{Disk, OwnDisk};
 use crate::dwell::{Dwell, Warnings};
 use crate::event::Event;
 use crate::guidance::Guiding;
+use crate::lens::LensKnowledge;
 use crate::library::{MapKeeper, RouteFolder, WallClock, WallTime};
 use crate::place::Place;
 use crate::recording::{Recording, tracked};
+use crate::slam::Slam;
 use crate::speech::{Clock, Speech};
 use crate::status::Status;
 use crate::way_ahead::WayAhead;
@@ -51,9 +55,9 @@ struct Asked {
     at: Stamp,
 }
 
-/// One walk.
-pub struct Session {
-    engine: Engine,
+/// One walk, over an engine here or elsewhere ([`Slam`]).
+pub struct Session<S = Engine> {
+    engine: S,
     config: SessionConfig,
     disk: Box<dyn Disk>,
     began: Option<Stamp>,
@@ -91,12 +95,15 @@ pub struct Session {
     warnings: Warnings,
     arrived: bool,
     dead: Option<String>,
+    /// What is known of the lens, and what was told of it last.
+    lens: Option<LensKnowledge>,
+    lens_told: Option<LensKnowledge>,
     status: Status,
 }
 
-impl Session {
+impl<S: Slam> Session<S> {
     /// A session on a new engine (or one that has loaded its map).
-    pub fn new(engine: Engine, config: SessionConfig) -> Self {
+    pub fn new(engine: S, config: SessionConfig) -> Self {
         let speech = Speech::new(config.phrases, config.announcer);
         let status = Status { metric: engine.is_metric(), ..Status::default() };
         let folder = RouteFolder::new(&config.folder);
@@ -130,6 +137,8 @@ impl Session {
             warnings: Warnings::default(),
             arrived: false,
             dead: None,
+            lens: None,
+            lens_told: None,
             status,
         }
     }
@@ -155,13 +164,18 @@ impl Session {
         self.ages.follow(live);
     }
 
+    /// Tells the walker what is known of a lens that nobody calibrated.
+    pub fn knows_of_lens(&mut self, lens: LensKnowledge) {
+        self.lens = Some(lens);
+    }
+
     /// The engine.
-    pub fn engine(&self) -> &Engine {
+    pub fn engine(&self) -> &S {
         &self.engine
     }
 
     /// The engine, for shutting it down.
-    pub fn engine_mut(&mut self) -> &mut Engine {
+    pub fn engine_mut(&mut self) -> &mut S {
         &mut self.engine
     }
 
@@ -180,9 +194,9 @@ impl Session {
         let seen = catch_unwind(AssertUnwindSafe(|| self.engine.on_packet(packet)));
         let output = match seen {
             Ok(Ok(output)) => output,
-            Ok(Err(e)) => {
+            Ok(Err(why)) => {
                 self.tick(packet.stamp);
-                return Err(e.to_string());
+                return Err(why.to_string());
             }
             Err(_) => {
                 // The engine's state cannot be trusted after a panic.
@@ -217,6 +231,7 @@ impl Session {
             // The pose of the frame that initialises the scale is still in the previous unit.
             self.update_metric(output.metric && self.engine.is_metric());
         }
+        self.tell_lens();
         self.record(&seen);
         self.observe_way(packet, tracked(&seen));
         self.keep();
@@ -228,8 +243,13 @@ impl Session {
     /// Time passes without a packet.
     pub fn tick(&mut self, now: Stamp) {
         self.now = self.now.max(now);
+        self.engine.look_after();
+        let is_away = self.engine.away().is_some();
         let silent = self.frame.is_some_and(|t| self.now - t > PICTURE_TIMEOUT_S);
-        if silent && self.picture.lost() && self.guiding.is_none() {
+        if silent && is_away && self.warnings.due("away", self.now) && self.guiding.is_none() {
+            self.say(&self.speech.text("walk-tracking-restarts"), Priority::High);
+        }
+        if silent && !is_away && self.picture.lost() && self.guiding.is_none() {
             self.say(&self.speech.text("walk-no-picture"), Priority::High);
         }
         if let Some(why) = self.ages.trouble().filter(|why| self.warnings.due(why, self.now)) {
@@ -251,6 +271,21 @@ impl Session {
 
     fn say(&mut self, text: &str, priority: Priority) {
         self.speech.say(text, priority, self.now);
+    }
+
+    /// Whether the images are read with a lens that is a guess, or is known to be another.
+    fn reads_with_guess(&self) -> bool {
+        matches!(self.lens, Some(LensKnowledge::Guessed | LensKnowledge::FoundForLater))
+    }
+
+    /// Says what is new of the lens, once nothing else is being said.
+    fn tell_lens(&mut self) {
+        if !self.speech.is_free(self.now) {
+            return;
+        }
+        let Some(known) = self.lens.filter(|known| self.lens_told != Some(*known)) else { return };
+        self.lens_told = Some(known);
+        self.say(&self.speech.text(known.id()), Priority::Normal);
     }
 
     /// Starts what waits to be said. A direction that has become too old is given again by the guide, from a new pose.

@@ -115,6 +115,11 @@ impl Speech {
         }
     }
 
+    /// Whether nothing is being said or waits to be.
+    pub(crate) fn is_free(&self, now: Stamp) -> bool {
+        !self.voice.is_speaking(now) && self.voice.waiting().is_none()
+    }
+
     pub(crate) fn waiting(&self) -> Option<&str> {
         self.voice.waiting()
     }

@@ -108,10 +108,18 @@ pub struct GuidingStatus {
 pub struct View {
     /// The direction up.
     pub up: [f32; 3],
-    /// Landmarks, at most as many as asked for.
+    /// Landmarks in the order in which they were found, at most as many as asked for.
     pub points: Vec<[f32; 3]>,
-    /// Positions of the keyframes in order.
+    /// Their numbers; a landmark that is shown again has the same.
+    pub point_ids: Vec<u64>,
+    /// Positions of the key frames in order.
     pub key_frames: Vec<[f32; 3]>,
+    /// Their numbers.
+    pub key_frame_ids: Vec<u64>,
+    /// The map of each, which are drawn apart.
+    pub maps: Vec<u64>,
+    /// Loops: pairs of key frames, by their places in the list.
+    pub loops: Vec<[u32; 2]>,
     /// The route as recorded.
     pub recorded: Vec<[f32; 3]>,
     /// The cleaned route under guidance.

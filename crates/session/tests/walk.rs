@@ -4,13 +4,19 @@
 
 mod small;
 
-use cairn_engine::{Config, Engine, Phase, Runner, SensorMode};
+use cairn_atlas::Snapshot;
+use cairn_atlas::store::MapFile;
+use cairn_engine::{Config, Engine, Output, Phase, Runner, SensorMode, Status};
 use cairn_geometry::Se3;
 use cairn_guide::{Durable, Route};
 use cairn_sensor::{Camera, ClockReading, FramePacket, Live, Stamp};
-use cairn_session::{Age, Command, Disk, Event, Medium, Session, SessionConfig};
+use cairn_session::{
+    Age, Command, Disk, Event, LensKnowledge, Medium, NotTracked, Session, SessionConfig, Slam,
+};
 use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
+use cairn_vision::RectifiedCamera;
 use small::Small;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -117,6 +123,70 @@ impl Walk {
     fn transcript(&self) -> String {
         self.said.iter().map(|(t, words)| format!("{t:6.1}  {words}\n")).collect()
     }
+}
+
+#[test]
+fn a_guessed_lens_is_told_until_it_is_found() {
+    let mut walk = Walk::named("lens");
+    walk.session.knows_of_lens(LensKnowledge::Guessed);
+    walk.see(&out()[..5]);
+    assert!(walk.when("I do not know the camera of this phone yet", 0.0).is_some(), "{}", walk.transcript());
+    assert!(walk.ask("record").unwrap().contains("may be wrong"));
+    assert!(!walk.session.may_begin_again(), "what is recorded hangs on the map");
+    walk.session.knows_of_lens(LensKnowledge::FoundForLater);
+    walk.see(&out()[5..]);
+    // What is being said is said to its end.
+    walk.see(out().iter().rev());
+    walk.see(out());
+    assert!(walk.when("I know the camera of this phone now", 0.0).is_some(), "{}", walk.transcript());
+    let told = |words: &str| walk.said.iter().filter(|(_, said)| said.starts_with(words)).count();
+    assert_eq!((told("I do not know"), told("I know")), (1, 1), "{}", walk.transcript());
+
+    let mut walk = Walk::named("lens-known");
+    walk.see(&out()[..5]);
+    assert_eq!(walk.ask("record").unwrap(), "Recording.");
+    assert!(walk.when("I do not know", 0.0).is_none());
+}
+
+#[test]
+fn a_lens_that_becomes_known_is_used_at_once_and_nothing_is_recorded_before() {
+    let camera = Camera::pinhole(320, 240, 270.0, 270.0, 159.5, 119.5);
+    let config =
+        SimConfig { sensor: SimSensor::Rgbd, imu: None, camera, ..SimConfig::new(WorldKind::Demo, 3) };
+    let guess =
+        Engine::new(&config.rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap();
+    let config =
+        SessionConfig { folder: folder("begin-again"), auto_record: Some(5), ..SessionConfig::default() };
+    let mut walk = Walk::new(Session::new(guess, config));
+    walk.session.knows_of_lens(LensKnowledge::Guessed);
+    walk.see(&out()[..60]);
+    let guessed = walk.session.engine().snapshot().key_frame_count();
+    assert!(guessed > 0 && !walk.session.is_recording(), "{}", walk.transcript());
+    assert!(walk.session.may_begin_again());
+    walk.session.begin_again(|_| Ok((engine(), Vec::new()))).unwrap();
+    walk.session.knows_of_lens(LensKnowledge::Found);
+    assert_eq!(walk.session.engine().snapshot().key_frame_count(), 0, "the map of the guess is gone");
+    assert!(walk.session.place().is_none());
+    walk.see(&out()[..60]);
+    assert!(walk.session.is_recording() && !walk.session.may_begin_again(), "{}", walk.transcript());
+    walk.see(&out()[60..]);
+    let known = walk.when("I know the camera of this phone now. From here on", 0.0);
+    assert!(known.is_some(), "{}", walk.transcript());
+    // Eight metres and a turn, in true metres.
+    let ended = walk.ask("stop").unwrap();
+    assert!(ended.starts_with("Recording has ended, 1"), "{ended}");
+    // A lens that never becomes known does not cost the way home.
+    let config =
+        SessionConfig { folder: folder("never-known"), auto_record: Some(5), ..SessionConfig::default() };
+    let mut walk = Walk::new(Session::new(engine(), config));
+    walk.session.knows_of_lens(LensKnowledge::Guessed);
+    walk.see(out());
+    assert!(!walk.session.is_recording());
+    for _ in 0..2 {
+        walk.see(out().iter().rev());
+        walk.see(out());
+    }
+    assert!(walk.session.is_recording(), "{}", walk.transcript());
 }
 
 #[test]
@@ -351,4 +421,91 @@ fn auto_record_starts_after_a_hundred_tracked_frames() {
     walk.ask("stop").unwrap();
     walk.see(&out()[120..]);
     assert!(!walk.session.is_recording());
+}
+
+/// An engine that is away for a while, as one in a process that died.
+struct Mortal {
+    engine: Engine,
+    away: Option<String>,
+}
+
+impl Slam for Mortal {
+    fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked> {
+        match &self.away {
+            Some(why) => Err(NotTracked::Away(why.clone())),
+            None => Slam::on_packet(&mut self.engine, packet),
+        }
+    }
+
+    fn away(&self) -> Option<&str> {
+        self.away.as_deref()
+    }
+
+    fn snapshot(&self) -> Arc<Snapshot> {
+        self.engine.snapshot()
+    }
+
+    fn camera(&self) -> &RectifiedCamera {
+        Slam::camera(&self.engine)
+    }
+
+    fn status(&self) -> &Status {
+        self.engine.status()
+    }
+
+    fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
+        self.engine.to_save(program, attached)
+    }
+}
+
+#[test]
+fn slam_that_is_away_stops_the_walker_and_guidance_goes_on_with_it() {
+    const STOP: &str = "Stop. Part of the guide has stopped working.";
+    let config = SessionConfig { folder: folder("away"), ..SessionConfig::default() };
+    let mut session = Session::new(Mortal { engine: engine(), away: None }, config);
+    let (mut now, mut said) = (0.0, Vec::new());
+    let mut step = |session: &mut Session<Mortal>, picture: Option<&FramePacket>| {
+        now += 1.0 / RATE_HZ;
+        let stamp = Stamp::from_seconds(now);
+        let seen = picture.map(|p| session.on_packet(&FramePacket { stamp, ..p.clone() }).is_ok());
+        if picture.is_none() {
+            session.tick(stamp);
+        }
+        let words = |event| match event {
+            Event::Said(said) => Some(said.text),
+            Event::Sound(_) => None,
+        };
+        let heard: Vec<String> = session.events().into_iter().filter_map(words).collect();
+        said.extend(heard.iter().cloned());
+        (seen, heard)
+    };
+    let dies = |session: &mut Session<Mortal>| session.engine_mut().away = Some("it was killed".into());
+    session.command(&Command::parse("record").unwrap()).unwrap();
+    for (n, picture) in out().iter().enumerate() {
+        // For two seconds in the middle of the recording.
+        if n == 60 {
+            dies(&mut session);
+            let heard: Vec<String> = (0..20).flat_map(|_| step(&mut session, Some(picture)).1).collect();
+            assert_eq!(heard, ["Tracking is starting again. Stand still."]);
+            assert_eq!(session.status().phase, Phase::Error);
+            session.engine_mut().away = None;
+        }
+        assert_eq!(step(&mut session, Some(picture)).0, Some(true));
+    }
+    session.command(&Command::parse("stop").unwrap()).unwrap();
+    session.command(&Command::parse("guide back").unwrap()).unwrap();
+    let home: Vec<&FramePacket> = out().iter().rev().collect();
+    // Until the first direction has been given, and some steps of it.
+    let mut pictures = home.iter();
+    (0..160).for_each(|_| drop(step(&mut session, Some(home[0]))));
+    pictures.by_ref().take(30).for_each(|p| drop(step(&mut session, Some(p))));
+    dies(&mut session);
+    let (_, heard) = step(&mut session, None);
+    assert_eq!(heard, [STOP], "at the next moment");
+    assert_eq!(step(&mut session, Some(home[30])).0, Some(false));
+    session.engine_mut().away = None;
+    pictures.for_each(|p| drop(step(&mut session, Some(p))));
+    (0..30).for_each(|_| drop(step(&mut session, Some(home[home.len() - 1]))));
+    assert!(session.has_arrived(), "{said:#?}");
+    assert_eq!(said.iter().filter(|text| *text == STOP).count(), 1, "{said:#?}");
 }

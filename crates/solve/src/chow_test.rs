@@ -4,7 +4,7 @@
 //! Source: Wald's test that two samples share their parameters; Chow, "Tests of equality between sets of coefficients in
 //! two linear regressions" (1960), here with known variances.
 
-use crate::pose_only::normal_equations;
+use crate::matched_points::MatchedPoints;
 use crate::{Pinhole, PointMatch};
 use cairn_geometry::Se3;
 use nalgebra::{SMatrix, SVector};
@@ -14,7 +14,7 @@ use nalgebra::{SMatrix, SVector};
 /// alone does not determine a pose.
 pub fn chow_test(camera: &Pinhole, near: &Se3, one: &[PointMatch], other: &[PointMatch]) -> Option<f64> {
     let alone = |matches: &[PointMatch]| -> Option<(SVector<f64, 6>, SMatrix<f64, 6, 6>)> {
-        let normal = normal_equations(camera, near, matches, &vec![true; matches.len()], false);
+        let normal = MatchedPoints::new(matches).normal_equations(camera, near, false);
         let covariance = normal.hessian.cholesky()?.inverse();
         Some((-(covariance * normal.gradient), covariance))
     };

@@ -1,25 +1,15 @@
 //! The camera pose of one frame from matched points that stay fixed (motion-only bundle adjustment):
 //! Levenberg-Marquardt with Huber's loss, in rounds; between rounds each match is classified again by its chi-square.
-//! Everything but the classification lives in stack memory.
+//! Everything but the matches and their classification lives in stack memory.
 //!
 //! Source: motion-only bundle adjustment, Mur-Artal & Tardós, "ORB-SLAM2" (2017), eq. 2.
 
 use crate::levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt};
+use crate::matched_points::MatchedPoints;
 use crate::reprojection::View;
-use crate::{CHI2_2, CHI2_3, DenseNormal, Pinhole, Pixel, Report, Stop, huber, minimise_dense};
-use cairn_geometry::{Manifold, Se3, Vec3};
-use nalgebra::{SMatrix, SVector};
-
-/// A landmark matched to a feature.
-#[derive(Clone, Copy, Debug)]
-pub struct PointMatch {
-    /// Position of the landmark in the world, metres.
-    pub point: Vec3,
-    /// Measured pixel of the feature.
-    pub pixel: Pixel,
-    /// Inverse variance of the pixel, 1/px^2.
-    pub weight: f64,
-}
+use crate::{DenseNormal, Pinhole, PointMatch, Report, Stop, minimise_dense};
+use cairn_geometry::{Manifold, Se3};
+use nalgebra::SMatrix;
 
 /// A prior on the pose, from what is known without the matches.
 #[derive(Clone, Copy, Debug)]
@@ -89,13 +79,14 @@ impl PoseOnly {
     ) -> Self {
         let mut pose = *guess;
         let mut inlier = vec![true; matches.len()];
+        let mut points = MatchedPoints::new(matches);
         let mut information = SMatrix::zeros();
         let mut report =
             Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
         for round in 0..config.rounds {
             let robust = round + 2 < config.rounds;
             let linearise = |pose: &Se3| {
-                let normal = normal_equations(camera, pose, matches, &inlier, robust);
+                let normal = points.normal_equations(camera, pose, robust);
                 prior.map_or(normal, |prior| with_prior(normal, prior, pose))
             };
             let solver = config.solver();
@@ -113,6 +104,7 @@ impl PoseOnly {
             if report.inliers < 4 && prior.is_none() {
                 break;
             }
+            points.count_only(matches, &inlier);
         }
         Self { world_from_camera: pose, inlier, information, report }
     }
@@ -124,15 +116,11 @@ impl PoseOnly {
         for (m, ok) in matches.iter().zip(inlier) {
             *ok = camera
                 .residual(&view.to_camera(&m.point), &m.pixel)
-                .is_some_and(|r| chi2(&r, m.weight) <= bound(&m.pixel));
+                .is_some_and(|r| chi2(&r, m.weight) <= m.bound());
             count += *ok as usize;
         }
         count
     }
-}
-
-fn bound(pixel: &Pixel) -> f64 {
-    if pixel[2].is_nan() { CHI2_2 } else { CHI2_3 }
 }
 
 fn chi2(r: &[f64; 3], weight: f64) -> f64 {
@@ -149,80 +137,10 @@ fn with_prior(mut normal: DenseNormal<6>, prior: &PosePrior, pose: &Se3) -> Dens
     normal
 }
 
-/// The normal equations of the matches marked as inliers at a pose, without damping. Points behind the camera are
-/// left out.
-pub(crate) fn normal_equations(
-    camera: &Pinhole,
-    pose: &Se3,
-    matches: &[PointMatch],
-    inlier: &[bool],
-    robust: bool,
-) -> DenseNormal<6> {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        #[allow(unsafe_code)]
-        // SAFETY: AVX2 is available.
-        return unsafe { sum_avx2(camera, pose, matches, inlier, robust) };
-    }
-    sum(camera, pose, matches, inlier, robust)
-}
-
-/// [`sum`] compiled for AVX2, which adds four entries at a time, each in the same order: the same bits.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn sum_avx2(
-    camera: &Pinhole,
-    pose: &Se3,
-    matches: &[PointMatch],
-    inlier: &[bool],
-    robust: bool,
-) -> DenseNormal<6> {
-    sum(camera, pose, matches, inlier, robust)
-}
-
-#[inline(always)]
-fn sum(
-    camera: &Pinhole,
-    pose: &Se3,
-    matches: &[PointMatch],
-    inlier: &[bool],
-    robust: bool,
-) -> DenseNormal<6> {
-    let view = View::new(pose);
-    // Columns are padded to two vectors of four. Of the lower triangle nothing is used.
-    let mut h = [[0.0f64; 8]; 6];
-    let mut b = [0.0f64; 8];
-    let mut cost = 0.0;
-    for (m, _) in matches.iter().zip(inlier).filter(|(_, ok)| **ok) {
-        let Some(l) = camera.linearise(&view, &m.point, &m.pixel) else { continue };
-        let c2 = chi2(&l.residual, m.weight);
-        let (loss, slope) = if robust { huber(c2, bound(&m.pixel)) } else { (c2, 1.0) };
-        cost += 0.5 * loss;
-        let w = slope * m.weight;
-        // Without a right x the third row is zero.
-        let rows = if m.pixel[2].is_nan() { 2 } else { 3 };
-        for (row, r) in l.by_pose.iter().zip(&l.residual).take(rows) {
-            let [r0, r1, r2, r3, r4, r5] = *row;
-            let row = [r0, r1, r2, r3, r4, r5, 0.0, 0.0];
-            let wr = row.map(|v| v * w);
-            for i in 0..6 {
-                for j in if i < 4 { 0..8 } else { 4..8 } {
-                    h[i][j] += wr[i] * row[j];
-                }
-            }
-            for j in 0..8 {
-                b[j] += wr[j] * r;
-            }
-        }
-    }
-    let hessian = SMatrix::<f64, 6, 6>::from_fn(|i, j| if i <= j { h[i][j] } else { h[j][i] });
-    DenseNormal { hessian, gradient: SVector::from_fn(|i, _| b[i]), cost }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_geometry::So3;
+    use cairn_geometry::{So3, Vec3};
 
     /// Points in a box, seen with a known pose; a fifth of the matches are wrong.
     #[test]
@@ -248,29 +166,6 @@ mod tests {
         assert!(truth.local(&found.world_from_camera).norm() < 1e-6, "{:?}", found.report);
         for (i, ok) in found.inlier.iter().enumerate() {
             assert_eq!(*ok, i % 5 != 0, "match {i}");
-        }
-    }
-
-    #[test]
-    fn vector_code_gives_the_same_bits() {
-        let camera = Pinhole { fx: 500.0, fy: 490.0, cx: 320.0, cy: 240.0, baseline_fx: 50.0 };
-        let pose = Se3::new(So3::exp(&Vec3::new(0.1, 0.4, -0.2)), Vec3::new(0.5, -0.3, 0.2));
-        let at = |i: usize| {
-            let a = i as f64;
-            // Some are behind the camera, some have no right x, some are far off.
-            let q = Vec3::new((a * 0.7).sin() * 2.0, (a * 1.3).cos() * 1.5, 4.0 + (a * 0.37).sin() * 5.0);
-            let right = if i.is_multiple_of(3) { f64::NAN } else { 290.0 + a };
-            PointMatch { point: pose * q, pixel: [320.0 + a, 200.0, right], weight: 1.0 / (1.0 + a) }
-        };
-        let matches: Vec<PointMatch> = (0..97).map(at).collect();
-        let inlier: Vec<bool> = (0..97).map(|i| i % 7 > 0).collect();
-        for robust in [false, true] {
-            let scalar = sum(&camera, &pose, &matches, &inlier, robust);
-            let found = normal_equations(&camera, &pose, &matches, &inlier, robust);
-            assert_eq!(scalar.hessian.map(f64::to_bits), found.hessian.map(f64::to_bits));
-            assert_eq!(scalar.gradient.map(f64::to_bits), found.gradient.map(f64::to_bits));
-            assert_eq!(scalar.cost.to_bits(), found.cost.to_bits());
-            assert!(scalar.hessian.determinant() > 0.0);
         }
     }
 

@@ -52,6 +52,18 @@ impl View {
         }
     }
 
+    /// Rows of the rotation from world to camera.
+    #[inline(always)]
+    pub fn rows(&self) -> [[f64; 3]; 3] {
+        rows(&self.camera_from_world)
+    }
+
+    /// Position of the camera.
+    #[inline(always)]
+    pub fn centre(&self) -> [f64; 3] {
+        self.centre.into()
+    }
+
     #[inline(always)]
     pub fn to_camera(self, p: &Vec3) -> Vec3 {
         self.camera_from_world * (p - self.centre)

@@ -148,19 +148,19 @@ impl InertialFilter {
         match &self.last {
             // Made where the readings alone had led: its landmarks are where that pose put them, so adjusting it to
             // them makes the pose no better known.
-            Some(last) if last.tracked < k.frame.stamp => {}
-            Some(last) if last.stamp > k.frame.stamp => {
+            Some(last) if last.tracked < k.stamp => {}
+            Some(last) if last.stamp > k.stamp => {
                 let current = snapshot.key_frame(last.anchored.reference).map(|r| r.map);
-                if last.stamp - k.frame.stamp > MAX_AGE_S || current != Some(k.map) {
+                if last.stamp - k.stamp > MAX_AGE_S || current != Some(k.map) {
                     return;
                 }
-                let Some(carried) = self.carried(&adjusted, k.frame.stamp, last.stamp) else { return };
+                let Some(carried) = self.carried(&adjusted, k.stamp, last.stamp) else { return };
                 if let Some(better) = last.restarted(snapshot, carried) {
                     self.last = Some(better);
                 }
             }
             _ => {
-                let (stamp, anchored) = (k.frame.stamp, AnchoredPose::at(k.id, k.world_from_camera));
+                let (stamp, anchored) = (k.stamp, AnchoredPose::at(k.id, k.world_from_camera));
                 self.last = Some(Last { stamp, estimate: adjusted, anchored, tracked: stamp });
             }
         }
@@ -228,6 +228,11 @@ impl InertialFilter {
         self.last = gravity_aligned.then_some(Last { stamp, estimate, anchored: *anchored, tracked: stamp });
     }
 
+    /// The pose is not known after all.
+    pub fn forget(&mut self) {
+        self.last = None;
+    }
+
     /// Whether orientations from vision alone are still wanted: until the time offset is known.
     pub fn wants_rotations(&mut self, stamp: Stamp) -> bool {
         stamp - *self.map_created.get_or_insert(stamp) < CLOCKS_S && self.rotations.len() < MAX_ROTATIONS
@@ -238,11 +243,11 @@ impl InertialFilter {
         self.rotations.push((stamp, world_from_camera));
     }
 
-    /// Takes the predicted state for a frame that could not be tracked.
-    pub fn coast(&mut self, stamp: Stamp, anchored: &AnchoredPose, predicted: NavEstimate) {
+    /// Takes the predicted state for a frame that could not be tracked; `is_aligned` where the depth camera has corrected it.
+    pub fn coast(&mut self, stamp: Stamp, anchored: &AnchoredPose, predicted: NavEstimate, is_aligned: bool) {
         let at_rest = self.is_at_rest(stamp, &predicted);
         let since = self.last.as_ref().map_or(0.0, |last| stamp - last.stamp);
-        self.carried_s += if at_rest { 0.0 } else { since };
+        self.carried_s += if at_rest || is_aligned { 0.0 } else { since };
         let tracked = self.last.as_ref().map_or(stamp, |last| last.tracked);
         self.last = Some(Last { stamp, estimate: predicted, anchored: *anchored, tracked });
     }
@@ -282,7 +287,7 @@ impl InertialFilter {
 
     /// A map was created with this key frame: the readings of the next request start there.
     pub fn map_created(&mut self, k: &KeyFrame) {
-        self.requested = Some(k.frame.stamp);
+        self.requested = Some(k.stamp);
         self.last = None;
         self.version = 0;
     }

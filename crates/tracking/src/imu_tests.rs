@@ -69,7 +69,7 @@ fn a_key_frame_made_while_the_readings_carry_the_pose_makes_it_no_better_known()
         filter.refresh(atlas.latest());
         let predicted = filter.predict(Stamp::from_seconds(t)).expect("readings");
         sigmas.push(predicted.position_sigma());
-        filter.coast(Stamp::from_seconds(t), &anchor(&atlas, predicted.world_from_camera), predicted);
+        filter.coast(Stamp::from_seconds(t), &anchor(&atlas, predicted.world_from_camera), predicted, false);
         // Each of these looks as if mapping knew it to millimetres.
         if n == 10 || n == 20 {
             let id = atlas.latest().next_key_frame_id();

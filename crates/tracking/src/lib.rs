@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod decide;
+mod dense;
 mod imu;
 #[cfg(test)]
 mod imu_tests;
@@ -31,4 +32,4 @@ mod tracker;
 pub use odometry::{MotionSource, Odometry};
 pub use reckoning::MeasuredMotion;
 pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
-pub use tracker::{Tracker, TrackerConfig};
+pub use tracker::{DepthPlaced, FoundByDepth, Tracker, TrackerConfig};

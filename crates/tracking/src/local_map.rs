@@ -12,8 +12,8 @@ pub(crate) struct LocalMap {
     pub reference: Option<KeyFrameId>,
     /// Key frames that share at least half as many.
     strongest: Vec<KeyFrameId>,
-    landmarks: Vec<LandmarkId>,
-    /// For each landmark index, the round in which it was collected.
+    landmarks: Vec<Option<LandmarkId>>,
+    /// For each landmark index plus one, the round in which it was collected.
     rounds: Vec<u32>,
     round: u32,
     /// For each landmark index, the last search before which it was matched.
@@ -51,19 +51,21 @@ impl LocalMap {
             }
         }
         self.round += 1;
-        self.landmarks.clear();
-        for k in chosen.iter().filter_map(|id| snapshot.key_frame(*id)) {
-            for id in k.landmarks.iter().flatten() {
-                let i = id.index();
-                if self.rounds.len() <= i {
-                    self.rounds.resize(i + 1024, 0);
-                }
-                if self.rounds[i] != self.round {
-                    self.rounds[i] = self.round;
-                    self.landmarks.push(*id);
-                }
-            }
+        self.rounds.resize(snapshot.next_landmark_id().index() + 1, 0);
+        // What has no landmark counts as collected.
+        self.rounds[0] = self.round;
+        let chosen = chosen.iter().filter_map(|id| snapshot.key_frame(*id));
+        let features: usize = chosen.clone().map(|k| k.landmarks.len()).sum();
+        self.landmarks.resize(features, None);
+        let mut count = 0;
+        // Whether a feature shows a landmark that is new here follows no pattern that a processor could foresee: no branches.
+        for id in chosen.flat_map(|k| &k.landmarks) {
+            let Some(round) = self.rounds.get_mut(id.map_or(0, |id| id.index() + 1)) else { continue };
+            self.landmarks[count] = *id;
+            count += usize::from(*round != self.round);
+            *round = self.round;
         }
+        self.landmarks.truncate(count);
     }
 
     /// Of the key frames that share many landmarks with the frame, the one nearest to a position. A pose
@@ -140,9 +142,18 @@ impl LocalMap {
     fn visible<'a>(&self, snapshot: &'a Snapshot, camera: &RectifiedCamera, pose: &Se3) -> Vec<Visible<'a>> {
         let camera_from_world = pose.inverse();
         let rotation = camera_from_world.rotation.matrix();
-        let of = |id: &LandmarkId| {
-            let landmark = snapshot.landmark(*id)?;
-            let q = rotation * landmark.position + camera_from_world.translation;
+        let unmatched = |id: &&LandmarkId| self.matched[id.index()] != self.searches;
+        let landmarks: Vec<&Landmark> = self
+            .landmarks
+            .iter()
+            .flatten()
+            .filter(unmatched)
+            .filter_map(|id| snapshot.landmark(*id))
+            .collect();
+        // Read all together, for the same reason as above.
+        let positions: Vec<Vec3> = landmarks.iter().map(|landmark| landmark.position).collect();
+        let of = |(landmark, position): (&&'a Landmark, &Vec3)| {
+            let q = rotation * position + camera_from_world.translation;
             let projected = camera.project(&q)?;
             if !camera.contains(projected[0], projected[1]) {
                 return None;
@@ -151,10 +162,10 @@ impl LocalMap {
             if distance < 0.8 * landmark.min_distance || distance > 1.2 * landmark.max_distance {
                 return None;
             }
-            let cosine = (landmark.position - pose.translation).dot(&landmark.normal) / distance;
+            let cosine = (position - pose.translation).dot(&landmark.normal) / distance;
             (cosine >= 0.5).then_some(Visible { landmark, projected, distance, cosine })
         };
-        self.landmarks.iter().filter(|id| self.matched[id.index()] != self.searches).filter_map(of).collect()
+        landmarks.iter().zip(&positions).filter_map(of).collect()
     }
 }
 

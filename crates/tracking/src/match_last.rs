@@ -63,14 +63,19 @@ pub(crate) fn match_last(
     // Owner of each feature: item index and distance; the smaller distance wins.
     let mut owner: Vec<Option<(u32, u32)>> = vec![None; frame.len()];
     let mut candidates: Vec<(usize, Option<LandmarkId>, Vec3)> = Vec::new();
+    // The landmarks lie scattered in memory: read together, the processor fetches several at a time.
+    let known: Vec<Option<(LandmarkId, Vec3)>> = (last_landmarks.iter())
+        .map(|id| id.and_then(|id| snapshot.landmark(id)).map(|l| (l.id, l.position)))
+        .collect();
     for i in 0..last.len() {
-        let known = last_landmarks[i].and_then(|id| snapshot.landmark(id)).map(|l| (Some(l.id), l.position));
         let close = || {
             (last.has_depth(i) && (last.depth[i] as f64) < camera.close_depth).then(|| {
                 (None, *world_from_last * camera.unproject(last.px[i], depth(snapshot, camera, last, i)))
             })
         };
-        let Some((id, point)) = known.or_else(close) else { continue };
+        let Some((id, point)) = known[i].map(|(id, point)| (Some(id), point)).or_else(close) else {
+            continue;
+        };
         let Some([u, v, right]) = camera.project(&(camera_from_world * point)) else { continue };
         if !camera.contains(u, v) {
             continue;

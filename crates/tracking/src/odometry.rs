@@ -32,7 +32,7 @@ const SAME_PX: f64 = 0.5;
 const EXTRAPOLATED_S: f64 = 0.3;
 
 /// How the motion since the last frame with a pose was obtained.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum MotionSource {
     /// It is not known: a new segment begins with this frame.
     None,
@@ -148,7 +148,9 @@ impl OdometryFilter {
     pub fn map_created(&mut self, snapshot: &Snapshot, id: KeyFrameId) {
         let Some(k) = snapshot.key_frame(id) else { return };
         let anchored = AnchoredPose::at(id, k.world_from_camera);
-        let Some(now) = Placed::at(snapshot, &k.frame, State::Tracking, anchored, k.landmarks.clone()) else {
+        let Some(now) =
+            Placed::at(snapshot, &k.frame.shared(), State::Tracking, anchored, k.landmarks.clone())
+        else {
             return;
         };
         let odometry = match self.last.take() {
@@ -218,7 +220,7 @@ impl OdometryFilter {
         resolved: &Se3,
     ) -> Option<Se3> {
         // Once the frame is a key frame, its landmarks are looked up in the map, which knows those that were fused.
-        let as_key_frame = snapshot.newest_key_frame().filter(|k| Arc::ptr_eq(&k.frame, &last.frame));
+        let as_key_frame = snapshot.newest_key_frame().filter(|k| k.frame.is(&last.frame));
         let last_landmarks = as_key_frame.map_or(&last.landmarks, |k| &k.landmarks);
         let alive = |landmarks: &[Option<LandmarkId>]| -> BTreeSet<LandmarkId> {
             landmarks.iter().flatten().copied().filter(|id| snapshot.landmark(*id).is_some()).collect()

@@ -5,7 +5,7 @@
 
 use cairn_geometry::{Manifold, Se3};
 use cairn_solve::PosePrior;
-use nalgebra::SMatrix;
+use nalgebra::{Matrix6, Vector6};
 
 /// The motion of the body since the packet before, measured by other means than the camera and the IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,8 +20,8 @@ pub struct MeasuredMotion {
 
 /// What a tracked pose is uncertain by where a motion is added to it, metres and radians: its own noise and that of the map
 /// around it, which adjustment moves by about as much.
-const TRACKED_SIGMA_M: f64 = 0.015;
-const TRACKED_SIGMA_RAD: f64 = 0.01;
+pub(crate) const TRACKED_SIGMA_M: f64 = 0.015;
+pub(crate) const TRACKED_SIGMA_RAD: f64 = 0.01;
 /// Chi-square of six degrees of freedom, 99.9 %.
 const GATE: f64 = 22.46;
 /// Up to these standard deviations the pose is carried on without being tracked, metres and radians.
@@ -36,16 +36,10 @@ pub(crate) struct DeadReckoning {
     /// The last such motion, and all of it since the pose that is kept; `None` where a part was not measured.
     step: Option<Se3>,
     carried: Option<Se3>,
+    /// Variances of the last such motion, m^2 and rad^2.
+    step_variance: [f64; 2],
     /// Variances since the pose was last tracked, m^2 and rad^2.
     variance: [f64; 2],
-}
-
-/// A pose by dead reckoning.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Reckoned {
-    pub world_from_camera: Se3,
-    /// Standard deviations in metres and radians.
-    pub sigma: [f64; 2],
 }
 
 impl DeadReckoning {
@@ -66,8 +60,8 @@ impl DeadReckoning {
         self.step = motion.map(|m| m.last_from_now);
         self.carried = self.carried.zip(self.step).map(|(carried, step)| carried * step);
         if let Some(m) = motion {
-            self.variance[0] += m.sigma_m.powi(2);
-            self.variance[1] += m.sigma_rad.powi(2);
+            self.step_variance = [m.sigma_m.powi(2), m.sigma_rad.powi(2)];
+            (0..2).for_each(|i| self.variance[i] += self.step_variance[i]);
         }
     }
 
@@ -84,32 +78,57 @@ impl DeadReckoning {
         self.step
     }
 
+    /// The same, with the variances of its translation and rotation.
+    pub fn uncertain_step(&self) -> Option<(Se3, [f64; 2])> {
+        self.step.map(|step| (step, self.step_variance))
+    }
+
     /// The pose now, from the one that was kept; `None` where a motion since then was not measured.
     pub fn pose(&self, kept: &Se3) -> Option<Reckoned> {
         self.step?;
         let sigma = [TRACKED_SIGMA_M, TRACKED_SIGMA_RAD];
-        let sigma = std::array::from_fn(|i| (self.variance[i] + sigma[i] * sigma[i]).sqrt());
-        Some(Reckoned { world_from_camera: *kept * self.carried?, sigma })
+        let [m, rad]: [f64; 2] = std::array::from_fn(|i| self.variance[i] + sigma[i] * sigma[i]);
+        let covariance = Matrix6::from_diagonal(&Vector6::new(m, m, m, rad, rad, rad));
+        let limit = [COAST_SIGMA_M, COAST_SIGMA_RAD];
+        Some(Reckoned { world_from_camera: *kept * self.carried?, covariance, limit })
     }
+}
+
+/// A pose without features: by dead reckoning, or by the shape of what the depth camera sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Reckoned {
+    pub world_from_camera: Se3,
+    /// Of its right perturbation (translation, rotation), m^2 and rad^2.
+    pub covariance: Matrix6<f64>,
+    /// Standard deviations up to which it may be the pose by itself, metres and radians.
+    pub limit: [f64; 2],
 }
 
 impl Reckoned {
     /// The pose as a prior.
     pub fn prior(&self) -> PosePrior {
-        let information = SMatrix::from_fn(|i, j| if i == j { self.sigma[i / 3].powi(-2) } else { 0.0 });
+        let information = self.covariance.try_inverse().unwrap_or_default();
         PosePrior { world_from_camera: self.world_from_camera, information }
     }
 
     /// Whether a pose may be the one reckoned.
     pub fn agrees(&self, world_from_camera: &Se3) -> bool {
         let off = self.world_from_camera.local(world_from_camera);
-        let part = |k: usize| off.fixed_rows::<3>(3 * k).norm_squared() / self.sigma[k].powi(2);
-        part(0) + part(1) <= GATE
+        off.dot(&(self.prior().information * off)) <= GATE
+    }
+
+    /// Standard deviations along the least certain axis, in metres and radians.
+    pub fn sigma(&self) -> [f64; 2] {
+        [0, 3].map(|at| {
+            let block = self.covariance.fixed_view::<3, 3>(at, at).into_owned();
+            block.symmetric_eigenvalues().max().max(0.0).sqrt()
+        })
     }
 
     /// Whether it is certain enough to go on with nothing else.
     pub fn may_coast(&self) -> bool {
-        self.sigma[0] <= COAST_SIGMA_M && self.sigma[1] <= COAST_SIGMA_RAD
+        let sigma = self.sigma();
+        sigma[0] <= self.limit[0] && sigma[1] <= self.limit[1]
     }
 }
 
@@ -141,12 +160,12 @@ mod tests {
         let off = reckoned.world_from_camera.local(&(body * body_from_camera));
         assert!(off.norm() < 1e-12, "{off}");
         // 25 steps of one centimetre each are five together.
-        assert!((reckoned.sigma[0] - (0.05f64.powi(2) + TRACKED_SIGMA_M.powi(2)).sqrt()).abs() < 1e-12);
+        assert!((reckoned.sigma()[0] - (0.05f64.powi(2) + TRACKED_SIGMA_M.powi(2)).sqrt()).abs() < 1e-12);
         reckoning.restart(false);
         assert_eq!(reckoning.pose(&kept).unwrap().world_from_camera, kept);
-        assert_eq!(reckoning.pose(&kept).unwrap().sigma, reckoned.sigma, "carried, not seen");
+        assert_eq!(reckoning.pose(&kept).unwrap().covariance, reckoned.covariance, "carried, not seen");
         reckoning.restart(true);
-        assert!(reckoning.pose(&kept).unwrap().sigma[0] < 0.02);
+        assert!(reckoning.pose(&kept).unwrap().sigma()[0] < 0.02);
     }
 
     #[test]

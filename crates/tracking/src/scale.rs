@@ -37,6 +37,10 @@ impl ScaleSupport {
         for landmark in tracked {
             all += 1;
             supporting += usize::from(has_parallax(snapshot, landmark, Some(before)));
+            if supporting >= ENOUGH {
+                // Scale is supported, whatever the others say.
+                break;
+            }
         }
         let few = supporting < FEW && (supporting as f64) < FEW_SHARE * all as f64;
         self.few = match self.few {

@@ -7,7 +7,7 @@ use cairn_vision::Frame;
 use std::sync::Arc;
 
 /// The state of tracking, with the numbers behind it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum State {
     /// No map yet: progress of the initialisation (features with depth, or matches between two views).
     Starting {
@@ -61,7 +61,7 @@ impl AnchoredPose {
 }
 
 /// The evidence for a pose.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Evidence {
     /// Features extracted.
     pub features: usize,

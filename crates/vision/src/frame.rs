@@ -49,6 +49,7 @@ impl RectifiedCamera {
     }
 
     /// Rectified pixel `[x, y, right_x]` of a point in the camera frame; `None` behind the camera.
+    #[inline]
     pub fn project(&self, p: &Vec3) -> Option<[f64; 3]> {
         if p.z <= 1e-6 {
             return None;
@@ -59,6 +60,7 @@ impl RectifiedCamera {
     }
 
     /// The point in the camera frame of a rectified pixel at a depth in metres.
+    #[inline]
     pub fn unproject(&self, px: [f32; 2], depth: f64) -> Vec3 {
         Vec3::new(
             (px[0] as f64 - self.cx) / self.fx * depth,
@@ -85,11 +87,13 @@ pub struct Octaves {
 
 impl Octaves {
     /// Size of one pixel of `level` in pixels of the full image.
+    #[inline]
     pub fn scale(&self, level: u8) -> f64 {
         self.factor.powi(level as i32)
     }
 
     /// The level at which a point last seen between `min_distance` and `max_distance` appears at `distance`.
+    #[inline]
     pub fn predict(&self, max_distance: f64, distance: f64) -> u8 {
         let level = (max_distance / distance).ln() / self.factor.ln();
         level.ceil().clamp(0.0, (self.levels - 1) as f64) as u8
@@ -122,6 +126,9 @@ pub struct Frame {
 /// Columns and rows of the lookup grid over the bounds of the rectified image.
 const GRID: [usize; 2] = [64, 48];
 
+/// Features that are collected before they are visited.
+const COLLECTED: usize = 256;
+
 #[derive(Clone, Debug, Default)]
 struct Grid {
     bounds: [f32; 4],
@@ -148,7 +155,16 @@ impl Frame {
 
     /// Builds the lookup grid; call once, after all features (at most 65,535) are set.
     pub fn index(&mut self, camera: &RectifiedCamera) {
-        let bounds = camera.bounds.map(|b| b as f32);
+        self.index_in(camera.bounds.map(|b| b as f32));
+    }
+
+    /// The bounds of the lookup grid: `[min_x, min_y, max_x, max_y]`, all zero before there is one.
+    pub fn bounds(&self) -> [f32; 4] {
+        self.grid.bounds
+    }
+
+    /// As [`Frame::index`], within [`Frame::bounds`] of an earlier grid of the same features.
+    pub fn index_in(&mut self, bounds: [f32; 4]) {
         let cells = GRID[0] * GRID[1];
         let mut starts = vec![0u16; cells + 1];
         let cell_of: Vec<usize> = self.px.iter().map(|p| cell(&bounds, p[0], p[1])).collect();
@@ -170,24 +186,47 @@ impl Frame {
     /// Calls `visit` with each feature in a square window of half side `radius` around a rectified pixel, in a fixed
     /// order.
     pub fn near(&self, u: f32, v: f32, radius: f32, mut visit: impl FnMut(usize)) {
+        self.near_in(u, v, radius, [0, u8::MAX], &mut visit);
+    }
+
+    /// As [`Frame::near`], only the features of these pyramid levels, first and last.
+    pub(crate) fn near_in(
+        &self,
+        u: f32,
+        v: f32,
+        radius: f32,
+        octaves: [u8; 2],
+        mut visit: impl FnMut(usize),
+    ) {
         if self.grid.starts.is_empty() {
             return;
         }
+        // Which features of a cell are inside follows no pattern that a processor could foresee: they are collected without
+        // branches first.
+        let (mut inside, mut count) = ([0u16; COLLECTED], 0);
         let (x0, y0) = coordinates(&self.grid.bounds, u - radius, v - radius);
         let (x1, y1) = coordinates(&self.grid.bounds, u + radius, v + radius);
         for y in y0..=y1 {
             let row = y * GRID[0];
             let (from, to) = (self.grid.starts[row + x0] as usize, self.grid.starts[row + x1 + 1] as usize);
-            for &i in &self.grid.items[from..to] {
-                let p = self.px[i as usize];
-                if (p[0] - u).abs() < radius && (p[1] - v).abs() < radius {
-                    visit(i as usize);
+            for items in self.grid.items[from..to].chunks(COLLECTED) {
+                if count + items.len() > COLLECTED {
+                    inside[..count].iter().for_each(|i| visit(*i as usize));
+                    count = 0;
+                }
+                for &i in items {
+                    let (p, octave) = (self.px[i as usize], self.octave[i as usize]);
+                    let is_near = ((p[0] - u).abs() < radius) & ((p[1] - v).abs() < radius);
+                    inside[count] = i;
+                    count += usize::from(is_near & (octave >= octaves[0]) & (octave <= octaves[1]));
                 }
             }
         }
+        inside[..count].iter().for_each(|i| visit(*i as usize));
     }
 }
 
+#[inline]
 fn coordinates(b: &[f32; 4], x: f32, y: f32) -> (usize, usize) {
     let gx = (x - b[0]) / (b[2] - b[0]) * GRID[0] as f32;
     let gy = (y - b[1]) / (b[3] - b[1]) * GRID[1] as f32;

@@ -34,9 +34,9 @@ pub struct Found {
 /// `allowed` accepts.
 pub fn search(frame: &Frame, target: &Target, allowed: impl Fn(usize) -> bool) -> Option<Found> {
     let mut best: Option<Found> = None;
-    frame.near(target.pixel[0], target.pixel[1], target.radius, |i| {
-        let octave = frame.octave[i];
-        if octave < target.octaves[0] || octave > target.octaves[1] || !allowed(i) {
+    let [u, v] = target.pixel;
+    frame.near_in(u, v, target.radius, target.octaves, |i| {
+        if !allowed(i) {
             return;
         }
         // A measured right x must lie within the same radius (NaN passes).
@@ -50,7 +50,7 @@ pub fn search(frame: &Frame, target: &Target, allowed: impl Fn(usize) -> bool) -
                 *b =
                     Found { feature: i, distance, second: b.distance, second_octave: frame.octave[b.feature] }
             }
-            Some(b) if distance < b.second => (b.second, b.second_octave) = (distance, octave),
+            Some(b) if distance < b.second => (b.second, b.second_octave) = (distance, frame.octave[i]),
             _ => {}
         }
     });

@@ -83,11 +83,15 @@ impl Certificate {
         let key = KeyPair::generate().map_err(text)?;
         let certificate = params.self_signed(&key).map_err(text)?;
         let pem = certificate.pem() + &key.serialize_pem();
-        let new = Self {
+        Ok((Self::of(&certificate, &key), pem))
+    }
+
+    /// A certificate that an authority has made, with its key.
+    pub(crate) fn of(certificate: &rcgen::Certificate, key: &KeyPair) -> Self {
+        Self {
             chain: vec![certificate.der().clone()],
             key: PrivateKeyDer::Pkcs8(PrivatePkcs8KeyDer::from(key.serialize_der())),
-        };
-        Ok((new, pem))
+        }
     }
 
     /// The certificate as it is sent, for clients that need a trust anchor.
@@ -110,7 +114,7 @@ impl Certificate {
 }
 
 /// Writes a file completely or not at all, readable by its owner alone.
-fn write_private(path: &Path, text: &str) -> std::io::Result<()> {
+pub(crate) fn write_private(path: &Path, text: &str) -> std::io::Result<()> {
     let part = path.with_extension(format!("part-{}", std::process::id()));
     let mut options = std::fs::File::options();
     options.write(true).create(true).truncate(true);

@@ -1,12 +1,47 @@
 //! What a server is started with.
 
-use cairn_engine::{Config, SensorMode};
+use cairn_atlas::store::MapFile;
+use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
 use cairn_sensor::{Rig, Source, SourceError};
-use cairn_session::SessionConfig;
+use cairn_session::{SessionConfig, Slam};
 use std::path::PathBuf;
 
 /// Opens a source that is not the page's camera; returns it with its camera mode and whether its IMU is used.
 pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode, bool), SourceError> + Send>;
+
+/// What SLAM is begun with.
+pub struct SlamFor<'a> {
+    /// Kind and location of the source.
+    pub name: &'a str,
+    /// Its rig.
+    pub rig: &'a Rig,
+    /// Which of its cameras are used.
+    pub mode: SensorMode,
+    /// Whether its IMU is used.
+    pub imu: bool,
+    /// Packets a second, about.
+    pub rate_hz: f64,
+    /// The engine's configuration.
+    pub config: &'a Config,
+}
+
+/// SLAM, and small differences between the camera of its map and this one.
+pub type Begun = Result<(Box<dyn Slam>, Vec<String>), OpenMapError>;
+
+/// Begins SLAM, in a map where there is one; called on the session's thread.
+pub type BeginSlam = Box<dyn FnMut(&SlamFor, Option<&MapFile>) -> Begun + Send>;
+
+/// An engine in this process.
+pub fn engine_here() -> BeginSlam {
+    Box::new(|s, map| {
+        let runner = Runner::Threaded;
+        let (engine, notes) = match map {
+            Some(file) => Engine::in_map(s.rig, s.mode, s.rate_hz, runner, s.config, file)?,
+            None => (Engine::new(s.rig, s.mode, s.rate_hz, runner, s.config)?, Vec::new()),
+        };
+        Ok((Box::new(engine), notes))
+    })
+}
 
 /// The session's camera.
 pub enum CameraSource {
@@ -33,13 +68,41 @@ pub struct ServeConfig {
     /// The folder of the certificate, so that a phone asks only once whether to trust it; without a folder there is a
     /// new certificate at each start.
     pub keep: Option<PathBuf>,
+    /// The page's certificate is signed by an authority of this machine, which phones are asked to trust; it is kept in
+    /// the same folder.
+    pub authority: bool,
     /// The folder in which maps and routes are kept for another day; without one, routes are recorded into the session's
     /// folder and the map ends with the session.
     pub routes: Option<PathBuf>,
+    /// The access token: that of a server before this one, whose pages come back; else a new one is made.
+    pub token: Option<String>,
+    /// The file in which it is kept what a server that takes the place of this one goes on with; read at the beginning.
+    pub survives: Option<PathBuf>,
     /// The session's camera.
     pub camera: CameraSource,
+    /// Begins SLAM: [`engine_here`], or a process of its own.
+    pub slam: BeginSlam,
     /// The engine's config.
     pub config: Config,
     /// The session's config.
     pub session: SessionConfig,
+}
+
+impl ServeConfig {
+    /// For this machine alone, at any free port, with SLAM in this process; nothing is kept.
+    pub fn new(camera: CameraSource) -> Self {
+        Self {
+            lan: false,
+            port: 0,
+            keep: None,
+            authority: false,
+            routes: None,
+            token: None,
+            survives: None,
+            camera,
+            slam: engine_here(),
+            config: Config::default(),
+            session: SessionConfig::default(),
+        }
+    }
 }

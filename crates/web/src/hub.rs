@@ -3,7 +3,9 @@
 //! A walk is held by the page that began it. While that page is away the walk waits for it: the page comes back with
 //! its secret, and another page gets the walk only by taking it over.
 
-use crate::invitation::same;
+use crate::drawn::Drawn;
+use crate::line::Lines;
+use crate::token::same;
 use crate::wire::ToPage;
 use cairn_session::{Command, Inbox};
 use cairn_sources::PhonePort;
@@ -31,12 +33,16 @@ pub(crate) struct Hub {
     pub token: String,
     /// Description of the session's camera, for people; empty when it is the page's own.
     pub camera: String,
+    /// Connections of pages without a web socket.
+    pub lines: Lines,
     /// Receives the images of the page's camera.
     pub port: PhonePort,
     /// Receives the commands.
     pub inbox: Arc<Inbox>,
     /// The session has started and takes commands.
     pub running: AtomicBool,
+    /// Steps that the session has taken.
+    pub steps: AtomicU64,
     /// Someone has asked to end the server.
     pub shutting_down: AtomicBool,
     /// Number of pages that want images.
@@ -47,7 +53,10 @@ pub(crate) struct Hub {
     pub messages: broadcast::Sender<Arc<str>>,
     /// The status, of which only the newest matters.
     pub status: watch::Sender<Arc<str>>,
+    /// Where the camera is in the map.
     pub view: watch::Sender<Arc<str>>,
+    /// The map; nothing before the first.
+    pub map: watch::Sender<Arc<Drawn>>,
     /// The kept routes.
     pub routes: watch::Sender<Arc<str>>,
     /// Seconds that the pages' local time is ahead of UTC.
@@ -65,15 +74,18 @@ impl Hub {
         Self {
             token,
             camera,
+            lines: Lines::default(),
             port: PhonePort::default(),
             inbox: Inbox::new(),
             running: AtomicBool::new(false),
+            steps: AtomicU64::new(0),
             shutting_down: AtomicBool::new(false),
             pictures_wanted: AtomicU64::new(0),
             maps_wanted: AtomicU64::new(0),
             messages: broadcast::Sender::new(BEHIND),
             status: watch::Sender::new(empty.clone()),
             view: watch::Sender::new(empty.clone()),
+            map: watch::Sender::default(),
             routes: watch::Sender::new(empty),
             zone_s: AtomicI32::new(0),
             picture: watch::Sender::new(Arc::from([].as_slice())),
@@ -112,6 +124,16 @@ impl Hub {
         };
         self.tell_control();
         back
+    }
+
+    /// The walk waits for the page with this secret, which held it before this server began.
+    pub fn held_by(&self, secret: String) {
+        *self.holder() = Some(Holder { secret, id: None });
+    }
+
+    /// The secret of the page that holds the walk.
+    pub fn held(&self) -> Option<String> {
+        self.holder().as_ref().map(|h| h.secret.clone())
     }
 
     /// Takes the walk where no page holds it; `over` also takes it from another page. True when this page now holds

@@ -1,5 +1,8 @@
 //! How to reach the page: addresses with the token, and a QR code for the phone's camera.
 
+use crate::authority::{Authority, is_local};
+use crate::trust;
+use cairn_phrases::Language;
 use qrcode::{EcLevel, QrCode};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 
@@ -21,33 +24,53 @@ impl Invitation {
         Self { urls: hosts.iter().map(url).collect(), token: token.to_owned() }
     }
 
-    /// The first address as a QR code of half blocks, two modules to a character. It sets its own background, so it can
-    /// be read on dark and on light terminals.
+    /// The first address as a QR code.
     pub fn qr(&self) -> String {
-        let Some(url) = self.urls.first() else { return String::new() };
-        let Ok(code) = QrCode::with_error_correction_level(url, EcLevel::L) else { return String::new() };
-        let width = code.width() as i64;
-        let colors = code.to_colors();
-        const QUIET: i64 = 2;
-        let dark = |x: i64, y: i64| {
-            let inside = (0..width).contains(&x) && (0..width).contains(&y);
-            inside && colors[(y * width + x) as usize] == qrcode::Color::Dark
-        };
-        let mut out = String::new();
-        for y in (-QUIET..width + QUIET).step_by(2) {
-            out.push_str("\x1b[30;107m");
-            for x in -QUIET..width + QUIET {
-                out.push(match (dark(x, y), dark(x, y + 1)) {
-                    (true, true) => '\u{2588}',
-                    (true, false) => '\u{2580}',
-                    (false, true) => '\u{2584}',
-                    (false, false) => ' ',
-                });
-            }
-            out.push_str("\x1b[0m\n");
-        }
-        out
+        self.urls.first().map_or_else(String::new, |url| qr(url))
     }
+
+    /// Where the authority's certificate is downloaded, without TLS: as a profile, and as it is.
+    pub fn authority_urls(&self) -> [String; 2] {
+        let first = self.urls.first().and_then(|url| url.strip_prefix("https://")?.split('/').next());
+        [trust::PROFILE, trust::CERTIFICATE].map(|path| format!("http://{}{path}", first.unwrap_or_default()))
+    }
+
+    /// What to do on a phone so that it trusts the authority, as text.
+    pub fn trust_steps(&self, authority: &Authority, language: Language) -> String {
+        let mut text = trust::steps(authority, self.authority_urls(), language);
+        let place = |url: &String| url.strip_prefix("https://")?.split('/').next()?.parse().ok();
+        if !self.urls.iter().filter_map(place).all(|place: SocketAddr| is_local(place.ip())) {
+            text += &format!("{}\n", language.text("page-trust-not-local"));
+        }
+        text
+    }
+}
+
+/// An address as a QR code of half blocks, two modules to a character. It sets its own background, so it can be read on
+/// dark and on light terminals.
+pub fn qr(url: &str) -> String {
+    let Ok(code) = QrCode::with_error_correction_level(url, EcLevel::L) else { return String::new() };
+    let width = code.width() as i64;
+    let colors = code.to_colors();
+    const QUIET: i64 = 2;
+    let dark = |x: i64, y: i64| {
+        let inside = (0..width).contains(&x) && (0..width).contains(&y);
+        inside && colors[(y * width + x) as usize] == qrcode::Color::Dark
+    };
+    let mut out = String::new();
+    for y in (-QUIET..width + QUIET).step_by(2) {
+        out.push_str("\x1b[30;107m");
+        for x in -QUIET..width + QUIET {
+            out.push(match (dark(x, y), dark(x, y + 1)) {
+                (true, true) => '\u{2588}',
+                (true, false) => '\u{2580}',
+                (false, true) => '\u{2584}',
+                (false, false) => ' ',
+            });
+        }
+        out.push_str("\x1b[0m\n");
+    }
+    out
 }
 
 /// This machine's address in the local network, if it has one. No data is sent to determine it.
@@ -59,34 +82,19 @@ pub fn lan_address() -> Option<IpAddr> {
     (!address.is_loopback() && !address.is_unspecified()).then_some(address)
 }
 
-/// A random token of 128 bits.
-pub(crate) fn new_token() -> Result<String, String> {
-    let mut bytes = [0; 16];
-    rustls::crypto::ring::default_provider()
-        .secure_random
-        .fill(&mut bytes)
-        .map_err(|_| "this machine provides no random numbers".to_owned())?;
-    Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
-}
-
-/// Compares two tokens in constant time.
-pub(crate) fn same(a: &str, b: &str) -> bool {
-    a.len() == b.len() && a.bytes().zip(b.bytes()).fold(0, |d, (x, y)| d | (x ^ y)) == 0
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn tokens_differ_and_the_code_is_drawn() {
-        let (a, b) = (new_token().unwrap(), new_token().unwrap());
-        assert!(a != b && a.len() == 32);
-        assert!(same(&a, &a) && !same(&a, &b) && !same(&a, &a[1..]));
+    fn addresses_have_the_token_and_the_code_is_drawn() {
+        let a = "7".repeat(32);
         let bound = "0.0.0.0:8443".parse().unwrap();
         let invitation = Invitation::new(bound, Some("192.168.1.7".parse().unwrap()), &a);
         assert_eq!(invitation.urls[0], format!("https://192.168.1.7:8443/#k={a}"));
         assert!(invitation.urls[1].starts_with("https://127.0.0.1:8443/#k="));
+        let profile = "http://192.168.1.7:8443/authority.mobileconfig";
+        assert_eq!(invitation.authority_urls()[0], profile);
         let qr = invitation.qr();
         assert!(qr.lines().count() > 12 && qr.contains('\u{2588}'));
     }

@@ -1,9 +1,9 @@
 //! The lens of a phone whose calibration nobody gave: estimated while a session runs with a guess, and kept in the data
 //! folder for the next session of the same phone. There it is checked in the same way, and replaced where it does not fit.
 
-use cairn_engine::Engine;
 use cairn_lens::{Lens, LensEstimate, LensProblem};
 use cairn_sensor::{Camera, Distortion};
+use cairn_session::Slam;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -108,8 +108,24 @@ impl LensWatch {
         Self { folder, phone, guess, kept, tried: None, job: None, before: None, done: false }
     }
 
+    /// Whether the images are read with a lens that was kept.
+    pub fn is_kept(&self) -> bool {
+        self.kept.is_some()
+    }
+
+    /// A watch over this lens, once images are read with it; `None` where it is no lens for these images.
+    pub fn with(&self, lens: KeptLens) -> Option<Self> {
+        lens.camera(&self.guess)?;
+        Some(Self::new(self.folder.clone(), self.phone.clone(), self.guess, Some(lens)))
+    }
+
+    /// The camera that the images are read with.
+    pub fn camera(&self) -> Camera {
+        self.kept.and_then(|lens| lens.camera(&self.guess)).unwrap_or(self.guess)
+    }
+
     /// Called often: begins an estimate on a thread of its own, or takes a finished one. Returns what was found, once.
-    pub fn step(&mut self, engine: &Engine) -> Option<LensFound> {
+    pub fn step(&mut self, engine: &dyn Slam) -> Option<LensFound> {
         if self.done || self.guess.distortion != Distortion::None {
             return None;
         }
@@ -157,13 +173,13 @@ impl LensWatch {
         self.before.replace(estimate.lens).is_some_and(agrees)
     }
 
-    fn begin(&self, engine: &Engine) -> Option<JoinHandle<Option<LensEstimate>>> {
+    fn begin(&self, engine: &dyn Slam) -> Option<JoinHandle<Option<LensEstimate>>> {
         let snapshot = engine.snapshot();
         let newest = snapshot.key_frames().max_by_key(|k| k.id)?.map;
         if snapshot.key_frames_of(newest).take(LEAST_KEY_FRAMES).count() < LEAST_KEY_FRAMES {
             return None;
         }
-        let camera = *engine.front_end().model();
+        let camera = *engine.camera();
         // A phone's motion comes in the axes of its images.
         let imu_from_camera = cairn_geometry::So3::identity();
         let work = move || {

@@ -1,19 +1,29 @@
 #![doc = include_str!("../README.md")]
 
+mod authority;
 mod certificate;
 mod config;
+mod connection;
+mod drawn;
 mod hub;
 mod invitation;
 mod lens;
+mod line;
 mod link;
 mod page;
+mod requests;
 mod server;
+mod start;
+mod survive;
 mod tls;
+mod token;
+mod trust;
 mod walk;
 mod wire;
 mod words;
 
+pub use authority::Authority;
 pub use certificate::Certificate;
-pub use config::{CameraSource, OpenSource, ServeConfig};
-pub use invitation::{Invitation, lan_address};
+pub use config::{BeginSlam, Begun, CameraSource, OpenSource, ServeConfig, SlamFor, engine_here};
+pub use invitation::{Invitation, lan_address, qr};
 pub use server::{Remote, Server, WebError};

@@ -1,9 +1,11 @@
 //! One page's connection: from its hello until it disconnects or falls silent. Its messages go to the hub, news goes
 //! to the page: words at once, bulk data as the [`Link`] allows.
 
+use crate::connection::Connection;
+use crate::drawn::Drawn;
 use crate::hub::{Hub, Shared};
-use crate::invitation::same;
 use crate::link::{ASK_EVERY, GONE_AFTER, Link};
+use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
 use cairn_phrases::Language;
@@ -18,7 +20,7 @@ use tokio::sync::{broadcast, watch};
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
 
 /// What a page states about itself.
-struct Guest {
+pub(crate) struct Guest {
     /// True: its commands take the walk when no page holds it. False: it has to ask for the walk.
     walk: bool,
     secret: String,
@@ -30,17 +32,26 @@ struct Guest {
     phone: String,
 }
 
-/// One page, from its hello until it disconnects.
+/// The page at a web socket, from its hello until it disconnects.
 pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
-    let guest = match tokio::time::timeout(HELLO_WITHIN, hello(&mut socket, &hub)).await {
-        Ok(Ok(guest)) => guest,
+    let first = async {
+        match socket.recv().await {
+            Some(Ok(Message::Text(text))) => guest(&text, &hub),
+            _ => Err(Language::default()),
+        }
+    };
+    match tokio::time::timeout(HELLO_WITHIN, first).await {
+        Ok(Ok(guest)) => converse(Connection::Socket(Box::new(socket)), guest, hub).await,
         wrong => {
             let language = wrong.ok().and_then(Result::err).unwrap_or_default();
             let text = ToPage::Trouble(&language.text("page-wrong-key")).text();
             let _ = socket.send(Message::Text(text.into())).await;
-            return;
         }
-    };
+    }
+}
+
+/// A page that may come in, until it disconnects.
+pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<Hub>) {
     let id = hub.number();
     let guest = if guest.secret.is_empty() { Guest { page: id, ..guest } } else { guest };
     let mut client = Client {
@@ -48,6 +59,8 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
         messages: hub.messages.subscribe(),
         status: hub.status.subscribe(),
         view: hub.view.subscribe(),
+        map: hub.map.subscribe(),
+        has: None,
         routes: hub.routes.subscribe(),
         picture: hub.picture.subscribe(),
         wants: Wants { hub: hub.clone(), picture: false, map: false },
@@ -56,7 +69,7 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
         hub: hub.clone(),
     };
     let hello = ToPage::Hello { id, version: env!("CARGO_PKG_VERSION"), camera: &hub.camera }.text();
-    if socket.send(Message::Text(hello.into())).await.is_err() {
+    if !send(&mut connection, Message::Text(hello.into())).await {
         return;
     }
     if hub.arrived(id, &client.guest.secret) {
@@ -64,14 +77,13 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
     }
     client.status.mark_changed();
     client.routes.mark_changed();
-    client.converse(&mut socket).await;
+    client.converse(&mut connection).await;
     hub.left(id);
 }
 
-/// The first message, if it has the right token; else the language in which that is said.
-async fn hello(socket: &mut WebSocket, hub: &Hub) -> Result<Guest, Language> {
-    let Some(Ok(Message::Text(text))) = socket.recv().await else { return Err(Language::default()) };
-    match serde_json::from_str(&text) {
+/// The page that sends this as its first message, if it has the right token; else the language in which that is said.
+pub(crate) fn guest(text: &str, hub: &Hub) -> Result<Guest, Language> {
+    match serde_json::from_str(text) {
         Ok(FromPage::Hello { token, walk, secret, origin, zone_min, language, phone }) => {
             let language = language.parse().unwrap_or_default();
             if !same(&token, &hub.token) {
@@ -95,6 +107,9 @@ struct Client {
     messages: broadcast::Receiver<Arc<str>>,
     status: watch::Receiver<Arc<str>>,
     view: watch::Receiver<Arc<str>>,
+    map: watch::Receiver<Arc<Drawn>>,
+    /// The map that it was sent last.
+    has: Option<Arc<Drawn>>,
     routes: watch::Receiver<Arc<str>>,
     picture: watch::Receiver<Shared>,
     wants: Wants,
@@ -127,13 +142,13 @@ impl Drop for Wants {
 }
 
 /// Sends a message; false when the page is gone or no longer accepts data.
-async fn send(socket: &mut WebSocket, message: Message) -> bool {
-    matches!(tokio::time::timeout(GONE_AFTER, socket.send(message)).await, Ok(Ok(())))
+async fn send(connection: &mut Connection, message: Message) -> bool {
+    matches!(tokio::time::timeout(GONE_AFTER, connection.send(message)).await, Ok(true))
 }
 
 impl Client {
     /// Sends what is new and handles what arrives, until the page disconnects or is gone.
-    async fn converse(&mut self, socket: &mut WebSocket) {
+    async fn converse(&mut self, connection: &mut Connection) {
         let mut clock = tokio::time::interval(ASK_EVERY / 2);
         clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
@@ -148,8 +163,8 @@ impl Client {
                     Err(broadcast::error::RecvError::Lagged(_)) => (None, 0),
                     Err(broadcast::error::RecvError::Closed) => return,
                 },
-                came = socket.recv() => match came {
-                    Some(Ok(message)) => (self.take(message).map(|t| Message::Text(t.into())), 0),
+                came = connection.recv() => match came {
+                    Some(message) => (self.take(message).map(|t| Message::Text(t.into())), 0),
                     _ => return,
                 },
                 _ = clock.tick() => (None, 0),
@@ -163,7 +178,15 @@ impl Client {
                 }
                 Ok(()) = self.view.changed(), if free && self.wants.map => {
                     let view = self.view.borrow_and_update();
-                    (self.link.may_send(view.len()).then(|| text(&view)), view.len())
+                    (Some(text(&view)), view.len())
+                }
+                Ok(()) = self.map.changed(), if free && self.wants.map => {
+                    let map = self.map.borrow_and_update().clone();
+                    let message = map.message(self.has.as_deref());
+                    let length = message.len();
+                    let may = self.link.may_send(length);
+                    self.has = if may { Some(map) } else { self.has.take() };
+                    (may.then(|| Message::Binary(message.into())), length)
                 }
                 Ok(()) = self.picture.changed(), if free && self.wants.picture => {
                     let bytes: Shared = self.picture.borrow_and_update().clone();
@@ -176,7 +199,7 @@ impl Client {
             let out = out.filter(|m| !empty(m));
             let bulk = if out.is_some() { bulk } else { 0 };
             if let Some(out) = out
-                && !send(socket, out).await
+                && !send(connection, out).await
             {
                 return;
             }
@@ -186,7 +209,7 @@ impl Client {
             }
             if bulk > 0 || self.link.is_due(now) {
                 let ping = ToPage::Ping { n: self.link.ask(now, bulk), trip_ms: self.link.trip_ms() }.text();
-                if !send(socket, Message::Text(ping.into())).await {
+                if !send(connection, Message::Text(ping.into())).await {
                     return;
                 }
             }
@@ -236,6 +259,7 @@ impl Client {
                 Ok(FromPage::Want { picture, map }) => {
                     self.wants.set(picture, map);
                     self.view.mark_changed();
+                    self.map.mark_changed();
                     None
                 }
                 _ => None,

@@ -1,11 +1,16 @@
 //! The server: the page's files, and a web socket for each page.
 
+use crate::authority::Authority;
 use crate::certificate::Certificate;
 use crate::config::{CameraSource, ServeConfig};
 use crate::hub::Hub;
-use crate::invitation::{Invitation, lan_address, new_token};
+use crate::invitation::{Invitation, lan_address};
 use crate::page::page;
+use crate::requests;
+use crate::survive;
 use crate::tls::TlsListener;
+use crate::token::new_token;
+use crate::trust;
 use crate::walk::walk;
 use crate::words;
 use axum::Router;
@@ -20,6 +25,7 @@ use cairn_session::{Command, LibraryError, RoutesLock, SessionConfig};
 use rustls::pki_types::CertificateDer;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -52,6 +58,7 @@ pub struct Server {
     invitation: Invitation,
     address: SocketAddr,
     certificate: CertificateDer<'static>,
+    authority: Option<Authority>,
     not_kept: Option<String>,
     hub: Arc<Hub>,
     stop: Option<oneshot::Sender<()>>,
@@ -76,19 +83,34 @@ impl Server {
         let mut addresses: Vec<IpAddr> = lan.into_iter().collect();
         addresses.push(Ipv4Addr::LOCALHOST.into());
         let names = ["localhost".to_owned()];
-        let (certificate, not_kept) = match &config.keep {
-            Some(folder) => Certificate::kept(folder, &addresses, &names).map_err(machine)?,
-            None => (Certificate::new(&addresses, &names).map_err(machine)?, None),
+        let (authority, certificate, not_kept) = match (config.authority, &config.keep) {
+            (true, keep) => {
+                let made =
+                    keep.as_deref().map_or_else(|| Authority::new().map(|a| (a, None)), Authority::kept);
+                let (authority, not_kept) = made.map_err(machine)?;
+                let certificate = authority.sign(&addresses, &names).map_err(machine)?;
+                (Some(authority), certificate, not_kept)
+            }
+            (false, Some(folder)) => {
+                let (certificate, not_kept) =
+                    Certificate::kept(folder, &addresses, &names).map_err(machine)?;
+                (None, certificate, not_kept)
+            }
+            (false, None) => (None, Certificate::new(&addresses, &names).map_err(machine)?, None),
         };
-        let der = certificate.der();
+        let der = authority.as_ref().map_or_else(|| certificate.der(), |a| a.der().clone());
+        let files = authority.as_ref().map_or_else(Vec::new, |a| trust::files(a).into());
         let tls = certificate.into_server().map_err(machine)?;
-        let token = new_token().map_err(machine)?;
+        let token = config.token.clone().map_or_else(new_token, Ok).map_err(machine)?;
         let invitation = Invitation::new(address, lan, &token);
         let camera = match &config.camera {
             CameraSource::Page { .. } => String::new(),
             CameraSource::Source { name, .. } => name.clone(),
         };
         let hub = Arc::new(Hub::new(token, camera));
+        if let Some(holder) = config.survives.as_deref().and_then(|path| survive::read(path).holder) {
+            hub.held_by(holder);
+        }
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
             .thread_name("cairn-page")
@@ -96,10 +118,10 @@ impl Server {
             .build()
             .map_err(|e| machine(e.to_string()))?;
         let (stop, stopped) = oneshot::channel();
-        let router = router(hub.clone(), &config.session);
+        let router = router(hub.clone(), &config.session, authority.as_ref());
         let web = std::thread::Builder::new().name("cairn-web".into()).spawn(move || {
             let serve = async {
-                let listener = TcpListener::from_std(listener).and_then(|l| TlsListener::new(l, tls));
+                let listener = TcpListener::from_std(listener).and_then(|l| TlsListener::new(l, tls, files));
                 if let Ok(listener) = listener {
                     let _ = axum::serve(listener, router).await;
                 }
@@ -121,6 +143,7 @@ impl Server {
             invitation,
             address,
             certificate: der,
+            authority,
             not_kept,
             hub,
             stop: Some(stop),
@@ -139,9 +162,14 @@ impl Server {
         self.address
     }
 
-    /// The certificate, for clients that need a trust anchor.
+    /// The trust anchor for clients: the authority's certificate, else the page's own.
     pub fn certificate(&self) -> &CertificateDer<'static> {
         &self.certificate
+    }
+
+    /// The authority that signed the page's certificate, where one was asked for.
+    pub fn authority(&self) -> Option<&Authority> {
+        self.authority.as_ref()
     }
 
     /// Why the certificate could not be stored, if that was requested.
@@ -200,13 +228,18 @@ impl Remote {
             command => self.0.inbox.command(command),
         }
     }
+
+    /// How many steps the session has taken; `None` while it does not run. One that runs takes twenty a second and more.
+    pub fn steps(&self) -> Option<u64> {
+        self.0.running.load(Ordering::Relaxed).then(|| self.0.steps.load(Ordering::Relaxed))
+    }
 }
 
-fn router(hub: Arc<Hub>, session: &SessionConfig) -> Router {
+fn router(hub: Arc<Hub>, session: &SessionConfig, authority: Option<&Authority>) -> Router {
     const HTML: &str = "text/html; charset=utf-8";
     const JSON: &str = "application/json";
     const SCRIPT: &str = "text/javascript; charset=utf-8";
-    let file = |kind: &'static str, text: &'static str| get(async move || with_headers(kind, text.into()));
+    let file = |kind: &'static str, text: &'static str| get(async move || with_headers(kind, text));
     let documents = Language::ALL.map(|l| words::document(include_str!("page/index.html"), l));
     // A language that was chosen for the session, else the one that the browser prefers.
     let chosen = Some(session.phrases.language).filter(|l| *l != Language::default());
@@ -217,9 +250,12 @@ fn router(hub: Arc<Hub>, session: &SessionConfig) -> Router {
     };
     let mut router = Router::new();
     for language in Language::ALL {
-        let catalogue = words::catalogue(language, session);
+        let catalogue = words::catalogue(language, session, authority);
         let answer = move || std::future::ready(with_headers(JSON, catalogue.clone()));
         router = router.route(&format!("/words/{language}.json"), get(answer));
+    }
+    for (path, kind, bytes) in authority.iter().flat_map(|a| trust::files(a)) {
+        router = router.route(path, get(async move || with_headers(kind, bytes.clone())));
     }
     router
         .route("/", get(document))
@@ -231,14 +267,24 @@ fn router(hub: Arc<Hub>, session: &SessionConfig) -> Router {
         .route("/camera.js", file(SCRIPT, include_str!("page/camera.js")))
         .route("/senses.js", file(SCRIPT, include_str!("page/senses.js")))
         .route("/routes.js", file(SCRIPT, include_str!("page/routes.js")))
+        .route("/trust.js", file(SCRIPT, include_str!("page/trust.js")))
+        .route("/map.js", file(SCRIPT, include_str!("page/map.js")))
+        .route("/model.js", file(SCRIPT, include_str!("page/model.js")))
+        .route("/orbit.js", file(SCRIPT, include_str!("page/orbit.js")))
+        .route("/scene.js", file(SCRIPT, include_str!("page/scene.js")))
         .route("/view.js", file(SCRIPT, include_str!("page/view.js")))
         .route("/icon.svg", file("image/svg+xml", include_str!("page/icon.svg")))
+        .route("/kept.js", file(SCRIPT, include_str!("page/kept.js")))
+        .route("/state.js", file(SCRIPT, include_str!("page/state.js")))
+        .route("/link.js", file(SCRIPT, include_str!("page/link.js")))
+        .route("/requests.js", file(SCRIPT, include_str!("page/requests.js")))
         .route("/ws", get(socket))
+        .merge(requests::routes(LARGEST))
         .with_state(hub)
 }
 
 /// Nothing is loaded from other hosts, and no other page may frame this one.
-fn with_headers(kind: &'static str, text: String) -> Response {
+fn with_headers(kind: &'static str, body: impl IntoResponse) -> Response {
     const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; \
                           connect-src 'self'; media-src 'self' blob: mediastream:; base-uri 'none'; \
                           form-action 'none'; frame-ancestors 'none'";
@@ -249,7 +295,7 @@ fn with_headers(kind: &'static str, text: String) -> Response {
         (header::REFERRER_POLICY, "no-referrer"),
         (header::CACHE_CONTROL, "no-store"),
     ];
-    (headers, text).into_response()
+    (headers, body).into_response()
 }
 
 async fn socket(State(hub): State<Arc<Hub>>, upgrade: WebSocketUpgrade) -> Response {

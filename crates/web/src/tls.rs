@@ -1,11 +1,12 @@
 //! TLS connections for the page's server; handshakes run concurrently, so that a slow one blocks no other.
 
+use crate::trust::{self, File};
 use axum::serve::Listener;
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc;
 use tokio_rustls::TlsAcceptor;
@@ -13,6 +14,8 @@ use tokio_rustls::server::TlsStream;
 
 /// A handshake that takes longer is aborted.
 const HANDSHAKE_WITHIN: Duration = Duration::from_secs(10);
+/// No more is read of a request without TLS.
+const LONGEST_REQUEST: usize = 4096;
 /// How many finished connections may wait to be accepted.
 const WAITING: usize = 32;
 
@@ -23,12 +26,12 @@ pub(crate) struct TlsListener {
 }
 
 impl TlsListener {
-    /// Accepts connections from a bound socket.
-    pub fn new(listener: TcpListener, config: rustls::ServerConfig) -> io::Result<Self> {
+    /// Accepts connections from a bound socket; the files are also given without TLS.
+    pub fn new(listener: TcpListener, config: rustls::ServerConfig, files: Vec<File>) -> io::Result<Self> {
         let address = listener.local_addr()?;
         let acceptor = TlsAcceptor::from(Arc::new(config));
         let (tell, ready) = mpsc::channel(WAITING);
-        tokio::spawn(accept(listener, acceptor, tell));
+        tokio::spawn(accept(listener, acceptor, files.into(), tell));
         Ok(Self { address, ready })
     }
 }
@@ -36,6 +39,7 @@ impl TlsListener {
 async fn accept(
     listener: TcpListener,
     acceptor: TlsAcceptor,
+    files: Arc<[File]>,
     tell: mpsc::Sender<(TlsStream<TcpStream>, SocketAddr)>,
 ) {
     while !tell.is_closed() {
@@ -44,7 +48,7 @@ async fn accept(
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
         };
-        let (acceptor, tell) = (acceptor.clone(), tell.clone());
+        let (acceptor, files, tell) = (acceptor.clone(), files.clone(), tell.clone());
         tokio::spawn(async move {
             let _ = stream.set_nodelay(true);
             let handshake = async {
@@ -53,7 +57,7 @@ async fn accept(
                     // A TLS handshake begins with 22 (RFC 8446, 5.1).
                     Ok(1) if first[0] == 22 => acceptor.accept(stream).await.ok(),
                     _ => {
-                        plain(stream).await;
+                        plain(stream, &files).await;
                         None
                     }
                 }
@@ -66,10 +70,16 @@ async fn accept(
 }
 
 /// Answers a client that connected without TLS.
-async fn plain(mut stream: TcpStream) {
-    const ANSWER: &[u8] = b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/plain\r\nContent-Length: 56\r\n\
-        Connection: close\r\n\r\nThis page is given over HTTPS: write https:// before it.\n";
-    let _ = stream.write_all(ANSWER).await;
+async fn plain(mut stream: TcpStream, files: &[File]) {
+    let mut request = [0; LONGEST_REQUEST];
+    let mut length = 0;
+    while let Ok(n @ 1..) = stream.read(&mut request[length..]).await {
+        length += n;
+        if request[..length].windows(4).any(|w| w == b"\r\n\r\n") {
+            break;
+        }
+    }
+    let _ = stream.write_all(&trust::answer(&request[..length], files)).await;
     let _ = stream.shutdown().await;
 }
 

@@ -1,14 +1,17 @@
 //! The session's thread: opens the source, drives the session, and reports to the hub.
 
 use crate::config::{CameraSource, ServeConfig};
+use crate::drawn::Drawn;
 use crate::hub::Hub;
 use crate::lens::{self, LensWatch};
+use crate::start::Start;
+use crate::survive::{Survives, SurvivesIn};
 use crate::wire::{self, ToPage};
-use cairn_engine::{Engine, Output, Runner, SensorMode};
+use cairn_engine::{Output, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
-    Command, Event, LibraryError, MapKeeper, Observer, RoutesLock, Script, Session, WallClock, WallTime,
-    drive_live, feed, routes_in,
+    Command, Event, LensKnowledge, LibraryError, MapKeeper, Observer, RoutesLock, Script, Session, Slam,
+    WallClock, WallTime, drive_live, feed, routes_in,
 };
 use cairn_sources::{PhoneSource, Validator};
 use std::path::{Path, PathBuf};
@@ -16,12 +19,17 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+/// A session over an engine here or elsewhere.
+type Walk = Session<Box<dyn Slam>>;
+
 /// Interval of the status messages.
 const STATUS_EVERY: Duration = Duration::from_millis(100);
 /// Interval of the images.
 const PICTURE_EVERY: Duration = Duration::from_millis(100);
+/// Interval of where the camera is in the map.
+const VIEW_EVERY: Duration = Duration::from_millis(250);
 /// Interval of the map.
-const VIEW_EVERY: Duration = Duration::from_millis(1000);
+const MAP_EVERY: Duration = Duration::from_millis(1000);
 /// Maximum number of landmarks drawn.
 const MOST_POINTS: usize = 4000;
 
@@ -48,12 +56,13 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
         let listed = routes_in(folder, wall_of(hub)(), &serve.session.phrases);
         hub.routes.send_replace(ToPage::Routes(&listed).text().into());
     }
-    let (mut lens, mut config) = (None, serve.config);
+    let (mut lens, mut guessed, mut config) = (None, false, serve.config);
     let (source, mode, has_imu): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
         CameraSource::Page { rig } => {
-            let guessed = rig.is_none();
+            let is_given = rig.is_some();
             let mut phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
-            lens = guessed.then(|| lens_of(hub, serve.keep.clone(), &mut phone)).flatten();
+            lens = (!is_given).then(|| lens_of(hub, serve.keep.clone(), &mut phone)).flatten();
+            guessed = !is_given && !lens.as_ref().is_some_and(LensWatch::is_kept);
             // A phone with motion data makes the map metric.
             let has_imu = phone.rig().imu.is_some();
             // Phones expose row after row, each type with a time of its own.
@@ -68,27 +77,36 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
     };
     let name = source.info().name.clone();
     config.inertial.enabled = has_imu;
-    let (rig, rate_hz) = (source.rig(), source.info().rate_hz);
     let mut session_config = serve.session;
     session_config.source.clone_from(&name);
+    let survives = serve.survives.map(SurvivesIn::new);
+    let before = survives.as_ref().map(|s| s.before()).unwrap_or_default();
+    let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
+    let mut start = Start { begin: serve.slam, name: name.clone(), rig, mode, has_imu, rate_hz, config };
     let mut session = match lock {
         None => {
-            let engine = Engine::new(rig, mode, rate_hz, Runner::Threaded, &config)
+            let (slam, _) = start
+                .slam(None)
                 .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
-            Session::new(engine, session_config)
+            Session::new(slam, session_config)
         }
         Some(lock) => {
-            let kept = MapKeeper::open(lock, rig, mode, rate_hz, Runner::Threaded, &config);
+            let kept = MapKeeper::open_with(lock, before.atlas.clone(), |map| start.slam(map));
             let kept = kept.map_err(|e| SourceError::new(&name, e.to_string(), cure_of(&e)))?;
             kept.notes.iter().for_each(|note| hub.broadcast(&ToPage::Doubt(note)));
             Session::new(kept.engine, session_config).keeping(kept.keeper.with_clock(wall_of(hub)))
         }
     };
+    session.go_on(&before);
+    if guessed {
+        session.knows_of_lens(LensKnowledge::Guessed);
+    }
     feed(source, hub.inbox.clone()).map_err(|e| {
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
     })?;
     hub.running.store(true, Ordering::Relaxed);
-    let mut observer = PageObserver { lens, ..PageObserver::new(hub.clone()) };
+    let mut observer =
+        PageObserver { lens: lens.map(|lens| (lens, start)), survives, ..PageObserver::new(hub.clone()) };
     let ended = drive_live(&mut session, &hub.inbox, &mut Script::default(), &mut observer);
     let closed = session.close();
     observer.finish(&mut session);
@@ -113,6 +131,7 @@ fn cure_of(error: &LibraryError) -> &'static str {
     match error {
         LibraryError::Busy(_) | LibraryError::Folder { .. } => "give another folder with --data",
         LibraryError::Rig(_) => "give a calibration with --rig",
+        LibraryError::Slam(_) => "leave out --isolated",
     }
 }
 
@@ -128,20 +147,32 @@ struct PageObserver {
     status: Option<Instant>,
     picture: Option<Instant>,
     view: Option<Instant>,
+    map: Option<Instant>,
     /// The time of the last image in the clock of its page, if it is from one.
     frame_ms: Option<f64>,
     /// The routes that the pages have: a version, and the route at hand.
     routes: Option<(u64, Option<PathBuf>)>,
-    /// While the lens is a guess, or was kept and is not checked yet.
-    lens: Option<LensWatch>,
+    /// While the lens is a guess, or was kept and is not checked yet; and how to begin again with another.
+    lens: Option<(LensWatch, Start)>,
+    survives: Option<SurvivesIn>,
 }
 
 impl PageObserver {
     fn new(hub: Arc<Hub>) -> Self {
-        Self { hub, status: None, picture: None, view: None, frame_ms: None, routes: None, lens: None }
+        Self {
+            hub,
+            status: None,
+            picture: None,
+            view: None,
+            map: None,
+            frame_ms: None,
+            routes: None,
+            lens: None,
+            survives: None,
+        }
     }
 
-    fn send_status(&self, session: &Session) {
+    fn send_status(&self, session: &Walk) {
         let status = session.status();
         let dropped = self.hub.inbox.dropped();
         let message = ToPage::Status { frame_ms: self.frame_ms, status: &status, dropped };
@@ -149,7 +180,7 @@ impl PageObserver {
     }
 
     /// The kept routes, where they have changed.
-    fn send_routes(&mut self, session: &Session) {
+    fn send_routes(&mut self, session: &Walk) {
         let (version, held) = session.routes_version();
         if self.routes.as_ref().is_some_and(|(v, h)| *v == version && h.as_deref() == held) {
             return;
@@ -158,18 +189,32 @@ impl PageObserver {
         self.hub.routes.send_replace(ToPage::Routes(&session.routes()).text().into());
     }
 
-    /// Estimates the lens while it is a guess; checks a kept one.
-    fn watch_lens(&mut self, session: &Session) {
-        let Some(found) = self.lens.as_mut().and_then(|lens| lens.step(session.engine())) else { return };
+    /// Estimates the lens while it is a guess, and checks a kept one; begins again with one that was found, where nothing hangs
+    /// on the map that was made without it.
+    fn watch_lens(&mut self, session: &mut Walk) {
+        let Some((watch, start)) = &mut self.lens else { return };
+        let Some(found) = watch.step(&**session.engine()) else { return };
         let lens = found.lens;
         self.hub.broadcast(&ToPage::Lens { focal: lens.focal, radial: lens.radial, sigma: lens.sigma });
         if let Some(why) = found.not_kept {
             self.hub.broadcast(&ToPage::Doubt(&why));
         }
+        let Some(next) = watch.with(lens).filter(|_| session.may_begin_again()) else {
+            return session.knows_of_lens(LensKnowledge::FoundForLater);
+        };
+        start.rig.cameras[0].camera = next.camera();
+        match session.begin_again(|map| start.slam(map)) {
+            Ok(notes) => {
+                notes.iter().for_each(|note| self.hub.broadcast(&ToPage::Doubt(note)));
+                *watch = next;
+                session.knows_of_lens(LensKnowledge::Found);
+            }
+            Err(e) => self.hub.broadcast(&ToPage::Trouble(&e.to_string())),
+        }
     }
 
     /// The last messages when the session has ended.
-    fn finish(&mut self, session: &mut Session) {
+    fn finish(&mut self, session: &mut Walk) {
         for event in session.events() {
             self.on_event(session, &event);
         }
@@ -186,8 +231,8 @@ fn due(last: &mut Option<Instant>, every: Duration) -> bool {
     due
 }
 
-impl Observer for PageObserver {
-    fn on_event(&mut self, _: &Session, event: &Event) {
+impl Observer<Box<dyn Slam>> for PageObserver {
+    fn on_event(&mut self, _: &Walk, event: &Event) {
         let pose_ms = match event {
             Event::Said(said) => said.pose.and_then(|pose| self.hub.port.page_ms(pose)),
             Event::Sound(_) => None,
@@ -195,7 +240,7 @@ impl Observer for PageObserver {
         let _ = self.hub.messages.send(wire::event(event, pose_ms).into());
     }
 
-    fn on_output(&mut self, _: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+    fn on_output(&mut self, _: &Walk, packet: &FramePacket, output: &Result<Output, String>) {
         self.frame_ms = self.hub.port.page_ms(packet.stamp);
         if self.hub.pictures_wanted.load(Ordering::Relaxed) == 0 || !due(&mut self.picture, PICTURE_EVERY) {
             return;
@@ -206,7 +251,7 @@ impl Observer for PageObserver {
         }
     }
 
-    fn on_command(&mut self, _: &Session, command: &Command, done: &Result<String, String>) {
+    fn on_command(&mut self, _: &Walk, command: &Command, done: &Result<String, String>) {
         // A page that sets how it is spoken to, as it does whenever it connects, needs no answer.
         if matches!(command, Command::Set(_)) {
             return;
@@ -217,17 +262,29 @@ impl Observer for PageObserver {
         };
         self.hub.broadcast(&ToPage::Did { ok, text });
         // The map on the screens is updated at once.
-        self.view = None;
+        self.map = None;
     }
 
-    fn on_step(&mut self, session: &Session) {
+    fn on_step(&mut self, session: &mut Walk) {
+        self.hub.steps.fetch_add(1, Ordering::Relaxed);
         if due(&mut self.status, STATUS_EVERY) {
             self.send_status(session);
             self.send_routes(session);
             self.watch_lens(session);
+            if let Some(file) = &mut self.survives {
+                file.keep(Survives { holder: self.hub.held(), walk: session.walk_state() });
+            }
         }
-        if self.hub.maps_wanted.load(Ordering::Relaxed) > 0 && due(&mut self.view, VIEW_EVERY) {
-            self.hub.view.send_replace(ToPage::View(&session.view(MOST_POINTS)).text().into());
+        if self.hub.maps_wanted.load(Ordering::Relaxed) == 0 {
+            return;
+        }
+        if due(&mut self.view, VIEW_EVERY) {
+            let camera = session.camera().filter(|_| session.engine_status().valid);
+            self.hub.view.send_replace(ToPage::View { camera }.text().into());
+        }
+        if due(&mut self.map, MAP_EVERY) {
+            let view = session.view(MOST_POINTS);
+            self.hub.map.send_modify(|map| *map = Arc::new(Drawn::of(&view, map)));
         }
     }
 }

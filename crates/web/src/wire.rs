@@ -1,7 +1,7 @@
 //! The messages of the web socket. Text is JSON with one key that names the kind; images are binary.
 
 use cairn_geometry::Vec3;
-use cairn_session::{Event, RouteListed, Status, View, earcon_name};
+use cairn_session::{Event, RouteListed, Status, earcon_name};
 use cairn_sources::Motion;
 use serde::{Deserialize, Serialize};
 
@@ -84,8 +84,8 @@ pub(crate) enum ToPage<'a> {
         /// Packets dropped.
         dropped: usize,
     },
-    /// The map to draw.
-    View(&'a View),
+    /// Where the camera is in the map: position, then the axes right, down and forward; the map itself is binary.
+    View { camera: Option<[[f32; 3]; 4]> },
     /// The kept routes, newest first.
     Routes(&'a [RouteListed]),
     /// An image was refused, or the walk has failed.

@@ -1,5 +1,6 @@
 //! The page's sentences: the document with its texts filled in, and the catalogue of a language for its script.
 
+use crate::authority::Authority;
 use cairn_guide::{DirectionStyle, PhraseConfig, Unit, WORDS_PER_MINUTE};
 use cairn_phrases::{Language, page_messages};
 use cairn_session::{KEYS, STEP_M, SessionConfig};
@@ -36,8 +37,12 @@ fn escaped(text: &str) -> String {
 }
 
 /// What the script needs of a language: its sentences, the keys with their commands, all languages, and how the session
-/// speaks until the page says otherwise.
-pub(crate) fn catalogue(language: Language, session: &SessionConfig) -> String {
+/// speaks until the page says otherwise; and the authority that phones are asked to trust.
+pub(crate) fn catalogue(
+    language: Language,
+    session: &SessionConfig,
+    authority: Option<&Authority>,
+) -> String {
     let keys = KEYS.iter().filter(|k| !NOT_ON_THE_PAGE.contains(&k.line));
     let keys: Map<String, Value> = keys.map(|k| (k.key.to_string(), k.line.into())).collect();
     let languages = Language::ALL.map(|l| [l.code(), l.name()]);
@@ -46,6 +51,7 @@ pub(crate) fn catalogue(language: Language, session: &SessionConfig) -> String {
         "languages": languages,
         "keys": keys,
         "speaking": speaking(&session.phrases, session.announcer.rate),
+        "authority": authority.map(|a| json!({ "name": a.name(), "fingerprint": a.fingerprint() })),
         "messages": page_messages(language),
     })
     .to_string()
@@ -100,7 +106,7 @@ mod tests {
 
     #[test]
     fn catalogue_has_the_keys_of_the_terminal() {
-        let text = catalogue(Language::German, &SessionConfig::default());
+        let text = catalogue(Language::German, &SessionConfig::default(), None);
         let catalogue: Value = serde_json::from_str(&text).unwrap();
         assert_eq!(catalogue["keys"]["g"], "guide");
         assert_eq!(catalogue["keys"].as_object().unwrap().len(), KEYS.len() - NOT_ON_THE_PAGE.len());

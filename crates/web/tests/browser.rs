@@ -93,15 +93,7 @@ fn page_records_and_guides_home_in_a_browser() {
     };
     let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
     let camera = CameraSource::Page { rig: Some(Box::new(Rig::mono(camera()))) };
-    let server = Server::start(ServeConfig {
-        lan: false,
-        port: 0,
-        keep: None,
-        routes: None,
-        camera,
-        config: Config::default(),
-        session,
-    });
+    let server = Server::start(ServeConfig { session, ..ServeConfig::new(camera) });
     let server = server.unwrap();
     let url = server.invitation().urls[0].clone();
 
@@ -200,16 +192,7 @@ fn building() -> CameraSource {
 }
 
 fn keeping(folder: &Path) -> Server {
-    Server::start(ServeConfig {
-        lan: false,
-        port: 0,
-        keep: None,
-        routes: Some(folder.to_owned()),
-        camera: building(),
-        config: Config::default(),
-        session: SessionConfig::default(),
-    })
-    .unwrap()
+    Server::start(ServeConfig { routes: Some(folder.to_owned()), ..ServeConfig::new(building()) }).unwrap()
 }
 
 /// Records a route with a note, names it, ends the server; another one finds it, guides along it and tells the note.
@@ -338,16 +321,7 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     };
     let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
     let camera = CameraSource::Page { rig: None };
-    let server = Server::start(ServeConfig {
-        lan: false,
-        port: 0,
-        keep: None,
-        routes: None,
-        camera,
-        config: Config::default(),
-        session,
-    })
-    .unwrap();
+    let server = Server::start(ServeConfig { session, ..ServeConfig::new(camera) }).unwrap();
     let url = server.invitation().urls[0].clone();
     let phone = browser.open(&url, [390, 844]);
     wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
@@ -489,6 +463,185 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     assert_eq!(formatted, "1 von 1 Bild; 7 Treffer. | 1 von 3 Bildern; 7 Treffer. | Bild 2,5 s alt");
     let kept = "[document.querySelector('[name=told]:checked').value, speed.value, unit.value, directions.value, sounds.checked, language.value, document.documentElement.lang].join()";
     assert_eq!(browser.eval(&phone, kept), "reader,240,steps,clock,false,de,de");
+    assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
+}
+
+/// The map in three dimensions: by keys alone, in both schemes, on a phone and a desk; flat where WebGL is missing.
+#[test]
+#[ignore = "needs Chromium: see .ci/run"]
+fn map_is_drawn_in_three_dimensions_in_a_browser() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-map");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    let video = folder.join("walk.y4m");
+    write_video(&video, &route_out()[..2]);
+    let Some(mut browser) = Browser::start(&folder, &video) else {
+        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
+        return;
+    };
+    let server = keeping(&folder.join("routes"));
+    let url = server.invitation().urls[0].clone();
+    let desk = browser.open(&url, [1400, 900]);
+    let without = "const own = HTMLCanvasElement.prototype.getContext; HTMLCanvasElement.prototype.getContext = \
+        function (kind, ...rest) { return kind === 'webgl' ? null : own.call(this, kind, ...rest); };";
+    let flat = browser.open_after(&url, [390, 844], without);
+    let phone = browser.open(&url, [390, 844]);
+    browser.still(&phone);
+    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
+    browser.click(&phone, "#take");
+    wait(&mut browser, &phone, "Record", "#main", 20.0);
+    settle();
+    browser.click(&phone, "#main");
+    wait(&mut browser, &phone, "Stop recording", "#main", 10.0);
+    std::thread::sleep(Duration::from_secs(14));
+    settle();
+    browser.click(&phone, "#main");
+    wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
+    let is_solid = "document.getElementById('map').getContext('2d') === null";
+    assert_eq!(browser.eval(&phone, is_solid), true, "WebGL is not used");
+    assert_eq!(browser.eval(&flat, is_solid), false);
+    for tab in [&phone, &flat, &desk] {
+        browser.eval(tab, "document.getElementById('maps').scrollIntoView()");
+    }
+    wait(&mut browser, &phone, "way of the camera", "#map-legend", 5.0);
+    wait(&mut browser, &phone, "A square of the grid is", "#map-grid", 5.0);
+    wait(&mut browser, &phone, " m", "#map-scale", 5.0);
+    for tab in [&phone, &desk, &flat] {
+        assert!(browser.drawn(tab, "#map"), "the map is empty");
+    }
+    assert_eq!(browser.eval(&flat, "document.getElementById('map-controls').hidden"), true);
+    for scheme in ["light", "dark"] {
+        for (tab, name) in [(&phone, "phone"), (&desk, "desk"), (&flat, "flat")] {
+            browser.scheme(tab, scheme);
+            browser.eval(tab, "document.getElementById('maps').scrollIntoView()");
+            std::thread::sleep(Duration::from_millis(1200));
+            browser.picture(tab, &folder.join(format!("{name}-{scheme}.png")));
+            accessible(&mut browser, tab, &format!("map, {name}, {scheme}"));
+        }
+    }
+    // By keys alone: turned, moved, larger, and all of it again.
+    browser.still(&phone);
+    let shown = |browser: &mut Browser| {
+        std::thread::sleep(Duration::from_millis(200));
+        browser.eval(&phone, "document.getElementById('map-scale').textContent + document.getElementById('map').toDataURL().length")
+    };
+    browser.eval(&phone, "document.getElementById('map').focus()");
+    let bar = |browser: &mut Browser| browser.text(&phone, "#map-scale");
+    let before = bar(&mut browser);
+    let mut last = shown(&mut browser);
+    for key in ["ArrowLeft", "ArrowUp", "+", "+", "+", "+", "+"] {
+        browser.key(&phone, key);
+        let now = shown(&mut browser);
+        assert_ne!(now, last, "{key} changes nothing");
+        last = now;
+    }
+    assert_ne!(bar(&mut browser), before, "the scale bar follows the size");
+    browser.picture(&phone, &folder.join("phone-near.png"));
+    browser.key(&phone, "0");
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(bar(&mut browser), before);
+    browser.click(&phone, "#map-follow");
+    browser.eval(
+        &phone,
+        "document.getElementById('map-colour').value = 'age'; document.getElementById('map-colour').dispatchEvent(new Event('change'))",
+    );
+    wait(&mut browser, &phone, "new", "#map-ramp-to", 2.0);
+    std::thread::sleep(Duration::from_millis(300));
+    browser.picture(&phone, &folder.join("phone-follow.png"));
+    // Under guidance the cleaned route is drawn.
+    settle();
+    browser.click(&phone, "#main");
+    std::thread::sleep(Duration::from_secs(3));
+    browser.eval(&desk, "document.getElementById('maps').scrollIntoView()");
+    browser.picture(&desk, &folder.join("desk-guiding.png"));
+    assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
+}
+
+/// A browser that refuses web sockets, as Safari on a phone that does not trust the certificate.
+const REFUSES: &str = "window.WebSocket = class {
+    constructor() { this.readyState = 0; setTimeout(() => { this.readyState = 3; this.onerror?.(); this.onclose?.(); }, 5); }
+    close() {}
+    send() { throw new Error('not open'); }
+};";
+
+/// The phone's page goes on with plain requests: pictures up, status, words and map down, the same rules.
+#[test]
+#[ignore = "needs Chromium: see .ci/run"]
+fn page_without_web_sockets_walks_in_a_browser() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-requests");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    let video = folder.join("walk.y4m");
+    write_video(&video, &route_out());
+    let Some(mut browser) = Browser::start(&folder, &video) else {
+        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
+        return;
+    };
+    let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
+    let camera = CameraSource::Page { rig: Some(Box::new(Rig::mono(camera()))) };
+    let server = Server::start(ServeConfig {
+        authority: true,
+        keep: Some(folder.join("data")),
+        session,
+        ..ServeConfig::new(camera)
+    })
+    .unwrap();
+    let url = server.invitation().urls[0].clone();
+    let phone = browser.open_after(&url, [390, 844], REFUSES);
+    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
+    wait(&mut browser, &phone, "Connected by the slower way", "#link", 5.0);
+    let fingerprint = server.authority().unwrap().fingerprint();
+    wait(&mut browser, &phone, &fingerprint, "#trust-compare", 1.0);
+    assert_eq!(browser.eval(&phone, "document.getElementById('trust').open"), true);
+    let steps = browser.eval(
+        &phone,
+        "(() => { const said = []; speechSynthesis.speak = (u) => said.push(u.text); document.getElementById('trust-say').click(); \
+         return said.join(' '); })()",
+    );
+    assert!(steps.as_str().unwrap().contains("1. Get the certificate. 2. Open Settings"), "{steps}");
+    for scheme in ["light", "dark"] {
+        browser.scheme(&phone, scheme);
+        browser.eval(&phone, "scrollTo(0, 0)");
+        browser.picture(&phone, &folder.join(format!("phone-before-{scheme}.png")));
+        browser.eval(&phone, "document.getElementById('trust').scrollIntoView()");
+        browser.picture(&phone, &folder.join(format!("phone-trust-{scheme}.png")));
+        accessible(&mut browser, &phone, &format!("steps to trust, {scheme}"));
+    }
+    browser.eval(&phone, "scrollTo(0, 0)");
+    browser.click(&phone, "#camera");
+    wait(&mut browser, &phone, "You control this walk", "#control", 20.0);
+    wait(&mut browser, &phone, "frames", "#s-tracking", 10.0);
+    browser.key(&phone, "r");
+    wait(&mut browser, &phone, "Recording", "#log", 10.0);
+    wait(&mut browser, &phone, "I know where we are.", "#s-tracking", 20.0);
+    wait(&mut browser, &phone, "A map of", "#map-words", 10.0);
+    wait(&mut browser, &phone, " s old", "#age-now", 5.0);
+    let frames = |browser: &mut Browser| {
+        let text = browser.text(&phone, "#s-tracking");
+        let words: Vec<&str> = text.split(' ').collect();
+        let at = words.iter().position(|w| w.starts_with("frame")).unwrap();
+        words[at - 1].parse::<f64>().unwrap()
+    };
+    let (before, began) = (frames(&mut browser), Instant::now());
+    std::thread::sleep(Duration::from_secs(4));
+    let rate = (frames(&mut browser) - before) / began.elapsed().as_secs_f64();
+    println!("{rate:.1} pictures a second by requests");
+    assert!(rate > 2.0, "{rate} pictures a second");
+    browser.key(&phone, "s");
+    wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
+    // Another screen, with a web socket, watches; this page takes over, and the phone stops.
+    let desk = browser.open(&url, [1400, 900]);
+    wait(&mut browser, &desk, "you watch", "#control", 20.0);
+    assert!(!browser.text(&desk, "#link").contains("slower"));
+    browser.eval(&desk, "document.getElementById('trust').open = true");
+    for scheme in ["light", "dark"] {
+        browser.scheme(&desk, scheme);
+        std::thread::sleep(Duration::from_millis(1500));
+        browser.picture(&desk, &folder.join(format!("desk-{scheme}.png")));
+        accessible(&mut browser, &desk, &format!("desk with the steps, {scheme}"));
+    }
+    drop(server);
+    wait(&mut browser, &phone, "Stop. The connection is lost.", "#log", 6.0);
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
 

@@ -1,6 +1,6 @@
 //! The server as a browser uses it, but without a browser: TLS, the page's files, access, control, messages.
 
-use cairn_engine::{Config, SensorMode};
+use cairn_engine::SensorMode;
 use cairn_sensor::Source;
 use cairn_session::SessionConfig;
 use cairn_sim::{SimConfig, SimSource};
@@ -29,16 +29,7 @@ fn folder(name: &str) -> PathBuf {
 
 fn server(name: &str, camera: CameraSource) -> Server {
     let session = SessionConfig { folder: folder(name), ..SessionConfig::default() };
-    Server::start(ServeConfig {
-        lan: false,
-        port: 0,
-        keep: None,
-        routes: None,
-        camera,
-        config: Config::default(),
-        session,
-    })
-    .unwrap()
+    Server::start(ServeConfig { session, ..ServeConfig::new(camera) }).unwrap()
 }
 
 /// A walk through a world, played in real time.
@@ -140,6 +131,17 @@ async fn next(page: &mut Page, kind: &str) -> Value {
     tokio::time::timeout(Duration::from_secs(10), find).await.unwrap_or_else(|_| panic!("no \"{kind}\" came"))
 }
 
+/// The next binary message of a kind.
+async fn binary(page: &mut Page, kind: u8) -> Vec<u8> {
+    loop {
+        if let Message::Binary(bytes) = page.from.recv().await.expect("it is open")
+            && bytes[0] == kind
+        {
+            return bytes.to_vec();
+        }
+    }
+}
+
 fn greeting(server: &Server, secret: &str) -> Value {
     let token = &server.invitation().token;
     json!({ "hello": { "token": token, "walk": true, "secret": secret, "origin": 1 } })
@@ -161,19 +163,67 @@ async fn holder(page: &mut Page, id: &Value) -> Value {
     }
 }
 
+/// The answer to a request without TLS.
+fn without_tls(server: &Server, path: &str) -> String {
+    let mut plain = TcpStream::connect(server.address()).unwrap();
+    plain.write_all(format!("GET {path} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).unwrap();
+    let mut bytes = Vec::new();
+    let _ = plain.read_to_end(&mut bytes);
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+/// A phone downloads the authority's certificate without TLS, and then trusts the page; the authority stays the same at the
+/// next start, the certificate of the page does not have to.
+#[tokio::test]
+async fn page_is_trusted_by_a_phone_that_trusts_its_authority() {
+    let data = folder("authority-data");
+    let start = || {
+        let session = SessionConfig { folder: folder("authority"), ..SessionConfig::default() };
+        Server::start(ServeConfig {
+            authority: true,
+            keep: Some(data.clone()),
+            session,
+            ..ServeConfig::new(CameraSource::Page { rig: None })
+        })
+        .unwrap()
+    };
+    let first = start();
+    let profile = without_tls(&first, "/authority.mobileconfig");
+    assert!(
+        profile.contains("application/x-apple-aspen-config") && profile.contains("</plist>"),
+        "{profile}"
+    );
+    assert!(without_tls(&first, "/").contains("400 Bad Request"));
+    let certificate = first.certificate().clone();
+    assert_eq!(first.authority().unwrap().der(), &certificate);
+    let fingerprint = first.authority().unwrap().fingerprint();
+    assert!(get(&first, "/words/en.json").contains(&fingerprint));
+    assert!(get(&first, "/authority.crt").contains("application/x-x509-ca-cert"));
+    drop(first);
+    let second = start();
+    assert_eq!(second.certificate(), &certificate, "the phone need not be asked again");
+    // The handshake is made by a client that knows nothing but the authority.
+    let mut page = enter(&second, "one").await;
+    next(&mut page, "hello").await;
+    drop(second);
+    std::fs::remove_dir_all(data).unwrap();
+}
+
+/// The answer to a request over TLS.
+fn get(server: &Server, path: &str) -> String {
+    let mut connection = rustls::ClientConnection::new(tls(server), "localhost".try_into().unwrap()).unwrap();
+    let mut stream = TcpStream::connect(server.address()).unwrap();
+    let mut tls = rustls::Stream::new(&mut connection, &mut stream);
+    write!(tls, "GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").unwrap();
+    let mut bytes = Vec::new();
+    let _ = tls.read_to_end(&mut bytes);
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
 #[tokio::test]
 async fn page_is_served_over_tls_with_content_policy() {
     let server = server("files", CameraSource::Page { rig: None });
-    let get = |path: &str| {
-        let mut connection =
-            rustls::ClientConnection::new(tls(&server), "localhost".try_into().unwrap()).unwrap();
-        let mut stream = TcpStream::connect(server.address()).unwrap();
-        let mut tls = rustls::Stream::new(&mut connection, &mut stream);
-        write!(tls, "GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").unwrap();
-        let mut text = String::new();
-        let _ = tls.read_to_string(&mut text);
-        text
-    };
+    let get = |path: &str| get(&server, path);
     for path in [
         "/",
         "/words.js",
@@ -186,6 +236,15 @@ async fn page_is_served_over_tls_with_content_policy() {
         "/routes.js",
         "/buttons.js",
         "/view.js",
+        "/map.js",
+        "/model.js",
+        "/orbit.js",
+        "/scene.js",
+        "/trust.js",
+        "/link.js",
+        "/kept.js",
+        "/state.js",
+        "/requests.js",
         "/style.css",
         "/icon.svg",
     ] {
@@ -199,11 +258,12 @@ async fn page_is_served_over_tls_with_content_policy() {
     assert!(get("/secret").starts_with("HTTP/1.1 404"));
     let german = get("/ HTTP/1.1\r\nAccept-Language: de-AT, en;q=0.5\r\nX-Rest:");
     assert!(german.contains("<html lang=\"de\">") && german.contains(">Aufnahme beenden</span>"), "{german}");
+    // Without an authority there is nothing to trust.
+    for text in [get("/authority.crt"), without_tls(&server, "/authority.crt")] {
+        assert!(text.starts_with("HTTP/1.1 4"), "{text}");
+    }
     // Without TLS the answer gives the right address.
-    let mut plain = TcpStream::connect(server.address()).unwrap();
-    plain.write_all(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n").unwrap();
-    let mut text = String::new();
-    let _ = plain.read_to_string(&mut text);
+    let text = without_tls(&server, "/");
     assert!(text.contains("https://"), "{text}");
 }
 
@@ -228,14 +288,13 @@ async fn token_is_required_and_one_page_controls() {
     // Both receive the status.
     while next(&mut watcher, "status").await["tracked"].as_u64().unwrap() < 5 {}
     send(&mut watcher, json!({ "want": { "picture": true, "map": true } })).await;
-    let picture = loop {
-        if let Some(Message::Binary(bytes)) = watcher.from.recv().await {
-            break bytes;
-        }
-    };
-    assert_eq!(picture[..5], [1, 64, 1, 240, 0]);
-    let view = next(&mut watcher, "view").await;
-    assert!(view["points"].as_array().unwrap().len() > 50 && view["camera"].is_array());
+    assert_eq!(binary(&mut watcher, 1).await[..5], [1, 64, 1, 240, 0]);
+    assert!(next(&mut watcher, "view").await["camera"].is_array());
+    // The first map is whole, with its points; the next has only what changed.
+    let [first, second] = [binary(&mut watcher, 2).await, binary(&mut watcher, 2).await];
+    let points = |map: &[u8]| u32::from_le_bytes(map[24..28].try_into().unwrap());
+    assert!(first[1] == 1 && points(&first) > 50, "{:?}", &first[..28]);
+    assert!(second.len() < first.len() || second[1] == 1, "{} bytes, then {}", first.len(), second.len());
 
     // The page that holds the walk decides how it is spoken to, and needs no answer to that; each page is refused in
     // its own language.

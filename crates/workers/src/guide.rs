@@ -1,4 +1,4 @@
-//! The guide process: poses and the journal of the map in, words out.
+//! The guide process: poses and the journal of the map in, words out, or the file of a route that is recorded.
 //!
 //! It is the part that must speak when another has died. Word that what makes the poses is late or dead makes it say "stop" at once; once
 //! poses come again it goes on. It keeps nothing: a guide that is started again finds the walker on the route by the next
@@ -6,28 +6,134 @@
 
 use crate::journal::Tail;
 use crate::message::{Failure, Order, Report, Said, Tracked, read, write};
-use cairn_guide::{Earcon, StopReason};
+use cairn_atlas::Snapshot;
+use cairn_guide::{Earcon, RecorderConfig, StopReason};
+use cairn_phrases::Language;
 use cairn_sensor::Stamp;
-use cairn_session::{Event, RouteGuide};
+use cairn_session::{Event, RouteGuide, RouteRecorder};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+
+/// What the process does: it guides, or it records.
+pub enum Work {
+    /// Along a route.
+    Guide(Box<RouteGuide>),
+    /// A new route.
+    Record(RecordTo),
+}
+
+/// Where a route is recorded.
+pub struct RecordTo {
+    /// Its file.
+    pub path: PathBuf,
+    /// It goes on in that file from the beginning.
+    pub exists: bool,
+    /// The run begins without a map.
+    pub without_map: bool,
+    /// A description of the source.
+    pub source: String,
+    /// The recorder's configuration.
+    pub config: RecorderConfig,
+    /// The language of what is said of the recording.
+    pub language: Language,
+}
 
 /// Runs until the supervisor is gone. `open` reads the route. In real time poses grow old while none comes, and the guide
 /// says stop by itself.
 pub fn run<F>(mut from: impl Read, mut to: impl Write, is_realtime: bool, open: F)
 where
-    F: FnOnce() -> Result<RouteGuide, Failure>,
+    F: FnOnce() -> Result<Work, Failure>,
 {
-    let Ok(Some(Order::Guide { folder, began })) = read(&mut from) else { return };
-    let said = open().and_then(|guide| {
-        let guide = guide.began_at(began.map(Stamp));
-        let guiding = Guiding { guide, folder, tail: None, last: None, poses_come: true, is_realtime };
-        guiding.work(&mut from, &mut to)
+    let Ok(Some(Order::Guide { folder, began, again })) = read(&mut from) else { return };
+    let began = began.map(Stamp);
+    let said = open().and_then(|work| match work {
+        Work::Guide(guide) => {
+            let guide = guide.began_at(began);
+            let guiding = Guiding { guide, folder, tail: None, last: None, poses_come: true, is_realtime };
+            guiding.work(&mut from, &mut to)
+        }
+        Work::Record(to_file) => {
+            let resumes = to_file.exists || again;
+            Recording { to: to_file, resumes, recorder: None, folder, tail: None, began }
+                .work(&mut from, &mut to)
+        }
     });
     if let Err(why) = said {
         // Without a supervisor there is nobody to tell.
         let _ = write(&mut to, &Report::Failed(why));
+    }
+}
+
+/// Records a route. It keeps nothing: a process that takes its place goes on in the file.
+struct Recording {
+    to: RecordTo,
+    resumes: bool,
+    recorder: Option<RouteRecorder>,
+    folder: PathBuf,
+    tail: Option<Tail>,
+    began: Option<Stamp>,
+}
+
+impl Recording {
+    fn work(mut self, from: &mut impl Read, to: &mut impl Write) -> Result<(), Failure> {
+        if self.resumes && self.to.path.exists() {
+            let resumed = RouteRecorder::resume(&self.to.path, self.to.config);
+            self.recorder = Some(resumed.map_err(|e| self.failed(&e))?);
+        }
+        let until = self.recorder.as_ref().and_then(RouteRecorder::until).map(|t| t.0);
+        let mut reports = vec![Report::Ready { key_frames: 0, version: 0 }, Report::RecordedUntil(until)];
+        loop {
+            for report in reports.drain(..) {
+                if write(to, &report).is_err() {
+                    return Ok(());
+                }
+            }
+            match read(from) {
+                Ok(Some(Order::Tracked(frame))) => reports.extend(self.tracked(&frame)?),
+                Ok(Some(Order::Missed(frame))) => drop(self.tracked(&frame)?),
+                Ok(Some(Order::Ping)) => reports.push(Report::Pong),
+                Ok(Some(Order::End)) => {
+                    reports.push(Report::Recorded(self.recorder.take().map_or(Ok(0), RouteRecorder::finish)));
+                }
+                Ok(Some(_)) => {}
+                Ok(None) | Err(_) => return Ok(()),
+            }
+        }
+    }
+
+    fn tracked(&mut self, frame: &Tracked) -> Result<Option<Report>, Failure> {
+        let stamp = Stamp(frame.stamp);
+        let began = *self.began.get_or_insert(stamp);
+        follow(&mut self.tail, &self.folder)?;
+        let Some(tail) = &self.tail else { return Ok(None) };
+        let camera = tail.file().about.camera;
+        let mut trouble = None;
+        let recorder = match &mut self.recorder {
+            Some(recorder) => recorder,
+            None => {
+                // The map in which the run began: what was mapped since says nothing of that.
+                let empty = Snapshot::with_octaves(tail.map().octaves());
+                let map = if self.to.without_map { &empty } else { tail.map() };
+                let begun =
+                    RouteRecorder::begin(&self.to.path, map, &camera, &self.to.source, self.to.config);
+                trouble = begun.1;
+                self.recorder.insert(begun.0)
+            }
+        };
+        if let Some(why) = trouble {
+            return Err(self.failed(&why));
+        }
+        let place = frame.place.as_ref().and_then(|p| p.to_tracked(stamp, frame.metric));
+        let words = recorder.tracked(tail.map(), &camera, stamp, place.as_ref());
+        Ok(words.map(|id| {
+            let text = self.to.language.text(id);
+            Report::Said(Said::Words { text, t_s: stamp - began, interrupts: false })
+        }))
+    }
+
+    fn failed(&self, why: &dyn std::fmt::Display) -> Failure {
+        Failure::new(self.to.path.display().to_string(), why, "give another file with --record")
     }
 }
 
@@ -72,6 +178,10 @@ impl Guiding {
         self.last = Some((stamp, Instant::now()));
         follow(&mut self.tail, &self.folder)?;
         let Some(tail) = &self.tail else { return Ok(()) };
+        // A frame from before capture died is late: no direction is given from it.
+        if !self.poses_come {
+            return Ok(());
+        }
         let place = frame.place.as_ref().and_then(|p| p.to_tracked(stamp, frame.metric));
         self.guide.tracked(tail.map(), stamp, place.as_ref()).map_err(cannot_guide)
     }

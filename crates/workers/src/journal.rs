@@ -10,8 +10,9 @@
 //! changes-VERSION.log     magic 8 | format u32, then commits later than VERSION: length u32 | crc32 u32 | bytes
 //! ```
 //!
-//! Once the log has [`MAX_LOG_BYTES`], a new base is saved on a thread while commits go on into the next log; the old files
-//! are removed when it is complete.
+//! Once the log has [`MAX_LOG_BYTES`], or more commits than are read back in a moment, a new base is saved on a thread while
+//! commits go on into the next log. The old base is removed when it is complete, the log before it with the next one: who
+//! follows it has read it by then.
 
 mod tail;
 
@@ -26,6 +27,10 @@ use std::thread::JoinHandle;
 
 /// A log as long as this gets a successor.
 pub const MAX_LOG_BYTES: u64 = 32 << 20;
+/// So does one of so many commits, and one more for each [`BYTES_A_COMMIT`] of the base: reading a commit takes 0.1 ms and more
+/// however small it is, a large base takes long to save.
+const MAX_LOG_COMMITS: u64 = 200;
+const BYTES_A_COMMIT: u64 = 50_000;
 
 const MAGIC: [u8; 8] = *b"\x8ccrnlog\n";
 const HEADER: usize = 12;
@@ -62,7 +67,11 @@ pub struct JournalWriter {
     log: File,
     path: PathBuf,
     bytes: u64,
-    base: Option<JoinHandle<Result<(), JournalError>>>,
+    commits: u64,
+    /// The version with which this log begins.
+    version: u64,
+    base_bytes: u64,
+    base: Option<JoinHandle<Result<u64, JournalError>>>,
 }
 
 /// A map as it was a moment ago.
@@ -71,8 +80,9 @@ pub struct Recovered {
     pub file: MapFile,
     /// How many commits were applied.
     pub commits: usize,
-    /// The last log, and how many of its bytes are whole.
-    log: Option<(PathBuf, u64)>,
+    /// The version with which the last log begins, its file, and how many of its bytes are whole.
+    log: Option<(u64, PathBuf, u64)>,
+    base_bytes: u64,
 }
 
 impl JournalWriter {
@@ -82,9 +92,18 @@ impl JournalWriter {
     /// [`JournalError`] when the files cannot be written.
     pub fn begin(folder: &Path, base: &MapFile) -> Result<Self, JournalError> {
         let version = base.snapshot.version();
-        base.save(&base_path(folder, version))?;
+        let base_bytes = base.save(&base_path(folder, version))?;
         let (log, path) = new_log(folder, version)?;
-        Ok(Self { folder: folder.to_owned(), log, path, bytes: HEADER as u64, base: None })
+        Ok(Self {
+            folder: folder.to_owned(),
+            log,
+            path,
+            bytes: HEADER as u64,
+            commits: 0,
+            version,
+            base_bytes,
+            base: None,
+        })
     }
 
     /// Goes on with a journal that was recovered: what is not whole at its end is cut off.
@@ -92,7 +111,7 @@ impl JournalWriter {
     /// # Errors
     /// [`JournalError`] when the files cannot be written.
     pub fn resume(folder: &Path, from: &Recovered) -> Result<Self, JournalError> {
-        let Some((path, whole)) = &from.log else { return Self::begin(folder, &from.file) };
+        let Some((version, path, whole)) = &from.log else { return Self::begin(folder, &from.file) };
         let open = || -> io::Result<File> {
             let mut log = File::options().write(true).open(path)?;
             log.set_len(*whole)?;
@@ -100,7 +119,16 @@ impl JournalWriter {
             Ok(log)
         };
         let log = open().map_err(failed(path, "continue"))?;
-        Ok(Self { folder: folder.to_owned(), log, path: path.clone(), bytes: *whole, base: None })
+        Ok(Self {
+            folder: folder.to_owned(),
+            log,
+            path: path.clone(),
+            bytes: *whole,
+            commits: from.commits as u64,
+            version: *version,
+            base_bytes: from.base_bytes,
+            base: None,
+        })
     }
 
     /// Appends a commit.
@@ -115,12 +143,19 @@ impl JournalWriter {
         record.extend(bytes);
         self.log.write_all(&record).map_err(failed(&self.path, "append"))?;
         self.bytes += record.len() as u64;
+        self.commits += 1;
         Ok(())
     }
 
     /// Whether the log is so long that [`JournalWriter::rebase`] is due.
     pub fn is_long(&self) -> bool {
-        self.bytes > MAX_LOG_BYTES && self.base.as_ref().is_none_or(JoinHandle::is_finished)
+        let many = MAX_LOG_COMMITS + self.base_bytes / BYTES_A_COMMIT;
+        (self.bytes > MAX_LOG_BYTES || self.commits > many) && self.is_complete()
+    }
+
+    /// Whether the base of the last [`JournalWriter::rebase`] is saved.
+    pub fn is_complete(&self) -> bool {
+        self.base.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
     /// Saves this map, whose commits have all been appended, as the new base, on a thread.
@@ -129,20 +164,21 @@ impl JournalWriter {
     /// [`JournalError`] when the new log cannot be made, or the base before could not be saved.
     pub fn rebase(&mut self, map: MapFile) -> Result<(), JournalError> {
         if let Some(Ok(result)) = self.base.take().map(JoinHandle::join) {
-            result?;
+            self.base_bytes = result?;
         }
         let version = map.snapshot.version();
+        let kept = std::mem::replace(&mut self.version, version);
         (self.log, self.path) = new_log(&self.folder, version)?;
-        self.bytes = HEADER as u64;
+        (self.bytes, self.commits) = (HEADER as u64, 0);
         let folder = self.folder.clone();
         let save = move || {
-            map.save(&base_path(&folder, version))?;
+            let bytes = map.save(&base_path(&folder, version))?;
             for (older, path) in versions(&folder)? {
-                if older < version {
+                if older < version && (is_base(&path) || older != kept) {
                     fs::remove_file(&path).map_err(failed(&path, "remove"))?;
                 }
             }
-            Ok(())
+            Ok(bytes)
         };
         let spawned = std::thread::Builder::new().name("cairn-base".into()).spawn(save);
         self.base = Some(spawned.map_err(failed(&self.folder, "start a thread"))?);
@@ -158,10 +194,16 @@ impl JournalWriter {
 pub fn recover(folder: &Path) -> Result<Option<Recovered>, JournalError> {
     let files = versions(folder)?;
     let base = files.iter().rev().find(|(_, path)| is_base(path));
-    let Some((_, base)) = base else { return Ok(None) };
+    let Some((begins, base)) = base else { return Ok(None) };
     let mut file = MapFile::load(base)?;
+    let base_bytes = fs::metadata(base).map_err(failed(base, "read"))?.len();
     let (mut commits, mut last) = (0, None);
-    for (_, path) in files.iter().filter(|(_, path)| !is_base(path)) {
+    let logs: Vec<_> = files.iter().filter(|(_, path)| !is_base(path)).collect();
+    for (n, (version, path)) in logs.iter().enumerate() {
+        // All of it is in the base: the next log begins no later than that.
+        if logs.get(n + 1).is_some_and(|(next, _)| next <= begins) {
+            continue;
+        }
         let bytes = fs::read(path).map_err(failed(path, "read"))?;
         let Some(mut at) = check(path, &bytes)? else { continue };
         while let Some((record, next)) = record(&bytes, at) {
@@ -174,9 +216,20 @@ pub fn recover(folder: &Path) -> Result<Option<Recovered>, JournalError> {
             }
             at = next;
         }
-        last = Some((path.clone(), at as u64));
+        last = Some((*version, path.clone(), at as u64));
     }
-    Ok(Some(Recovered { file, commits, log: last }))
+    Ok(Some(Recovered { file, commits, log: last, base_bytes }))
+}
+
+/// Removes the journal of a folder.
+///
+/// # Errors
+/// [`JournalError`] when a file cannot be removed.
+pub fn remove(folder: &Path) -> Result<(), JournalError> {
+    for (_, path) in versions(folder)? {
+        fs::remove_file(&path).map_err(failed(&path, "remove"))?;
+    }
+    Ok(())
 }
 
 /// The map after a commit; `None` when it is not the next one.

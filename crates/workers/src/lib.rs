@@ -1,6 +1,7 @@
 #![cfg(unix)]
 #![doc = include_str!("../README.md")]
 
+mod anchored;
 mod backoff;
 pub mod capture;
 pub mod guide;
@@ -9,14 +10,20 @@ mod limits;
 pub mod message;
 pub mod pixels;
 mod process;
+mod remote;
+mod respawn;
 pub mod ring;
 mod run_folder;
+mod seen;
 pub mod slam;
 mod supervision;
 mod supervisor;
+mod worker;
 
 pub use journal::JournalError;
 pub use limits::{die_with_parent, limit_memory};
+pub use remote::{RemoteSetup, RemoteSlam};
+pub use respawn::respawn;
 pub use run_folder::{RunFolder, SHARED_MEMORY, remove_abandoned};
 pub use supervision::{Death, Supervised, Supervision, Told};
 pub use supervisor::supervise;
@@ -35,6 +42,8 @@ pub enum Role {
     Slam,
     /// Guides along a route.
     Guide,
+    /// Serves the page of a walk: its session, with recording and guide.
+    Walk,
 }
 
 impl Role {
@@ -44,12 +53,13 @@ impl Role {
             Self::Capture => "capture",
             Self::Slam => "slam",
             Self::Guide => "guide",
+            Self::Walk => "walk",
         }
     }
 
     /// The role of this name.
     pub fn named(name: &str) -> Option<Self> {
-        [Self::Capture, Self::Slam, Self::Guide].into_iter().find(|role| role.name() == name)
+        [Self::Capture, Self::Slam, Self::Guide, Self::Walk].into_iter().find(|role| role.name() == name)
     }
 }
 
@@ -91,6 +101,16 @@ fn rig_of(folder: &Path, opened: &Opened) -> Result<Rig, Failure> {
     let cure = "free some shared memory, or run without --isolated";
     std::fs::write(&path, &opened.rig).map_err(|e| Failure::new(path.display().to_string(), e, cure))?;
     Ok(cairn_sources::read_rig(&path)?)
+}
+
+/// The name of sensors on the command line; [`mode_of`] reads it back.
+fn sensor_name(mode: SensorMode, imu: bool) -> String {
+    let cameras = match mode {
+        SensorMode::Mono => "mono",
+        SensorMode::Stereo => "stereo",
+        SensorMode::Rgbd => "rgbd",
+    };
+    format!("{cameras}{}", if imu { "-imu" } else { "" })
 }
 
 /// The camera mode of a name on the command line, and whether the IMU is used.

@@ -5,8 +5,11 @@
 //! ([`crate::ring`]). A message is its length, a checksum and its form in postcard. A pipe neither loses nor reorders; what
 //! a worker had not acknowledged when it died is sent again to its successor by the supervisor.
 
-use cairn_atlas::KeyFrameId;
-use cairn_geometry::{Pose, Se3, Sim3, Similarity, So3, Vec3};
+pub use crate::anchored::Anchored;
+use crate::anchored::{numbers, se3};
+use crate::seen::Seen;
+use cairn_engine::Config;
+use cairn_geometry::{Pose, Se3, Sim3, Similarity, Vec3};
 use cairn_guide::{Anchor, Confidence};
 use cairn_sensor::{ImuSample, Stamp};
 use cairn_session::TrackedPlace;
@@ -44,6 +47,9 @@ pub enum Order {
         opened: Opened,
         /// The number of this process among all of the run: odometry of another one is in another frame.
         start: u64,
+        /// For a session that is in another process: the engine's configuration. Every frame is then told with all that
+        /// a session needs (`Seen`).
+        session: Option<Box<Config>>,
     },
     /// To the guide, first.
     Guide {
@@ -51,9 +57,13 @@ pub enum Order {
         folder: PathBuf,
         /// The stamp of the first frame of the run (ns), where there was one.
         began: Option<i64>,
+        /// It takes the place of one that died: a recording goes on in its file.
+        again: bool,
     },
     /// To the guide: SLAM has done a frame.
     Tracked(Box<Tracked>),
+    /// To the guide that records: SLAM has done this frame before; nothing is to be said of it.
+    Missed(Box<Tracked>),
     /// To the guide: whether poses come, or what makes them is late or dead.
     PosesCome(bool),
     /// A frame lies in the ring.
@@ -94,6 +104,10 @@ pub enum Report {
     },
     /// Guide: something is to be heard now.
     Said(Said),
+    /// Guide: the time of the last point of its recording (ns), where there is one; it waits for the frames since.
+    RecordedUntil(Option<i64>),
+    /// Guide: the recording has ended, or why its file does not hold all of it.
+    Recorded(Result<usize, String>),
     /// The answer to a ping.
     Pong,
     /// All is done and written.
@@ -172,6 +186,8 @@ pub struct Tracked {
     pub ms: f64,
     /// The pose as the guide needs it, when it is known.
     pub place: Option<Place>,
+    /// All that a session needs, where SLAM works for one.
+    pub seen: Option<Box<Seen>>,
 }
 
 /// A pose for the guide; the fields are those of `cairn_session::TrackedPlace`, poses as in [`Anchored`].
@@ -185,6 +201,7 @@ pub struct Place {
     anchor_from_camera: [f64; 7],
     /// Good 0, low 1, lost 2.
     confidence: u8,
+    quality: f32,
 }
 
 /// Something to be heard.
@@ -223,17 +240,6 @@ pub enum Outcome {
     Torn,
 }
 
-/// A pose that is anchored to a key frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Anchored {
-    /// The key frame's index.
-    pub reference: u32,
-    /// `reference_from_camera`: quaternion (x y z w) and translation.
-    pub reference_from_camera: [f64; 7],
-    /// `world_from_camera`, likewise.
-    pub world_from_camera: [f64; 7],
-}
-
 /// The end of SLAM.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Finished {
@@ -267,26 +273,6 @@ impl Frame {
     }
 }
 
-impl Anchored {
-    /// From the engine's.
-    pub fn of(pose: &cairn_engine::AnchoredPose) -> Self {
-        Self {
-            reference: pose.reference.index() as u32,
-            reference_from_camera: numbers(&pose.reference_from_camera),
-            world_from_camera: numbers(&pose.world_from_camera),
-        }
-    }
-
-    /// To the engine's; `None` when the numbers are no pose.
-    pub fn pose(&self) -> Option<cairn_engine::AnchoredPose> {
-        Some(cairn_engine::AnchoredPose {
-            reference: KeyFrameId::from_index(self.reference as usize)?,
-            reference_from_camera: se3(&self.reference_from_camera)?,
-            world_from_camera: se3(&self.world_from_camera)?,
-        })
-    }
-}
-
 /// In order of the numbers of [`Place::confidence`].
 const CONFIDENCES: [Confidence; 3] = [Confidence::Good, Confidence::Low, Confidence::Lost];
 
@@ -303,6 +289,7 @@ impl Place {
             anchor: place.anchor,
             anchor_from_camera: numbers(&place.anchor_from_camera),
             confidence: confidence.unwrap_or(2) as u8,
+            quality: place.quality,
         }
     }
 
@@ -318,22 +305,10 @@ impl Place {
             anchor: self.anchor,
             anchor_from_camera: se3(&self.anchor_from_camera)?,
             confidence: *CONFIDENCES.get(usize::from(self.confidence))?,
+            quality: self.quality,
             metric,
         })
     }
-}
-
-fn numbers(pose: &Se3) -> [f64; 7] {
-    let (q, t) = (pose.rotation.quaternion(), pose.translation);
-    [q.i, q.j, q.k, q.w, t.x, t.y, t.z]
-}
-
-/// Bit for bit what [`numbers`] was given.
-fn se3(n: &[f64; 7]) -> Option<Se3> {
-    let q = nalgebra::Quaternion::new(n[3], n[0], n[1], n[2]);
-    let rotation = So3::from_quaternion(nalgebra::UnitQuaternion::new_unchecked(q));
-    let pose = Se3::new(rotation, Vec3::new(n[4], n[5], n[6]));
-    ((q.norm() - 1.0).abs() < 1e-6 && pose.is_finite()).then_some(pose)
 }
 
 /// Writes a message and flushes it.

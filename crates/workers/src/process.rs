@@ -95,7 +95,8 @@ impl Drop for Process {
     }
 }
 
-fn words(status: ExitStatus) -> String {
+/// How a process ended.
+pub fn words(status: ExitStatus) -> String {
     use std::os::unix::process::ExitStatusExt;
     match (status.signal(), status.code()) {
         (Some(6), _) => "it aborted (signal 6), as when its memory limit is reached".into(),

@@ -33,8 +33,13 @@ impl RunFolder {
 
     /// The ring of frames.
     pub fn ring(&self) -> PathBuf {
-        self.0.join("frames.ring")
+        ring_in(&self.0)
     }
+}
+
+/// The ring of frames in the folder of a run.
+pub(crate) fn ring_in(folder: &Path) -> PathBuf {
+    folder.join("frames.ring")
 }
 
 impl Drop for RunFolder {

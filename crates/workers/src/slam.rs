@@ -8,6 +8,7 @@ use crate::message::{
     Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Place, Report, Tracked, read, write,
 };
 use crate::ring::{Borrowed, Ring};
+use crate::seen::Seen;
 use crate::{mode_of, pixels};
 use cairn_atlas::Subscription;
 use cairn_engine::{Config, Engine, Joined, Runner, Verdict, record_input};
@@ -25,8 +26,10 @@ const MOST_UNPOSED: usize = 1000;
 
 /// Runs until the frames have ended or the supervisor is gone.
 pub fn run(mut from: impl Read, mut to: impl Write, config: &Config, runner: Runner) {
-    let Ok(Some(Order::Map { ring, folder, opened, start })) = read(&mut from) else { return };
+    let Ok(Some(Order::Map { ring, folder, opened, start, session })) = read(&mut from) else { return };
+    let (config, whole) = (session.as_deref().unwrap_or(config), session.is_some());
     let said = Slam::begin(&ring, &folder, &opened, start, config, runner)
+        .map(|slam| Slam { whole, ..slam })
         .and_then(|slam| slam.work(&mut from, &mut to));
     if let Err(why) = said {
         // Without a supervisor there is nobody to tell.
@@ -46,6 +49,8 @@ struct Slam<'a> {
     unposed: Vec<(u64, usize)>,
     finished: Finished,
     start: u64,
+    /// It works for a session, which needs all of a frame's output.
+    whole: bool,
     bytes: Vec<u8>,
 }
 
@@ -96,6 +101,7 @@ impl<'a> Slam<'a> {
             unposed: Vec::new(),
             finished: Finished::default(),
             start,
+            whole: false,
             bytes: Vec::new(),
         })
     }
@@ -137,6 +143,7 @@ impl<'a> Slam<'a> {
             metric: false,
             ms: 0.0,
             place: None,
+            seen: None,
         };
         self.imu.extend(frame.imu_samples());
         let found = self.ring.read(frame.number, &mut self.bytes);
@@ -158,6 +165,7 @@ impl<'a> Slam<'a> {
                 tracked.pose = output.anchored.as_ref().map(Anchored::of);
                 let seen = record_input(&output, &self.engine.snapshot());
                 tracked.place = TrackedPlace::of(&output, &seen).map(|p| Place::of(&p, self.start));
+                tracked.seen = self.whole.then(|| Box::new(Seen::of(&output, self.start)));
                 (tracked.metric, tracked.ms) = (output.metric, output.extract_ms + output.track_ms);
                 if tracked.pose.is_none() && self.unposed.len() < MOST_UNPOSED {
                     self.unposed.push((frame.number, self.engine.log().frames().len() - 1));

@@ -19,6 +19,8 @@ pub struct Supervision {
     pub late_limit: Duration,
     /// Whether there is a guide.
     pub guide: bool,
+    /// Whether it records.
+    pub records: bool,
 }
 
 /// What the supervisor tells while the run goes on.
@@ -102,6 +104,9 @@ pub struct Supervised {
     pub finished: Finished,
     /// Packets that could not be read, one line each.
     pub skipped: Vec<String>,
+    /// The points of the recorded route, or why its file does not hold all of it; `None` where none is recorded, or who records
+    /// it was given up.
+    pub recorded: Option<Result<usize, String>>,
     /// Processes that died.
     pub deaths: Vec<Death>,
     /// Frames without a pose after each death of SLAM, and seconds from its death to the next pose.

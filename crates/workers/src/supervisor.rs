@@ -4,13 +4,13 @@
 //! keeps is what must survive a worker: the frames that are not acknowledged yet, the poses so far, what is known of the
 //! source. It has one thread, and sees everything as one queue of events.
 
-use crate::backoff::Backoff;
 use crate::capture::SLOTS;
 use crate::message::{Finished, Frame, Opened, Order, Outcome, Report, Tracked};
 use crate::process::{Event, Process, What};
 use crate::run_folder::RunFolder;
 use crate::slam::FINAL_MAP;
 use crate::supervision::{Death, Supervised, Supervision, Told};
+use crate::worker::Worker;
 use crate::{Role, SuperviseError};
 use cairn_atlas::store::MapFile;
 use std::collections::{BTreeMap, VecDeque};
@@ -18,8 +18,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
-/// Interval of the pings, at which SLAM also writes what is due.
-const PING: Duration = Duration::from_millis(100);
 /// The queue of events is left at least so often.
 const TICK: Duration = Duration::from_millis(20);
 /// Frames that SLAM has in hand at most: few, so that a ping is answered soon.
@@ -28,8 +26,6 @@ const IN_HAND: usize = 4;
 const BEGIN_LIMIT: Duration = Duration::from_secs(60);
 /// The final adjustment of a map may take this long.
 const FINISH_LIMIT: Duration = Duration::from_secs(900);
-/// A process that lived so long is not in a crash loop.
-const LONG_LIFE: Duration = Duration::from_secs(10);
 /// A frame at which SLAM has died so often is left out.
 const DEATHS_AT_A_FRAME: usize = 2;
 
@@ -67,6 +63,9 @@ pub fn supervise(
         source_ended: false,
         skipped: Vec::new(),
         finished: None,
+        recorded: None,
+        guide_waits: how.records,
+        guide_given_up: false,
         deaths: Vec::new(),
         died_at: (u64::MAX, 0),
         recovering: None,
@@ -75,49 +74,6 @@ pub fn supervise(
     run.start(Role::Capture)?;
     run.go(&events, stop)?;
     run.end()
-}
-
-/// A worker and the process that does its work at present.
-struct Worker {
-    process: Option<Process>,
-    /// Number of the process among all that were started.
-    start: u64,
-    /// It has begun its work.
-    ready: bool,
-    began: Instant,
-    heard: Instant,
-    pinged: Instant,
-    /// What it has done counts since its start: only deaths without any are a crash loop.
-    progress: bool,
-    backoff: Backoff,
-    /// When it is started again.
-    due: Option<Instant>,
-    /// It was told that there are no more frames.
-    ending: bool,
-}
-
-impl Worker {
-    fn new() -> Self {
-        let now = Instant::now();
-        Self {
-            process: None,
-            start: 0,
-            ready: false,
-            began: now,
-            heard: now,
-            pinged: now,
-            progress: false,
-            backoff: Backoff::default(),
-            due: None,
-            ending: false,
-        }
-    }
-
-    fn order(&self, order: Order) {
-        if let Some(process) = &self.process {
-            process.order(order);
-        }
-    }
 }
 
 /// SLAM since its last death, until it has a pose.
@@ -154,6 +110,10 @@ struct Run<'a, 't> {
     source_ended: bool,
     skipped: Vec<String>,
     finished: Option<Finished>,
+    recorded: Option<Result<usize, String>>,
+    /// A guide that records has not said yet what it has: frames are kept for it.
+    guide_waits: bool,
+    guide_given_up: bool,
     deaths: Vec<Death>,
     /// The frame at which SLAM died last, and how often.
     died_at: (u64, usize),
@@ -164,7 +124,7 @@ struct Run<'a, 't> {
 impl Run<'_, '_> {
     fn go(&mut self, events: &Receiver<Event>, stop: &AtomicBool) -> Result<(), SuperviseError> {
         let mut looked = Instant::now();
-        while self.finished.is_none() {
+        while self.finished.is_none() || self.is_recording() {
             match events.recv_timeout(TICK) {
                 Ok(event) => self.event(event)?,
                 Err(RecvTimeoutError::Timeout) => {}
@@ -193,11 +153,16 @@ impl Run<'_, '_> {
         Ok(())
     }
 
+    fn is_recording(&self) -> bool {
+        self.how.records && self.recorded.is_none() && !self.guide_given_up
+    }
+
     fn worker(&mut self, role: Role) -> &mut Worker {
         match role {
             Role::Capture => &mut self.capture,
             Role::Slam => &mut self.slam,
-            Role::Guide => &mut self.guide,
+            // A walk has a supervisor of its own (`respawn`): nothing of it is here.
+            Role::Guide | Role::Walk => &mut self.guide,
         }
     }
 
@@ -221,21 +186,30 @@ impl Run<'_, '_> {
             },
             Role::Slam => {
                 let Some(opened) = self.opened.clone() else { return Ok(()) };
-                Order::Map { ring: self.folder.ring(), folder: self.folder.path().to_owned(), opened, start }
+                Order::Map {
+                    ring: self.folder.ring(),
+                    folder: self.folder.path().to_owned(),
+                    opened,
+                    start,
+                    session: None,
+                }
             }
-            Role::Guide => Order::Guide { folder: self.folder.path().to_owned(), began: self.first_stamp },
+            Role::Walk => return Ok(()),
+            Role::Guide => Order::Guide {
+                folder: self.folder.path().to_owned(),
+                began: self.first_stamp,
+                again: self.guide.start > 0,
+            },
         };
         let process = Process::start((self.how.command)(role), role, start, to)
             .map_err(|e| SuperviseError::Start { role, why: e.to_string() })?;
         process.order(first);
         if role == Role::Guide {
+            self.guide_waits = self.how.records;
             process.order(Order::PosesCome(self.poses_come));
         }
         (self.tell)(Told::Started { role, id: process.id() });
-        let now = Instant::now();
-        let worker = self.worker(role);
-        let backoff = std::mem::take(&mut worker.backoff);
-        *worker = Worker { process: Some(process), start, backoff, heard: now, pinged: now, ..Worker::new() };
+        self.worker(role).started(process, start);
         Ok(())
     }
 
@@ -295,6 +269,11 @@ impl Run<'_, '_> {
                 }
             }
             Report::Pong => {}
+            Report::RecordedUntil(until) => self.missed(until),
+            Report::Recorded(recorded) => {
+                self.recorded = Some(recorded);
+                self.guide.process = None;
+            }
             Report::Said(said) => (self.tell)(Told::Said(&said)),
             Report::Finished(finished) => self.finished = Some(finished),
             Report::Failed(why) => return Err(why.into()),
@@ -324,10 +303,21 @@ impl Run<'_, '_> {
             if tracked.number >= self.fresh_from {
                 self.poses_come(true);
             }
-            self.guide.order(Order::Tracked(Box::new(tracked.clone())));
+            if !self.guide_waits {
+                self.guide.progress = true;
+                self.guide.order(Order::Tracked(Box::new(tracked.clone())));
+            }
         }
         (self.tell)(Told::Tracked(&tracked));
         self.log.insert(tracked.number, tracked);
+    }
+
+    /// Gives a guide that records the frames since its last point, that frame too.
+    fn missed(&mut self, until: Option<i64>) {
+        for tracked in self.log.values().filter(|t| until.is_none_or(|until| t.stamp >= until)) {
+            self.guide.order(Order::Missed(Box::new(tracked.clone())));
+        }
+        self.guide_waits = false;
     }
 
     /// Gives frames to SLAM and credit to capture, and says when there are no more.
@@ -342,6 +332,11 @@ impl Run<'_, '_> {
                 self.slam.order(Order::End);
             }
         }
+        let has_all = self.source_ended && self.pending.is_empty() && !self.guide_waits;
+        if self.is_recording() && has_all && self.guide.ready && !self.guide.ending {
+            self.guide.ending = true;
+            self.guide.order(Order::End);
+        }
         // No frame is written over that is not acknowledged.
         let oldest = self.pending.front().map_or(self.next, |f| f.number);
         let credit = oldest + u64::from(SLOTS);
@@ -355,17 +350,13 @@ impl Run<'_, '_> {
     fn look_after(&mut self, role: Role) -> Result<(), SuperviseError> {
         let hang_limit = self.how.hang_limit;
         let worker = self.worker(role);
-        if worker.due.is_some_and(|due| due <= Instant::now()) {
-            worker.due = None;
+        if worker.take_due() {
             return self.start(role);
         }
         if worker.process.is_none() {
             return Ok(());
         }
-        if worker.pinged.elapsed() >= PING {
-            worker.pinged = Instant::now();
-            worker.order(Order::Ping);
-        }
+        worker.ping();
         let limit = match (worker.ready, worker.ending) {
             (false, _) => BEGIN_LIMIT,
             (true, true) => FINISH_LIMIT,
@@ -387,7 +378,7 @@ impl Run<'_, '_> {
         let (at_frame, t_s) = (self.pending.front().map_or(self.next, |f| f.number), self.began.elapsed());
         let worker = self.worker(role);
         let Some(process) = worker.process.take() else { return Ok(()) };
-        let (had_begun, progress) = (worker.ready, worker.progress || worker.began.elapsed() > LONG_LIFE);
+        let (had_begun, progress) = (worker.ready, worker.has_done_work());
         let status = process.end();
         let how = why.unwrap_or(status);
         worker.ready = false;
@@ -404,6 +395,7 @@ impl Run<'_, '_> {
         if role == Role::Guide && delay.is_none() {
             (self.tell)(Told::GivenUp { role });
             self.deaths.push(death);
+            self.guide_given_up = true;
             return Ok(());
         }
         let Some(delay) = delay else {
@@ -436,7 +428,16 @@ impl Run<'_, '_> {
                 let (stamp, ms) = (frame.stamp, 0.0);
                 self.log.insert(
                     number,
-                    Tracked { number, stamp, outcome, pose: None, metric: false, ms, place: None },
+                    Tracked {
+                        number,
+                        stamp,
+                        outcome,
+                        pose: None,
+                        metric: false,
+                        ms,
+                        place: None,
+                        seen: None,
+                    },
                 );
             }
         }
@@ -452,6 +453,7 @@ impl Run<'_, '_> {
             map,
             finished: self.finished.unwrap_or_default(),
             skipped: self.skipped,
+            recorded: self.recorded,
             deaths: self.deaths,
             relocalised: self.relocalised,
         })

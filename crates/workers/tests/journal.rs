@@ -169,6 +169,37 @@ fn followers_see_every_commit_also_over_a_new_base() {
 }
 
 #[test]
+fn log_of_many_small_commits_gets_a_successor_that_followers_find() {
+    let folder = Folder::new("many");
+    let mut growing = Growing::new();
+    let mut journal = JournalWriter::begin(&folder.0, &file(growing.atlas.latest())).unwrap();
+    let mut tail = Tail::open(&folder.0).unwrap().unwrap();
+    let mut rebased = 0;
+    for n in 0..600 {
+        growing.commit(&mut journal);
+        if journal.is_long() {
+            let first = log_of(&folder.0);
+            journal.rebase(file(growing.atlas.latest())).unwrap();
+            rebased += 1;
+            // Also when the new base is complete before the follower looks.
+            while !journal.is_complete() {
+                std::thread::sleep(std::time::Duration::from_millis(1));
+            }
+            assert!(first.exists(), "the log that a follower may still read is kept");
+            growing.commit(&mut journal);
+        }
+        if n % 7 == 0 {
+            tail.follow().unwrap();
+            same(tail.map(), growing.atlas.latest());
+        }
+    }
+    assert!((1..=3).contains(&rebased), "{rebased} bases");
+    let recovered = recover(&folder.0).unwrap().unwrap();
+    same(&recovered.file.snapshot, growing.atlas.latest());
+    assert!(recovered.commits <= 400, "{} commits are read back", recovered.commits);
+}
+
+#[test]
 fn follower_waits_for_a_commit_that_is_being_written() {
     let folder = Folder::new("half");
     let mut growing = Growing::new();

@@ -12,7 +12,7 @@
 //! ```
 
 use super::error::StoreError;
-use std::io::{self, Seek, SeekFrom, Write};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 
 /// First bytes of a map file; the line ends reveal a transfer in text mode.
 pub const MAGIC: [u8; 8] = *b"\x8ccairn\r\n";
@@ -34,11 +34,13 @@ enum Codec {
 
 /// A part's row in the table.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Entry {
-    name: String,
+pub(crate) struct Entry {
+    /// Its name.
+    pub name: String,
     codec: Codec,
     plain: u64,
-    stored: u64,
+    /// Bytes in the file.
+    pub stored: u64,
     crc: u32,
 }
 
@@ -145,6 +147,11 @@ pub struct PartInfo {
 }
 
 impl<'a> Parts<'a> {
+    /// Parts of which the bytes are at hand, of a file of this version and length.
+    pub fn of(version: u32, bytes: u64, entries: Vec<(Entry, &'a [u8])>) -> Self {
+        Self { version, bytes, entries }
+    }
+
     /// Reads header and table and checks that the length of the file is right; `newest` is the latest format
     /// version that can be read.
     pub fn open(bytes: &'a [u8], newest: u32) -> Result<Self, StoreError> {
@@ -244,10 +251,15 @@ impl<'a> Parts<'a> {
         let Some((entry, stored)) = self.entries.iter().find(|(e, _)| e.name == name) else {
             return Err(StoreError::part(name, "it is missing"));
         };
-        check_length(entry, stored)?;
-        if crc32fast::hash(stored) != entry.crc {
-            return Err(StoreError::part(name, "its checksum does not match: bytes were altered"));
-        }
+        entry.unpack(stored, plain)
+    }
+}
+
+impl Entry {
+    /// Checks the bytes of the part and unpacks them into a reusable buffer.
+    pub fn unpack(&self, stored: &[u8], plain: &mut Vec<u8>) -> Result<(), StoreError> {
+        let (entry, name) = (self, &self.name);
+        self.check(stored)?;
         plain.clear();
         match entry.codec {
             Codec::Plain if entry.plain == entry.stored => plain.extend_from_slice(stored),
@@ -269,18 +281,33 @@ impl<'a> Parts<'a> {
         }
         Ok(())
     }
+
+    /// Checks length and checksum of the bytes of the part.
+    pub fn check(&self, stored: &[u8]) -> Result<(), StoreError> {
+        check_length(self, stored)?;
+        if crc32fast::hash(stored) != self.crc {
+            return Err(StoreError::part(&self.name, "its checksum does not match: bytes were altered"));
+        }
+        Ok(())
+    }
+
+    /// Reads the bytes of the part from where the file stands into a reusable buffer; they are not checked.
+    pub fn read(&self, file: &mut impl Read, stored: &mut Vec<u8>) -> io::Result<()> {
+        stored.clear();
+        file.take(self.stored).read_to_end(stored).map(|_| ())
+    }
 }
 
 /// The first bytes of a file.
-struct Header {
-    version: u32,
-    table_bytes: usize,
-    file_bytes: u64,
-    table_crc: u32,
+pub(super) struct Header {
+    pub version: u32,
+    pub table_bytes: usize,
+    pub file_bytes: u64,
+    pub table_crc: u32,
 }
 
 /// Reads the header from the start of a file; `newest` is the latest format version that can be read.
-fn read_header(bytes: &[u8], newest: u32) -> Result<Header, StoreError> {
+pub(super) fn read_header(bytes: &[u8], newest: u32) -> Result<Header, StoreError> {
     if bytes.is_empty() {
         return Err(StoreError::Foreign("it is empty".into()));
     }
@@ -318,7 +345,7 @@ fn check_length(entry: &Entry, stored: &[u8]) -> Result<(), StoreError> {
     Err(StoreError::part(&entry.name, why))
 }
 
-fn read_table(table: &[u8]) -> Result<Vec<Entry>, StoreError> {
+pub(super) fn read_table(table: &[u8]) -> Result<Vec<Entry>, StoreError> {
     let mut entries: Vec<Entry> = Vec::new();
     let mut rest = table;
     while !rest.is_empty() {

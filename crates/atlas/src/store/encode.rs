@@ -3,7 +3,7 @@
 use super::about::{About, encode_camera, numbers};
 use super::container::PartsWriter;
 use super::error::StoreError;
-use super::layout::{ATTACHED, CAMERAS, CHUNK, DESCRIPTORS, MapFile, NO_PICK, ONE_CAMERA};
+use super::layout::{ATTACHED, CAMERAS, CHUNK, DESCRIPTORS, FEATURES, MapFile, NO_PICK, ONE_CAMERA, SHOWN};
 use super::wire::Encoder;
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::DESCRIPTOR_ID;
@@ -37,6 +37,9 @@ impl Rows {
 
 pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(), StoreError> {
     let snapshot = &file.snapshot;
+    if let Some(fault) = snapshot.read_fault() {
+        return Err(StoreError::Unfit(fault.to_owned()));
+    }
     let rows = Rows::new(snapshot);
     let key_frames: Vec<&KeyFrame> = snapshot.key_frames().collect();
     let mut names: Vec<String> =
@@ -45,7 +48,8 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
             .into();
     let mixed = snapshot.other_cameras().next().is_some();
     names.extend(mixed.then(|| CAMERAS.to_owned()));
-    names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("features {i}")));
+    names.push(SHOWN.to_owned());
+    names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("{FEATURES}{i}")));
     names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
     let mut parts = PartsWriter::begin(out, if mixed { super::VERSION } else { ONE_CAMERA }, names)?;
     parts.put(&about(&file.about, snapshot))?;
@@ -54,14 +58,15 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     parts.put(&motion(snapshot, &key_frames, &rows))?;
     parts.put(&gone(snapshot))?;
     parts.put(&landmarks(snapshot))?;
-    parts.put(&words(&key_frames))?;
+    parts.put(&words(&key_frames)?)?;
     parts.put(&robots(snapshot))?;
     parts.put(&DESCRIPTOR_ID.to_le_bytes())?;
     if mixed {
         parts.put(&cameras(snapshot, &key_frames)?)?;
     }
+    parts.put(&shown(snapshot, &key_frames, &rows))?;
     for chunk in key_frames.chunks(CHUNK) {
-        parts.put(&features(chunk, &rows))?;
+        parts.put(&features(chunk, &rows)?)?;
     }
     for bytes in file.attached.values() {
         parts.put(bytes)?;
@@ -111,10 +116,10 @@ fn key_frame_columns(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     column(&|k| k.id.raw());
     column(&|k| k.parent.map_or(0, |p| rows.key_frame(p) + 1));
     column(&|k| rows.key_frame(k.map.root()));
-    column(&|k| k.frame.len() as u32);
+    column(&|k| k.landmarks.len() as u32);
     column(&|k| k.links.len() as u32);
     column(&|k| k.covisible.len() as u32);
-    e.column(key_frames.iter().map(|k| k.frame.stamp.0.to_le_bytes()));
+    e.column(key_frames.iter().map(|k| k.stamp.0.to_le_bytes()));
     for i in 0..7 {
         e.column_f64(&key_frames.iter().map(|k| numbers(&k.world_from_camera)[i]).collect::<Vec<_>>());
     }
@@ -170,34 +175,57 @@ fn landmarks(snapshot: &Snapshot) -> Vec<u8> {
     for i in 0..3 {
         e.column_f64(&snapshot.landmarks().map(|l| l.position[i]).collect::<Vec<_>>());
     }
-    let pick = |l: &crate::Landmark| {
-        let its = |o: &crate::Observation| {
-            snapshot.key_frame(o.key_frame).and_then(|k| k.frame.descriptors.get(usize::from(o.feature)))
-        };
-        l.observations.iter().position(|o| its(o) == Some(&l.descriptor)).map_or(NO_PICK, |i| i as u32)
+    let pick = |l: &crate::Landmark| match usize::from(l.pick) < l.observations.len() {
+        true => u32::from(l.pick),
+        false => NO_PICK,
     };
     e.column_u32(&snapshot.landmarks().map(pick).collect::<Vec<_>>());
     e.0
 }
 
-fn words(key_frames: &[&KeyFrame]) -> Vec<u8> {
+/// The rows, from 1, of the landmarks that features show.
+fn rows_shown(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u32> {
+    let slots = key_frames.iter().flat_map(|k| &k.landmarks);
+    slots.map(|l| l.map_or(0, |id| rows.landmark(id) + 1)).collect()
+}
+
+fn shown(snapshot: &Snapshot, key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
-    e.u32(Vocabulary::current().facts().checksum);
-    let bags = || key_frames.iter().map(|k| &k.bag);
-    e.column_u32(&bags().map(|b| b.words().len() as u32).collect::<Vec<_>>());
-    e.column_u32(&bags().map(|b| b.nodes().len() as u32).collect::<Vec<_>>());
+    e.column_u32(&rows_shown(key_frames, rows));
+    snapshot.landmarks().for_each(|l| e.u8(l.octave));
+    e.column_f32(&snapshot.landmarks().map(|l| l.angle).collect::<Vec<_>>());
+    snapshot.landmarks().for_each(|l| e.0.extend(l.descriptor));
+    e.0
+}
+
+fn words(key_frames: &[&KeyFrame]) -> Result<Vec<u8>, StoreError> {
     // Words and nodes are rising within a key frame: their differences are small.
-    let (mut word_steps, mut node_steps) = (Vec::new(), Vec::new());
-    for bag in bags() {
+    let (mut word_steps, mut weights, mut word_counts) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut node_steps, mut features, mut node_counts) = (Vec::new(), Vec::new(), Vec::new());
+    for k in key_frames {
+        let bag = k.bag.glance().map_err(unreadable(k))?;
+        word_counts.push(bag.words().len() as u32);
+        node_counts.push(bag.nodes().len() as u32);
         steps(bag.words().iter().map(|(word, _)| word.0), &mut word_steps);
         steps(bag.nodes().iter().map(|(node, _)| *node), &mut node_steps);
+        weights.extend(bag.words().iter().map(|(_, weight)| *weight));
+        features.extend(bag.nodes().iter().map(|(_, feature)| *feature));
     }
+    let mut e = Encoder::default();
+    e.u32(Vocabulary::current().facts().checksum);
+    e.column_u32(&word_counts);
+    e.column_u32(&node_counts);
     e.column_u32(&word_steps);
-    e.column_f32(&bags().flat_map(|b| b.words()).map(|(_, weight)| *weight).collect::<Vec<_>>());
+    e.column_f32(&weights);
     e.column_u32(&node_steps);
-    let features: Vec<u16> = bags().flat_map(|b| b.nodes()).map(|(_, feature)| *feature).collect();
-    e.column(features.iter().map(|f| f.to_le_bytes()));
-    e.0
+    e.column(features.iter().map(|f: &u16| f.to_le_bytes()));
+    Ok(e.0)
+}
+
+/// The error of a key frame whose features are on the disk and cannot be read.
+fn unreadable(k: &KeyFrame) -> impl FnOnce(String) -> StoreError {
+    let id = k.id;
+    move |fault| StoreError::Unfit(format!("{id:?}: {fault}"))
 }
 
 /// Stretches of ids, first those of key frames, then those of landmarks.
@@ -236,10 +264,12 @@ fn steps(values: impl Iterator<Item = u32>, into: &mut Vec<u32>) {
     into.extend(values.map(|v| v - std::mem::replace(&mut before, v)));
 }
 
-fn features(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
-    let total = key_frames.iter().map(|k| k.frame.len()).sum::<usize>();
+fn features(key_frames: &[&KeyFrame], rows: &Rows) -> Result<Vec<u8>, StoreError> {
+    let total = key_frames.iter().map(|k| k.landmarks.len()).sum::<usize>();
     let mut e = Encoder(Vec::with_capacity(total * 65 + 1));
-    let frames = || key_frames.iter().map(|k| &k.frame);
+    let read = key_frames.iter().map(|k| k.frame.glance().map_err(unreadable(k)));
+    let read = read.collect::<Result<Vec<_>, _>>()?;
+    let frames = || read.iter();
     // Rectified and raw pixels are the same where there is no lens.
     let raw_is_px = frames()
         .all(|f| f.raw.iter().flatten().map(|v| v.to_bits()).eq(f.px.iter().flatten().map(|v| v.to_bits())));
@@ -259,9 +289,8 @@ fn features(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     floats(&mut e, &|f, c| c.extend(&f.angle));
     floats(&mut e, &|f, c| c.extend(&f.right_x));
     floats(&mut e, &|f, c| c.extend(&f.depth));
-    let slots = key_frames.iter().flat_map(|k| &k.landmarks);
-    e.column_u32(&slots.map(|l| l.map_or(0, |id| rows.landmark(id) + 1)).collect::<Vec<_>>());
+    e.column_u32(&rows_shown(key_frames, rows));
     frames().for_each(|f| e.0.extend(&f.octave));
     frames().for_each(|f| f.descriptors.iter().for_each(|d| e.0.extend(d)));
-    e.0
+    Ok(e.0)
 }

@@ -16,11 +16,14 @@
 //! | robots | since version 4: which robot created which key frames and landmarks |
 //! | cameras | in version 5: the cameras of key frames that are not the atlas's; which key frame has which |
 //! | descriptors | which descriptors the features have; in files without it, those of the first release |
+//! | shown | what of the features is needed before they are read: the landmarks that they show; level, angle and descriptor of each
+//! landmark. A file without it, of an earlier program, is read whole |
 //! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
 //! | attached/NAME | what the map does not know: recorded routes, depth of key frames (`depth.rs`) |
 //!
 //! Words are used as stored when this program has the vocabulary that made them, else computed again.
-//! Observations, normals, ranges and descriptors of landmarks are derived from these when a map is loaded.
+//! Observations, normals and ranges of landmarks are derived from these when a map is loaded, and where features are read, their
+//! descriptors.
 
 use super::about::About;
 use crate::Snapshot;
@@ -37,6 +40,10 @@ pub(super) const CAMERAS: &str = "cameras";
 pub(super) const ATTACHED: &str = "attached/";
 /// The part that tells what the bits of descriptors mean.
 pub(super) const DESCRIPTORS: &str = "descriptors";
+/// The part that makes it possible to leave features in the file.
+pub(super) const SHOWN: &str = "shown";
+/// Beginning of the names of the parts of features.
+pub(super) const FEATURES: &str = "features ";
 /// Key frames in one part of features.
 pub(super) const CHUNK: usize = 64;
 /// No observation has the landmark's descriptor.

@@ -13,6 +13,8 @@ mod decode;
 mod depth;
 mod encode;
 mod error;
+mod in_file;
+mod later;
 mod layout;
 pub mod pieces;
 mod virtual_baseline;
@@ -27,8 +29,12 @@ pub use layout::{MapFile, VERSION};
 
 use container::Parts;
 use decode::Damage;
+use in_file::Places;
+use later::LaterFeatures;
+use layout::{FEATURES, SHOWN};
 use std::io::{BufWriter, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Largest file that is read as a map.
 const MAX_BYTES: u64 = 64 << 30;
@@ -101,6 +107,36 @@ impl Table {
     }
 }
 
+/// Opens a file without its features, if it can be.
+fn open(path: &Path) -> Result<Option<MapFile>, StoreError> {
+    let failed = || StoreError::file(path, "cannot read");
+    let named = |e| match e {
+        StoreError::File { doing, source, .. } => StoreError::File { path: path.to_owned(), doing, source },
+        other => other,
+    };
+    let mut file = cairn_files::open(path, MAX_BYTES).map_err(failed())?;
+    let bytes = file.metadata().map_err(failed())?.len();
+    let places = Places::read(&mut file, bytes, VERSION).map_err(named)?;
+    if places.entries.iter().all(|(entry, _)| entry.name != SHOWN) {
+        return Ok(None);
+    }
+    let later = Arc::new(LaterFeatures::new(file, &places));
+    let mut first = Vec::new();
+    for part in places.entries.iter().filter(|(entry, _)| !entry.name.starts_with(FEATURES)) {
+        let mut stored = Vec::new();
+        later.stored(part, &mut stored).map_err(failed())?;
+        first.push((&part.0, stored));
+    }
+    let parts = places.parts(first.iter().map(|(entry, stored)| (*entry, &stored[..])));
+    let (checked, opened) = std::thread::scope(|scope| {
+        let checking = scope.spawn(|| later.check());
+        let opened = decode::read(&parts, &mut Damage::Refuse, Some(&later));
+        (checking.join(), opened)
+    });
+    checked.unwrap_or_else(|_| Err(StoreError::part(FEATURES, "they cannot be checked"))).map_err(named)?;
+    opened.map(Some).map_err(named)
+}
+
 impl MapFile {
     /// Reads a map from the bytes of a file. The result satisfies all invariants ([`crate::Snapshot::check`]).
     ///
@@ -108,7 +144,7 @@ impl MapFile {
     ///
     /// [`StoreError`] naming the damaged or invalid part, or the unknown version.
     pub fn read(bytes: &[u8]) -> Result<Self, StoreError> {
-        decode::read(&Parts::open(bytes, VERSION)?, &mut Damage::Refuse)
+        decode::read(&Parts::open(bytes, VERSION)?, &mut Damage::Refuse, None)
     }
 
     /// Reads what is whole of a damaged or truncated map; also returns what was lost, one line each. Without features a
@@ -134,17 +170,22 @@ impl MapFile {
         if promised != parts.bytes {
             lost.push(format!("the header promises {promised} bytes, there are {}", parts.bytes));
         }
-        let file = decode::read(&parts, &mut Damage::LeaveOut(&mut lost))?;
+        let file = decode::read(&parts, &mut Damage::LeaveOut(&mut lost), None)?;
         Ok((file, lost))
     }
 
-    /// Loads a file. What is no map, and a map that is not as long as it says, is refused before it is read.
+    /// Loads a file. What is no map, and a map that is not as long as it says, is refused before it is read. Features stay in
+    /// the file, which is held open, until somebody looks at a key frame; where it was written without what that needs, it is
+    /// read whole.
     ///
     /// # Errors
     ///
     /// As [`MapFile::read`], or when the file cannot be read.
     pub fn load(path: &Path) -> Result<Self, StoreError> {
-        Self::read(&read_file(path, Length::AsPromised)?)
+        match open(path)? {
+            Some(file) => Ok(file),
+            None => Self::read(&read_file(path, Length::AsPromised)?),
+        }
     }
 
     /// The bytes of the file.

@@ -15,7 +15,7 @@
 use super::VERSION;
 use super::container::{Parts, PartsWriter};
 use super::error::StoreError;
-use super::layout::CHUNK;
+use super::layout::{CHUNK, FEATURES, SHOWN};
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 use std::ops::Range;
@@ -221,8 +221,11 @@ impl Rows {
 
     /// Cuts a part.
     fn cut<'a>(&self, name: &str, plain: &'a [u8]) -> Option<Cut<'a>> {
-        if let Some(chunk) = name.strip_prefix("features ") {
+        if let Some(chunk) = name.strip_prefix(FEATURES) {
             return self.cut_features(chunk.parse::<usize>().ok()?.checked_mul(CHUNK)?, plain);
+        }
+        if name == SHOWN {
+            return self.cut_shown(plain);
         }
         let one = &self.one[..];
         let (head, lanes, groups): (usize, Vec<&[usize]>, Vec<Range<usize>>) = match name {
@@ -240,6 +243,16 @@ impl Rows {
         let (head, mut rest) = plain.split_at_checked(head)?;
         let band = by_rows(&mut rest, &lanes, &groups)?;
         rest.is_empty().then_some((head, vec![band]))
+    }
+
+    /// The landmarks that features show; levels, angles and descriptors of landmarks.
+    fn cut_shown<'a>(&self, plain: &'a [u8]) -> Option<Cut<'a>> {
+        let mut rest = plain;
+        let shown = by_rows(&mut rest, &[&self.features[..]; 4], &self.key_frame_runs)?;
+        let wide: Vec<usize> = self.landmarks.iter().map(|n| n * 32).collect();
+        let lanes = [vec![&self.landmarks[..]; 5], vec![&wide[..]]].concat();
+        let look = by_rows(&mut rest, &lanes, &self.landmark_runs)?;
+        rest.is_empty().then_some((&[], vec![shown, look]))
     }
 
     /// Features of a chunk of key frames: pixels, raw pixels where they differ, angle, right x and depth; the landmarks

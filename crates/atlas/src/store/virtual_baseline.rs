@@ -7,7 +7,6 @@ use super::MapFile;
 use crate::Snapshot;
 use cairn_vision::{RectifiedCamera, SensorMode};
 use std::borrow::Cow;
-use std::sync::Arc;
 
 impl MapFile {
     /// This map with the virtual baseline of `camera`, where it is an RGB-D map and has another; else itself.
@@ -34,10 +33,11 @@ impl Snapshot {
             let Some(key_frame) = self.key_frames.get_mut(id).filter(|k| k.other_camera.is_none()) else {
                 continue;
             };
-            let frame = Arc::make_mut(&mut key_frame.frame);
-            for (right_x, px) in frame.right_x.iter_mut().zip(&frame.px) {
-                *right_x = px[0] - ((px[0] - *right_x) as f64 * by) as f32;
-            }
+            key_frame.frame.change(|frame| {
+                for (right_x, px) in frame.right_x.iter_mut().zip(&frame.px) {
+                    *right_x = px[0] - ((px[0] - *right_x) as f64 * by) as f32;
+                }
+            });
         }
     }
 }
@@ -50,6 +50,7 @@ mod tests {
     use cairn_geometry::Se3;
     use cairn_vision::Frame;
     use std::collections::BTreeMap;
+    use std::sync::Arc;
 
     fn camera(baseline_m: f64) -> RectifiedCamera {
         RectifiedCamera {

@@ -2,18 +2,19 @@
 
 use crate::memory::resident_mb;
 use cairn_atlas::{Landmark, Observation, Snapshot};
-use cairn_vision::Frame;
 use std::mem::size_of;
 use std::time::Instant;
 
 /// Bytes for each key frame by structure; what the allocator adds is in the resident figure only.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Bytes {
+    /// Share of the key frames whose features are in memory, not on the disk.
+    pub in_memory: f64,
     /// Pixels, levels, angles, depths, and the pixels in the raw image.
     pub features: f64,
     /// Descriptors of the features.
     pub descriptors: f64,
-    /// Words, the direct index, and the entry in the place index.
+    /// Words and the direct index, where they are in memory.
     pub words: f64,
     /// The landmark that each feature shows.
     pub shown: f64,
@@ -30,14 +31,17 @@ impl Bytes {
     pub fn of(map: &Snapshot) -> Self {
         let mut sum = Self::default();
         for k in map.key_frames() {
-            let f: &Frame = &k.frame;
-            sum.features += (8 * (f.raw.capacity() + f.px.capacity())
-                + f.octave.capacity()
-                + 4 * (f.angle.capacity() + f.depth.capacity() + f.right_x.capacity()))
-                as f64;
-            sum.descriptors += (32 * f.descriptors.capacity()) as f64;
-            // Eight bytes a word in the bag, six in the place index.
-            sum.words += (14 * k.bag.words().len() + 8 * k.bag.nodes().len()) as f64;
+            if let Some(f) = k.frame.in_memory() {
+                sum.in_memory += 1.0;
+                sum.features += (8 * (f.raw.capacity() + f.px.capacity())
+                    + f.octave.capacity()
+                    + 4 * (f.angle.capacity() + f.depth.capacity() + f.right_x.capacity()))
+                    as f64;
+                sum.descriptors += (32 * f.descriptors.capacity()) as f64;
+            }
+            if let Some(bag) = k.bag.in_memory() {
+                sum.words += (8 * bag.words().len() + 8 * bag.nodes().len()) as f64;
+            }
             sum.shown += (4 * k.landmarks.capacity()) as f64;
             sum.covisible += (8 * k.covisible.capacity()) as f64;
         }
@@ -48,6 +52,7 @@ impl Bytes {
         }
         let count = map.key_frame_count().max(1) as f64;
         for part in [
+            &mut sum.in_memory,
             &mut sum.features,
             &mut sum.descriptors,
             &mut sum.words,

@@ -119,7 +119,7 @@ pub fn run(folder: &Path, length_m: usize, features: usize, times: usize) -> Res
     let query_ms = percentiles(&queries_ms(&map, 200))?;
     let (key_frames, landmarks) = (map.key_frame_count(), map.landmark_count());
     let observations: usize = map.landmarks().map(|l| l.observations.len()).sum();
-    let of_frames: usize = map.key_frames().map(|k| k.frame.len()).sum();
+    let of_frames: usize = map.key_frames().map(|k| k.landmarks.len()).sum();
     drop(map);
     eprintln!("new walking in the large map");
     let mut walk = Walk::new(large, features);
@@ -234,7 +234,7 @@ fn close(walk: Walk, found: Found, street: &mut Street) -> Result<(Snapshot, Opt
 fn errors(street: &Street, map: &Snapshot) -> [f64; 2] {
     let each = map.key_frames().map(|k| {
         // The walker's speed is constant: the stamp tells where he was.
-        let truth = street.pose((k.frame.stamp - Stamp(0)) * SPEED_MPS).translation;
+        let truth = street.pose((k.stamp - Stamp(0)) * SPEED_MPS).translation;
         (k.world_from_camera.translation - truth).norm()
     });
     let all: Vec<f64> = each.collect();

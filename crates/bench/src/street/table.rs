@@ -35,6 +35,7 @@ pub fn table(f: &Figures) -> String {
         "40",
     );
     let b = &f.bytes;
+    row(t, "  with features in memory, %", format!("{:.0}", 100.0 * b.in_memory), "");
     for (name, bytes) in [
         ("  features", b.features),
         ("  descriptors", b.descriptors),

@@ -314,7 +314,7 @@ fn ate(
     let (mut estimated, mut true_ones) = (Vec::new(), Vec::new());
     for k in file.snapshot.key_frames() {
         let robot = file.snapshot.key_frame_name(k.id).robot;
-        let body = robots.contains(&robot).then(|| truth.get(&robot)?.get(&k.frame.stamp)).flatten();
+        let body = robots.contains(&robot).then(|| truth.get(&robot)?.get(&k.stamp)).flatten();
         if let Some(body) = body {
             estimated.push(k.world_from_camera.translation);
             true_ones.push((*body * file.about.camera.body_from_camera).translation);

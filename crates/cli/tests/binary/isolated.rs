@@ -10,6 +10,8 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 const WORLD: &str = "sim:demo?duration=8&resolution=320x240&sensor=rgbd&rate=10";
+/// One that lasts until several processes were killed on a quick machine.
+const LONGER: &str = "sim:demo?duration=24&resolution=320x240&sensor=rgbd&rate=10";
 
 /// False, and said so, where there is no shared memory.
 fn has_shared_memory() -> bool {
@@ -51,7 +53,7 @@ fn result_is_that_of_one_process() {
 
 #[test]
 fn what_processes_cannot_do_is_said() {
-    let both = cairn(&["run", WORLD, "--isolated", "--record", "x.route"]);
+    let both = cairn(&["run", WORLD, "--isolated", "--mcap", "x.mcap"]);
     assert_eq!(both.status.code(), Some(2));
     assert!(stderr(&both).contains("--isolated"), "{}", stderr(&both));
     let live = cairn(&["run", "rtsp://127.0.0.1:1/none", "--isolated"]);
@@ -194,4 +196,53 @@ fn supervisor_that_is_killed_leaves_no_process_and_its_memory_is_freed() {
     let text = stderr(&next);
     assert!(text.contains(&format!("a run which was killed has left (process {})", child.id())), "{text}");
     assert!(!left.exists() && stdout(&next).contains("5 tracked"), "{}", stdout(&next));
+}
+
+/// A run that records a route, as processes; those of `role` are killed a moment after they began, so often.
+fn recorded(file: &Path, role: &str, kills: usize) -> String {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_cairn"))
+        .args(["run", LONGER, "--isolated", "--record", file.to_str().unwrap()])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut killed = 0;
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+    for line in lines.by_ref() {
+        if let Some(id) = line.strip_prefix(&format!("{role}: process "))
+            && killed < kills
+        {
+            std::thread::sleep(Duration::from_millis(150));
+            // One that has ended by itself is not there any more.
+            killed += usize::from(Command::new("kill").args(["-KILL", id]).status().unwrap().success());
+        }
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert_eq!(killed, kills, "{role}");
+    std::fs::read_to_string(file).unwrap()
+}
+
+#[test]
+fn recorded_route_is_that_of_one_process_whatever_dies() {
+    if !has_shared_memory() {
+        return;
+    }
+    let folder = folder("isolated-record");
+    let one = folder.join("one.route");
+    let run = cairn(&["run", LONGER, "--record", one.to_str().unwrap()]);
+    assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
+    let one = std::fs::read_to_string(one).unwrap();
+    assert!(one.lines().count() > 30, "{one}");
+    assert_eq!(recorded(&folder.join("whole.route"), "guide", 0), one, "nothing dies");
+    assert_eq!(recorded(&folder.join("guide.route"), "guide", 4), one, "who records dies");
+    assert_eq!(recorded(&folder.join("capture.route"), "capture", 1), one, "who captures dies");
+    // Without SLAM there is no pose: the route has a gap where it died, and goes on.
+    recorded(&folder.join("slam.route"), "slam", 2);
+    let points = |file: &str| {
+        let info = json(&cairn(&["route", "info", folder.join(file).to_str().unwrap(), "--json"]));
+        info["points"].as_u64().unwrap_or_else(|| panic!("{info}"))
+    };
+    let (all, left) = (points("whole.route"), points("slam.route"));
+    assert!(left + 6 >= all, "{left} of {all} points");
+    std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -8,6 +8,7 @@ mod doctor;
 mod elsewhere;
 mod ends;
 mod eval;
+mod fleet;
 mod isolated;
 mod map;
 mod outputs;
@@ -64,10 +65,10 @@ fn every_listed_command_has_help_and_json() {
     let listed =
         help.lines().take_while(|line| *line != "Options:").filter_map(|line| line.strip_prefix("  "));
     let names: Vec<&str> = listed.filter_map(|line| line.split_whitespace().next()).collect();
-    for name in ["run", "demo", "doctor", "completions", "map", "ekf", "team"] {
+    for name in ["run", "demo", "doctor", "completions", "map", "ekf", "team", "fleet"] {
         assert!(names.contains(&name), "{name}: {help}");
     }
-    assert_eq!(names.len(), 18, "{help}");
+    assert_eq!(names.len(), 19, "{help}");
     for name in names.iter().filter(|name| **name != "help") {
         let output = cairn(&[name, "--help"]);
         assert_eq!(output.status.code(), Some(0), "{name}");

@@ -64,13 +64,57 @@ pub struct Mesher {
     set: Vec<usize>,
     /// Vertices on edges that two or more blocks share.
     shared: EdgeTable,
+    cells: Cells,
+}
+
+/// An edge of a cell among the block's corners: its axis, the numbers of its ends from the cell's own corner on, and where it starts.
+#[derive(Clone, Copy)]
+struct CellEdge {
+    axis: usize,
+    from: usize,
+    to: usize,
+    start: [usize; 3],
+}
+
+/// The corners and edges of a cell, and its triangles.
+#[derive(Clone)]
+struct Cells {
+    corners: [usize; 8],
+    edges: [CellEdge; 12],
+    triangles: &'static [Vec<[table::Edge; 3]>],
+}
+
+impl Cells {
+    fn new() -> Self {
+        let edge = |e: usize| {
+            let (axis, corner) = table::edge_start(e as table::Edge);
+            let start = corner_at(corner);
+            CellEdge {
+                axis,
+                from: corner_index(start),
+                to: corner_index(corner_at(corner | 1 << axis)),
+                start,
+            }
+        };
+        Self {
+            corners: std::array::from_fn(|i| corner_index(corner_at(i))),
+            edges: std::array::from_fn(edge),
+            triangles: &table::TRIANGLES,
+        }
+    }
+}
+
+/// Where a corner of a cell lies.
+fn corner_at(i: usize) -> [usize; 3] {
+    [i & 1, i >> 1 & 1, i >> 2]
 }
 
 impl Mesher {
     /// An extractor with empty memory.
     pub fn new(config: MeshConfig) -> Self {
         let vertices = vec![[NONE; 3]; CORNERS * CORNERS * CORNERS];
-        Self { config, samples: Samples::default(), vertices, set: Vec::new(), shared: EdgeTable::default() }
+        let (samples, set, shared) = (Samples::default(), Vec::new(), EdgeTable::default());
+        Self { config, samples, vertices, set, shared, cells: Cells::new() }
     }
 
     /// The whole surface: vertices on block borders are shared, so that it is closed wherever it was seen.
@@ -82,6 +126,7 @@ impl Mesher {
     fn some(&mut self, volume: &TsdfVolume, keys: impl Iterator<Item = BlockKey>) -> Mesh {
         let mut mesh = Mesh::default();
         self.shared.clear();
+        self.samples.begin();
         for key in keys {
             self.extract(volume, key, &mut mesh, true);
         }
@@ -92,6 +137,23 @@ impl Mesher {
     /// The surface in the cells of one block. Its border passes through the same points as the borders of its
     /// neighbours.
     pub fn block(&mut self, volume: &TsdfVolume, key: BlockKey) -> Mesh {
+        self.samples.begin();
+        self.piece(volume, key)
+    }
+
+    /// The surface in the cells of each block that depends on what has changed since a revision of the field, as
+    /// [`Self::block`] gives it; empty where there is none any more.
+    pub fn changed<'a>(
+        &'a mut self,
+        volume: &'a TsdfVolume,
+        revision: u64,
+    ) -> impl Iterator<Item = (BlockKey, Mesh)> + 'a {
+        self.samples.begin();
+        let keys = Self::affected(volume.changed_since(revision));
+        keys.into_iter().map(|key| (key, self.piece(volume, key)))
+    }
+
+    fn piece(&mut self, volume: &TsdfVolume, key: BlockKey) -> Mesh {
         let mut mesh = Mesh::default();
         self.extract(volume, key, &mut mesh, false);
         mesh.add_normals();
@@ -115,34 +177,34 @@ impl Mesher {
         }
         let voxel_m = volume.config().voxel_m as f32;
         let place = Place { volume, key, voxel_m, weld };
-        let Self { samples, vertices, set, shared, .. } = self;
-        let steps = |c: [usize; 3]| samples.steps[corner_index(c)];
+        let Self { samples, vertices, set, shared, cells, .. } = self;
+        let cells: &Cells = cells;
         samples.live_cells(|cell, case| {
-            let of = |edge: u8| {
-                let (axis, start) = table::edge_start(edge);
-                let from = [cell[0] + (start & 1), cell[1] + (start >> 1 & 1), cell[2] + (start >> 2)];
-                let mut to = from;
-                to[axis] += 1;
-                (axis, from, to)
+            let base = corner_index(cell);
+            let steps = |offset: usize| samples.steps[base + offset];
+            let edges = &cells.edges;
+            let triangles = &cells.triangles[case];
+            // Where all corners are about as far from the surface no edge is torn.
+            let corners = cells.corners.map(steps);
+            let (low, high) = corners.iter().fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
+            let is_torn = |&e: &table::Edge| {
+                let edge = &edges[e as usize];
+                (steps(edge.from) - steps(edge.to)).abs() > JUMP
             };
-            let triangles = &table::TRIANGLES[case];
-            let torn = triangles.iter().flatten().any(|&e| {
-                let (_, from, to) = of(e);
-                (steps(from) - steps(to)).abs() > JUMP
-            });
-            if torn {
+            if high - low > JUMP && triangles.iter().flatten().any(is_torn) {
                 return;
             }
             for triangle in triangles {
                 let corners = triangle.map(|e| {
-                    let (axis, from, to) = of(e);
-                    let i = corner_index(from);
-                    if vertices[i][axis] == NONE {
-                        let part = steps(from) / (steps(from) - steps(to));
-                        vertices[i][axis] = place.vertex(mesh, shared, samples, axis, from, part);
-                        set.push(i);
+                    let edge = &edges[e as usize];
+                    let known = &mut vertices[base + edge.from][edge.axis];
+                    if *known == NONE {
+                        let part = steps(edge.from) / (steps(edge.from) - steps(edge.to));
+                        let from = std::array::from_fn(|k| cell[k] + edge.start[k]);
+                        *known = place.vertex(mesh, shared, samples, edge.axis, from, part);
+                        set.push(base + edge.from);
                     }
-                    vertices[i][axis]
+                    *known
                 });
                 mesh.triangles.push(corners);
             }

@@ -20,6 +20,7 @@ pub struct Samples {
     /// Slots of the eight blocks that the corners come from: bit 0 of the index selects the next one along x, and so
     /// on.
     pub slots: [Option<u32>; 8],
+    met: Met,
 }
 
 /// Index of a corner.
@@ -27,36 +28,79 @@ pub fn corner_index(corner: [usize; 3]) -> usize {
     corner[0] + CORNERS * (corner[1] + CORNERS * corner[2])
 }
 
-/// Which voxels of a block were seen, and which of them lie behind the surface.
-struct Rows {
+/// Which voxels of a block were seen, and which of them lie behind the surface: one bit a voxel, by layers.
+#[derive(Clone, Copy, Default)]
+struct Bits {
     seen: [u64; SIDE],
     inside: [u64; SIDE],
 }
 
+/// The bits of the blocks that a call has met: a block is asked for by itself and by its neighbours.
+#[derive(Clone, Default)]
+struct Met {
+    /// By slot: the call that the bits are of.
+    bits: Vec<(u32, Bits)>,
+    call: u32,
+}
+
 impl Default for Samples {
     fn default() -> Self {
-        Self { steps: [0.0; CORNERS * CORNERS * CORNERS], seen: [0; 9], inside: [0; 9], slots: [None; 8] }
+        Self {
+            steps: [0.0; CORNERS * CORNERS * CORNERS],
+            seen: [0; CORNERS],
+            inside: [0; CORNERS],
+            slots: [None; 8],
+            met: Met::default(),
+        }
+    }
+}
+
+impl Met {
+    fn of(&mut self, volume: &TsdfVolume, slot: u32, least_weight: i32) -> Bits {
+        let at = slot as usize;
+        if self.bits.len() <= at {
+            self.bits.resize(at + 1, (0, Bits::default()));
+        }
+        let (call, bits) = &mut self.bits[at];
+        if *call != self.call {
+            let planes = volume.planes(slot);
+            dispatch!(Backend::best(), read(planes: &Planes, least_weight: i32, bits: &mut Bits) -> ());
+            *call = self.call;
+        }
+        *bits
     }
 }
 
 impl Samples {
+    /// Forgets what it has read: the field may have changed, or be another one.
+    pub fn begin(&mut self) {
+        if self.met.call == u32::MAX {
+            self.met = Met::default();
+        }
+        self.met.call += 1;
+    }
+
     /// Fills in the bits for a block; false when the surface passes through none of its cells.
     pub fn load(&mut self, volume: &TsdfVolume, key: BlockKey, least_weight: i32) -> bool {
-        for (i, slot) in self.slots.iter_mut().enumerate() {
-            *slot = volume.slot(key.offset([i & 1, i >> 1 & 1, i >> 2].map(|v| v as i32)));
-        }
-        (self.seen, self.inside) = ([0; CORNERS], [0; CORNERS]);
-        let Some(own) = self.slots[0] else { return false };
-        let mut rows = Rows { seen: [0; SIDE], inside: [0; SIDE] };
-        let (planes, to) = (volume.planes(own), &mut rows);
-        dispatch!(Backend::best(), read(planes: &Planes, least_weight: i32, to: &mut Rows) -> ());
-        self.copy_own(&rows);
-        // A block whose own corners are all of one kind may still have a crossing to the next blocks.
+        let Some(own) = volume.slot(key) else { return false };
+        self.slots[0] = Some(own);
         for i in 1..8 {
-            if let Some(slot) = self.slots[i] {
-                self.copy_border(volume.planes(slot), [i & 1, i >> 1 & 1, i >> 2], least_weight);
-            }
+            self.slots[i] = volume.slot(key.offset([i & 1, i >> 1 & 1, i >> 2].map(|v| v as i32)));
         }
+        let bits =
+            self.slots.map(|slot| slot.map_or(Bits::default(), |s| self.met.of(volume, s, least_weight)));
+        // Most blocks lie in front of the surface: nothing of them is behind it.
+        let inside = bits.iter().flat_map(|b| &b.inside).fold(0, |any, layer| any | layer);
+        if inside == 0 {
+            return false;
+        }
+        let layer = |of: [u64; 4]| widened(of);
+        for z in 0..SIDE {
+            self.seen[z] = layer([0, 1, 2, 3].map(|i| bits[i].seen[z]));
+            self.inside[z] = layer([0, 1, 2, 3].map(|i| bits[i].inside[z]));
+        }
+        self.seen[SIDE] = layer([4, 5, 6, 7].map(|i| bits[i].seen[0]));
+        self.inside[SIDE] = layer([4, 5, 6, 7].map(|i| bits[i].inside[0]));
         let live = (0..SIDE).any(|z| self.live_layer(z) != 0);
         if live {
             self.load_steps(volume);
@@ -64,53 +108,13 @@ impl Samples {
         live
     }
 
-    fn copy_own(&mut self, rows: &Rows) {
-        for z in 0..SIDE {
-            for y in 0..SIDE {
-                self.seen[z] |= u128::from(rows.seen[z] >> (8 * y) & 255) << (CORNERS * y);
-                self.inside[z] |= u128::from(rows.inside[z] >> (8 * y) & 255) << (CORNERS * y);
-            }
-        }
-    }
-
-    /// Corners of the face, edge or corner that a next block shares with the cells.
-    fn copy_border(&mut self, planes: &Planes, next: [usize; 3], least_weight: i32) {
-        let range = |k: usize| if next[k] == 1 { 0..1 } else { 0..SIDE };
-        for z in range(2) {
-            for y in range(1) {
-                for x in range(0) {
-                    let i = x + SIDE * (y + SIDE * z);
-                    if planes.weight[i] < least_weight {
-                        continue;
-                    }
-                    let at = [x + SIDE * next[0], y + SIDE * next[1], z + SIDE * next[2]];
-                    let bit = 1u128 << (at[0] + CORNERS * at[1]);
-                    self.seen[at[2]] |= bit;
-                    self.inside[at[2]] |= if planes.sum[i] < 0 { bit } else { 0 };
-                }
-            }
-        }
-    }
-
     /// Fills in the distances at all corners.
     fn load_steps(&mut self, volume: &TsdfVolume) {
-        let Some(own) = self.slots[0] else { return };
-        let (planes, steps) = (volume.planes(own), &mut self.steps);
-        dispatch!(Backend::best(), divide(planes: &Planes, steps: &mut [f32; CORNERS * CORNERS * CORNERS]) -> ());
-        for i in 1..8 {
-            let Some(slot) = self.slots[i] else { continue };
-            let (planes, next) = (volume.planes(slot), [i & 1, i >> 1 & 1, i >> 2]);
-            let range = |k: usize| if next[k] == 1 { 0..1 } else { 0..SIDE };
-            for z in range(2) {
-                for y in range(1) {
-                    for x in range(0) {
-                        let i = x + SIDE * (y + SIDE * z);
-                        let at = corner_index([x + SIDE * next[0], y + SIDE * next[1], z + SIDE * next[2]]);
-                        self.steps[at] = planes.sum[i] as f32 / planes.weight[i].max(1) as f32;
-                    }
-                }
-            }
-        }
+        let planes = self.slots.map(|slot| slot.map(|s| volume.planes(s)));
+        let (planes, steps) = (&planes, &mut self.steps);
+        dispatch!(Backend::best(), divide(
+            planes: &[Option<&Planes>; 8], steps: &mut [f32; CORNERS * CORNERS * CORNERS]
+        ) -> ());
     }
 
     /// The cells of a layer that the surface passes through: all corners seen, some inside and some outside.
@@ -153,21 +157,40 @@ fn around(l: u128) -> [u128; 4] {
     [l, l >> 1, l >> CORNERS, l >> (CORNERS + 1)]
 }
 
-/// Distances of a block's own voxels.
+/// A layer of 9x9 corners from 8x8 of the block, the first column of the next along x, the first row of the next along y, and
+/// the first of the one along both.
+fn widened([own, x, y, both]: [u64; 4]) -> u128 {
+    let mut out = u128::from(y & 255 | (both & 1) << 8) << (CORNERS * SIDE);
+    for row in 0..SIDE {
+        let corners = own >> (8 * row) & 255 | (x >> (8 * row) & 1) << 8;
+        out |= u128::from(corners) << (CORNERS * row);
+    }
+    out
+}
+
+/// Distances at the corners, row by row: eight of a block and the first of the next along x.
 #[inline(always)]
-fn divide(planes: &Planes, steps: &mut [f32; CORNERS * CORNERS * CORNERS]) {
-    for row in 0..SIDE * SIDE {
-        let from = row * SIDE;
-        let to = CORNERS * (row % SIDE + CORNERS * (row / SIDE));
-        let (sum, weight) = (&planes.sum[from..from + SIDE], &planes.weight[from..from + SIDE]);
-        for ((out, &s), &w) in steps[to..to + SIDE].iter_mut().zip(sum).zip(weight) {
-            *out = s as f32 / w.max(1) as f32;
+fn divide(planes: &[Option<&Planes>; 8], steps: &mut [f32; CORNERS * CORNERS * CORNERS]) {
+    for z in 0..CORNERS {
+        for y in 0..CORNERS {
+            let next = (y / SIDE) << 1 | (z / SIDE) << 2;
+            let from = SIDE * (y % SIDE + SIDE * (z % SIDE));
+            let to = CORNERS * (y + CORNERS * z);
+            if let Some(planes) = planes[next] {
+                let (sum, weight) = (&planes.sum[from..from + SIDE], &planes.weight[from..from + SIDE]);
+                for ((out, &s), &w) in steps[to..to + SIDE].iter_mut().zip(sum).zip(weight) {
+                    *out = s as f32 / w.max(1) as f32;
+                }
+            }
+            if let Some(planes) = planes[next | 1] {
+                steps[to + SIDE] = planes.sum[from] as f32 / planes.weight[from].max(1) as f32;
+            }
         }
     }
 }
 
 #[inline(always)]
-fn read(planes: &Planes, least_weight: i32, out: &mut Rows) {
+fn read(planes: &Planes, least_weight: i32, out: &mut Bits) {
     for z in 0..SIDE {
         let sum = &planes.sum[64 * z..64 * z + 64];
         let weight = &planes.weight[64 * z..64 * z + 64];

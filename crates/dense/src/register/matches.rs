@@ -9,7 +9,7 @@ use super::SurfaceFeatures;
 use super::fpfh::{Fpfh, distance};
 use crate::Backend;
 use crate::backend::dispatch;
-use cairn_geometry::Vec3;
+use cairn_geometry::{Se3, Vec3};
 
 /// A match: a point and a normal on each side.
 #[derive(Clone, Copy, Debug)]
@@ -44,12 +44,13 @@ fn nearest(
     a: &[(Fpfh, f32)],
     b: &[(Fpfh, f32)],
     most_tilt: f32,
+    apart: &Apart,
     of_a: &mut [(u32, u32)],
     of_b: &mut [(u32, u32)],
 ) {
     for (i, (feature, tilt)) in a.iter().enumerate() {
         for (j, (other, other_tilt)) in b.iter().enumerate() {
-            if (tilt - other_tilt).abs() > most_tilt {
+            if (tilt - other_tilt).abs() > most_tilt || (!apart.at.is_empty() && apart.is_near(i, j)) {
                 continue;
             }
             let d = distance(feature, other);
@@ -63,32 +64,66 @@ fn nearest(
     }
 }
 
+/// Pairs of points that are not compared: those that a pose puts near each other.
+#[derive(Default)]
+struct Apart {
+    /// The points of both sides in one frame; of one side empty where all pairs are compared.
+    at: Vec<[f32; 3]>,
+    other: Vec<[f32; 3]>,
+}
+
+/// Points nearer to each other than this are one place, in metres.
+const APART_M: f32 = 0.5;
+
+impl Apart {
+    #[inline(always)]
+    fn is_near(&self, i: usize, j: usize) -> bool {
+        let (p, q) = (self.at[i], self.other[j]);
+        (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>() < APART_M * APART_M
+    }
+}
+
 fn nearest_with(
     backend: Backend,
     a: &[(Fpfh, f32)],
     b: &[(Fpfh, f32)],
     most_tilt: f32,
+    apart: &Apart,
 ) -> [Vec<(u32, u32)>; 2] {
     let (mut of_a, mut of_b) = (vec![(u32::MAX, 0); a.len()], vec![(u32::MAX, 0); b.len()]);
     let (to_a, to_b) = (&mut of_a[..], &mut of_b[..]);
     dispatch!(backend, nearest(
-        a: &[(Fpfh, f32)], b: &[(Fpfh, f32)], most_tilt: f32, to_a: &mut [(u32, u32)], to_b: &mut [(u32, u32)]
+        a: &[(Fpfh, f32)],
+        b: &[(Fpfh, f32)],
+        most_tilt: f32,
+        apart: &Apart,
+        to_a: &mut [(u32, u32)],
+        to_b: &mut [(u32, u32)]
     ) -> ());
     [of_a, of_b]
 }
 
-/// Reciprocal matches, best first.
+/// Reciprocal matches, best first; with `but` only those that this pose of the source does not explain.
 pub(super) fn reciprocal(
     target: &SurfaceFeatures,
     source: &SurfaceFeatures,
     ups: Option<[Vec3; 2]>,
+    but: Option<&Se3>,
 ) -> Vec<Match> {
     let side = |f: &SurfaceFeatures, up: Option<Vec3>| -> Vec<(Fpfh, f32)> {
         let tilt = |i: u32| up.map_or(0.0, |up| vec(f.surfels.normals[i as usize]).dot(&up) as f32);
         f.distinct.iter().map(|&i| (f.fpfh[i as usize], tilt(i))).collect()
     };
     let [a, b] = [side(target, ups.map(|u| u[0])), side(source, ups.map(|u| u[1]))];
-    let [of_a, of_b] = nearest_with(Backend::best(), &a, &b, MOST_TILT);
+    let moved = |f: &SurfaceFeatures, pose: &Se3| -> Vec<[f32; 3]> {
+        let at = |i: &u32| (*pose * vec(f.surfels.points[*i as usize])).map(|v| v as f32).into();
+        f.distinct.iter().map(at).collect()
+    };
+    let apart = but.map_or_else(Apart::default, |pose| Apart {
+        at: moved(target, &Se3::identity()),
+        other: moved(source, pose),
+    });
+    let [of_a, of_b] = nearest_with(Backend::best(), &a, &b, MOST_TILT, &apart);
     let mut found: Vec<(u32, usize, usize)> = of_a
         .iter()
         .enumerate()
@@ -197,10 +232,16 @@ mod tests {
             (0..n).map(|i| (std::array::from_fn(|_| next()), (i % 5) as f32 * 0.1)).collect()
         };
         let (a, b) = (some(71), some(93));
-        let plain = nearest_with(Backend::Scalar, &a, &b, MOST_TILT);
-        assert!(plain[0].iter().all(|f| f.0 < u32::MAX));
+        let place = |n: usize| (0..n).map(|i| [(i % 7) as f32 * 0.2, (i % 3) as f32, 0.1]).collect();
+        let all = Apart::default();
+        let some = Apart { at: place(a.len()), other: place(b.len()) };
+        let plain = [&all, &some].map(|apart| nearest_with(Backend::Scalar, &a, &b, MOST_TILT, apart));
+        assert!(plain.iter().all(|p| p[0].iter().all(|f| f.0 < u32::MAX)));
+        assert!(plain[1][0].iter().enumerate().all(|(i, f)| !some.is_near(i, f.1 as usize)));
         for backend in Backend::ALL.into_iter().filter(|b| b.available()) {
-            assert_eq!(nearest_with(backend, &a, &b, MOST_TILT), plain, "{backend:?}");
+            for (apart, plain) in [&all, &some].into_iter().zip(&plain) {
+                assert_eq!(&nearest_with(backend, &a, &b, MOST_TILT, apart), plain, "{backend:?}");
+            }
         }
     }
 }

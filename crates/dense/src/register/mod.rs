@@ -2,8 +2,8 @@
 //!
 //! Features of normals (FPFH), reciprocal matches, groups of them that one pose may explain, the pose of each group by
 //! fast global registration, the best of them refined against the other's field. It is accepted when enough of the two
-//! surfaces coincides, hardly any of it lies where the other saw free space, and the surfaces fix all directions; the
-//! numbers are told in any case.
+//! surfaces coincides, hardly any of it lies where the other saw free space, the surfaces fix all directions, and no other
+//! pose fits as well (a bare room fits onto itself the other way round); the numbers are told in any case.
 
 mod fgr;
 mod fpfh;
@@ -40,6 +40,8 @@ pub struct RegisterConfig {
     pub least_overlap: f64,
     /// At most this share of what the other has looked at lies in its free space.
     pub most_violation: f64,
+    /// Another pose that would be accepted by itself may have at most this share of the best one's overlap.
+    pub most_rival: f64,
 }
 
 impl Default for RegisterConfig {
@@ -52,6 +54,7 @@ impl Default for RegisterConfig {
             groups: 8,
             least_overlap: 0.25,
             most_violation: 0.1,
+            most_rival: 0.8,
         }
     }
 }
@@ -90,14 +93,15 @@ impl SurfaceFeatures {
 }
 
 impl RegisterConfig {
-    fn check(&self) -> Result<(), DenseError> {
+    pub(crate) fn check(&self) -> Result<(), DenseError> {
         let metres = (0.02..=1.0).contains(&self.cell_m)
             && self.radius_m > self.cell_m
             && self.radius_m <= 20.0 * self.cell_m
             && self.tolerance_m > 0.0
             && self.tolerance_m <= 1.0;
         let counts = (10..=5000).contains(&self.distinct) && (1..=100).contains(&self.groups);
-        let shares = (0.0..=1.0).contains(&self.least_overlap) && (0.0..=1.0).contains(&self.most_violation);
+        let shares = [self.least_overlap, self.most_violation, self.most_rival];
+        let shares = shares.iter().all(|share| (0.0..=1.0).contains(share));
         if metres && counts && shares {
             return Ok(());
         }
@@ -142,6 +146,8 @@ pub enum Verdict {
     FreeSpaceViolated,
     /// What coincides leaves a direction open, such as one bare wall.
     Unconstrained,
+    /// Another pose fits nearly as well: rooms and things that look alike.
+    Ambiguous,
 }
 
 /// Result of a registration.
@@ -161,6 +167,8 @@ pub struct Registration {
     pub rms_m: f64,
     /// Number of directions (of six) that what coincides leaves open.
     pub open: usize,
+    /// Overlap of the best other pose that would be accepted by itself; 0 without one. Looked for where the best is accepted.
+    pub rival: f64,
 }
 
 impl Registration {
@@ -181,7 +189,7 @@ pub fn register(
 ) -> Result<Registration, DenseError> {
     config.check()?;
     let ups = target.unit_up()?.zip(source.unit_up()?).map(|(a, b)| [a, b]);
-    let matches = matches::reciprocal(target.features, source.features, ups);
+    let matches = matches::reciprocal(target.features, source.features, ups, None);
     let samplers = [Sampler::new(target.tsdf), Sampler::new(source.tsdf)];
     let centre = refine::centre(source.features);
     let search = Search { target, source, centre, samplers, ups, config };
@@ -193,11 +201,31 @@ pub fn register(
         violation: 0.0,
         rms_m: f64::INFINITY,
         open: 6,
+        rival: 0.0,
     };
-    let Some((pose, agree)) = search.best(&matches) else { return Ok(out) };
+    let nothing = out;
+    let Some((pose, agree)) = search.best(&matches, None) else { return Ok(out) };
     out.matches[1] = agree;
     search.judge(&pose, &mut out);
+    if out.accepted()
+        && let Some(rival) = search.rival(&out, nothing)
+    {
+        out.rival = rival.overlap;
+        if rival.overlap > config.most_rival * out.overlap {
+            out.verdict = Verdict::Ambiguous;
+        }
+    }
     Ok(out)
+}
+
+/// Poses of a camera or submap farther apart than this (metres, radians) are two places.
+const OTHER_M: f64 = 0.3;
+const OTHER_RAD: f64 = 0.25;
+
+/// Whether two poses are of one place, as registration tells them.
+pub(crate) fn is_same_place(a: &Se3, b: &Se3) -> bool {
+    let off = a.inverse() * *b;
+    off.translation.norm() < OTHER_M && off.rotation.angle() < OTHER_RAD
 }
 
 struct Search<'a> {
@@ -212,8 +240,20 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The pose of the group that the surfaces speak for most, near the surface, and the matches that agree with it.
-    fn best(&self, all: &[matches::Match]) -> Option<(Se3, usize)> {
+    /// The best pose in another place that would be accepted by itself.
+    fn rival(&self, best: &Registration, nothing: Registration) -> Option<Registration> {
+        let (target, source) = (self.target.features, self.source.features);
+        let matches = matches::reciprocal(target, source, self.ups, Some(&best.target_from_source));
+        let (pose, agree) = self.best(&matches, Some(&best.target_from_source))?;
+        let mut rival = Registration { matches: [matches.len(), agree], ..nothing };
+        self.judge(&pose, &mut rival);
+        let elsewhere = !is_same_place(&rival.target_from_source, &best.target_from_source);
+        (rival.accepted() && elsewhere).then_some(rival)
+    }
+
+    /// The pose of the group that the surfaces speak for most, near the surface, and the matches that agree with it; with `but`
+    /// of those in another place.
+    fn best(&self, all: &[matches::Match], but: Option<&Se3>) -> Option<(Se3, usize)> {
         let tolerance_m = self.config.tolerance_m;
         let planes = refine::Planes::new(self.target.features, 2.0 * self.target.features.surfels.cell_m);
         let few = refine::sampled(self.source.features, FEW, &self.centre);
@@ -224,6 +264,9 @@ impl Search<'_> {
             let Some((pose, agree)) = fgr::align(&group, self.ups, tolerance_m) else { continue };
             let start = pose * source_from_centred;
             let pose = refine::to_planes(&planes, &few, &start, self.source_up(), 6);
+            if but.is_some_and(|but| is_same_place(&(*but * source_from_centred), &pose)) {
+                continue;
+            }
             let score = verify::look(self.target, &self.samplers[0], &few, &pose).score();
             if best.as_ref().is_none_or(|b| score > b.0) {
                 best = Some((score, pose, agree));

@@ -115,7 +115,7 @@ pub(super) fn to_field(
     let mut pose = *start;
     let mut out = Refined { pose, rms_m: f64::INFINITY, free: Vec::new() };
     for _ in 0..12 {
-        let mut normal = Normal::build(sampler, volume, &points, &pose, &config);
+        let mut normal = Normal::build(sampler, volume, &points, &[], &pose, &config);
         out.rms_m = normal.rms_m();
         if let Some(up) = source_up {
             normal.keep_upright(up);

@@ -12,18 +12,18 @@ mod saved;
 mod tests;
 
 pub use codec::PackedDepth;
-pub use locate::{Located, Up};
+pub use locate::{Followed, Located, Locator, Place};
 pub use refuse::Progress;
 pub use saved::{SavedFrame, SavedSubmap};
 
 use crate::prepare::DepthPreparer;
 use crate::{
-    DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, SurfaceFeatures, TsdfConfig,
-    TsdfVolume,
+    DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig, TsdfVolume,
 };
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_sensor::{Camera, DepthImage};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A key frame of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -74,14 +74,13 @@ struct Hung {
 /// A submap: its volumes and its place.
 struct Submap {
     hung: Hung,
-    tsdf: TsdfVolume,
-    occupancy: OccupancyGrid,
+    /// Shared with searches that run meanwhile: it is copied where it changes before they end.
+    tsdf: Arc<TsdfVolume>,
+    occupancy: Arc<OccupancyGrid>,
     /// Occupancy being rebuilt, with the next of its frames to be fused.
     rebuilt: Option<(OccupancyGrid, usize)>,
     /// The occupancy was built with other poses than the field.
     stale: bool,
-    /// Features for registration, with the field's revision that they are of.
-    features: Option<(u64, SurfaceFeatures)>,
 }
 
 /// The depth of a key frame.
@@ -205,8 +204,8 @@ impl DenseMap {
             Some(fresh) => fresh,
             None => self.submaps[index].as_mut().ok_or(DenseError::UnknownAnchor(id.0))?,
         };
-        let result = submap.tsdf.integrate(&frame, None, &pose)?;
-        submap.occupancy.integrate(&frame, &pose)?;
+        let result = Arc::make_mut(&mut submap.tsdf).integrate(&frame, None, &pose)?;
+        Arc::make_mut(&mut submap.occupancy).integrate(&frame, &pose)?;
         self.submaps.extend(fresh.map(Some));
         self.anchors.insert(id, anchor);
         self.active.insert(map, index);
@@ -232,14 +231,16 @@ impl DenseMap {
         let pose = self.world_from_submap(index)?.inverse() * known.world_from_anchor * *anchor_from_camera;
         let frame = self.preparer.prepare(depth)?;
         let Some(submap) = self.submaps.get_mut(index).and_then(Option::as_mut) else { return Ok(false) };
-        submap.occupancy.integrate(frame, &pose)?;
+        Arc::make_mut(&mut submap.occupancy).integrate(frame, &pose)?;
         Ok(true)
     }
 
     fn empty_submap(&self, hung: Hung) -> Result<Submap, DenseError> {
-        let (tsdf, occupancy) =
-            (TsdfVolume::new(self.config.tsdf)?, OccupancyGrid::new(self.config.occupancy)?);
-        Ok(Submap { hung, tsdf, occupancy, rebuilt: None, stale: false, features: None })
+        let (tsdf, occupancy) = (
+            Arc::new(TsdfVolume::new(self.config.tsdf)?),
+            Arc::new(OccupancyGrid::new(self.config.occupancy)?),
+        );
+        Ok(Submap { hung, tsdf, occupancy, rebuilt: None, stale: false })
     }
 
     /// The submap of a map that is near enough and holds the greatest share of an image's blocks.
@@ -253,7 +254,7 @@ impl DenseMap {
             }
             let pose = world_from_submap.inverse() * *world_from_camera;
             let Some(submap) = self.submaps[index].as_mut() else { continue };
-            let share = submap.tsdf.overlap(frame, &pose).unwrap_or(0.0);
+            let share = Arc::make_mut(&mut submap.tsdf).overlap(frame, &pose).unwrap_or(0.0);
             if share >= self.config.overlap && best.is_none_or(|(_, most)| share > most) {
                 best = Some((index, share));
             }

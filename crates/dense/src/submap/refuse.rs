@@ -3,6 +3,7 @@
 use super::{DenseMap, Inside, Kept};
 use crate::{DenseError, OccupancyGrid};
 use cairn_geometry::{Se3, Vec3};
+use std::sync::Arc;
 
 /// Distance from the camera at which a rotation is measured as a movement, in metres.
 const LEVER_M: f64 = 2.0;
@@ -38,6 +39,14 @@ impl DenseMap {
         let (_, world_from_submap) = self.place(kept.target)?;
         let anchor = self.anchors.get(&kept.hung.anchor)?;
         Some(world_from_submap.inverse() * (anchor.world_from_anchor * kept.hung.pose))
+    }
+
+    /// Whether every image is fused, where it was or where it is now, and every submap has its free space: false for a while after a
+    /// saved map was taken over.
+    pub fn is_complete(&self) -> bool {
+        let is_built = |s: &super::Submap| !s.stale || s.occupancy.bytes() > 0;
+        self.waiting.iter().all(|&i| self.kept[i].inside.is_some())
+            && self.submaps.iter().flatten().all(is_built)
     }
 
     /// Does part of the pending work, at most about `images` fusions, starting nearest to a place (for example the
@@ -79,12 +88,12 @@ impl DenseMap {
         let unknown = DenseError::UnknownAnchor(self.kept[index].hung.anchor.0);
         let submap = self.submaps.get_mut(to).and_then(Option::as_mut).ok_or(unknown)?;
         // Fuses first: if that fails, nothing has changed. The sums do not depend on the order.
-        submap.tsdf.integrate(frame, None, &pose)?;
+        Arc::make_mut(&mut submap.tsdf).integrate(frame, None, &pose)?;
         (submap.stale, submap.rebuilt) = (true, None);
         self.kept[index].inside = Some(Inside { submap: to, pose });
         let Some(was) = was else { return Ok(1) };
         if let Some(submap) = self.submaps.get_mut(was.submap).and_then(Option::as_mut) {
-            submap.tsdf.remove(frame, None, &was.pose)?;
+            Arc::make_mut(&mut submap.tsdf).remove(frame, None, &was.pose)?;
             (submap.stale, submap.rebuilt) = (true, None);
         }
         Ok(2)
@@ -119,7 +128,7 @@ impl DenseMap {
         let next = (from..self.kept.len()).find_map(|i| Some((i, *self.kept[i].inside(index)?)));
         let Some((next, pose)) = next else {
             // All frames are fused: the new grid replaces the old one.
-            (submap.occupancy, submap.stale) = (grid, false);
+            (submap.occupancy, submap.stale) = (Arc::new(grid), false);
             return true;
         };
         if let Ok(image) = self.kept[next].depth.unpack()

@@ -10,11 +10,11 @@ mod watch;
 mod words;
 
 use cairn_inertial::Gate;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 pub(crate) use watch::{FrameResult, StatusTracker};
 
 /// What the engine is doing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum Phase {
     /// There is no engine yet: the vocabulary is opened and checked.
@@ -181,7 +181,7 @@ pub enum StatusEvent {
 }
 
 /// The state of the IMU.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ImuStatus {
     /// Readings in the last packet, synthesised ones included.
     pub batch: usize,

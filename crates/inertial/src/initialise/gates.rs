@@ -8,7 +8,7 @@ use cairn_sensor::GRAVITY_M_S2;
 use std::fmt;
 
 /// What is tested.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GateKind {
     /// Key frames.
@@ -83,7 +83,7 @@ impl GateKind {
 }
 
 /// A test with its number.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Gate {
     /// What is tested.
     pub kind: GateKind,

@@ -93,6 +93,22 @@ fn a_revisited_place_is_accepted_with_a_second_opinion_and_the_loop_is_corrected
     assert!(after < 0.02 && all < 0.02, "{after} {all}");
 }
 
+/// Where depth gives the poses, features do not correct what they may be off by; more than that they do.
+#[test]
+fn poses_of_depth_are_not_moved_by_a_small_correction() {
+    let world = World::around(stereo(), 71);
+    for (drift, is_held) in [(0.05, true), (0.4, false)] {
+        let (atlas, ids, _) = lap(&world, drift);
+        let mut closer = closer(world.camera);
+        closer.window.hold_poses = true;
+        let closed: Vec<_> = [LAP + 4, LAP + 5].map(|n| closer.step(atlas.latest(), ids[n])).into();
+        let verdicts = || closed.iter().flat_map(|c| &c.verdicts);
+        let held = verdicts().filter(|v| matches!(v.result, Err(Refusal::Held { off, .. }) if off < 0.1));
+        assert_eq!(held.count() > 0, is_held, "{drift}");
+        assert_eq!(verdicts().any(|v| v.result.is_ok()), !is_held, "{drift}");
+    }
+}
+
 #[test]
 fn an_implausible_correction_is_refused_as_drift() {
     let world = World::around(stereo(), 72);

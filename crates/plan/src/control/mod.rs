@@ -8,11 +8,13 @@ mod mppi;
 mod navigator;
 mod pursuit;
 mod reference;
+mod step;
 pub mod trial;
 
 pub use ahead::{Ahead, Surroundings};
 pub use motion::{Limits, LimitsError, Motion, moved};
 pub use mppi::{Mppi, MppiConfig};
-pub use navigator::{Navigator, NavigatorConfig, Reason, State, Step};
+pub use navigator::{Navigator, NavigatorConfig};
 pub use pursuit::{Following, Pursuit, PursuitConfig};
 pub use reference::{Projection, ReferencePath};
+pub use step::{Reason, State, Step};

@@ -10,82 +10,12 @@ use super::motion::Motion;
 use super::mppi::{Mppi, MppiConfig};
 use super::pursuit::{Following, Pursuit, PursuitConfig};
 use super::reference::ReferencePath;
+use super::step::{Reason, State, Step};
 use crate::costmap::{Costmap, DynamicLayer};
 use crate::grid::Cell;
 use crate::search::{BLOCKED, NoPath, Place, WeightedAStar};
 use crate::smooth::{SmoothConfig, smooth};
 use cairn_geometry::{Se2, Vec2};
-
-/// What the navigator is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
-    /// No goal.
-    Idle,
-    /// Searching for a path.
-    Planning,
-    /// Following the path.
-    Executing,
-    /// The goal is reached.
-    Reached,
-    /// No path leads to the goal.
-    NoPath,
-    /// Something is in the way.
-    Blocked,
-}
-
-impl std::fmt::Display for State {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            State::Idle => "IDLE",
-            State::Planning => "PLANNING",
-            State::Executing => "EXECUTING",
-            State::Reached => "REACHED",
-            State::NoPath => "NO_PATH",
-            State::Blocked => "BLOCKED",
-        })
-    }
-}
-
-/// Why the navigator is in its state.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Reason {
-    /// A goal was set.
-    #[error("a new goal")]
-    NewGoal,
-    /// There is no path.
-    #[error(transparent)]
-    NoPath(NoPath),
-    /// The pose holds NaN or infinity.
-    #[error("the pose is not a number")]
-    PoseInvalid,
-    /// The pose is farther from the last one than the motion explains, by this distance in metres.
-    #[error("the pose jumped by {0:.2} m")]
-    PoseJumped(f64),
-    /// The path is no longer free.
-    #[error("the map changed: the path is blocked in {0:.1} m")]
-    MapChanged(f64),
-    /// The body is off its path.
-    #[error("{0:.2} m beside the path")]
-    OffPath(f64),
-    /// A wall is within the stop distance.
-    #[error("a wall {0:.2} m ahead")]
-    Wall(f64),
-    /// A moving object is within the stop distance.
-    #[error("something that moves {0:.2} m ahead")]
-    Moving(f64),
-    /// Recovery: turning towards the path.
-    #[error("blocked: turning")]
-    Turning,
-    /// Recovery: backing up.
-    #[error("blocked: backing up")]
-    BackingUp,
-    /// Recovery: planning around the obstacle.
-    #[error("blocked: planning around it")]
-    PlanningAround,
-    /// All recoveries were tried as often as allowed.
-    #[error("blocked: given up after {0} attempts")]
-    GivenUp(u32),
-}
 
 /// Configuration of the navigator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -129,19 +59,6 @@ impl NavigatorConfig {
             start_slack_m: 0.2,
         }
     }
-}
-
-/// Result of one step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Step {
-    /// The state after the step.
-    pub state: State,
-    /// The motion to command.
-    pub motion: Motion,
-    /// The reason, unless the path is simply being followed.
-    pub reason: Option<Reason>,
-    /// How the path is followed, while executing.
-    pub following: Option<Following>,
 }
 
 /// Recoveries, in the order in which they are tried.
@@ -511,12 +428,14 @@ fn blocked_along(path: &ReferencePath, along_m: f64, around: &Surroundings) -> O
     (5..steps).step_by(2).find(|&k| at(k) < limit).map(|k| step_m * k as f64)
 }
 
-/// Blocks the cells where something moves now; start and goal stay as they are.
+/// Blocks the cells where something moves now; start and goal stay as they are, and a body that is too near already is not shut in.
 fn block_moving(costs: &mut crate::grid::Grid<u8>, moving: &DynamicLayer, radius_m: f64, ends: [Cell; 2]) {
     let frame = *costs.frame();
     for track in moving.tracks() {
-        let reach = (track.radius_m + radius_m + 0.1) / frame.resolution_m();
         let middle = frame.in_cells(track.position);
+        let start = Vec2::new(f64::from(ends[0].x) + 0.5, f64::from(ends[0].y) + 0.5);
+        let reach = (track.radius_m + radius_m + 0.1) / frame.resolution_m();
+        let reach = reach.min((start - middle).norm() - 1.5);
         let from = |v: f64| (v - reach).floor().max(0.0) as u32;
         let to = |v: f64, len: usize| (v + reach).ceil().clamp(0.0, len as f64) as u32;
         for y in from(middle.y)..to(middle.y, frame.height()) {
@@ -526,6 +445,34 @@ fn block_moving(costs: &mut crate::grid::Grid<u8>, moving: &DynamicLayer, radius
                     costs.set(Cell::new(x, y), BLOCKED);
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::costmap::{Detection, DynamicConfig};
+    use crate::grid::{Grid, GridFrame};
+
+    #[test]
+    fn a_body_close_to_someone_plans_away_from_him_and_around_him() {
+        let frame = GridFrame::new(100, 60, 0.05, Se2::identity()).unwrap();
+        let mut moving = DynamicLayer::new(DynamicConfig::default());
+        moving.observe(0.0, &[Detection { position: Vec2::new(2.5, 1.5), radius_m: 0.3 }]);
+        let cell = |x: f64, y: f64| frame.cell_at(Vec2::new(x, y)).unwrap();
+        let costs = |from: Cell, to: Cell| {
+            let mut costs = Grid::filled(frame, 10u8);
+            block_moving(&mut costs, &moving, 0.2, [from, to]);
+            costs
+        };
+        for x in [2.1, 1.8, 0.5] {
+            let (from, to) = (cell(x, 1.5), cell(4.5, 1.5));
+            let costs = costs(from, to);
+            assert_eq!(costs.get(cell(2.5, 1.5)), Some(BLOCKED), "from {x} m");
+            let way = WeightedAStar::new().search(&costs, from, to).unwrap();
+            let nearest = way.cells.iter().map(|c| (frame.centre(*c) - Vec2::new(2.5, 1.5)).norm());
+            assert!(nearest.fold(f64::INFINITY, f64::min) > (2.5f64 - x).min(0.6) - 0.15, "from {x} m");
         }
     }
 }

@@ -1,7 +1,8 @@
 //! A simulated body to test followers: it moves with a delay and within its limits, and its odometry is noisy.
 
 use super::motion::{Limits, Motion, moved};
-use super::navigator::{Navigator, Reason, State};
+use super::navigator::Navigator;
+use super::step::{Reason, State};
 use crate::costmap::{Costmap, DynamicLayer};
 use cairn_geometry::{Se2, Vec2};
 use cairn_random::Random;

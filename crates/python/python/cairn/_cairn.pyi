@@ -16,6 +16,7 @@ __all__ = [
     "Evaluation",
     "Events",
     "Evidence",
+    "FleetBuild",
     "Frame",
     "GravityAligned",
     "Imu",
@@ -44,6 +45,7 @@ __all__ = [
     "Trajectory",
     "Voxels",
     "__version__",
+    "fleet_run",
     "load_map",
     "open",
 ]
@@ -189,6 +191,13 @@ def open(
     source: _Path, *, rig: Rig | None = None, start_s: float = 0.0, frames: int | None = None
 ) -> Source: ...
 def load_map(path: _Path) -> Map: ...
+def fleet_run(job: str, task: str) -> str: ...
+
+@final
+class FleetBuild:
+    def __new__(cls, job: str) -> FleetBuild: ...
+    def next(self, outcomes: Sequence[str]) -> list[str]: ...
+    def report(self) -> str: ...
 
 @final
 class Source(Iterator[Frame]):

@@ -12,6 +12,7 @@
 use super::folder::{numbered, replace};
 use super::{MOST_KEY_FRAMES, WallClock, WallTime};
 use crate::disk::OwnDisk;
+use crate::slam::Slam;
 use cairn_atlas::store::MapFile;
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
@@ -47,12 +48,24 @@ pub enum LibraryError {
     /// The rig cannot serve the mode.
     #[error(transparent)]
     Rig(#[from] cairn_sensor::RigError),
+    /// What tracks cannot begin without a map either.
+    #[error("{0}")]
+    Slam(String),
+}
+
+impl From<OpenMapError> for LibraryError {
+    fn from(e: OpenMapError) -> Self {
+        match e {
+            OpenMapError::Rig(e) => e.into(),
+            OpenMapError::Camera(why) => Self::Slam(why),
+        }
+    }
 }
 
 /// An engine in the kept atlas, and its keeper.
-pub struct Kept {
+pub struct Kept<S = Engine> {
     /// The engine.
-    pub engine: Engine,
+    pub engine: S,
     /// The keeper, for [`crate::Session::keeping`].
     pub keeper: MapKeeper,
     /// What the user should know: damage, small differences of the camera.
@@ -96,25 +109,24 @@ impl MapKeeper {
         runner: Runner,
         config: &Config,
     ) -> Result<Kept, LibraryError> {
+        Self::open_with(folder, None, |map| match map {
+            Some(file) => Engine::in_map(rig, mode, rate_hz, runner, config, file),
+            None => Ok((Engine::new(rig, mode, rate_hz, runner, config)?, Vec::new())),
+        })
+    }
+
+    /// The same for what `begin` begins: in an atlas, with small differences of the camera, or in none. `id` is that of the
+    /// atlas of a session that died, which is followed where it goes on.
+    ///
+    /// # Errors
+    /// What `begin` says where it is given no map.
+    pub fn open_with<S: Slam>(
+        folder: RoutesLock,
+        id: Option<String>,
+        begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
+    ) -> Result<Kept<S>, LibraryError> {
         let (lock, folder) = (folder.file, &*folder.folder);
-        let mut notes = Vec::new();
-        let mut found = None;
-        for path in atlases(folder) {
-            let Some(file) = read(&path, &mut notes) else { continue };
-            match opened(rig, mode, rate_hz, runner, config, folder, &path, file) {
-                Ok((engine, small)) => {
-                    notes.extend(small);
-                    found = Some((path, engine));
-                    break;
-                }
-                Err(OpenMapError::Rig(e)) => return Err(e.into()),
-                Err(OpenMapError::Camera(_)) => {}
-            }
-        }
-        let (id, engine) = match found {
-            Some((path, engine)) => (id_of(&path).unwrap_or_default(), engine),
-            None => (new_id(folder), Engine::new(rig, mode, rate_hz, runner, config)?),
-        };
+        let (id, engine, notes) = opened(folder, id, begin)?;
         let mut keeper = Self {
             folder: folder.to_owned(),
             id,
@@ -129,9 +141,29 @@ impl MapKeeper {
             is_due: false,
             trouble: None,
         };
-        keeper.saved = keeper.path().exists().then(|| engine.snapshot().version());
-        keeper.reanchor(&engine.snapshot());
+        keeper.begins(&engine);
         Ok(Kept { engine, keeper, notes })
+    }
+
+    /// Keeps another atlas from now on: that of the folder which fits what is begun. What was not saved of the one so far is
+    /// dropped.
+    pub(crate) fn begin_again<S: Slam>(
+        &mut self,
+        begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
+    ) -> Result<(S, Vec<String>), LibraryError> {
+        self.wait();
+        let (id, engine, notes) = opened(&self.folder, None, begin)?;
+        self.id = id;
+        self.detached.clear();
+        (self.last, self.pause_s, self.is_due) = (None, SAVE_EVERY_S, false);
+        self.begins(&engine);
+        Ok((engine, notes))
+    }
+
+    fn begins(&mut self, engine: &impl Slam) {
+        let snapshot = engine.snapshot();
+        self.saved = self.path().exists().then(|| snapshot.version());
+        self.reanchor(&snapshot);
     }
 
     /// Takes the time of day from another clock.
@@ -171,7 +203,7 @@ impl MapKeeper {
 
     /// Starts a save on a thread of its own where one is due; `recording` says that a route is being recorded. True when
     /// [`MapKeeper::trouble`] came or went.
-    pub(crate) fn pass(&mut self, engine: &Engine, recording: bool, now: Stamp) -> bool {
+    pub(crate) fn pass(&mut self, engine: &impl Slam, recording: bool, now: Stamp) -> bool {
         let mut changed = false;
         if self.work.as_ref().is_some_and(|(_, work)| work.is_finished()) {
             changed = self.wait();
@@ -195,7 +227,7 @@ impl MapKeeper {
     ///
     /// # Errors
     /// Why it is not on disk.
-    pub(crate) fn end(&mut self, engine: &Engine) -> Result<(), String> {
+    pub(crate) fn end(&mut self, engine: &impl Slam) -> Result<(), String> {
         self.wait();
         self.begin(engine);
         self.wait();
@@ -203,7 +235,7 @@ impl MapKeeper {
     }
 
     /// Begins a save; true when trouble came.
-    fn begin(&mut self, engine: &Engine) -> bool {
+    fn begin(&mut self, engine: &impl Slam) -> bool {
         let snapshot = engine.snapshot();
         let count = snapshot.key_frame_count();
         if count == 0 || self.saved == Some(snapshot.version()) {
@@ -287,22 +319,12 @@ impl MapKeeper {
     }
 }
 
-/// The engine in an atlas, which is trimmed first where it is large.
-#[expect(clippy::too_many_arguments, reason = "all that an engine needs, and where the atlas comes from")]
-fn opened(
-    rig: &Rig,
-    mode: SensorMode,
-    rate_hz: f64,
-    runner: Runner,
-    config: &Config,
-    folder: &Path,
-    path: &Path,
-    mut file: MapFile,
-) -> Result<(Engine, Vec<String>), OpenMapError> {
+/// An atlas, trimmed where it is large.
+fn fitting(folder: &Path, path: &Path, mut file: MapFile) -> MapFile {
     if file.snapshot.key_frame_count() > MOST_KEY_FRAMES / 2 {
         file.snapshot = trimmed(file.snapshot, &needed(folder, id_of(path).as_deref()));
     }
-    Engine::in_map(rig, mode, rate_hz, runner, config, &file)
+    file
 }
 
 /// The key frames that the routes of an atlas are anchored to.
@@ -339,6 +361,32 @@ fn read(path: &Path, notes: &mut Vec<String>) -> Option<MapFile> {
     let kept = if whole.is_some() { "what is whole of it is used" } else { "its routes cannot be walked" };
     notes.push(format!("the map is damaged ({why}); {kept}; it is kept as {}", aside.display()));
     whole.map(|(file, _)| file)
+}
+
+/// The identity of the atlas of a folder that fits what is begun, or of a new one; what was begun in it; what the user should
+/// know.
+fn opened<S>(
+    folder: &Path,
+    id: Option<String>,
+    mut begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
+) -> Result<(String, S, Vec<String>), LibraryError> {
+    let mut notes = Vec::new();
+    for path in atlases(folder) {
+        if id.is_some() && id_of(&path) != id {
+            continue;
+        }
+        let Some(file) = read(&path, &mut notes) else { continue };
+        match begin(Some(&fitting(folder, &path, file))) {
+            Ok((engine, small)) => {
+                notes.extend(small);
+                return Ok((id_of(&path).unwrap_or_default(), engine, notes));
+            }
+            Err(OpenMapError::Rig(e)) => return Err(e.into()),
+            Err(OpenMapError::Camera(_)) => {}
+        }
+    }
+    let (engine, _) = begin(None)?;
+    Ok((id.unwrap_or_else(|| new_id(folder)), engine, notes))
 }
 
 /// The right to write into a folder of routes; the system takes it back when the program ends, however it does.

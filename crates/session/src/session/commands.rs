@@ -2,10 +2,11 @@
 
 use super::Session;
 use crate::command::Command;
+use crate::slam::Slam;
 use cairn_guide::Priority;
 use std::path::Path;
 
-impl Session {
+impl<S: Slam> Session<S> {
     /// Carries out a command; returns the result in words, which are also said.
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 use super::Session;
 use crate::guidance::Guiding;
 use crate::scale_basis::ScaleBasis;
+use crate::slam::Slam;
 use crate::way_ahead::WayAhead;
 use cairn_dense::DenseError;
 use cairn_guide::{Confidence, Cue, Facing, GuideState, Priority, StopReason, Travel, ready_words};
@@ -14,7 +15,7 @@ const FIRST_WORDS_WAIT_S: f64 = 12.0;
 const SEARCHING_S: f64 = 4.0;
 const SEARCHING_AGAIN_S: f64 = 10.0;
 
-impl Session {
+impl<S: Slam> Session<S> {
     /// The guide's state; `None` without guidance.
     pub fn guide_state(&self) -> Option<GuideState> {
         self.guiding.as_ref().map(|g| g.guide.state())
@@ -39,7 +40,7 @@ impl Session {
     /// # Errors
     /// A depth camera that cannot be used.
     pub fn watch_way(&mut self, rig: &Rig) -> Result<bool, DenseError> {
-        self.way_ahead = WayAhead::new(rig, &self.engine.front_end().model().body_from_camera)?;
+        self.way_ahead = WayAhead::new(rig, &self.engine.camera().body_from_camera)?;
         Ok(self.way_ahead.is_some())
     }
 
@@ -63,7 +64,7 @@ impl Session {
             .map_err(|why| self.speech.text(why.id()))?;
         // The guide's first words give the length and the first direction; before that, whether the map covers the
         // route is said.
-        let camera = self.engine.front_end().model();
+        let camera = self.engine.camera();
         let ready = |facing| guiding.reference_path.readiness(&map, &held.route, camera, facing);
         let with_camera_back = (facing == Facing::Home).then(|| ready(Facing::Back));
         let words = ready_words(
@@ -108,7 +109,8 @@ impl Session {
     pub(super) fn guide(&mut self, now: Stamp) {
         // Measured after the engine's step, so that its processing time counts.
         let too_old = self.ages.hazard(self.frame, self.now);
-        let stage_failed = self.dead.as_ref().map(|_| StopReason::StageDied);
+        let fails = self.dead.is_some() || self.engine.away().is_some();
+        let stage_failed = fails.then_some(StopReason::StageDied);
         let hazard = stage_failed.or(too_old).or_else(|| self.scale_hazard());
         let speaking = self.speech.is_speaking(now);
         if !self.is_at_route(now, speaking) {

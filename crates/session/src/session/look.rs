@@ -4,14 +4,16 @@ use super::Session;
 use crate::age::Age;
 use crate::recording::Recording;
 use crate::reference_path::anchor_in_map;
+use crate::slam::Slam;
 use crate::status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
 use cairn_engine::Phase;
 use cairn_geometry::Vec3;
 use cairn_guide::{Facing, GuideState, StopReason, reason_words};
 use cairn_phrases::Arg;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-impl Session {
+impl<S: Slam> Session<S> {
     /// The current status.
     pub fn status(&self) -> Status {
         let mut s = self.status.clone();
@@ -69,7 +71,9 @@ impl Session {
             Some(GuideState::Stopped(reason)) => {
                 return (format!("{} {}", self.speech.text("guide-stop"), why(reason)), true);
             }
-            _ if self.dead.is_some() || self.picture.is_lost() => return (words.to_owned(), true),
+            _ if self.dead.is_some() || self.engine.away().is_some() || self.picture.is_lost() => {
+                return (words.to_owned(), true);
+            }
             Some(state) => {
                 // The first word of the name is that of the catalogue.
                 let name = state_name(state).split(' ').next().unwrap_or_default();
@@ -91,12 +95,14 @@ impl Session {
     pub fn engine_status(&self) -> cairn_engine::Status {
         let mut s = self.engine.status().clone();
         s.t_s = self.clock().elapsed_s(self.now);
-        let beyond = match &self.dead {
+        let away = || self.engine.away().map(|_| self.speech.text("walk-tracking-restarts"));
+        let error = self.dead.clone().or_else(away);
+        let beyond = match &error {
             Some(_) => Some(Phase::Error),
             None => self.picture.is_lost().then_some(Phase::WaitFrames),
         };
         if let Some(phase) = beyond {
-            (s.phase, s.valid, s.error) = (phase, false, self.dead.clone());
+            (s.phase, s.valid, s.error) = (phase, false, error);
             s.waits.clear();
             s.events.clear();
         }
@@ -107,7 +113,15 @@ impl Session {
     pub fn view(&self, most: usize) -> View {
         let map = self.engine.snapshot();
         let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
-        let each = map.landmark_count().div_ceil(most.max(1)).max(1);
+        // By their numbers, so that the same ones are shown while the map grows.
+        let each = map.landmark_count().div_ceil(most.max(1)).next_power_of_two() as u64;
+        let shown = map.landmarks().filter(|l| (l.id.index() as u64).is_multiple_of(each)).take(most);
+        let (point_ids, points) = shown.map(|l| (l.id.index() as u64, single(&l.position))).unzip();
+        let numbers: BTreeMap<_, u32> = map.key_frames().zip(0..).map(|(k, n)| (k.id, n)).collect();
+        let loops = map.key_frames().filter(|k| !k.links.is_empty()).flat_map(|k| {
+            let others = k.links.iter().filter(|other| **other < k.id).filter_map(|other| numbers.get(other));
+            others.map(|other| [*other, numbers[&k.id]]).collect::<Vec<_>>()
+        });
         let route = self.recording.as_ref().map(Recording::route).or(self
             .route
             .as_ref()
@@ -121,8 +135,12 @@ impl Session {
         let up = self.guiding.as_ref().map_or_else(|| -Vec3::y(), |g| g.reference_path.world_ground.up());
         View {
             up: single(&up),
-            points: map.landmarks().step_by(each).map(|l| single(&l.position)).collect(),
+            points,
+            point_ids,
             key_frames: map.key_frames().map(|k| single(&k.world_from_camera.translation)).collect(),
+            key_frame_ids: map.key_frames().map(|k| k.id.index() as u64).collect(),
+            maps: map.key_frames().map(|k| k.map.root().index() as u64).collect(),
+            loops: loops.collect(),
             recorded,
             plan: self
                 .guiding

@@ -1,9 +1,11 @@
 //! Recording: it begins, takes each pose and the notes that are given, and ends.
 
 use super::{RouteAtHand, Session};
+use crate::lens::LensKnowledge;
 use crate::library::words;
 use crate::place::Place;
 use crate::recording::{About, Recording};
+use crate::slam::Slam;
 use cairn_guide::{Confidence, PhraseConfig, Priority, RecordInput, Recorder, Route, Side};
 use cairn_phrases::Arg;
 use std::path::{Path, PathBuf};
@@ -12,8 +14,10 @@ use std::path::{Path, PathBuf};
 const SHORT_POINTS: usize = 60;
 /// A marked place waits this long for its note, seconds.
 const MARKED_S: f64 = 120.0;
+/// So long a recording that begins by itself waits for a lens that is not known yet, seconds.
+const LENS_PATIENCE_S: f64 = 60.0;
 
-impl Session {
+impl<S: Slam> Session<S> {
     /// Every route recorded in this session, including the one in progress, with its file.
     pub fn recorded(&self) -> impl Iterator<Item = (Option<&Path>, &Route)> {
         let ended = self.recorded.iter().map(|(path, route)| (path.as_deref(), route));
@@ -33,7 +37,10 @@ impl Session {
 
     pub(super) fn record(&mut self, seen: &RecordInput) {
         let due = self.config.auto_record.is_some_and(|n| self.status.tracked >= n);
+        // What is recorded stays with the lens that it was recorded with.
+        let lens_may_come = self.lens == Some(LensKnowledge::Guessed) && self.elapsed_s() < LENS_PATIENCE_S;
         if due
+            && !lens_may_come
             && !self.auto_recorded
             && self.recording.is_none()
             && self.guiding.is_none()
@@ -86,6 +93,7 @@ impl Session {
                 let args: [(&str, Arg); 2] = [("file", (&file).into()), ("why", (&why).into())];
                 self.speech.language().say("walk-recording-in-memory", &args)
             }
+            (None, _) if self.reads_with_guess() => self.speech.text("walk-recording-lens-unknown"),
             (None, _) if is_full => self.speech.text("walk-library-full"),
             (None, true) => self.speech.text("walk-recording"),
             (None, false) => self.speech.text("walk-recording-unmeasured"),

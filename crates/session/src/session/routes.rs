@@ -4,13 +4,14 @@ use super::{Asked, RouteAtHand, Session};
 use crate::command::Which;
 use crate::library::words::WhyNot;
 use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, checked_name, words};
+use crate::slam::Slam;
 use cairn_guide::{Priority, Route};
 use std::path::{Path, PathBuf};
 
 /// A question is open for this long, seconds.
 const ASKED_S: f64 = 60.0;
 
-impl Session {
+impl<S: Slam> Session<S> {
     /// The routes of the folder as they are listed, newest first.
     pub fn routes(&self) -> Vec<RouteListed> {
         let (now, phrases) = ((self.wall)(), *self.speech.phrases());
@@ -36,7 +37,7 @@ impl Session {
     }
 
     /// Whether the route in a file is anchored in the map of this session.
-    fn is_here(&self, path: &Path, atlas: Option<&str>) -> bool {
+    pub(super) fn is_here(&self, path: &Path, atlas: Option<&str>) -> bool {
         self.config.map_is_loaded
             || self.recorded_here.contains(path)
             || self.keeper.as_ref().is_some_and(|k| k.holds(path, atlas))

@@ -6,6 +6,7 @@
 
 use super::{RouteAtHand, Session};
 use crate::library::{SPOKEN, number_of};
+use crate::slam::Slam;
 use crate::take_me::{NoWay, WalkedRoutes};
 use cairn_guide::Route;
 use cairn_phrases::Language;
@@ -30,7 +31,7 @@ enum RouteEnd {
     End,
 }
 
-impl Session {
+impl<S: Slam> Session<S> {
     /// Plans the way over the known routes from here to a place, and starts guidance along it. A recording in progress
     /// belongs to them, and ends. Without a place: says which places there are.
     pub(super) fn take_me(&mut self, to: &str) -> Result<String, String> {

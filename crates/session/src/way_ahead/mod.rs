@@ -14,53 +14,18 @@ mod strip;
 #[cfg(test)]
 mod tests;
 mod tries;
+mod watch;
 
 use cairn_dense::DenseError;
-use cairn_dense::walk::{Blocked, Hit, LocalConfig, LocalSpace, first_hit, free_around};
-use cairn_geometry::{Se3, Vec2};
-use cairn_guide::{FreeWay, Ground, Guide, GuideState, Heading, Obstacle, StopReason};
+use cairn_dense::walk::{LocalConfig, LocalSpace};
+use cairn_geometry::Se3;
+use cairn_guide::{Ground, Guide, Heading, StopReason};
 use cairn_sensor::{FramePacket, Rig, Stamp};
-use pace::Pace;
-use past::{Blocking, Leg, Past, Plan};
 use std::time::Instant;
-use strip::{STRAIGHT_HALF_M, level, stopped_for, straight_half, strip};
-use tries::Tries;
+use strip::level;
+pub(crate) use watch::Found;
+use watch::{Sight, Watch};
 
-/// Half of the strip that must be free along the route: half the width of a person, and five centimetres.
-const HALF_M: f64 = 0.30;
-/// The walker is stopped this far before an obstacle on the route, metres, ...
-const MARGIN_M: f64 = 0.7;
-/// ... and as much earlier as he walks in this time, seconds: a third of a second to say "stop", up to 1.2 s to react, and the time
-/// until a thing counts as seen.
-const STOP_S: f64 = 1.9;
-/// Straight ahead he is stopped before this is left, metres: half a body, and 0.2 m for what is seen too late or too far, ...
-const NEAR_M: f64 = 0.45;
-/// ... and as much earlier as he walks in this time, seconds: to say "stop" and to react.
-const NEAR_S: f64 = 1.6;
-/// He is sent only where so much more is free, metres.
-const SPARE_M: f64 = 0.15;
-/// Who was told to slow down walks at this share of his pace, but not slower than the other, m/s.
-const SLOWED: (f64, f64) = (0.8, 0.4);
-/// He is stopped at the end of the route: what lies farther beyond it, metres, is not reached.
-const BEYOND_END_M: f64 = 0.75;
-/// Headings that are looked at around the walker.
-const HEADINGS: usize = 144;
-/// Within this angle of the end of a turn, after which he goes on by himself, the way behind the turn is looked at, radians.
-const TURNS_RAD: f64 = 0.8;
-/// An obstacle has at least so many voxels of five centimetres within a quarter of a metre.
-const CLUSTER_VOXELS: u32 = 4;
-/// What was in the way is gone when the strip has been free this far, metres, for this long, seconds.
-const HELD_M: f64 = 3.0;
-const FREE_S: f64 = 0.5;
-/// A walker who was stopped is led past the obstacle once he has stood for this long, seconds.
-const STOOD_S: f64 = 1.5;
-/// Who was told to turn so long ago, seconds, and faces the way this exactly, radians, has turned to it.
-const FACED_S: f64 = 3.0;
-const FACES_RAD: f64 = 0.09;
-/// A leg stays free when it is shorter by this than when it was found, metres.
-const SLACK_M: f64 = 0.1;
-/// A way that was found is not given up because it is not found for a moment, seconds: what is seen has noise.
-const FOUND_S: f64 = 0.6;
 /// A sensor that gave no usable depth for this long is blind, seconds.
 const BLIND_S: f64 = 1.0;
 
@@ -72,61 +37,9 @@ pub(crate) struct WayAhead {
     /// The last usable depth, and the first image since guidance began.
     seen: Option<Stamp>,
     began: Option<Stamp>,
-    pace: Pace,
-    /// Since when the strip has been free, while there is an obstacle.
-    free: Option<Stamp>,
-    way: Option<Way>,
-
-    state: State,
-    tries: Tries,
-    past: Past,
+    watch: Watch,
     /// Milliseconds that the last image and the steps since took: for reports only, nothing is decided by it.
     pub cost_ms: f64,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum State {
-    Free,
-    /// Something is in the way and the walker was told.
-    Stopped,
-    /// The walker is led past it.
-    Passing,
-}
-
-/// The way past an obstacle on which a walker is.
-#[derive(Clone, Copy, Debug)]
-struct Way {
-    /// Since when he is led there, and when it was last found to be free.
-    since: Stamp,
-    found: Stamp,
-    leg: Leg,
-}
-
-/// What a step found.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Found {
-    pub stop: Option<StopReason>,
-    /// A heading past an obstacle, radians.
-    pub detour: Option<f64>,
-    /// Where the walker may be sent.
-    pub free: Option<FreeWay>,
-    /// He stands too near to something to get past it: the side to step back to, plus one for left.
-    pub step_back: Option<f64>,
-}
-
-/// What is seen at a step.
-struct Seen<'a> {
-    guide: &'a Guide,
-    walker: &'a Heading,
-    now: Stamp,
-    obstacles: Vec<Blocked>,
-    /// Metres that are free in each heading.
-    free_m: Vec<f64>,
-    /// The first obstacle on the route, and the one straight ahead of a walker who walks.
-    on_route: Option<Hit>,
-    near: Option<Hit>,
-    /// The heading in which he would be led along the route.
-    route_heading: Option<f64>,
 }
 
 impl WayAhead {
@@ -143,12 +56,7 @@ impl WayAhead {
             segment: None,
             seen: None,
             began: None,
-            pace: Pace::new(),
-            free: None,
-            way: None,
-            state: State::Free,
-            tries: Tries::default(),
-            past: Past::new(),
+            watch: Watch::new(),
             cost_ms: 0.0,
         }))
     }
@@ -157,8 +65,7 @@ impl WayAhead {
     pub fn reset(&mut self) {
         if self.began.is_some() {
             self.space.clear();
-            (self.segment, self.seen, self.began, self.state) = (None, None, None, State::Free);
-            (self.free, self.way, self.pace, self.tries) = (None, None, Pace::new(), Tries::default());
+            (self.segment, self.seen, self.began, self.watch) = (None, None, None, Watch::new());
         }
     }
 
@@ -169,7 +76,7 @@ impl WayAhead {
         self.began.get_or_insert(packet.stamp);
         if self.segment.replace(segment).is_some_and(|before| before != segment) {
             self.space.clear();
-            self.pace.clear();
+            self.watch.begin_segment();
         }
         if let Some(depth) = &packet.depth {
             let pose = *odom_from_camera * self.camera_from_depth;
@@ -183,196 +90,22 @@ impl WayAhead {
     /// Looks at the way of a walker who goes where his camera looks, before a step of his guide.
     pub fn look(&mut self, guide: &Guide, walker: &Heading, now: Stamp) -> Found {
         let begin = Instant::now();
-        let found = self.found(guide, walker, now);
+        let last = self.seen.max(self.began);
+        let found = if last.is_some_and(|last| now - last > BLIND_S) {
+            self.watch.walked(guide, walker, now);
+            Found { stop: Some(StopReason::UnknownGround), ..Found::default() }
+        } else {
+            let space = &self.space;
+            let config = space.config();
+            let sight = Sight {
+                obstacles: space.obstacles(),
+                reach_m: config.reach_m,
+                chest_m: config.chest_m,
+                drop_along: &|line, half_m, length_m| space.drop_along(line, half_m, length_m),
+            };
+            self.watch.look(guide, walker, sight, now)
+        };
         self.cost_ms += begin.elapsed().as_secs_f64() * 1e3;
         found
     }
-
-    fn found(&mut self, guide: &Guide, walker: &Heading, now: Stamp) -> Found {
-        self.pace.push(walker.position, now);
-        if let Some(place) = guide.place() {
-            self.tries.step(place.along_m, self.state != State::Free, now);
-        }
-        let last = self.seen.max(self.began);
-        if last.is_some_and(|last| now - last > BLIND_S) {
-            return Found { stop: Some(StopReason::UnknownGround), ..Found::default() };
-        }
-        let obstacles = self.space.obstacles();
-        let half_m = straight_half(&obstacles, &walker.position);
-        let reach_m = self.space.config().reach_m;
-        let free_m = free_around(&obstacles, &walker.position, half_m, reach_m, CLUSTER_VOXELS, HEADINGS);
-        let turning = guide.state() == GuideState::Turning;
-        let speed = self.pace.speed().max(self.expected());
-        let near_m = self.needed(guide, walker, speed);
-        let along = |heading: f64, half_m: f64| {
-            let line = [walker.position, walker.position + direction(heading) * (reach_m + 0.5)];
-            first_hit(&obstacles, &line, half_m, near_m, CLUSTER_VOXELS)
-        };
-        let route_heading = guide.route_heading(walker, now);
-        // After a turn at a corner he goes on by himself: then what is squarely in the way behind it counts.
-        let behind = route_heading.filter(|h| {
-            turning && guide.goes_on() && self.pace.stands() && walker.turn_to(*h).abs() < TURNS_RAD
-        });
-        let near = match behind {
-            Some(heading) => along(heading, STRAIGHT_HALF_M[0]),
-            None if !self.pace.stands() || guide.goes_on() && !turning => along(walker.course, half_m),
-            None => None,
-        };
-        let mut seen = Seen { guide, walker, now, obstacles, free_m, on_route: None, near, route_heading };
-        // Who turns at a corner is looked at when he sets out, from where he stands then.
-        let faces = route_heading.is_some_and(|h| walker.turn_to(h).abs() < FACES_RAD);
-        let turned = faces && !guide.goes_on() && self.pace.has_stood(FACED_S, now);
-        let waits = turning && self.state == State::Free && !turned;
-        let found = match strip(guide, walker).filter(|_| !waits) {
-            Some(line) => self.on_line(&mut seen, &line),
-            None if waits && seen.near.is_some() => self.decide(&seen),
-            None => Found::default(),
-        };
-        let mut free = self.free_way(&seen, self.expected());
-        // Past something he is sent where the whole leg is free.
-        if let Some(Way { leg, .. }) = self.way.filter(|_| found.detour.is_some() && self.pace.stands()) {
-            free = free.requiring(free.needed_m().max(leg.free_m - SLACK_M));
-        }
-        Found { free: Some(free), ..found }
-    }
-
-    /// What the strip along the route says.
-    fn on_line(&mut self, seen: &mut Seen, line: &[Vec2]) -> Found {
-        let stop_m = MARGIN_M + STOP_S * self.pace.speed().max(self.expected());
-        if self.space.drop_along(line, HALF_M, stop_m.min(2.5)).is_some() {
-            self.state = State::Stopped;
-            return Found { stop: Some(StopReason::Drop), ..Found::default() };
-        }
-        // What he was stopped for stays in view while he stands: by then he would be stopped for less.
-        let reach = if self.state == State::Free { stop_m } else { stop_m.max(HELD_M) };
-        seen.on_route = first_hit(&seen.obstacles, line, HALF_M, reach, CLUSTER_VOXELS);
-        if seen.on_route.is_some() {
-            self.free = None;
-        } else {
-            self.free.get_or_insert(seen.now);
-        }
-        self.decide(seen)
-    }
-
-    fn decide(&mut self, seen: &Seen) -> Found {
-        let hit = seen.near.or(seen.on_route);
-        // Whoever stands is sent on along the route only where that is free for as long as he needs to stop.
-        let may_go = !self.pace.stands()
-            || seen.guide.goes_on()
-            || seen.route_heading.is_none_or(|h| self.free_way(seen, self.pace.pace()).admits(h));
-        let is_free = self.free.is_some_and(|since| seen.now - since >= FREE_S);
-        match self.state {
-            State::Free if hit.is_none() && may_go => Found::default(),
-            State::Free => {
-                self.state = State::Stopped;
-                self.stop(seen)
-            }
-            _ if is_free && seen.near.is_none() && may_go => {
-                self.state = State::Free;
-                Found::default()
-            }
-            State::Stopped => {
-                let searches = self.pace.has_stood(STOOD_S, seen.now) && !self.tries.are_enough();
-                let plan = searches.then(|| self.search(seen)).flatten();
-                if searches {
-                    self.tries.searched(plan.is_some(), seen.now);
-                }
-                match plan {
-                    Some(Plan::Walk(leg)) => {
-                        self.way = Some(Way { since: seen.now, found: seen.now, leg });
-                        self.state = State::Passing;
-                        Found { detour: Some(leg.heading), ..Found::default() }
-                    }
-                    Some(Plan::StepBack(side)) => Found { step_back: Some(side), ..self.stop(seen) },
-                    None if self.pace.stands() && self.tries.are_in_vain(seen.now) => {
-                        Found { stop: Some(StopReason::NoWayPast), ..Found::default() }
-                    }
-                    None => self.stop(seen),
-                }
-            }
-            State::Passing => match self.passing(seen) {
-                Some(leg) if seen.near.is_none() => Found { detour: Some(leg.heading), ..Found::default() },
-                _ => {
-                    self.state = State::Stopped;
-                    self.stop(seen)
-                }
-            },
-        }
-    }
-
-    /// The leg on which the walker is; where he stands and it is not free any more, another one.
-    fn passing(&mut self, seen: &Seen) -> Option<Leg> {
-        let Way { since, found, leg } = self.way?;
-        let free = self.free_way(seen, self.slowed()).requiring(leg.free_m - SLACK_M);
-        if !self.pace.stands() || free.admits(leg.heading) {
-            // He has turned to it, and it is not free there: turns end beside where they should.
-            let faces = seen.walker.turn_to(leg.heading).abs() < FACES_RAD && seen.now - since > FACED_S;
-            let stands = self.pace.stands() && !seen.guide.goes_on();
-            self.way = Some(Way { since, found: seen.now, leg });
-            return (!(stands && faces) || free.admits(seen.walker.course)).then_some(leg);
-        }
-        if let Some(Plan::Walk(leg)) = self.search(seen) {
-            self.way = Some(Way { since: seen.now, found: seen.now, leg });
-            return Some(leg);
-        }
-        (seen.now - found <= FOUND_S).then_some(leg)
-    }
-
-    /// Stops the walker for what is in the way; where it has been free since a moment, the reason stays until that is sure.
-    fn stop(&self, seen: &Seen) -> Found {
-        let chest_m = self.space.config().chest_m;
-        let ahead = |heading: f64| {
-            let line = [seen.walker.position, seen.walker.position + direction(heading) * 4.0];
-            first_hit(&seen.obstacles, &line, HALF_M, 4.0, CLUSTER_VOXELS)
-        };
-        let hit = seen.near.or(seen.on_route).or_else(|| seen.route_heading.and_then(ahead));
-        let obstacle = hit.map(|hit| {
-            let to = hit.at - seen.walker.position;
-            let (ahead, left) = (to.dot(&direction(seen.walker.heading)), seen.walker.to_left(&hit.at));
-            StopReason::Obstacle(Obstacle::at(ahead.max(0.0), left, hit.low_m > chest_m))
-        });
-        Found { stop: obstacle.or_else(|| stopped_for(seen.guide)), ..Found::default() }
-    }
-
-    /// What leads past what is in the way.
-    fn search(&mut self, seen: &Seen) -> Option<Plan> {
-        let free = self.free_way(seen, self.slowed());
-        let along_m = seen.on_route.map(|hit| hit.along_m);
-        let Seen { guide, walker, obstacles, .. } = seen;
-        let reach_m = self.space.config().reach_m;
-        let half_m = straight_half(obstacles, &walker.position);
-        let free_from = |from: &Vec2, heading: f64| {
-            let line = [*from, from + direction(heading) * reach_m];
-            first_hit(obstacles, &line, half_m, reach_m, CLUSTER_VOXELS).map_or(reach_m, |hit| hit.along_m)
-        };
-        let what = Blocking { guide, walker, obstacles, along_m, free: &free, free_from: &free_from };
-        self.past.plan(&self.space, &what)
-    }
-
-    /// Where a walker with this pace may be sent, m/s.
-    fn free_way(&self, seen: &Seen, pace: f64) -> FreeWay {
-        let needed_m = self.needed(seen.guide, seen.walker, pace) + SPARE_M;
-        FreeWay::new(seen.free_m.clone(), needed_m)
-    }
-
-    /// Metres straight ahead that must be free at a speed.
-    fn needed(&self, guide: &Guide, walker: &Heading, speed: f64) -> f64 {
-        let to_end = (guide.plan().end() - walker.position).norm();
-        let ends = guide.aim_point().is_some_and(|(along, _)| along >= guide.plan().length() - 0.1);
-        let most = if ends { to_end + BEYOND_END_M } else { f64::INFINITY };
-        (NEAR_M + NEAR_S * speed).min(most)
-    }
-
-    /// The speed that he will have when he walks: past an obstacle he was told to slow down.
-    fn expected(&self) -> f64 {
-        if self.state == State::Free { self.pace.pace() } else { self.slowed() }
-    }
-
-    fn slowed(&self) -> f64 {
-        (SLOWED.0 * self.pace.pace()).max(SLOWED.1)
-    }
-}
-
-fn direction(heading: f64) -> Vec2 {
-    Vec2::new(heading.cos(), heading.sin())
 }

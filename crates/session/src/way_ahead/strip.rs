@@ -8,10 +8,10 @@ use cairn_guide::{Ground, Guide, GuideState, Heading, StopReason};
 /// room, down to his body's half.
 pub(super) const STRAIGHT_HALF_M: [f64; 2] = [0.20, 0.28];
 
-/// Half of the strip straight ahead, where something already is beside the walker.
-pub(super) fn straight_half(obstacles: &[Blocked], at: &Vec2) -> f64 {
+/// Half of a strip that begins at a place, at most this, where something already is beside it.
+pub(super) fn half_within(obstacles: &[Blocked], at: &Vec2, most_m: f64) -> f64 {
     let nearest = obstacles.iter().map(|b| (b.at - at).norm()).fold(f64::INFINITY, f64::min);
-    (nearest - 0.03).clamp(STRAIGHT_HALF_M[0], STRAIGHT_HALF_M[1])
+    (nearest - 0.03).clamp(STRAIGHT_HALF_M[0], most_m)
 }
 
 /// What in the way the guide has stopped for, if for that.
@@ -43,4 +43,9 @@ pub(super) fn level(ground: &Ground) -> So3 {
     let axes = [Vec2::x(), Vec2::y()].map(|axis| ground.point(&axis, 0.0));
     let here_from_level = nalgebra::Matrix3::from_columns(&[axes[0], axes[1], ground.up()]);
     So3::from_matrix(&here_from_level).inverse()
+}
+
+/// The unit vector of a heading.
+pub(super) fn direction(heading: f64) -> Vec2 {
+    Vec2::new(heading.cos(), heading.sin())
 }

@@ -43,8 +43,17 @@ pub struct Motion {
     pub accel: Vec3,
 }
 
+/// An image as it came.
+struct Arrived {
+    /// Its page; the time of another tells nothing of it.
+    page: u64,
+    ms: f64,
+    jpeg: Vec<u8>,
+    at: Instant,
+}
+
 struct State {
-    newest: Option<(f64, Vec<u8>, Instant)>,
+    newest: Option<Arrived>,
     motion: VecDeque<Motion>,
     /// When motion data arrived last.
     moved: Option<Instant>,
@@ -149,7 +158,8 @@ impl PhonePort {
             return false;
         }
         s.last_ms = Some(ms);
-        s.overtaken += usize::from(s.newest.replace((ms, jpeg, Instant::now())).is_some());
+        let arrived = Arrived { page: s.page, ms, jpeg, at: Instant::now() };
+        s.overtaken += usize::from(s.newest.replace(arrived).is_some());
         self.0.1.notify_all();
         true
     }
@@ -173,12 +183,15 @@ impl PhonePort {
         self.0.1.notify_all();
     }
 
-    /// The motion data since the last call; waits for some until the given instant. Empty after that, and
-    /// when the port is closed.
-    fn motion_before(&self, until: Instant) -> VecDeque<Motion> {
+    /// The motion data of a page since the last call; waits for some until the given instant. Empty after that, when the port
+    /// is closed, and once the data is another page's: its time is not known before its first image.
+    fn motion_before(&self, page: u64, until: Instant) -> VecDeque<Motion> {
         let mut s = self.lock();
         loop {
             let left = until.saturating_duration_since(Instant::now());
+            if s.page != page {
+                return VecDeque::new();
+            }
             if !s.motion.is_empty() || s.closed || left.is_zero() {
                 return std::mem::take(&mut s.motion);
             }
@@ -199,7 +212,7 @@ impl PhonePort {
     }
 
     /// Waits for an image; `None` when the port is closed.
-    fn wait(&self) -> Option<(f64, Vec<u8>, Instant)> {
+    fn wait(&self) -> Option<Arrived> {
         let mut s = self.lock();
         loop {
             if let Some(picture) = s.newest.take() {
@@ -232,7 +245,7 @@ pub struct PhoneSource {
     port: PhonePort,
     info: SourceInfo,
     rig: Rig,
-    first: Option<(f64, Vec<u8>, Instant)>,
+    first: Option<Arrived>,
     /// The last stamp, and when it was given.
     last: Option<(Stamp, Instant)>,
     merge: Merge<Arc<GrayImage>, ()>,
@@ -252,7 +265,8 @@ impl PhoneSource {
         const NAME: &str = "the page's camera";
         let first = port.wait();
         let first = first.ok_or_else(|| SourceError::new(NAME, "was never opened", "open the page again"))?;
-        let image = gray_jpeg(&first.1).map_err(|why| SourceError::new(NAME, why, "try another browser"))?;
+        let image =
+            gray_jpeg(&first.jpeg).map_err(|why| SourceError::new(NAME, why, "try another browser"))?;
         let given = rig.is_some();
         let (mut rig, mut assumed) = rig_for(NAME, [image.width(), image.height()], rig)?;
         // The motion sensor may come later than the camera, so it is always reckoned with.
@@ -274,10 +288,10 @@ impl PhoneSource {
             port: port.clone(),
             info,
             rig,
+            page: first.page,
             first: Some(first),
             last: None,
             merge: Merge::new(config),
-            page: port.lock().page,
             offset: 0,
             skipped: Vec::new(),
         })
@@ -297,8 +311,7 @@ impl PhoneSource {
     }
 
     /// The stamp for a time of the page, later than the previous one. Another page's time continues the one before.
-    fn stamp(&mut self, ms: f64) -> Stamp {
-        let page = self.port.lock().page;
+    fn stamp(&mut self, page: u64, ms: f64) -> Stamp {
         let plain = (ms * 1e6) as i64;
         let mut stamp = Stamp(plain.saturating_add(self.offset));
         if let Some((last, given)) = self.last {
@@ -328,7 +341,7 @@ impl PhoneSource {
         self.merge.advance(stamp);
         let until = Instant::now() + if self.port.motion_flows() { MOTION_TIMEOUT } else { Duration::ZERO };
         while self.merge.lacks() == Some(Stream::Imu) {
-            let motion = self.port.motion_before(until);
+            let motion = self.port.motion_before(self.page, until);
             if motion.is_empty() {
                 self.merge.advance(stamp.plus_seconds(1.01 * MOTION_TIMEOUT.as_secs_f64()));
                 break;
@@ -394,7 +407,7 @@ impl Source for PhoneSource {
     /// Waits for an image, for as long as the page sends none.
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         loop {
-            let Some((ms, jpeg, arrived)) = self.first.take().or_else(|| self.port.wait()) else {
+            let Some(Arrived { page, ms, jpeg, at }) = self.first.take().or_else(|| self.port.wait()) else {
                 return Ok(None);
             };
             let image = match gray_jpeg(&jpeg) {
@@ -405,8 +418,8 @@ impl Source for PhoneSource {
                 }
             };
             let Some(image) = self.sized(image) else { continue };
-            let stamp = self.stamp(ms);
-            if let Some(packet) = self.merged(stamp, image, || arrived.elapsed().as_secs_f64() * 1e3) {
+            let stamp = self.stamp(page, ms);
+            if let Some(packet) = self.merged(stamp, image, || at.elapsed().as_secs_f64() * 1e3) {
                 self.port.lock().trouble = None;
                 return Ok(Some(packet));
             }
@@ -497,6 +510,35 @@ mod tests {
         assert!(source.next_packet().unwrap().unwrap().imu.iter().all(|s| !s.is_synthesised()));
         port.close();
         assert!(source.next_packet().unwrap().is_none());
+    }
+
+    #[test]
+    fn motion_of_a_page_whose_first_image_is_still_to_come_is_not_taken_for_that_of_the_page_before() {
+        for clock_ms in [9e9, -9e9] {
+            let port = PhonePort::default();
+            port.motion((0..10).map(|k| sample(1000.0 + 10.0 * k as f64)));
+            port.picture(1050.0, jpeg(16));
+            let mut source = PhoneSource::open(&port, None).unwrap();
+            source.next_packet().unwrap().unwrap();
+            // The last image of the page waits for motion when another page comes, whose motion is first.
+            port.picture(1200.0, jpeg(16));
+            let other = port.clone();
+            let sender = std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(20));
+                other.page(2);
+                other.motion((0..20).map(|k| sample(clock_ms + 10.0 * k as f64)));
+            });
+            let last = source.next_packet().unwrap().unwrap();
+            sender.join().unwrap();
+            port.picture(clock_ms + 150.0, jpeg(16));
+            let first = source.next_packet().unwrap().unwrap();
+            assert!(first.stamp > last.stamp && first.stamp - last.stamp < 1.0, "{clock_ms}");
+            port.motion((20..40).map(|k| sample(clock_ms + 10.0 * k as f64)));
+            port.picture(clock_ms + 350.0, jpeg(16));
+            let next = source.next_packet().unwrap().unwrap();
+            assert!(next.imu.len() >= 19, "{clock_ms}: {} readings", next.imu.len());
+            assert!((next.imu.last().unwrap().stamp - next.stamp).abs() < 0.02, "{clock_ms}");
+        }
     }
 
     /// Compares the clocks: the page's shows `page_ms` now, to within a millisecond.

@@ -51,10 +51,12 @@ impl Tracker {
             return self.miss(frame, snapshot, inliers, predicted, idle);
         }
         self.learn_readout(&frame, snapshot, &found.matches, &world_from_camera);
-        if reckoned.is_some_and(|r| !r.agrees(&world_from_camera)) {
+        let is_front_end = self.dense.as_ref().is_some_and(|dense| dense.is_front_end());
+        if !is_front_end && reckoned.is_some_and(|r| !r.agrees(&world_from_camera)) {
             return self.miss(frame, snapshot, inliers, predicted, idle);
         }
-        let Some(anchored) = self.anchor_nearest(snapshot, fallback, world_from_camera) else {
+        let chosen = self.dense.as_ref().map_or(world_from_camera, |dense| dense.chosen(world_from_camera));
+        let Some(anchored) = self.anchor_nearest(snapshot, fallback, chosen) else {
             return self.lose(frame, inliers);
         };
         self.tell_inertial(&frame, snapshot, &found.located, &anchored, prior.as_ref(), predicted.as_ref());
@@ -91,7 +93,9 @@ impl Tracker {
             Some(PosePrior { world_from_camera: b.world_from_camera, information: b.pose_information()? })
         });
         let reckoned = self.reckoned().filter(|r| prior.is_none() && r.may_coast());
-        let prior = prior.or(reckoned.map(|r| r.prior()));
+        // Where the pose is that of the depth, features say what they see by themselves.
+        let is_front_end = self.dense.as_ref().is_some_and(|dense| dense.is_front_end());
+        let prior = prior.or(reckoned.filter(|_| !is_front_end).map(|r| r.prior()));
         (prior.or_else(|| self.parallax.position_prior(snapshot, guess)), reckoned)
     }
 

@@ -43,10 +43,12 @@ impl Tracker {
         predicted: Option<NavEstimate>,
         idle: bool,
     ) -> Tracked {
+        let predicted = self.align(&frame, snapshot, predicted);
+        let is_aligned = self.dense.as_ref().is_some_and(|dense| dense.aligned().is_some());
         let good = predicted.filter(|predicted| self.may_coast(&frame, predicted));
         let reckoned = self.reckoned().filter(|r| good.is_none() && r.may_coast());
         let carried = (good.as_ref().map(|b| (b.world_from_camera, b.position_sigma())))
-            .or(reckoned.map(|r| (r.world_from_camera, r.sigma[0])));
+            .or(reckoned.map(|r| (r.world_from_camera, r.sigma()[0])));
         let Some((anchored, sigma)) =
             carried.and_then(|(pose, sigma)| Some((self.predicted_pose(snapshot, &pose)?, sigma)))
         else {
@@ -59,7 +61,7 @@ impl Tracker {
         let since_s = self.located.map_or(0.0, |t| frame.stamp - t);
         let mut due = reckoned.is_some() && self.since_key_frame as f64 >= COAST_KEY_FRAME_S * self.rate_hz;
         if let Some((inertial, predicted)) = self.inertial.as_mut().zip(good) {
-            inertial.coast(frame.stamp, &anchored, predicted);
+            inertial.coast(frame.stamp, &anchored, predicted, is_aligned);
             due = inertial.seconds_since_request(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
         }
         let depth = self.camera.has_depth();
@@ -165,11 +167,12 @@ impl Tracker {
             });
         }
         if let Some(reckoned) = self.reckoned() {
+            let [sigma, sigma_rad] = reckoned.sigma();
             let (reference, _) = snapshot.surviving_ancestor(last.anchored.reference)?;
             return Some(RelocationPrior {
                 anchored: anchored_at(snapshot, reference, reckoned.world_from_camera)?,
-                sigma: reckoned.sigma[0],
-                sigma_rad: reckoned.sigma[1],
+                sigma,
+                sigma_rad,
                 speed: None,
                 sigma_log_scale: self.sigma_log_scale(),
                 gravity_aligned: false,

@@ -1,13 +1,16 @@
 //! The tracking stage, frame by frame: predict, match, locate, decide.
 
+mod depth;
 mod find;
 mod finish;
+mod found;
 mod lost;
 mod scale;
 mod static_landmarks;
 mod turning;
 mod waiting;
 
+use crate::dense::DenseAligner;
 use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::Matches;
@@ -23,6 +26,7 @@ use cairn_geometry::{Se3, So3};
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use cairn_settings::Settings;
 use cairn_vision::{Frame, RectifiedCamera};
+pub use found::{DepthPlaced, FoundByDepth};
 use nalgebra::SVector;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -55,6 +59,19 @@ pub struct TrackerConfig {
     /// True to estimate the time above from the images and the motion, beginning with the value given.
     #[setting(default = false)]
     pub estimate_readout: bool,
+    /// True to take the pose of each frame from its depth image (`--front-end dense`); features still find places again. Without
+    /// it the depth image gives the pose where features do not suffice.
+    #[setting(default = false)]
+    pub dense: bool,
+    /// Seconds without a pose after which the place is looked for by the shape of its surfaces, where there is depth and
+    /// surfaces are made (`--dense`).
+    #[setting(default = 1.0, range = 0.0..=1e4)]
+    pub find_by_depth_s: f64,
+    /// True where the camera is known to be in the rooms of the map: then their shape alone tells where (a start in a saved map
+    /// in the dark). Without it features have to agree, or the camera has to have been tracked near there less than three seconds
+    /// before: a room that is not in the map may look like one that is.
+    #[setting(default = false)]
+    pub find_by_shape_alone: bool,
 }
 
 /// Seconds without a pose up to which matches are still searched around the pose predicted by the motion
@@ -103,6 +120,10 @@ pub struct Tracker {
     pub(crate) inertial: Option<InertialFilter>,
     /// Motion that is measured by other means than the camera and the IMU.
     pub(crate) reckoning: DeadReckoning,
+    /// Aligns depth images where features do not suffice.
+    pub(crate) dense: Option<DenseAligner>,
+    /// Where a search by depth has found the camera, for the next frame.
+    found: Option<FoundByDepth>,
     odometry: OdometryFilter,
     shutter: Shutter,
 }
@@ -137,6 +158,8 @@ impl Tracker {
             since_recovery: usize::MAX / 2,
             inertial: None,
             reckoning: DeadReckoning::default(),
+            dense: None,
+            found: None,
             odometry: OdometryFilter::new(camera),
             shutter: Shutter::new(config.readout_s, config.estimate_readout, rows_of(&camera)),
         }
@@ -162,19 +185,20 @@ impl Tracker {
     pub fn map_created(&mut self, snapshot: &Snapshot, id: KeyFrameId) {
         let Some(k) = snapshot.key_frame(id) else { return };
         let anchored = AnchoredPose::at(k.id, k.world_from_camera);
-        self.last = Some(Last { frame: k.frame.clone(), landmarks: k.landmarks.clone(), anchored });
+        self.last = Some(Last { frame: k.frame.shared(), landmarks: k.landmarks.clone(), anchored });
         self.lost = false;
         self.lost_frames = 0;
         self.velocity = None;
         self.start_pace(snapshot, k);
-        self.located = Some(k.frame.stamp);
-        self.map_created = Some(k.frame.stamp);
+        self.located = Some(k.stamp);
+        self.map_created = Some(k.stamp);
         self.since_key_frame = 0;
         self.reckoning.restart(true);
         if let Some(inertial) = &mut self.inertial {
             inertial.map_created(k);
         }
         self.odometry.map_created(snapshot, id);
+        self.dense_map_created(snapshot, k.stamp, anchored);
     }
 
     /// The odometry of the last frame; `None` when that has no pose.
@@ -222,8 +246,14 @@ impl Tracker {
             .and_then(|(inertial, last)| inertial.moved(last, frame.stamp));
         let other_motion = (imu_motion.map(|motion| (motion, MotionSource::Imu)))
             .or(self.reckoning.step().map(|motion| (motion, MotionSource::Measured)));
+        let before = self.begin_where_found(&frame, snapshot);
         let mut tracked = self.track(frame.clone(), snapshot, idle);
+        if let Some(before) = before {
+            self.keep_or_put_back(before, &frame, &mut tracked);
+        }
+        let other_motion = self.aligned_motion().or(other_motion);
         self.follow(&frame, snapshot, &tracked, other_motion);
+        self.remember_depth(snapshot, &tracked);
         if self.lost && mapping {
             tracked.request =
                 self.bridge(frame.clone(), snapshot).or_else(|| self.begin_new_map(frame, snapshot));
@@ -271,7 +301,10 @@ impl Tracker {
 
     /// Finds the pose of a frame: by the motion model, by the reference key frame, or by relocalisation.
     fn track(&mut self, frame: Arc<Frame>, snapshot: &Snapshot, idle: bool) -> Tracked {
-        let predicted = self.inertial.as_ref().and_then(|i| i.predict(frame.stamp));
+        let mut predicted = self.inertial.as_ref().and_then(|i| i.predict(frame.stamp));
+        if self.dense.as_ref().is_some_and(DenseAligner::is_active) {
+            predicted = self.align(&frame, snapshot, predicted);
+        }
         let reckoned = self.reckoned().filter(|_| predicted.is_none());
         let can_coast = predicted.as_ref().is_some_and(|b| self.may_coast(&frame, b))
             || reckoned.is_some_and(|r| r.may_coast());
@@ -281,6 +314,10 @@ impl Tracker {
         } else {
             self.by_motion(&frame, snapshot, predicted.as_ref())
                 .or_else(|| self.by_reference(&frame, snapshot))
+        };
+        let (predicted, reckoned) = match &first_guess {
+            Some((pose, matches)) if self.contradicts_depth(pose, matches) => self.without_depth(&frame),
+            _ => (predicted, reckoned),
         };
         let carried =
             predicted.as_ref().map(|b| b.world_from_camera).or(reckoned.map(|r| r.world_from_camera));
@@ -321,7 +358,7 @@ impl Tracker {
         self.refresh_unit(snapshot);
         let Some(newest) = snapshot.newest_key_frame() else { return };
         match &mut self.last {
-            Some(last) if Arc::ptr_eq(&last.frame, &newest.frame) => {
+            Some(last) if newest.frame.is(&last.frame) => {
                 last.landmarks.clone_from(&newest.landmarks);
                 last.anchored = AnchoredPose::at(newest.id, newest.world_from_camera);
             }
@@ -352,8 +389,12 @@ impl Tracker {
         self.unit = Some((id, now));
     }
 
-    /// The pose by dead reckoning from the last one that is kept.
+    /// The pose by the shape of the surface, else by dead reckoning from the last one that is kept.
     pub(crate) fn reckoned(&self) -> Option<Reckoned> {
+        let aligned = self.dense.as_ref().and_then(|dense| dense.aligned());
+        if let Some(aligned) = aligned {
+            return Some(aligned.reckoned);
+        }
         self.reckoning.pose(&self.last.as_ref()?.anchored.world_from_camera)
     }
 

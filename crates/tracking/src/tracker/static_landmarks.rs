@@ -93,7 +93,7 @@ impl Tracker {
 
 /// Whether key frames observed a landmark at one position for at least [`CONFIRMED_S`].
 fn is_confirmed(snapshot: &Snapshot, landmark: &Landmark) -> bool {
-    let when = |observation: &Observation| snapshot.key_frame(observation.key_frame).map(|k| k.frame.stamp);
+    let when = |observation: &Observation| snapshot.key_frame(observation.key_frame).map(|k| k.stamp);
     let [first, .., last] = landmark.observations.as_slice() else { return false };
     when(last).zip(when(first)).is_some_and(|(last, first)| last - first >= CONFIRMED_S)
 }

@@ -51,7 +51,7 @@ impl Tracker {
         let mut before =
             Last { frame: last.frame.clone(), landmarks: last.landmarks.clone(), anchored: last.anchored };
         for frame in frames.iter().rev() {
-            let known = snapshot.key_frames().find(|k| Arc::ptr_eq(&k.frame, frame));
+            let known = snapshot.key_frames().find(|k| k.frame.is(frame));
             let (anchored, landmarks) = match known {
                 Some(k) => (AnchoredPose::at(k.id, k.world_from_camera), k.landmarks.clone()),
                 None => {

@@ -2,23 +2,40 @@
 //! seen, or the ground there was never seen. Unknown ground is taken to be free (the freespace assumption of Koenig and
 //! Likhachev, "D* Lite", 2002), and so is ground that was open before.
 //!
-//! In: the costmap as it changes. Out: the place before what now blocks the way to a goal, from which that is seen best.
+//! In: the costmap as it changes, and what was looked at in vain. Out: what now blocks the way to a goal, and the place before it from
+//! which it is seen.
 
 use cairn_geometry::Vec2;
 use cairn_plan::search::{BLOCKED, WeightedAStar};
 use cairn_plan::{Cell, CostConfig, Costmap, Grid};
 use std::collections::BTreeSet;
 
-/// Costs of ground that is open, and of ground that only once was or may be: a way round is taken up to this ratio.
+/// Costs of ground that is open, was never seen, and once was open: a way round is taken up to these ratios.
 const OPEN: u8 = 10;
+const UNKNOWN: u8 = 30;
 const CLOSED: u8 = 100;
-/// How far before the blockage the robot looks at it, metres along the way.
-const BEFORE_M: f64 = 0.7;
+/// How far before unknown ground the robot looks at it, metres along the way.
+const BEFORE_UNKNOWN_M: f64 = 0.7;
+/// How far before ground that was open and is blocked: someone who stands there must be able to leave.
+const BEFORE_CLOSED_M: f64 = 1.2;
+/// Ground this near to a blockage that was looked at in vain belongs to it, metres.
+const SAME_M: f64 = 0.6;
+
+/// What blocks or hides the way to a goal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Blockage {
+    /// Where the known way ends.
+    pub at: Vec2,
+    /// Where to look at it from.
+    pub before: Vec2,
+}
 
 /// The ground that was open at some time, as cells of the world's raster.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OnceOpen {
     cells: BTreeSet<[i32; 2]>,
+    /// Blockages that were looked at and stayed.
+    in_vain: Vec<Vec2>,
 }
 
 impl OnceOpen {
@@ -30,27 +47,43 @@ impl OnceOpen {
         self.cells.extend(open.map(|at| raster(at, frame.resolution_m())));
     }
 
-    /// The place before the first blocked ground on the way from a cell to a goal over ground that was once open or is unknown; `None`
-    /// where there can be no such way, or nothing blocks it.
-    pub fn before_blockage(&self, costs: &Costmap, from: Cell, goal: Vec2) -> Option<Vec2> {
+    /// A blockage was looked at and is as it was: ways through it are left out from now on.
+    pub fn looked_in_vain(&mut self, blockage: &Blockage) {
+        self.in_vain.push(blockage.at);
+    }
+
+    /// All blockages may have gone; returns whether any had been looked at in vain.
+    pub fn hope_again(&mut self) -> bool {
+        !std::mem::take(&mut self.in_vain).is_empty()
+    }
+
+    /// The first blocked ground on the way from a cell to a goal over ground that was once open or is unknown; `None` where there
+    /// can be no such way, or nothing blocks it.
+    pub fn blockage(&self, costs: &Costmap, from: Cell, goal: Vec2) -> Option<Blockage> {
         let frame = *costs.frame();
-        let hopeful = CostConfig { unknown: Some(CLOSED), ..*costs.config() };
+        let hopeful = CostConfig { unknown: Some(UNKNOWN), ..*costs.config() };
         let hopeful = Costmap::new(costs.map().clone(), hopeful).ok()?;
         let may_open = |i: usize| hopeful.costs().values().get(i).is_some_and(|c| *c != BLOCKED);
-        let price = |(i, &cost): (usize, &u8)| match cost {
-            BLOCKED if may_open(i) => CLOSED,
-            BLOCKED if self.cells.contains(&raster(frame.centre(frame.cell(i)), frame.resolution_m())) => {
-                CLOSED
+        let was_open = |at: Vec2| self.cells.contains(&raster(at, frame.resolution_m()));
+        let price = |(i, &cost): (usize, &u8)| {
+            let at = frame.centre(frame.cell(i));
+            match cost {
+                BLOCKED if self.in_vain.iter().any(|b| (b - at).norm() < SAME_M) => BLOCKED,
+                BLOCKED if may_open(i) => UNKNOWN,
+                BLOCKED if was_open(at) => CLOSED,
+                BLOCKED => BLOCKED,
+                _ => OPEN,
             }
-            BLOCKED => BLOCKED,
-            _ => OPEN,
         };
         let prices = costs.costs().values().iter().enumerate().map(price).collect();
         let prices = Grid::from_values(frame, prices).ok()?;
         let way = WeightedAStar::new().search(&prices, from, frame.cell_at(goal)?).ok()?;
-        let blocked = way.cells.iter().position(|c| prices.get(*c) == Some(CLOSED))?;
-        let back = (BEFORE_M / frame.resolution_m()) as usize;
-        Some(frame.centre(*way.cells.get(blocked.saturating_sub(back))?))
+        let blocked = way.cells.iter().position(|c| prices.get(*c) != Some(OPEN))?;
+        let at = *way.cells.get(blocked)?;
+        let before_m = if prices.get(at) == Some(CLOSED) { BEFORE_CLOSED_M } else { BEFORE_UNKNOWN_M };
+        let back = (before_m / frame.resolution_m()) as usize;
+        let before = *way.cells.get(blocked.saturating_sub(back))?;
+        Some(Blockage { at: frame.centre(at), before: frame.centre(before) })
     }
 }
 
@@ -85,16 +118,39 @@ mod tests {
         let (open, closed) = (rooms(0), rooms(100));
         let (from, goal) = (open.frame().cell_at(Vec2::new(0.6, 0.6)).unwrap(), Vec2::new(5.9, 2.4));
         let mut once = OnceOpen::default();
-        assert_eq!(once.before_blockage(&closed, from, goal), None, "no way was ever known");
+        assert_eq!(once.blockage(&closed, from, goal), None, "no way was ever known");
         once.learn(&closed);
-        assert_eq!(once.before_blockage(&closed, from, goal), None, "there was no door");
+        assert_eq!(once.blockage(&closed, from, goal), None, "there was no door");
         once.learn(&open);
-        assert_eq!(once.before_blockage(&open, from, goal), None, "nothing blocks it");
-        let at = once.before_blockage(&closed, from, goal).unwrap();
-        assert!(at.x < 2.7 && at.x > 1.7 && (at.y - 1.6).abs() < 0.7, "{at}");
-        let cell = closed.frame().cell_at(at).unwrap();
+        assert_eq!(once.blockage(&open, from, goal), None, "nothing blocks it");
+        let Blockage { at, before } = once.blockage(&closed, from, goal).unwrap();
+        assert!((at.x - 2.9).abs() < 0.2 && (at.y - 1.6).abs() < 0.5, "the inflated door: {at}");
+        assert!(before.x < 2.3 && before.x > 1.3 && (before.y - 1.6).abs() < 0.8, "{before}");
+        let cell = closed.frame().cell_at(before).unwrap();
         assert_ne!(closed.costs().get(cell), Some(BLOCKED));
-        let unseen = OnceOpen::default().before_blockage(&rooms(-1), from, goal).unwrap();
-        assert!((unseen - at).norm() < 0.3, "unknown ground is looked at too: {unseen}");
+        let unseen = OnceOpen::default().blockage(&rooms(-1), from, goal).unwrap().before;
+        assert!(unseen.x > before.x && unseen.x < 2.7, "unknown ground is looked at from nearer: {unseen}");
+    }
+
+    #[test]
+    fn what_was_looked_at_in_vain_is_gone_round_and_tried_again_when_nothing_else_is_left() {
+        let (open, closed) = (rooms(0), rooms(100));
+        let (from, goal) = (open.frame().cell_at(Vec2::new(0.6, 0.6)).unwrap(), Vec2::new(5.9, 2.4));
+        let mut once = OnceOpen::default();
+        once.learn(&open);
+        let door = once.blockage(&closed, from, goal).unwrap();
+        assert!(!once.hope_again());
+        // A passage above the door that nobody has seen the end of.
+        let mut other = closed.map().clone();
+        for y in 48..62 {
+            (62..68).for_each(|x| assert!(other.set(Cell::new(x, y), if x < 65 { 0 } else { -1 })));
+        }
+        let other = Costmap::new(other, CostConfig::default()).unwrap();
+        once.looked_in_vain(&door);
+        let round = once.blockage(&other, from, goal).unwrap();
+        assert!(round.at.y > 2.3, "{:?}", round.at);
+        assert_eq!(once.blockage(&closed, from, goal), None);
+        assert!(once.hope_again());
+        assert_eq!(once.blockage(&closed, from, goal), Some(door));
     }
 }

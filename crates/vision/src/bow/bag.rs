@@ -20,8 +20,11 @@ impl BagOfWords {
     pub(super) fn new(words: Vec<(WordId, f64)>, mut nodes: Vec<(u32, u16)>) -> Self {
         let sum: f64 = words.iter().map(|(_, w)| *w).sum();
         let scaled = words.into_iter().map(|(word, w)| (word, (w / sum) as f32));
-        let words = scaled.filter(|(_, w)| *w > 0.0).collect();
+        let mut words: Vec<(WordId, f32)> = scaled.filter(|(_, w)| *w > 0.0).collect();
         nodes.sort_unstable();
+        // A key frame keeps its bag for as long as the map lasts.
+        words.shrink_to_fit();
+        nodes.shrink_to_fit();
         Self { words, nodes }
     }
 

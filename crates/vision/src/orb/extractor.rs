@@ -6,7 +6,7 @@ use super::fast::{self, Corner, corners};
 use super::fast_score::scores_around;
 use super::{Backend, Pyramid, descriptor, orientation, subpixel};
 use crate::Descriptor;
-use crate::parallel::both;
+use crate::parallel::share;
 use cairn_sensor::GrayImage;
 use cairn_settings::Settings;
 
@@ -154,17 +154,23 @@ impl OrbExtractor {
     ///
     /// An image too small for a patch (32 pixels or less on a side) gives no features.
     pub fn extract(&mut self, image: &GrayImage, out: &mut Features) {
-        if !self.two_threads {
-            for stage in Stage::ALL {
-                self.run(stage, image, out);
-            }
-            return;
-        }
-        self.pyramid.build(image, self.backend);
-        self.detect();
+        let (thresholds, backend, two) = (self.thresholds(), self.backend, self.two_threads);
+        let (pyramid, scratch) = (&mut self.pyramid, &mut self.scratch);
+        let mut levels = self.levels.iter_mut();
+        // Corners are found in a level while the next one is made.
+        share(
+            two,
+            scratch,
+            |give| {
+                pyramid.build_with(image, backend, |image| {
+                    levels.next().into_iter().for_each(|level| give((image, level)));
+                });
+            },
+            |(image, level), scratch| Level::detect(level, image, thresholds, scratch, backend),
+        );
         let given = self.shares();
-        let (pyramid, backend) = (&self.pyramid, self.backend);
-        each(pyramid, true, &mut self.levels, &mut self.scratch, |at, image, level, scratch| {
+        let pyramid = &self.pyramid;
+        each(pyramid, two, &mut self.levels, &mut self.scratch, |at, image, level, scratch| {
             level.select(image, given[at], scratch);
             level.refine(pyramid, at, image, backend);
             level.describe(image, scratch, backend);
@@ -176,11 +182,13 @@ impl OrbExtractor {
     #[doc(hidden)]
     pub fn run(&mut self, stage: Stage, image: &GrayImage, out: &mut Features) {
         let given = if stage == Stage::Select { self.shares() } else { [0; MAX_LEVELS] };
-        let (pyramid, backend) = (&self.pyramid, self.backend);
-        let (levels, scratch) = (&mut self.levels, &mut self.scratch);
+        let (thresholds, backend) = (self.thresholds(), self.backend);
+        let (pyramid, levels, scratch) = (&self.pyramid, &mut self.levels, &mut self.scratch);
         match stage {
             Stage::Downsample => self.pyramid.build(image, backend),
-            Stage::Detect => self.detect(),
+            Stage::Detect => each(pyramid, false, levels, scratch, |_, image, l, s| {
+                l.detect(image, thresholds, s, backend)
+            }),
             Stage::Select => {
                 each(pyramid, false, levels, scratch, |at, image, l, s| l.select(image, given[at], s))
             }
@@ -194,13 +202,9 @@ impl OrbExtractor {
         }
     }
 
-    /// Detects the corners of all levels.
-    fn detect(&mut self) {
-        let (thresholds, backend) = ([self.config.fast_low, self.config.fast_high], self.backend);
-        let (two_threads, levels, scratch) = (self.two_threads, &mut self.levels, &mut self.scratch);
-        each(&self.pyramid, two_threads, levels, scratch, |_, image, level, scratch| {
-            corners(image, thresholds, &mut scratch.fast, &mut level.corners, backend);
-        });
+    /// The low and the high threshold of corners.
+    fn thresholds(&self) -> [u8; 2] {
+        [self.config.fast_low, self.config.fast_high]
     }
 
     /// How many features each level gets.
@@ -225,6 +229,11 @@ impl OrbExtractor {
 }
 
 impl Level {
+    /// Finds the corners.
+    fn detect(&mut self, image: &GrayImage, thresholds: [u8; 2], scratch: &mut Scratch, backend: Backend) {
+        corners(image, thresholds, &mut scratch.fast, &mut self.corners, backend);
+    }
+
     /// Selects the corners that become features.
     fn select(&mut self, image: &GrayImage, wanted: usize, scratch: &mut Scratch) {
         distribute(&mut self.corners, image.width(), image.height(), wanted, &mut scratch.distribution);
@@ -263,8 +272,7 @@ impl Level {
     }
 }
 
-/// Runs `work` for each level, with its number and image. With two threads, each level goes to the one that has fewer
-/// pixels so far.
+/// Runs `work` for each level, with its number and image; with two threads, each takes the next level when it is free.
 fn each(
     pyramid: &Pyramid,
     two_threads: bool,
@@ -272,26 +280,15 @@ fn each(
     scratch: &mut [Scratch; 2],
     work: impl Fn(usize, &GrayImage, &mut Level, &mut Scratch) + Sync,
 ) {
-    let [first, second] = scratch;
     let all = pyramid.levels().iter().zip(levels).enumerate();
-    if !two_threads {
-        return all.for_each(|(at, (image, level))| work(at, image, level, first));
-    }
-    let (mut here, mut there, mut ahead) = (Vec::new(), Vec::new(), 0isize);
-    for item in all {
-        let pixels = item.1.0.data().len() as isize;
-        if ahead > 0 {
-            there.push(item);
-            ahead -= pixels;
-        } else {
-            here.push(item);
-            ahead += pixels;
-        }
-    }
-    let run = |items: Vec<(usize, (&GrayImage, &mut Level))>, scratch: &mut Scratch| {
-        items.into_iter().for_each(|(at, (image, level))| work(at, image, level, scratch));
-    };
-    both(true, || run(here, first), || run(there, second));
+    share(
+        two_threads,
+        scratch,
+        |give| all.for_each(give),
+        |(at, (image, level)), scratch| {
+            work(at, image, level, scratch);
+        },
+    );
 }
 
 /// The stages of the extraction.

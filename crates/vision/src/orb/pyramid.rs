@@ -26,23 +26,37 @@ impl Pyramid {
 
     /// Fills the levels from an image. Levels too small for a feature are omitted, but never level 0.
     pub fn build(&mut self, image: &GrayImage, backend: Backend) {
-        self.levels[0].resize(image.width(), image.height());
-        self.levels[0].data_mut().copy_from_slice(image.data());
-        self.used = 1;
-        while self.used < self.levels.len() {
-            let (done, rest) = self.levels.split_at_mut(self.used);
-            let source = &done[self.used - 1];
-            let least = shrunk(source.width().min(source.height()), self.factor);
+        self.build_with(image, backend, |_| {});
+    }
+
+    /// The same; hands out each level as soon as it is made, finest first.
+    pub(super) fn build_with<'a>(
+        &'a mut self,
+        image: &GrayImage,
+        backend: Backend,
+        mut made: impl FnMut(&'a GrayImage),
+    ) {
+        let Self { factor, levels, used, plans } = self;
+        let Some((first, mut rest)) = levels.split_first_mut() else { return };
+        first.resize(image.width(), image.height());
+        first.data_mut().copy_from_slice(image.data());
+        let mut source: &GrayImage = first;
+        made(source);
+        *used = 1;
+        while let Some((next, others)) = rest.split_first_mut() {
+            let least = shrunk(source.width().min(source.height()), *factor);
             if least <= 2 * BORDER {
                 break;
             }
-            let at = self.used - 1;
-            if self.plans.get(at).is_none_or(|p| !p.fits(source)) {
-                self.plans.truncate(at);
-                self.plans.push(Resize::new([source.width(), source.height()], self.factor));
+            let at = *used - 1;
+            if plans.get(at).is_none_or(|p| !p.fits(source)) {
+                plans.truncate(at);
+                plans.push(Resize::new([source.width(), source.height()], *factor));
             }
-            self.plans[at].run(source, &mut rest[0], backend);
-            self.used += 1;
+            plans[at].run(source, next, backend);
+            (source, rest) = (next, others);
+            made(source);
+            *used += 1;
         }
     }
 

@@ -1,44 +1,30 @@
-// The page: its web socket, the status on the screen, and the commands.
+// The page: its messages, the status on the screen, and the commands.
 import { MediaButtons } from './buttons.js';
 import { Camera } from './camera.js';
 import { Pace } from './pace.js';
+import { keep, kept, phone, secret } from './kept.js';
+import { Link } from './link.js';
+import { MapView } from './map.js';
+import { Model } from './model.js';
 import { MainButton, Noting, RouteList } from './routes.js';
 import { Senses } from './senses.js';
-import { Picture, MapView } from './view.js';
+import { clock, table } from './state.js';
+import { Trust } from './trust.js';
+import { Picture } from './view.js';
 import { Words } from './words.js';
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.hash.slice(1)).get('k') || '';
 const watchOnly = new URLSearchParams(location.search).has('watch');
-// After this time without a message under guidance, the page says stop; after this time in any case, the connection
-// counts as lost, even if the browser has not noticed: the server sends several pings a second.
+// After this time without a message under guidance, the page says stop.
 const SILENT_MS = 1500;
-const GONE_MS = 3000;
-// A slow link may need this long to open a connection.
-const OPEN_MS = 10000;
 // No directions are given from older images; guidance is trusted again when images have been younger for a second.
 const STALE_MS = 500;
 const BACK_MS = 1000;
 // "Stop" is repeated while its reason lasts.
 const AGAIN_MS = 3000;
-
-// Settings are stored in this browser.
-const kept = (() => {
-  try {
-    return JSON.parse(localStorage.getItem('cairn-settings')) ?? {};
-  } catch {
-    return {};
-  }
-})();
-
-function keep(name, value) {
-  kept[name] = value;
-  try {
-    localStorage.setItem('cairn-settings', JSON.stringify(kept));
-  } catch {
-    // A private window stores nothing.
-  }
-}
+// The first byte of a map; other bytes are images.
+const MAP = 2;
 
 // The page is in the language that was chosen here, else in the one that the server found best.
 let words = await Words.in(kept.language ?? document.documentElement.lang).catch(() => Words.in('en'));
@@ -46,22 +32,22 @@ const t = (id, values) => words.text(id, values);
 
 const senses = new Senses({ polite: $('polite'), urgent: $('urgent') });
 const picture = new Picture($('picture'));
-const map = new MapView($('map'), $('map-words'), t);
+const map = new MapView($('map'), $('map-words'), t, (value, decimals) => words.number(value, decimals));
+const model = new Model();
 const pace = new Pace();
 const routes = new RouteList(command, t);
 const noting = new Noting(command);
 const main = new MainButton(t);
+const trust = new Trust((text) => senses.say({ text, priority: 1 }), t);
 const media = new MediaButtons(command, t);
 // The newest status; null before the first picture, and while there is no connection.
 let latest = null;
-let socket = null;
 let me = null;
 let controls = false;
 let held = false;
 let ownCamera = false;
 let guiding = false;
 let lastStatus = null;
-let heard = 0;
 // Why the link is down, and when that was last said.
 let down = null;
 let downSaid = -Infinity;
@@ -69,89 +55,51 @@ let downSaid = -Infinity;
 let frameMs = null;
 let late = false;
 let freshSince = null;
-let rest = 300;
 
 // The page's clock: images are stamped with it, and pings answered.
 const clockMs = () => performance.timeOrigin + performance.now();
 
-// Known only to this page, so that it regains its walk after a network failure or a reload.
-function secretOfThisPage() {
-  const fresh = [...crypto.getRandomValues(new Uint8Array(16))].map((b) => b.toString(16).padStart(2, '0')).join('');
-  try {
-    const kept = sessionStorage.getItem('cairn-secret') ?? fresh;
-    sessionStorage.setItem('cairn-secret', kept);
-    return kept;
-  } catch {
-    return fresh;
-  }
-}
-const secret = secretOfThisPage();
-
-// The same for this browser in every session: the server keeps the lens of the phone by it.
-function phoneOfThisBrowser() {
-  if (typeof kept.phone !== 'string') keep('phone', [...crypto.getRandomValues(new Uint8Array(8))].map((b) => b.toString(16).padStart(2, '0')).join(''));
-  return kept.phone;
-}
-const phone = phoneOfThisBrowser();
-
 const camera = new Camera($('video'), {
   pace,
   picture: (bytes) => {
-    if (!controls || socket?.readyState !== WebSocket.OPEN) return;
+    if (!controls || !link.isOpen) return;
     pace.sent(performance.now(), bytes.length);
     send(bytes);
   },
   motion: (samples) => controls && send(JSON.stringify({ motion: samples })),
-  clogged: () => !socket || socket.readyState !== WebSocket.OPEN || socket.bufferedAmount > 8000,
+  clogged: () => link.isClogged,
 });
 
-function connect() {
-  if (down === null) link('page-connecting');
-  const mine = new WebSocket(`wss://${location.host}/ws`);
-  socket = mine;
-  heard = performance.now();
-  mine.binaryType = 'arraybuffer';
-  mine.onopen = () => {
-    send(JSON.stringify({
-      hello: {
-        token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language, phone,
-        zone_min: -new Date().getTimezoneOffset(),
-      },
-    }));
-    want();
-  };
-  mine.onmessage = (event) => {
-    if (mine !== socket) return;
-    heard = performance.now();
-    if (typeof event.data === 'string') take(JSON.parse(event.data));
-    else picture.draw(event.data);
-  };
-  mine.onclose = () => mine === socket && ended();
-}
+const link = new Link({
+  hello: () => JSON.stringify({
+    hello: {
+      token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language, phone,
+      zone_min: -new Date().getTimezoneOffset(),
+    },
+  }),
+  opened: want,
+  text: (text) => take(JSON.parse(text)),
+  bytes: (bytes) => (new Uint8Array(bytes)[0] === MAP ? map.take(model.take(bytes)) : picture.draw(bytes)),
+  ended,
+});
 
-// The connection has closed or fallen silent: another is tried at once, then at growing intervals.
 function ended() {
-  socket.onclose = null;
-  socket.close();
-  socket = null;
   if (me !== null || down !== null) lost('page-connection-lost');
-  link('page-trying-again');
+  showLink(['page-trying-again']);
   me = null;
   latest = null;
   control(null, held);
-  setTimeout(connect, rest);
-  rest = Math.min(2 * rest, 5000);
 }
 
-// The line about the connection, kept as an id so that it follows the language.
-let linkNow = ['page-connecting', {}];
-function link(id, values = {}) {
-  linkNow = [id, values];
-  set('link', t(id, values));
+// The line about the connection, kept as ids with their values so that it follows the language.
+let linkNow = [['page-connecting']];
+function showLink(...sentences) {
+  linkNow = sentences;
+  set('link', sentences.map(([id, values]) => t(id, values)).join(' '));
 }
 
 function send(data) {
-  if (socket && socket.readyState === WebSocket.OPEN) socket.send(data);
+  link.send(data);
 }
 
 // A hidden page needs neither images nor the map; a phone that sends its own camera images needs no copy of them.
@@ -167,8 +115,7 @@ function take(message) {
     ended: () => trouble(t('page-walk-ended')),
     control: (v) => control(v.id, v.held),
     got: () => pace.got(performance.now()),
-    lens: () => { $('answer').textContent = t('page-lens-known'); },
-    view: (v) => map.take(v),
+    view: (v) => map.walker(v.camera),
     routes: (v) => routes.take(v),
   };
   known[kind]?.(value);
@@ -181,9 +128,11 @@ function ping({ n, trip_ms }) {
 
 function hello({ id, camera: name }) {
   me = id;
-  rest = 300;
+  link.greet();
   ownCamera = name === '';
-  link(ownCamera ? 'page-connected' : 'page-connected-to', { camera: name });
+  showLink([ownCamera ? 'page-connected' : 'page-connected-to', { camera: name }], ...(link.bySocket ? [] : [['page-trust-slow']]));
+  const how = link.bySocket ? null : trust.refused();
+  if (how !== null) senses.say({ text: t(how), priority: 2 });
   if (lastStatus === null) {
     $('state-now').dataset.text = 'page-no-picture-yet';
     $('state-now').textContent = t('page-no-picture-yet');
@@ -263,10 +212,6 @@ function write({ text, priority, t_s, language = words.language }) {
   $('log').scrollTop = $('log').scrollHeight;
 }
 
-function clock(s) {
-  return `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, '0')}`;
-}
-
 function sound({ name, bearing_rad }) {
   senses.sound(name, bearing_rad);
 }
@@ -297,31 +242,8 @@ function status(s) {
   frameMs = s.frame_ms;
   lastStatus = s;
   showState(s);
-  const number = (value, decimals = 1) => words.number(value, decimals);
-  set('s-tracking', `${s.words} ${t('page-frames', { tracked: s.tracked, frames: s.frames, matches: s.inliers })}`);
-  const { imu, initialised } = s.engine;
-  set('s-phase', s.waits.length ? t('page-waits', { phase: s.phase, waits: s.waits.join(', ') }) : s.phase);
-  set('s-imu', imu
-    ? t(initialised ? 'page-imu' : 'page-imu-unaligned', { readings: imu.batch, interpolated: imu.synthesised, gaps: imu.gaps })
-    : t('page-not-used'));
-  set('s-recording', recordingText(s.recording, s.metric));
-  set('s-route', s.route ? t(s.route.here ? 'page-route' : 'page-route-elsewhere', { ...s.route, file: s.route.name }) : t('page-none'));
-  const g = s.guiding;
-  set('s-guiding', g ? t(s.metric ? 'page-guiding-metres' : 'page-guiding', {
-    facing: g.facing, state: g.state.split(' ')[0], along: number(g.along_m), length: number(g.length_m),
-  }) : t('page-none'));
-  set('s-scale', t(s.metric ? 'page-metres' : 'page-no-scale'));
-  const size = t('page-map-size', { places: s.key_frames, points: s.landmarks });
-  set('s-map', s.map_trouble ? t('page-map-not-saved', { map: size, why: s.map_trouble }) : size);
-  set('s-time', t('page-time', { clock: clock(s.t_s), ms: number(s.step_ms), dropped: s.dropped }));
+  for (const [id, text] of Object.entries(table(s, words))) set(id, text);
   map.camera(s);
-}
-
-function recordingText(recording, metric) {
-  if (!recording) return t('page-no');
-  const { points, file, trouble: why } = recording;
-  const recorded = t(metric ? 'page-recorded' : 'page-recorded-units', { points, file, length: words.number(recording.length, 1) });
-  return why ? t('page-not-on-disk', { recorded, why }) : recorded;
 }
 
 // Text is set only when it changes, so that a screen reader keeps its position.
@@ -386,9 +308,9 @@ function lost(why) {
 }
 
 setInterval(() => {
-  const silence = performance.now() - heard;
-  if (socket && silence > (me === null ? OPEN_MS : GONE_MS)) ended();
-  else if (me !== null && guiding && silence > SILENT_MS && ownAge() === null) lost('page-no-answer');
+  link.watch();
+  const { silence } = link;
+  if (me !== null && guiding && silence > SILENT_MS && ownAge() === null) lost('page-no-answer');
   else if (me !== null && silence < SILENT_MS && down !== null) {
     down = null;
     senses.drop('link');
@@ -506,7 +428,7 @@ showSpeaking();
 function showWords() {
   words.show(document);
   senses.set('language', words.language);
-  set('link', t(...linkNow));
+  showLink(...linkNow);
   showControl(holder);
   $('keys-shown').textContent = t('page-keys', { keys: Object.keys(words.keys).join(', ').toUpperCase() });
   for (const button of document.querySelectorAll('[data-command]')) {
@@ -520,6 +442,8 @@ function showWords() {
     button.append(' ', shown);
   }
   routes.show();
+  trust.show(words.authority);
+  map.take(map.view);
   showMain();
   if (lastStatus !== null) status(lastStatus);
 }
@@ -550,5 +474,5 @@ $('dark').addEventListener('click', () => $('darkness').showModal());
 $('light').addEventListener('click', () => $('darkness').close());
 document.addEventListener('visibilitychange', want);
 
-if (token) connect();
-else link('page-missing-key');
+if (token) link.open();
+else showLink(['page-missing-key']);

@@ -1,4 +1,6 @@
-// Drawing: the image with its features, and the map with the route in three dimensions, on plain canvases.
+// Drawing on plain canvases: the image with its features, and, where WebGL is missing, the map with the route.
+
+import { unit } from './orbit.js';
 
 const LITTLE = true;
 
@@ -30,64 +32,10 @@ export class Picture {
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((v) => v / n); };
 
-export class MapView {
-  // `t` gives a sentence of the page by its id and values.
-  constructor(canvas, words, t) {
-    Object.assign(this, { canvas, words, t, yaw: 0.6, pitch: 1.0, zoom: 1, view: null });
-    canvas.addEventListener('keydown', (event) => this.key(event));
-    canvas.addEventListener('pointerdown', (event) => { this.from = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); });
-    canvas.addEventListener('pointerup', () => { this.from = null; });
-    canvas.addEventListener('pointermove', (event) => this.drag(event));
-    canvas.addEventListener('wheel', (event) => { event.preventDefault(); this.grow(event.deltaY < 0 ? 1.1 : 1 / 1.1); }, { passive: false });
-  }
-
-  key(event) {
-    const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
-    if (turns[event.key]) this.turn(...turns[event.key]);
-    else if (event.key === '+' || event.key === '=') this.grow(1.2);
-    else if (event.key === '-') this.grow(1 / 1.2);
-    else return;
-    event.preventDefault();
-  }
-
-  drag(event) {
-    if (!this.from) return;
-    this.turn((event.clientX - this.from[0]) * 0.01, (event.clientY - this.from[1]) * 0.01);
-    this.from = [event.clientX, event.clientY];
-  }
-
-  turn(yaw, pitch) {
-    this.yaw += yaw;
-    this.pitch = Math.max(0, Math.min(Math.PI / 2, this.pitch + pitch));
-    this.draw();
-  }
-
-  grow(by) {
-    this.zoom = Math.max(0.1, Math.min(20, this.zoom * by));
-    this.draw();
-  }
-
-  take(view) {
-    this.view = view;
-    this.draw();
-  }
-
-  // The same in words, for people who cannot see it.
-  camera({ key_frames, landmarks, recording, guiding, metric }) {
-    const { t } = this;
-    const parts = [key_frames ? t('page-map-words', { places: key_frames, points: landmarks }) : t('page-no-map')];
-    if (recording && metric) parts.push(t('page-map-route', { metres: Math.round(recording.length) }));
-    if (guiding) parts.push(t('page-map-walker', { percent: Math.round((100 * guiding.along_m) / (guiding.length_m || 1)) }));
-    const text = parts.join(' ');
-    // Not with every status: text that changes constantly cannot be read.
-    const now = performance.now();
-    if (text !== this.words.textContent && now - (this.told ?? -1e9) > 5000) {
-      this.told = now;
-      delete this.words.dataset.text;
-      this.words.textContent = text;
-    }
+export class Flat {
+  constructor(canvas) {
+    this.canvas = canvas;
   }
 
   // Axes of the drawing: gravity points down, yaw rotates about it, pitch tilts from the side view to the view from
@@ -103,8 +51,10 @@ export class MapView {
     return [right, away.map((v, i) => sp * v + cp * up[i])];
   }
 
-  draw() {
-    const { view, canvas } = this;
+  // `turned` has the angles of the view and its size.
+  draw(view, turned) {
+    const { canvas } = this;
+    Object.assign(this, { view, yaw: turned.yaw, pitch: turned.pitch, zoom: turned.zoom });
     const ctx = canvas.getContext('2d', { alpha: false });
     const [w, h] = [canvas.width, canvas.height];
     const style = getComputedStyle(document.documentElement);

@@ -38,6 +38,7 @@ impl Browser {
                 "--headless=new",
                 "--no-sandbox",
                 "--disable-gpu",
+                "--enable-unsafe-swiftshader",
                 "--hide-scrollbars",
                 "--mute-audio",
                 "--no-first-run",
@@ -95,7 +96,12 @@ impl Browser {
     }
 
     /// Opens a page of the given size.
-    pub fn open(&mut self, url: &str, [width, height]: [u32; 2]) -> Tab {
+    pub fn open(&mut self, url: &str, size: [u32; 2]) -> Tab {
+        self.open_after(url, size, "")
+    }
+
+    /// Opens a page in which a script has run before its own.
+    pub fn open_after(&mut self, url: &str, [width, height]: [u32; 2], script: &str) -> Tab {
         let target =
             self.ask(None, "Target.createTarget", json!({ "url": "about:blank", "newWindow": true }));
         let target = target["targetId"].as_str().unwrap().to_owned();
@@ -107,6 +113,8 @@ impl Browser {
         }
         let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
         self.ask(Some(&tab.session), "Emulation.setDeviceMetricsOverride", size);
+        let before = json!({ "source": script });
+        self.ask(Some(&tab.session), "Page.addScriptToEvaluateOnNewDocument", before);
         self.ask(Some(&tab.session), "Page.navigate", json!({ "url": url }));
         tab
     }
@@ -161,6 +169,12 @@ impl Browser {
         self.ask(Some(&tab.session), "Emulation.setEmulatedMedia", json!({ "features": features }));
     }
 
+    /// As for a person who prefers reduced motion.
+    pub fn still(&mut self, tab: &Tab) {
+        let features = json!([{ "name": "prefers-reduced-motion", "value": "reduce" }]);
+        self.ask(Some(&tab.session), "Emulation.setEmulatedMedia", json!({ "features": features }));
+    }
+
     /// Types text where the focus is.
     pub fn write(&mut self, tab: &Tab, text: &str) {
         self.ask(Some(&tab.session), "Input.insertText", json!({ "text": text }));
@@ -169,7 +183,7 @@ impl Browser {
     /// Presses a key.
     pub fn key(&mut self, tab: &Tab, key: &str) {
         for kind in ["keyDown", "keyUp"] {
-            let event = json!({ "type": kind, "key": key, "text": if kind == "keyDown" { key } else { "" } });
+            let event = json!({ "type": kind, "key": key, "text": if kind == "keyDown" && key.len() == 1 { key } else { "" } });
             self.ask(Some(&tab.session), "Input.dispatchKeyEvent", event);
         }
     }
@@ -177,9 +191,10 @@ impl Browser {
     /// Whether something is drawn on a canvas: more than one colour.
     pub fn drawn(&mut self, tab: &Tab, canvas: &str) -> bool {
         let look = format!(
-            "(() => {{ const c = document.querySelector({}); const d = c.getContext('2d').getImageData(0, 0, c.width, \
-             c.height).data; const seen = new Set(); for (let i = 0; i < d.length; i += 4) seen.add(d[i] * 65536 + d[i + \
-             1] * 256 + d[i + 2]); return seen.size > 3; }})()",
+            "(() => {{ const c = document.querySelector({}); const p = document.createElement('canvas'); \
+             [p.width, p.height] = [c.width, c.height]; const x = p.getContext('2d'); x.drawImage(c, 0, 0); \
+             const d = x.getImageData(0, 0, c.width, c.height).data; const seen = new Set(); \
+             for (let i = 0; i < d.length; i += 4) seen.add(d[i] * 65536 + d[i + 1] * 256 + d[i + 2]); return seen.size > 3; }})()",
             json!(canvas)
         );
         self.eval(tab, &look).as_bool().unwrap_or(false)

@@ -13,7 +13,6 @@ mod table;
 #[path = "../walked/mod.rs"]
 mod walked;
 
-use cairn_engine::Config;
 use cairn_sensor::{GrayImage, Rig};
 use cairn_session::SessionConfig;
 use cairn_web::{CameraSource, ServeConfig, Server};
@@ -120,15 +119,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
     let folder = std::env::temp_dir().join(format!("cairn-network-{}-{seed}", std::process::id()));
     let session = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
     let rig = Some(Box::new(Rig::mono(camera())));
-    let config = ServeConfig {
-        lan: false,
-        port: 0,
-        keep: None,
-        routes: None,
-        camera: CameraSource::Page { rig },
-        config: Config::default(),
-        session,
-    };
+    let config = ServeConfig { session, ..ServeConfig::new(CameraSource::Page { rig }) };
     let server = Server::start(config).unwrap();
     let tls = tls(&server);
     let token = server.invitation().token.clone();

@@ -124,6 +124,10 @@ pub struct Phone {
     arrived: bool,
     pub leg: Leg,
     pub heard_texts: Vec<String>,
+    /// When the walker was told to stop.
+    pub stopped: Vec<Instant>,
+    /// When a direction was given.
+    pub directed: Vec<Instant>,
 }
 
 /// What the phone does on a leg.
@@ -161,6 +165,8 @@ impl Phone {
             arrived: false,
             leg: Leg::default(),
             heard_texts: Vec::new(),
+            stopped: Vec::new(),
+            directed: Vec::new(),
         }
     }
 
@@ -189,6 +195,12 @@ impl Phone {
             // A link that accepts no data is detected by its silence.
             let _ = tokio::time::timeout(GONE, socket.send(message)).await;
         }
+    }
+
+    /// Whether it is connected and holds the walk.
+    #[allow(dead_code, reason = "for the tests of other crates")]
+    pub fn holds(&self) -> bool {
+        self.socket.is_some() && self.controls
     }
 
     pub async fn command(&mut self, line: &str) {
@@ -225,7 +237,11 @@ impl Phone {
                 self.at =
                     if goal > self.at { (self.at + step).min(goal) } else { (self.at - step).max(goal) };
             }
-            let silence = if self.me.is_none() { OPEN } else { GONE };
+            let silence = match (&self.socket, self.me) {
+                (None, _) => BACK,
+                (_, None) => OPEN,
+                _ => GONE,
+            };
             if self.heard.elapsed() > silence {
                 self.goes = free;
                 self.connect().await;
@@ -318,8 +334,10 @@ impl Phone {
                 return;
             }
             (self.leg.given, self.leg.oldest_ms) = (self.leg.given + 1, self.leg.oldest_ms.max(age));
+            self.directed.push(Instant::now());
             self.goes = true;
         } else if said["priority"] == 0 {
+            self.stopped.push(Instant::now());
             (self.goes, self.leg.stops) = (false, self.leg.stops + 1);
         }
         self.heard_texts.push(text.to_owned());

@@ -23,7 +23,7 @@ impl Tail {
     pub fn open(folder: &Path) -> Result<Option<Self>, JournalError> {
         let recovered = recover(folder)?;
         Ok(recovered.and_then(|r| {
-            let (log, at) = r.log?;
+            let (_, log, at) = r.log?;
             Some(Self { folder: folder.to_owned(), file: r.file, log, at })
         }))
     }
@@ -31,6 +31,11 @@ impl Tail {
     /// The map.
     pub fn map(&self) -> &Snapshot {
         &self.file.snapshot
+    }
+
+    /// The map with its provenance.
+    pub fn file(&self) -> &MapFile {
+        &self.file
     }
 
     /// Reads what was written since. A commit that is not whole yet is left for the next time.

@@ -11,6 +11,7 @@ use cairn_workers::{
 };
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
@@ -28,10 +29,11 @@ pub fn main() {
 }
 
 fn tests(filter: &str) {
-    let all: [(&str, fn()); 6] = [
+    let all: [(&str, fn()); 7] = [
         ("result_equals_that_of_one_process", result_equals_that_of_one_process),
         ("killed_processes_go_on", killed_processes_go_on),
         ("stopped_process_is_started_again", stopped_process_is_started_again),
+        ("process_beyond_its_memory_is_started_again", process_beyond_its_memory_is_started_again),
         ("crash_loop_backs_off_and_is_given_up", crash_loop_backs_off_and_is_given_up),
         ("failure_of_a_worker_is_told", failure_of_a_worker_is_told),
         ("run_folder_is_removed", run_folder_is_removed),
@@ -72,8 +74,34 @@ fn worker(role: Role) {
             let source = delivered.map_or_else(|| Ok(source()), |d| rest_of(source(), &d))?;
             Ok((source, "stereo".to_owned()))
         }),
-        Role::Slam => slam::run(from, to, &Config::default(), Runner::Lockstep),
-        Role::Guide => unreachable!("no test has a guide"),
+        Role::Slam => {
+            let bound_mb = std::env::var("BOUND_MB").ok().and_then(|mb| mb.parse::<u64>().ok());
+            match bound_mb {
+                Some(mb) => {
+                    cairn_workers::limit_memory(mb * 1_000_000).unwrap();
+                    slam::run(from, Leaks { to, hoard: Vec::new() }, &Config::default(), Runner::Lockstep);
+                }
+                None => slam::run(from, to, &Config::default(), Runner::Lockstep),
+            }
+        }
+        Role::Guide | Role::Walk => unreachable!("no test here has a guide"),
+    }
+}
+
+/// A pipe with a leak: every message costs four more megabytes.
+struct Leaks<W> {
+    to: W,
+    hoard: Vec<Vec<u8>>,
+}
+
+impl<W: Write> Write for Leaks<W> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.to.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.hoard.push(vec![1; 4_000_000]);
+        self.to.flush()
     }
 }
 
@@ -94,7 +122,13 @@ fn run_with(
     mut tell: impl FnMut(&Told, &BTreeMap<Role, u32>),
 ) -> Result<Supervised, SuperviseError> {
     let folder = RunFolder::create(&std::env::temp_dir()).unwrap();
-    let how = Supervision { command: Box::new(command), hang_limit, late_limit: hang_limit, guide: false };
+    let how = Supervision {
+        command: Box::new(command),
+        hang_limit,
+        late_limit: hang_limit,
+        guide: false,
+        records: false,
+    };
     let mut ids = BTreeMap::new();
     supervise(&how, &folder, &AtomicBool::new(false), &mut |told| {
         if let Told::Started { role, id } = told {
@@ -226,11 +260,46 @@ fn stopped_process_is_started_again() {
     assert!((0.9..1.5).contains(&found_after), "found after {found_after} s");
 }
 
+/// A process that needs more and more memory ends at its bound; the run goes on as if it had been killed.
+fn process_beyond_its_memory_is_started_again() {
+    const BOUND_MB: u64 = 500;
+    let command = |role| {
+        let mut command = this_program(role);
+        command.env("BOUND_MB", BOUND_MB.to_string());
+        command
+    };
+    let (mut most_mb, mut at) = (0, Vec::new());
+    let bounded = run_with(command, Duration::from_secs(5), |told, ids| match told {
+        Told::Tracked(_) => most_mb = most_mb.max(ids.get(&Role::Slam).map_or(0, |id| data_mb(*id))),
+        Told::Died(death) => at.push(death.at_frame),
+        _ => {}
+    });
+    let bounded = bounded.unwrap();
+    println!("  bound {BOUND_MB} MB: SLAM had at most {most_mb} MB and died at frames {at:?}");
+    no_frame_is_lost(&bounded);
+    assert!(!bounded.deaths.is_empty(), "the bound did not act");
+    for death in &bounded.deaths {
+        assert_eq!(death.how, "it aborted (signal 6), as when its memory limit is reached");
+    }
+    assert!(most_mb <= BOUND_MB);
+    let posed = bounded.frames.iter().filter(|f| f.pose.is_some()).count();
+    assert!(posed >= FRAMES - 2 * bounded.deaths.len(), "{posed} of {FRAMES} frames have a pose");
+    assert_eq!(bounded.map.snapshot.maps().count(), 1, "the place was recognised: no new map began");
+}
+
+/// What the bound counts of a process, MB; 0 where the system does not say.
+fn data_mb(id: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{id}/status")).unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmData:"));
+    let kib = line.and_then(|l| l.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
+    kib.unwrap_or(0) * 1024 / 1_000_000
+}
+
 fn crash_loop_backs_off_and_is_given_up() {
     let (mut waits, began) = (Vec::new(), Instant::now());
     let command = |role| match role {
         Role::Capture => this_program(role),
-        Role::Slam | Role::Guide => Command::new("false"),
+        _ => Command::new("false"),
     };
     let failed = run_with(command, Duration::from_secs(1), |told, _| {
         if let Told::Waits { delay_s, .. } = told {

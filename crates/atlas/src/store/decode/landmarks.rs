@@ -1,5 +1,6 @@
 //! Landmarks, and what follows from which features show them.
 
+use super::shown::Look;
 use crate::store::container::Parts;
 use crate::store::error::StoreError;
 use crate::store::layout::NO_PICK;
@@ -69,16 +70,62 @@ pub(super) fn observe(
     Ok(())
 }
 
+/// Derives what follows from the observations of landmarks, on several processors; `looks` tells their descriptors and levels
+/// where features are not read.
+pub(super) fn derive_all(
+    snapshot: &Snapshot,
+    landmarks: &mut [Landmark],
+    picks: &[u32],
+    looks: Option<&[Look]>,
+) -> Result<(), StoreError> {
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get().min(4));
+    let each = landmarks.len().div_ceil(threads).max(1);
+    let derive_some = |first: usize, some: &mut [Landmark]| {
+        some.iter_mut().enumerate().try_for_each(|(i, l)| {
+            let row = first + i;
+            let look = looks.and_then(|looks| looks.get(row).copied());
+            if derive(snapshot, l, picks[row], look).is_none() {
+                return Err(StoreError::part("landmarks", format!("{:?} cannot be derived", l.id)));
+            }
+            let map = |o: &Observation| snapshot.key_frame(o.key_frame).map(|k| k.map);
+            match l.observations.iter().all(|o| map(o) == map(&l.observations[0])) {
+                true => Ok(()),
+                false => Err(StoreError::part("map", format!("{:?} is observed from two maps", l.id))),
+            }
+        })
+    };
+    std::thread::scope(|scope| {
+        let jobs: Vec<_> = landmarks
+            .chunks_mut(each)
+            .enumerate()
+            .map(|(n, some)| {
+                let derive_some = &derive_some;
+                scope.spawn(move || derive_some(n * each, some))
+            })
+            .collect();
+        jobs.into_iter().try_for_each(|job| {
+            job.join().unwrap_or_else(|_| Err(StoreError::part("landmarks", "they cannot be derived")))
+        })
+    })
+}
+
 /// Derives what follows from the observations of a landmark.
-pub(super) fn derive(snapshot: &Snapshot, l: &mut Landmark, pick: u32) -> Option<()> {
-    l.descriptor = match pick {
+fn derive(snapshot: &Snapshot, l: &mut Landmark, pick: u32, look: Option<Look>) -> Option<()> {
+    if let Some(look) = look {
+        (l.descriptor, l.octave, l.angle) = look;
+        l.pick = u16::try_from(pick).unwrap_or(u16::MAX);
+        (l.normal, l.min_distance, l.max_distance) = snapshot.visibility(l)?;
+        return Some(());
+    }
+    (l.descriptor, l.pick) = match pick {
         NO_PICK => snapshot.typical_descriptor(l)?,
         pick => {
             let o = l.observations.get(pick as usize)?;
             let descriptors: &[Descriptor] = &snapshot.key_frame(o.key_frame)?.frame.descriptors;
-            *descriptors.get(usize::from(o.feature))?
+            (*descriptors.get(usize::from(o.feature))?, u16::try_from(pick).unwrap_or(u16::MAX))
         }
     };
+    (l.octave, l.angle) = snapshot.octave_and_angle(l)?;
     (l.normal, l.min_distance, l.max_distance) = snapshot.visibility(l)?;
     Some(())
 }

@@ -7,23 +7,29 @@ mod damage;
 mod features;
 mod key_frames;
 mod landmarks;
+mod shown;
 #[cfg(test)]
 mod tests;
+mod words;
 
 pub(super) use damage::Damage;
+pub(super) use features::decode_features;
 
 use super::about::About;
 use super::container::Parts;
 use super::error::StoreError;
-use super::layout::{ATTACHED, CAMERAS, DESCRIPTORS, MapFile, NO_PICK};
+use super::later::LaterFeatures;
+use super::layout::{ATTACHED, CAMERAS, DESCRIPTORS, MapFile, NO_PICK, SHOWN};
 use super::wire::Decoder;
-use crate::{PlaceIndex, Snapshot};
+use crate::{Paged, PlaceIndex, Snapshot};
 use cairn_vision::{DESCRIPTOR_ID, Octaves};
-use features::{bag_of, read_features, read_words};
+use features::{bag_of, read_features};
 use key_frames::{read_cameras, read_gone, read_key_frames, read_maps, read_motion, read_robots};
-use landmarks::{derive, observe, read_landmarks};
+use landmarks::{derive_all, observe, read_landmarks};
+use shown::{Shown, read_shown};
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use words::{Owners, read_words};
 
 /// Largest index of a key frame: some code iterates over all indices.
 const MAX_KEY_FRAMES: u32 = 1 << 24;
@@ -38,8 +44,12 @@ struct Counts {
     maps: usize,
 }
 
-/// Key frames, landmarks and how the map was made cannot be done without.
-pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreError> {
+/// Key frames, landmarks and how the map was made cannot be done without. With `later`, features stay in the file.
+pub(super) fn read(
+    parts: &Parts,
+    damage: &mut Damage,
+    later: Option<&Arc<LaterFeatures>>,
+) -> Result<MapFile, StoreError> {
     match check_descriptors(parts) {
         Err(e @ StoreError::Descriptors { .. }) => return Err(e),
         damaged => damage.or(damaged, "taken for the descriptors of this program", || ())?,
@@ -70,21 +80,54 @@ pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreE
     if parts.names().any(|name| name == CAMERAS) {
         read_cameras(parts, &about.camera, &mut snapshot, &mut key_frames)?;
     }
-    let (mut landmarks, mut picks) = read_landmarks(parts, &snapshot, counts.landmarks)?;
+    let (camera, octaves) = (&about.camera, snapshot.octaves);
+    let total = features.iter().map(|n| *n as usize).sum();
+    let has_shown = parts.names().any(|name| name == SHOWN);
+    let ahead = match has_shown {
+        true => {
+            let ahead = read_shown(parts, octaves, total, counts.landmarks).map(Some);
+            damage.or(ahead, "it is in the features, too", || None)?
+        }
+        false => None,
+    };
     let whole = damage.count();
-    let shown = read_features(parts, &about.camera, snapshot.octaves, &mut key_frames, &features, damage)?;
+    let (shown, looks) = match (later, ahead) {
+        (Some(later), Some(Shown { rows, looks })) => {
+            later.give(&mut key_frames, camera, octaves, &features)?;
+            snapshot.faults = later.faults();
+            (rows, Some(looks))
+        }
+        _ => (read_features(parts, camera, octaves, &mut key_frames, &features, damage)?, None),
+    };
     let some_lost = damage.count() > whole;
-    observe(&shown, &mut key_frames, &mut landmarks)?;
-    if some_lost {
-        // The choice of an observation counts those that are lost.
-        picks.fill(NO_PICK);
-        landmarks.retain(|l| !l.observations.is_empty());
-        key_frames.iter_mut().for_each(|k| k.bag = bag_of(k));
-    } else {
-        let words = read_words(parts, &mut key_frames);
-        damage.or(words, "computed again", || key_frames.iter_mut().for_each(|k| k.bag = bag_of(k)))?;
-    }
-    snapshot.places = PlaceIndex::of(key_frames.iter().map(|k| (k.id, &k.bag)));
+    let frames = key_frames.iter().map(|k| k.frame.clone()).collect();
+    let owners = Owners { ids: key_frames.iter().map(|k| k.id).collect(), frames, features };
+    let (words, landmarks) = std::thread::scope(|scope| {
+        let words = (!some_lost).then(|| scope.spawn(|| read_words(parts, &owners, later)));
+        let landmarks = read_landmarks(parts, &snapshot, counts.landmarks).and_then(|mut landmarks| {
+            observe(&shown, &mut key_frames, &mut landmarks.0)?;
+            Ok(landmarks)
+        });
+        let failed = |_| Err(StoreError::part("words", "they cannot be read"));
+        (words.map(|job| job.join().unwrap_or_else(failed)), landmarks)
+    });
+    let (mut landmarks, mut picks) = landmarks?;
+    let words = match words {
+        Some(words) => damage.or(words.map(Some), "computed again", || None)?,
+        None => {
+            // The choice of an observation counts those that are lost.
+            picks.fill(NO_PICK);
+            landmarks.retain(|l| !l.observations.is_empty());
+            None
+        }
+    };
+    let (bags, places) = words.unwrap_or_else(|| {
+        let bags: Vec<_> = key_frames.iter().map(bag_of).collect();
+        let places = PlaceIndex::of(owners.ids.iter().copied().zip(bags.iter().map(Paged::shared)));
+        (bags, places)
+    });
+    snapshot.places = places;
+    key_frames.iter_mut().zip(bags).for_each(|(k, bag)| k.bag = bag);
     for k in key_frames {
         snapshot.key_frames.insert(k.id.index(), k);
     }
@@ -94,10 +137,7 @@ pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreE
         "where removed key frames were is forgotten; routes that lead along them use their recorded poses",
         || (),
     )?;
-    for (l, pick) in landmarks.iter_mut().zip(picks) {
-        derive(&snapshot, l, pick)
-            .ok_or_else(|| StoreError::part("landmarks", format!("{:?} cannot be derived", l.id)))?;
-    }
+    derive_all(&snapshot, &mut landmarks, &picks, looks.as_deref())?;
     for l in landmarks {
         snapshot.landmarks.insert(l.id.index(), l);
     }
@@ -105,7 +145,8 @@ pub(super) fn read(parts: &Parts, damage: &mut Damage) -> Result<MapFile, StoreE
     if some_lost {
         snapshot.recount_covisible();
     }
-    snapshot.check().map_err(|breach| StoreError::part("map", breach))?;
+    // What landmarks and key frames say of each other is made from one list: it need not be compared.
+    snapshot.check_key_frames().map_err(|breach| StoreError::part("map", breach))?;
     let mut attached = BTreeMap::new();
     for name in parts.names() {
         if let Some(short) = name.strip_prefix(ATTACHED)

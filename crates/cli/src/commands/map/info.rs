@@ -194,7 +194,7 @@ fn map(all: &Map, id: MapId) -> MapReport {
             bounds[0][axis] = bounds[0][axis].min(at);
             bounds[1][axis] = bounds[1][axis].max(at);
         }
-        let t = k.frame.stamp.seconds();
+        let t = k.stamp.seconds();
         span = [span[0].min(t), span[1].max(t)];
     }
     let prior = snapshot.maps().find(|(other, _)| *other == id).and_then(|(_, prior)| prior);

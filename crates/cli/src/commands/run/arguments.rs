@@ -31,6 +31,10 @@ pub struct Arguments {
     /// Which sensors to use; by default all the source has.
     #[arg(help_heading = SOURCE, long, value_enum, value_name = "WHICH")]
     pub sensor: Option<Sensor>,
+    /// What gives the pose of each frame: features, which depth helps out where they do not suffice; or the shape of what the
+    /// depth sensor sees (dense; only with a depth sensor), while features find places again.
+    #[arg(help_heading = SOURCE, long, value_enum, value_name = "WHICH")]
+    pub front_end: Option<FrontEnd>,
     /// A calibration file to use instead of the source's own, or the name of a built-in
     /// rig; "list" shows their names.
     #[arg(help_heading = SOURCE, long, value_name = "FILE")]
@@ -253,10 +257,19 @@ pub struct Isolated {
     pub worker: Option<String>,
 }
 
+/// What gives the pose of each frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum FrontEnd {
+    /// Features, helped out by depth.
+    Features,
+    /// Depth.
+    Dense,
+}
+
 /// What only one process can do so far.
 const NOT_ISOLATED: [&str; 16] = [
+    "front_end",
     "frame",
-    "record",
     "script",
     "status",
     "lines",

@@ -39,7 +39,7 @@ impl Tracking {
         match self {
             Self::Starting => "no map yet",
             Self::Tracked => "tracked",
-            Self::Coasting => "coasted by the IMU",
+            Self::Coasting => "carried without features",
             Self::Rotation => "rotation only",
             Self::Lost => "lost",
         }

@@ -4,13 +4,11 @@
 
 use super::Arguments;
 use crate::failure::Failure;
-use crate::output::{Output, note};
+use crate::output::Output;
 use crate::outputs::Outputs;
+use crate::processes;
 use std::path::Path;
 use std::time::Instant;
-
-/// Where the processes share memory.
-const SHARED_MEMORY: &str = "/dev/shm";
 
 /// The folder in which processes can share memory; `None` where there is none, which is said: the run then is one process.
 ///
@@ -21,12 +19,7 @@ pub fn shared_memory(a: &Arguments) -> Result<Option<&'static Path>, Failure> {
         let hint = "leave out --isolated, or record it first and run the recording";
         return Err(Failure::usage("--isolated", "live sources are not supported yet", hint));
     }
-    let folder = Path::new(SHARED_MEMORY);
-    if cfg!(unix) && folder.is_dir() {
-        return Ok(Some(folder));
-    }
-    note("this machine has no /dev/shm: the run is one process, and what kills it ends it");
-    Ok(None)
+    Ok(processes::shared_memory())
 }
 
 #[cfg(unix)]
@@ -54,6 +47,7 @@ mod unix {
     use crate::interrupt;
     use crate::map_lock::MapLock;
     use crate::output::warn;
+    use crate::processes::{SHARED_MEMORY, folder_in, line, this_program};
     use crate::progress::Progress;
     use cairn_atlas::store::MapFile;
     use cairn_engine::{PoseTime, Runner};
@@ -65,11 +59,11 @@ mod unix {
     use cairn_sources::{Paced, Validator};
     use cairn_voice::Voice;
     use cairn_workers::capture::{Delivered, rest_of};
+    use cairn_workers::guide::{RecordTo, Work};
     use cairn_workers::message::{Said, Tracked};
     use cairn_workers::{Death, Role, RunFolder, Supervised, Supervision, Told};
     use serde::Serialize;
     use std::collections::BTreeMap;
-    use std::process::Command;
     use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;
@@ -144,7 +138,12 @@ mod unix {
                 }
                 cairn_workers::slam::run(from, to, &config, runner(a));
             }
-            Role::Guide => cairn_workers::guide::run(from, to, a.realtime, || guide_of(a)),
+            Role::Guide => cairn_workers::guide::run(from, to, a.realtime, || match &a.record {
+                Some(path) => Ok(Work::Record(record_to(a, path)?)),
+                None => guide_of(a).map(|guide| Work::Guide(Box::new(guide))),
+            }),
+            // Of `cairn serve` only.
+            Role::Walk => {}
         }
         Ok(())
     }
@@ -159,6 +158,19 @@ mod unix {
             true => (a.start, a.frames),
             false => (start_s, None),
         }
+    }
+
+    /// The route of --record.
+    fn record_to(a: &Arguments, path: &Path) -> Result<RecordTo, cairn_workers::message::Failure> {
+        let config = config_of(a).map_err(|e| cairn_workers::message::Failure::new(e.what, e.why, e.hint))?;
+        Ok(RecordTo {
+            path: path.to_owned(),
+            exists: a.map_in.is_some() && path.exists(),
+            without_map: a.map_in.is_none(),
+            source: a.source.clone(),
+            config: config.route.recorder,
+            language: a.speaking.language,
+        })
     }
 
     /// The guide along the route of --guide.
@@ -203,29 +215,31 @@ mod unix {
             let hint = "load its map with --map-in";
             return Err(Failure::usage("--guide", "the route needs the map it was recorded in", hint));
         }
+        if a.guide.is_some() && a.record.is_some() {
+            let hint = "record in one run and be guided in another";
+            return Err(Failure::usage("--isolated", "one process guides or records", hint));
+        }
         let say = a.say.clone().unwrap_or(if a.guide.is_some() { Say::Text } else { Say::None });
         let speech = super::super::speech_of(a);
         say.check(speech)?;
-        for (id, bytes) in cairn_workers::remove_abandoned(parent) {
-            let mb = bytes as f64 / 1e6;
-            note(&format!(
-                "removed {mb:.0} MB of shared memory that a run which was killed has left (process {id})"
-            ));
+        if let (Some(path), Some(map)) = (a.record.as_ref().filter(|path| path.exists()), map::opened(a)?) {
+            // It fits, or the run ends here.
+            super::super::route::resume(path, &map, config.route.recorder)?;
         }
-        let cannot = |e: &dyn std::fmt::Display| {
-            Failure::new(SHARED_MEMORY, e.to_string(), "free some of it, or run without --isolated")
-        };
-        let folder = RunFolder::create(parent).map_err(|e| cannot(&e))?;
-        let removed = folder.path().to_owned();
-        interrupt::before_exit(move || drop(std::fs::remove_dir_all(&removed)));
+        let folder = folder_in(parent)?;
         let attached = begin_in(a, &folder)?;
         interrupt::in_order();
         let stop = Arc::new(AtomicBool::new(false));
         interrupt::sets(stop.clone());
         let hang_limit = hang_limit(a);
         let late_limit = if a.realtime { LATE } else { hang_limit };
-        let how =
-            Supervision { command: Box::new(command), hang_limit, late_limit, guide: a.guide.is_some() };
+        let how = Supervision {
+            command: Box::new(this_program),
+            hang_limit,
+            late_limit,
+            guide: a.guide.is_some() || a.record.is_some(),
+            records: a.record.is_some(),
+        };
         let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
         let mut watched = Watched::new(a, began, voice);
         let run = cairn_workers::supervise(&how, &folder, &stop, &mut |told| watched.tell(&told));
@@ -250,14 +264,6 @@ mod unix {
     /// Lockstep adjusts whole maps between two frames, which takes seconds in a large one.
     fn hang_limit(a: &Arguments) -> Duration {
         Duration::from_secs(if a.realtime { 2 } else { 30 })
-    }
-
-    /// This program with the same arguments, as a worker.
-    fn command(role: Role) -> Command {
-        let program = std::env::current_exe().unwrap_or_else(|_| "cairn".into());
-        let mut command = Command::new(program);
-        command.args(std::env::args_os().skip(1)).args(["--worker", role.name()]);
-        command
     }
 
     /// Begins the journal with the map of --map-in; returns what is attached to it.
@@ -303,8 +309,6 @@ mod unix {
             if death.role == Role::Guide {
                 self.voice.say(&self.guide_died, self.t_s, true);
             }
-            let text = format!("{} died at frame {}: {}", death.role.name(), death.at_frame, death.how);
-            self.progress.note(&text);
         }
 
         fn said(&mut self, said: &Said) {
@@ -319,9 +323,8 @@ mod unix {
         }
 
         fn tell(&mut self, told: &Told) {
-            let say = |text: String| self.progress.note(&text);
+            line(told).iter().for_each(|line| self.progress.note(line));
             match told {
-                Told::Started { role, id } => say(format!("{}: process {id}", role.name())),
                 Told::Opened(opened) => self.progress = Progress::new(opened.frames),
                 Told::Tracked(frame) => {
                     self.frames += 1;
@@ -335,22 +338,7 @@ mod unix {
                 }
                 Told::Died(death) => self.died(death),
                 Told::Said(said) => self.said(said),
-                Told::GivenUp { role } => {
-                    say(format!("{} died too often: the run goes on without it", role.name()))
-                }
-                Told::Waits { role, delay_s, times } => {
-                    say(format!(
-                        "{} died {times} times in a row: it is started again after {delay_s} s",
-                        role.name()
-                    ));
-                }
-                Told::Resumed { key_frames, after_s } => {
-                    say(format!("slam goes on in a map of {key_frames} key frames after {after_s:.2} s"));
-                }
-                Told::Relocalised { frames, after_s, .. } => {
-                    say(format!("slam has a pose again after {after_s:.2} s, {frames} frames without one"));
-                }
-                Told::LeftOut { number } => say(format!("slam died twice at frame {number}: it is left out")),
+                _ => {}
             }
         }
     }
@@ -420,7 +408,8 @@ mod unix {
         run: &Supervised,
         report: &RunReport,
     ) -> Result<(), Failure> {
-        let outcome = Outcome { report, interrupted: interrupt::requested(), problems: problems::of(report) };
+        let (interrupted, problems) = (interrupt::requested(), problems::of(report));
+        let outcome = Outcome { report, interrupted, problems, searches: None };
         let deaths = run.deaths.iter().map(|d| DeathReport {
             process: d.role.name(),
             why: &d.how,
@@ -454,6 +443,19 @@ mod unix {
                 format!("no frame got a pose: {why}"),
                 super::super::NO_POSE,
             ));
+        }
+        match &run.recorded {
+            Some(Err(why)) => {
+                failures.push(Failure::new("recording", why.clone(), "free some space on the disk"))
+            }
+            None if a.record.is_some() => {
+                failures.push(Failure::new(
+                    "recording",
+                    "the process that records died too often",
+                    "run without --isolated",
+                ));
+            }
+            _ => {}
         }
         Failure::all(failures)?;
         output.result(&ended, |ended| {

@@ -29,9 +29,9 @@ use crate::map_lock::MapLock;
 use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use crate::terminal::Terminal;
-pub use arguments::{Arguments, Kind};
+pub use arguments::{Arguments, FrontEnd, Kind};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Journal, Runner, Status};
+use cairn_engine::{Config, Journal, Runner, SensorMode, Status};
 use cairn_files::MIB;
 use cairn_guide::{AnnouncerConfig, RouteConfig};
 use cairn_sensor::{Rig, Skips, Source, Stamp};
@@ -102,6 +102,13 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     if sensor.has_imu() && rig.imu.is_none() {
         let why = format!("--sensor {} needs an IMU, but the rig has none", sensor.name());
         return Err(Failure::new(&a.source, why, "give a rig with an IMU using --rig, or leave out -imu"));
+    }
+    if let Some(which) = a.front_end {
+        config.tracker.dense = which == FrontEnd::Dense;
+    }
+    if config.tracker.dense && sensor.mode() != SensorMode::Rgbd {
+        let why = format!("the dense front end needs a depth sensor, not --sensor {}", sensor.name());
+        return Err(Failure::new(&a.source, why, "use --sensor rgbd, or leave out --front-end dense"));
     }
     let mut status = a.status.then(StatusLines::default);
     if let Some(lines) = &mut status {
@@ -203,7 +210,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     report.live = tally::live(&truth, engine);
     report.scale = tally::scale(&truth, engine);
     let problems = problems::of(&report);
-    let ended = Outcome { report: &report, interrupted, problems };
+    let searches = dense.as_ref().map(|d| d.search_counts()).filter(|counts| counts.looks > 0);
+    let ended = Outcome { report: &report, interrupted, problems, searches };
     if failures.is_empty() || report.frames > 0 {
         failures.extend(results::write_reports(&outputs, engine, &ended, &tally));
     }

@@ -171,7 +171,7 @@ impl Observer for RunObserver<'_, '_> {
         }
     }
 
-    fn on_step(&mut self, session: &Session) {
+    fn on_step(&mut self, session: &mut Session) {
         self.voice.pass(session.elapsed_s());
         if let Some(lines) = &mut self.status {
             lines.update(&session.engine_status(), session.age());

@@ -1,5 +1,6 @@
 //! What a run came to.
 
+use cairn_engine::SearchCounts;
 use cairn_eval::RunReport;
 use serde::Serialize;
 
@@ -12,4 +13,7 @@ pub struct Outcome<'a> {
     pub interrupted: bool,
     /// What went wrong, in sentences, the worst first.
     pub problems: Vec<String>,
+    /// What searches for a lost camera by the shape of its surroundings did, if there were any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub searches: Option<SearchCounts>,
 }

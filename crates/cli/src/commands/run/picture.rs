@@ -93,7 +93,7 @@ pub fn plan(
     };
     let ends = [marker("start", world_from_body.first()), marker("end", world_from_body.last())];
     let (first, last) = (start(history), history.stretches.last().map_or(Stamp::default(), |s| s.to));
-    let of_run = map.key_frames().filter(|k| (first..=last).contains(&k.frame.stamp));
+    let of_run = map.key_frames().filter(|k| (first..=last).contains(&k.stamp));
     let events = history.joins.iter().enumerate();
     let events = events
         .filter_map(|(i, j)| Some(Event { number: i + 1, at: centre(j.key_frames[0])?, tone: Tone::Fourth }));
@@ -194,7 +194,7 @@ pub fn timeline(r: &RunReport, history: &History, map: &Snapshot) -> Timeline {
     let spans = history.stretches.iter();
     let spans = spans.map(|s| Span { from_s: t(s.from), to_s: t(s.to), tone: tone(s.tracking) }).collect();
     let moment = |at: Stamp, number, tone| Moment { at_s: t(at), number, tone };
-    let key_frames = map.key_frames().map(|k| k.frame.stamp).filter(|at| (from..=to).contains(at));
+    let key_frames = map.key_frames().map(|k| k.stamp).filter(|at| (from..=to).contains(at));
     let joins = |merge: bool| {
         let all = history.joins.iter().enumerate().filter(move |(_, j)| j.merge == merge);
         all.map(|(i, j)| moment(j.at, Some(i + 1), Tone::Fourth)).collect()

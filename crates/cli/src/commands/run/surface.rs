@@ -12,8 +12,8 @@ use cairn_engine::{DenseMapper, DenseSetupError, Engine, SensorMode};
 use cairn_sensor::Rig;
 use cairn_session::Session;
 
-/// A dense mapper that follows the engine, if a surface is wanted or depth is to be saved; it goes on from the depth of
-/// the opened map, which is taken out of the file. Depth that cannot be continued stays there, to be saved as it is.
+/// A dense mapper that follows the engine, if a surface is wanted or the opened map has depth; it goes on from that
+/// depth, which is taken out of the file, and looks for a lost camera in it. Depth that cannot be continued stays there, to be saved as it is.
 ///
 /// # Errors
 /// Without depth, with an ending that names no form, or with depth in the map that cannot be read.
@@ -26,7 +26,7 @@ pub fn begin(
     a.mesh.as_deref().map(form).transpose()?;
     let asked = a.mesh.as_ref().map(|_| "--mesh").or(a.dense.then_some("--dense"));
     let saved = map_in.as_ref().is_some_and(|file| file.depth_bytes() > 0);
-    if asked.is_none() && !(saved && a.map_out.is_some()) {
+    if asked.is_none() && !saved {
         return Ok(None);
     }
     let mut mapper = match (DenseMapper::new(engine, rig, SubmapConfig::default()), asked) {

@@ -242,6 +242,17 @@ pub fn text(ended: &Outcome, realtime: bool) -> String {
         "map       {} key frames, {} landmarks, {} maps, {} loops, {} merges",
         r.keyframes, r.landmarks, r.maps, r.loops, r.merges
     );
+    if let Some(s) = &ended.searches {
+        let _ = writeln!(
+            text,
+            "by depth  {} looks while lost, {} refused; {} places not confirmed, {} found, {} gone on from",
+            s.looks,
+            s.refused.all(),
+            s.not_followed + s.not_confirmed,
+            s.found,
+            s.taken
+        );
+    }
     for s in &r.skips {
         let _ = writeln!(text, "skipped   {} {}: {}", s.count, plural(&s.what, s.count), s.reason);
     }

@@ -1,5 +1,6 @@
 //! `cairn team`: several robots with one graph, or one atlas.
 
+mod fleet;
 mod graph;
 pub mod join;
 mod meetings;

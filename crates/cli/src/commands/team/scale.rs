@@ -1,5 +1,6 @@
 //! `cairn team scale`: how the costs of a team that shares its maps grow with robots and key frames, and what runs out first.
 
+use super::fleet;
 use crate::failure::Failure;
 use crate::output::{Output, note};
 use crate::outputs::Outputs;
@@ -31,6 +32,10 @@ pub struct Arguments {
     /// Compares the model with a real run: what cairn demo --team N --json has printed.
     #[arg(long, value_name = "DEMO.json")]
     check: Option<PathBuf>,
+    /// Estimates instead what it costs to build an atlas of 10^3 to 10^5 recorded walks: from what cairn fleet build --json has
+    /// printed of a build into a new store.
+    #[arg(long, value_name = "BUILD.json", conflicts_with_all = ["group", "bandwidth", "check", "svg"])]
+    fleet: Option<PathBuf>,
     /// Draws each cost over its budget for ten robots.
     #[arg(long, value_name = "FILE.svg")]
     svg: Option<PathBuf>,
@@ -123,8 +128,12 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let outputs = Outputs::new(a.overwrite).input("--check", a.check.as_deref());
     let outputs = outputs.output("--svg", a.svg.as_deref()).checked()?;
     let demo = a.check.as_deref().map(demo).transpose()?;
+    let built = a.fleet.as_deref().map(fleet::built).transpose()?;
     let costs = measure_costs(&Config::default(), |what| note(&format!("measuring: {what}")))
         .map_err(|e| Failure::new("what one robot costs", e.to_string(), "run cairn doctor"))?;
+    if let Some(built) = built {
+        return output.result(&fleet::report(&built, &costs), fleet::text);
+    }
     let budgets = Budgets {
         bandwidth: a.bandwidth * 1e3,
         memory: a.memory * 1e9,

@@ -14,7 +14,7 @@ use cairn_sim::PhoneTraits;
 use serde::Serialize;
 use std::path::Path;
 pub use walk::BODY_HZ;
-use walk::{Live, Walked, meet, walk};
+use walk::{Live, Walked, walk};
 
 /// Largest distance to the start that counts as arrived, metres.
 const ARRIVAL_M: f64 = 1.0;
@@ -45,8 +45,12 @@ struct Figures {
     k1: f64,
     readout_ms: f64,
     stamp_delay_ms: f64,
-    /// What the server found in the phone's first session: focal length as above, and distortion (minus `k1`, about).
+    /// What the server found before the walk: focal length as above, and distortion (minus `k1`, about); and after how many
+    /// seconds of walking about.
     lens: Option<[f64; 2]>,
+    lens_after_s: Option<f64>,
+    /// Connections that ended on the way.
+    broken: usize,
     arrived: bool,
     told_arrival: bool,
     misled: bool,
@@ -132,10 +136,9 @@ fn once(config: &DemoConfig, options: Options, out: &Path) -> Result<Figures, Fa
     let own = PhoneTraits::new(config.seed, SIZE[0], SIZE[1]);
     let traits = PhoneTraits { readout_s: options.readout_s.unwrap_or(own.readout_s), ..own };
     let cpu = process::cpu_s();
-    let lens = if options.known_lens { None } else { meet(config, &traits, &folder).map_err(failed)? };
     let walked = walk(config, &traits, options.known_lens, &folder).map_err(failed)?;
     let cpu_s = process::cpu_s().zip(cpu).map(|(now, before)| now - before);
-    let figures = Figures { lens, ..figures(config, &traits, &walked, cpu_s) };
+    let figures = figures(config, &traits, &walked, cpu_s);
     std::fs::write(out.join(format!("{name}.txt")), transcript(&figures)).map_err(system)?;
     let line = |l: &Live| {
         let (s, w) = (l.said, l.truth);
@@ -163,7 +166,9 @@ fn figures(config: &DemoConfig, traits: &PhoneTraits, walked: &Walked, cpu_s: Op
         k1,
         readout_ms: 1e3 * traits.readout_s,
         stamp_delay_ms: 1e3 * traits.stamp_delay_s,
-        lens: None,
+        lens: walked.lens.map(|(lens, _)| lens),
+        lens_after_s: walked.lens.map(|(_, after_s)| after_s),
+        broken: walked.broken,
         arrived: walked.told_arrival && error_m <= ARRIVAL_M,
         told_arrival: walked.told_arrival,
         misled: (walked.told_arrival && error_m > ARRIVAL_M) || walked.farthest_off_m() > MISLED_M,
@@ -215,10 +220,12 @@ fn row(f: &Figures) -> String {
         _ => "no",
     };
     let metric = f.metric_after_s.map_or("never".into(), |s| format!("{s:.1}"));
-    let lens =
-        f.lens.map_or(String::new(), |[focal, radial]| format!(" (found f {focal:.3} k1 {:+.3})", -radial));
+    let lens = match (f.lens, f.lens_after_s) {
+        (Some([focal, radial]), Some(s)) => format!(" (found f {focal:.3} k1 {:+.3} in {s:.0} s)", -radial),
+        _ => String::new(),
+    };
     format!(
-        "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>5.2}  {:>8}  {:>9.3}  {:>7.3}  {:>5.3}  {:>5.2}  {:>10.1}  {:>7.2}  {:>7}  {:>9}  {:>4}  {:>6.0}  {:>5.0}   f {:.3} k1 {:+.3}{lens}, rows {:.0} ms, stamps {:.0} ms",
+        "{:>4}  {:<9}  {:<7}  {:>7.2}  {:>5.2}  {:>8}  {:>9.3}  {:>7.3}  {:>5.3}  {:>5.2}  {:>10.1}  {:>7.2}  {:>7}  {:>9}  {:>4}  {:>6.0}  {:>5.0}   f {:.3} k1 {:+.3}{lens}, rows {:.0} ms, stamps {:.0} ms, {} broken connections",
         f.seed,
         f.facing,
         outcome,
@@ -239,7 +246,8 @@ fn row(f: &Figures) -> String {
         f.focal,
         f.k1,
         f.readout_ms,
-        f.stamp_delay_ms
+        f.stamp_delay_ms,
+        f.broken
     )
 }
 

@@ -5,8 +5,9 @@ use cairn_phrases::Language;
 use cairn_web::Server;
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
+use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio_rustls::TlsConnector;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
@@ -53,9 +54,20 @@ impl PageClock {
     }
 }
 
+/// Connections that may end before the page gives up, and the pause before the next, seconds; as the page.
+const MOST_CONNECTIONS: usize = 30;
+const AGAIN_S: f64 = 1.0;
+
 /// The page.
 pub struct Page {
     socket: Socket,
+    tls: TlsConnector,
+    address: SocketAddr,
+    token: String,
+    /// Tells the clock of this page from that of one before.
+    origin: u64,
+    /// Connections that have ended so far.
+    pub broken: usize,
     /// The phone's clock.
     pub clock: PageClock,
     /// Decides about images.
@@ -84,30 +96,44 @@ pub struct Page {
     fresh_since: Option<Instant>,
 }
 
+async fn connected(tls: &TlsConnector, address: SocketAddr) -> Result<Socket, String> {
+    let stream = tokio::net::TcpStream::connect(address).await.map_err(failed)?;
+    stream.set_nodelay(true).map_err(failed)?;
+    let name = "localhost".try_into().map_err(failed)?;
+    let stream = tls.connect(name, stream).await.map_err(failed)?;
+    let (socket, _) = tokio_tungstenite::client_async("wss://localhost/ws", stream).await.map_err(failed)?;
+    Ok(socket)
+}
+
 fn failed(e: impl std::fmt::Display) -> String {
     e.to_string()
 }
 
 impl Page {
-    /// Opens the page of a server and takes the walk.
+    /// Opens the page of a server and takes the walk; `origin` is another for each page, as its clock is.
     ///
     /// # Errors
     /// What failed on the way.
-    pub async fn open(server: &Server, language: Language, clock: PageClock) -> Result<Self, String> {
+    pub async fn open(
+        server: &Server,
+        language: Language,
+        clock: PageClock,
+        origin: u64,
+    ) -> Result<Self, String> {
         let mut roots = rustls::RootCertStore::empty();
         roots.add(server.certificate().clone()).map_err(failed)?;
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let builder =
             rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
         let tls = builder.map_err(failed)?.with_root_certificates(roots).with_no_client_auth();
-        let stream = tokio::net::TcpStream::connect(server.address()).await.map_err(failed)?;
-        stream.set_nodelay(true).map_err(failed)?;
-        let name = "localhost".try_into().map_err(failed)?;
-        let stream = TlsConnector::from(Arc::new(tls)).connect(name, stream).await.map_err(failed)?;
-        let (socket, _) =
-            tokio_tungstenite::client_async("wss://localhost/ws", stream).await.map_err(failed)?;
+        let (tls, address) = (TlsConnector::from(Arc::new(tls)), server.address());
         let mut page = Self {
-            socket,
+            socket: connected(&tls, address).await?,
+            tls,
+            address,
+            token: server.invitation().token.clone(),
+            origin,
+            broken: 0,
             clock,
             pace: Pace::new(),
             language,
@@ -124,12 +150,37 @@ impl Page {
             late: false,
             fresh_since: None,
         };
-        let token = &server.invitation().token;
-        page.send(json!({ "hello": { "token": token, "walk": true, "secret": "demo", "origin": 1, "phone": "demo" } }))
-            .await?;
+        page.hello().await?;
         page.send(json!({ "take": true })).await?;
-        page.send(json!({ "want": { "picture": false, "map": true } })).await?;
         Ok(page)
+    }
+
+    async fn hello(&mut self) -> Result<(), String> {
+        let hello = json!({ "token": self.token, "walk": true, "secret": "demo", "origin": self.origin, "phone": "demo" });
+        self.send(json!({ "hello": hello })).await?;
+        self.send(json!({ "want": { "picture": false, "map": true } })).await
+    }
+
+    /// Connects again after the connection has ended for the reason `why`; the walk has waited for this page.
+    ///
+    /// # Errors
+    /// The reason, where that was tried too often.
+    pub async fn reconnect(&mut self, why: String) -> Result<(), String> {
+        (self.me, self.controls) = (None, false);
+        loop {
+            self.broken += 1;
+            if self.broken > MOST_CONNECTIONS {
+                return Err(why);
+            }
+            if let Ok(socket) = connected(&self.tls, self.address).await {
+                self.socket = socket;
+                self.pace = Pace::new();
+                if self.hello().await.is_ok() {
+                    return Ok(());
+                }
+            }
+            tokio::time::sleep(Duration::from_secs_f64(AGAIN_S)).await;
+        }
     }
 
     /// Sends a message.

@@ -8,7 +8,6 @@ use super::super::once::distance_to;
 use super::super::out::corners;
 use super::pace::LEVELS;
 use super::page::{Page, PageClock};
-use cairn_engine::Config;
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_guide::Facing;
 use cairn_random::Random;
@@ -35,8 +34,8 @@ const PARCEL: usize = 2;
 const ENCODING_S: f64 = 0.015;
 /// Longest wait for the server's first status and for answers, seconds.
 const PATIENCE_S: f64 = 20.0;
-/// The first session of a phone ends after this time at the latest, seconds.
-const MEET_S: f64 = 45.0;
+/// The walker waits so long for the lens to be known, seconds.
+const MEET_S: f64 = 60.0;
 /// Seconds it takes to turn the camera round on the chest.
 const TURN_CAMERA_S: f64 = 4.0;
 /// The walk ends when the walker has stood this long after arrival, ...
@@ -95,6 +94,10 @@ pub struct Walked {
     pub tracked: u64,
     /// Directions that came too late and were held back by the page.
     pub withheld: usize,
+    /// Connections that ended on the way.
+    pub broken: usize,
+    /// The lens that the server has found, as the page is told it, and after how many seconds.
+    pub lens: Option<([f64; 2], f64)>,
     /// What the page showed besides.
     pub troubles: Vec<String>,
 }
@@ -112,25 +115,8 @@ impl Walked {
     }
 }
 
-/// The first session of a phone: the walker goes the first half minute of the way, then the page is closed. Returns what
-/// the server has told of the lens; it keeps that in the folder.
-///
-/// # Errors
-/// When the server does not start or answer, or the connection breaks.
-pub fn meet(config: &DemoConfig, traits: &PhoneTraits, folder: &Path) -> Result<Option<[f64; 2]>, String> {
-    let server = server(config, None, folder, "met")?;
-    runtime()?.block_on(async {
-        let mut phone = Phone::new(config, traits, page(config, &server).await?)?;
-        phone.begin().await?;
-        let begin = phone.page.clock.seconds();
-        while phone.page.lens.is_none() && phone.page.clock.seconds() - begin < MEET_S {
-            phone.turn().await?;
-        }
-        Ok(phone.page.lens)
-    })
-}
-
-/// Walks out and home.
+/// Walks out and home. Where the server does not know the lens, the walker first goes along the way until he hears that it does,
+/// puts the phone away, and begins the walk at its start.
 ///
 /// # Errors
 /// When the server does not start or answer, or the connection breaks.
@@ -141,22 +127,35 @@ pub fn walk(
     folder: &Path,
 ) -> Result<Walked, String> {
     let rig = known_lens.then(|| Box::new(Rig { imu: Some(phone_imu()), ..Rig::mono(traits.camera) }));
-    let server = server(config, rig, folder, "walked")?;
+    let server = server(config, rig, folder)?;
     runtime()?.block_on(async {
-        let mut phone = Phone::new(config, traits, page(config, &server).await?)?;
+        let mut lens = None;
+        if !known_lens {
+            let mut phone = Phone::new(config, traits, page(config, &server, 0).await?)?;
+            phone.begin().await?;
+            let begin = phone.page.clock.seconds();
+            while phone.page.lens.is_none() && phone.page.clock.seconds() - begin < MEET_S {
+                phone.turn().await?;
+            }
+            lens = phone.page.lens.map(|lens| (lens, phone.page.clock.seconds() - begin));
+        }
+        let mut phone = Phone::new(config, traits, page(config, &server, 1).await?)?;
         phone.out().await?;
         phone.home().await?;
+        phone.result.lens = lens;
         phone.result.withheld = phone.page.withheld;
+        phone.result.broken = phone.page.broken;
         phone.result.troubles = std::mem::take(&mut phone.page.troubles);
-        phone.result.dropped = phone.page.status["dropped"].as_u64().unwrap_or(0);
-        phone.result.tracked = phone.page.status["tracked"].as_u64().unwrap_or(0);
+        let now = |key: &str| phone.page.status[key].as_u64().unwrap_or(0);
+        phone.result.dropped = now("dropped").saturating_sub(phone.before[0]);
+        phone.result.tracked = now("tracked").saturating_sub(phone.before[1]);
         Ok(phone.result)
     })
 }
 
-/// A server as `cairn serve` starts it, with its data in the folder and the routes in one of that name there.
-fn server(config: &DemoConfig, rig: Option<Box<Rig>>, folder: &Path, routes: &str) -> Result<Server, String> {
-    let routes = folder.join(routes);
+/// A server as `cairn serve` starts it, with its data in the folder.
+fn server(config: &DemoConfig, rig: Option<Box<Rig>>, folder: &Path) -> Result<Server, String> {
+    let routes = folder.join("walked");
     std::fs::create_dir_all(&routes).map_err(|e| format!("{}: {e}", routes.display()))?;
     let session = SessionConfig {
         folder: routes.clone(),
@@ -165,13 +164,10 @@ fn server(config: &DemoConfig, rig: Option<Box<Rig>>, folder: &Path, routes: &st
         ..SessionConfig::default()
     };
     Server::start(ServeConfig {
-        lan: false,
-        port: 0,
         keep: Some(folder.to_owned()),
         routes: Some(routes),
-        camera: CameraSource::Page { rig },
-        config: Config::default(),
         session,
+        ..ServeConfig::new(CameraSource::Page { rig })
     })
     .map_err(|e| e.to_string())
 }
@@ -180,11 +176,11 @@ fn runtime() -> Result<tokio::runtime::Runtime, String> {
     tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(|e| e.to_string())
 }
 
-/// The phone's page, with a clock of its own.
-async fn page(config: &DemoConfig, server: &Server) -> Result<Page, String> {
-    let mut random = Random::stream(config.seed, 0xC10C);
+/// The phone's page, opened for the nth time: the clock of a page begins when it is opened.
+async fn page(config: &DemoConfig, server: &Server, nth: u64) -> Result<Page, String> {
+    let mut random = Random::stream(config.seed, 0xC10C + nth);
     let clock = PageClock::new(1e12 * random.unit(), random.uniform(-1e-4, 1e-4));
-    Page::open(server, config.speaking.language, clock).await
+    Page::open(server, config.speaking.language, clock, nth).await
 }
 
 /// A picture in the making: the phone's time of it, and its bytes.
@@ -213,6 +209,8 @@ struct Phone<'a> {
     next_picture: u64,
     shot: Option<JoinHandle<Shot>>,
     random: Random,
+    /// Pictures that were not used, and frames with a pose, before this page was opened.
+    before: [u64; 2],
     result: Walked,
 }
 
@@ -243,14 +241,19 @@ impl<'a> Phone<'a> {
             shot: None,
             random: Random::stream(config.seed, 0x57A4),
             world,
+            before: [0; 2],
             result: Walked { corners, ..Walked::default() },
         })
     }
 
     /// Waits for the server; then the walk out begins.
     async fn begin(&mut self) -> Result<(), String> {
-        self.until(PATIENCE_S, "the server gave no status", |p| p.page.status["frames"].as_u64() > Some(0))
-            .await?;
+        let none = "the server gave no status";
+        let frames = |p: &Self| p.page.status["frames"].as_u64();
+        self.until(PATIENCE_S, none, |p| frames(p).is_some()).await?;
+        let before = frames(self);
+        self.before = ["dropped", "tracked"].map(|key| self.page.status[key].as_u64().unwrap_or(0));
+        self.until(PATIENCE_S, "the server took no picture", |p| frames(p) > before).await?;
         self.began_s = Some(self.page.clock.seconds());
         Ok(())
     }
@@ -343,8 +346,16 @@ impl<'a> Phone<'a> {
         Ok(())
     }
 
-    /// A moment: a message of the server, or the next look at the sensors.
+    /// A moment; a connection that has ended is made again.
     async fn turn(&mut self) -> Result<(), String> {
+        match self.moment().await {
+            Ok(()) => Ok(()),
+            Err(why) => self.page.reconnect(why).await,
+        }
+    }
+
+    /// A message of the server, or the next look at the sensors.
+    async fn moment(&mut self) -> Result<(), String> {
         let message = tokio::select! {
             biased;
             message = self.page.next() => Some(message?),

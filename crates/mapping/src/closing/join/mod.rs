@@ -119,7 +119,49 @@ pub struct MapJoin {
     pub changes: Vec<Change>,
 }
 
+/// What two maps say of each other before anything is changed.
+#[derive(Clone, Debug)]
+pub struct MapComparison {
+    /// The younger map.
+    pub from: MapId,
+    /// The older map.
+    pub into: MapId,
+    /// Key frames of the younger map that were compared with the older one.
+    pub compared: usize,
+    /// What agrees, or why that is not enough.
+    pub result: Result<Agreement, Apart>,
+}
+
+/// Evidence that two maps show the same places.
+#[derive(Clone, Debug)]
+pub struct Agreement {
+    /// Seams that agree.
+    pub seams: usize,
+    /// Recognised places that do not agree with them.
+    pub left_out: usize,
+    /// How many key frames of the younger map show the older one where they stand in it.
+    pub support: Support,
+    /// From the younger map to the older one, by the seam in the middle.
+    pub into_from: Sim3,
+}
+
 impl Closer {
+    /// Compares two maps of a snapshot as [`Closer::join_maps`] does, and stops before joining them.
+    pub fn compare_maps(&self, snapshot: &Snapshot, a: MapId, b: MapId) -> MapComparison {
+        let (into, from) = (a.min(b), a.max(b));
+        let (compared, found) = self.seams(snapshot, from, into);
+        let result = self.decide(snapshot, from, into, &found).map(|(chosen, support)| {
+            let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
+            Agreement {
+                seams: chosen.len(),
+                left_out: found.len() - chosen.len(),
+                support,
+                into_from: stitch::middle(snapshot, &agreeing).seam.into_from,
+            }
+        });
+        MapComparison { from, into, compared, result }
+    }
+
     /// Joins two maps of a snapshot if they show the same places. Every key frame of the younger is compared with the
     /// places of the older map most similar by words, with the geometry of loop closing; the largest set of seams that
     /// are pairwise consistent decides (Mangelson, Dominic, Eustice, Vasudevan, "Pairwise consistent measurement set

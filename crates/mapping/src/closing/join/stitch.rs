@@ -122,7 +122,7 @@ impl Closer {
 }
 
 /// The seam that differs least from all others at the places of these.
-fn middle<'a>(snapshot: &Snapshot, chosen: &[&'a Found]) -> &'a Found {
+pub(super) fn middle<'a>(snapshot: &Snapshot, chosen: &[&'a Found]) -> &'a Found {
     let positions: Vec<Vec3> = (chosen.iter())
         .filter_map(|f| Some(snapshot.key_frame(f.seam.key_frame)?.world_from_camera.translation))
         .collect();

@@ -1,18 +1,22 @@
 //! `cairn serve`: the web page for a phone or another screen.
 
+#[cfg(unix)]
+mod isolated;
+
 use super::given::{read_config, rig_of};
 use super::run::Sensor;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::Output;
+use crate::processes;
 use crate::speaking::Speaking;
 use crate::terminal::Terminal;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
 use cairn_session::{Command, FileConfig, LibraryError, SessionConfig};
 use cairn_sources::{OpenOptions, Paced, Validator, is_live, open, waiting_for};
-use cairn_web::{CameraSource, ServeConfig, Server, WebError};
-use std::path::PathBuf;
+use cairn_web::{BeginSlam, CameraSource, ServeConfig, Server, WebError, engine_here, qr};
+use std::path::{Path, PathBuf};
 
 /// Serves an accessible web page over HTTPS: use a phone's camera for guidance, or watch from another screen.
 ///
@@ -28,6 +32,10 @@ pub struct Arguments {
     /// Accepts connections from the local network (needed for a phone); otherwise only from this machine.
     #[arg(long)]
     lan: bool,
+    /// Signs the page's certificate by an authority of this machine, kept in the data folder, and says how a phone comes to
+    /// trust it. An iPhone refuses web sockets without; the page then goes on with plain requests.
+    #[arg(long)]
+    ca: bool,
     /// The port to listen on.
     #[arg(long, default_value_t = 8443)]
     port: u16,
@@ -51,6 +59,20 @@ pub struct Arguments {
     routes: Option<PathBuf>,
     #[command(flatten)]
     speaking: Speaking,
+    /// Runs the page with its walk and SLAM as processes under a supervisor: one that dies or hangs is started again, the
+    /// guide says stop meanwhile, and the walk goes on in the map of a moment ago. Needs /dev/shm.
+    #[arg(long)]
+    isolated: bool,
+    /// Memory that each process may use, MB; one that needs more dies and is started again.
+    #[arg(long, default_value_t = 8000, value_name = "MB", requires = "isolated")]
+    #[arg(value_parser = clap::value_parser!(u64).range(50..=1_000_000))]
+    worker_memory: u64,
+    /// What this process does for its supervisor.
+    #[arg(long, hide = true, requires = "run_folder", overrides_with = "worker")]
+    worker: Option<String>,
+    /// The folder that the processes share.
+    #[arg(long, hide = true)]
+    run_folder: Option<PathBuf>,
 }
 
 /// Serves until the source ends or the program is stopped.
@@ -58,8 +80,22 @@ pub struct Arguments {
 /// # Errors
 /// When the configuration, the rig or the source cannot be used, or the server cannot start.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
+    if a.isolated
+        && a.worker.is_none()
+        && let Some(parent) = processes::shared_memory()
+    {
+        return supervise(parent);
+    }
     let FileConfig { engine: mut config, route: settings } =
         a.config.as_deref().map_or_else(|| Ok(FileConfig::default()), read_config)?;
+    if a.worker.is_some() {
+        begin_work(a);
+    }
+    #[cfg(unix)]
+    if a.worker.as_deref() == Some("slam") {
+        isolated::work(&config);
+        return Ok(());
+    }
     let source = a.source.as_deref().unwrap_or_default();
     let rig = a.rig.as_deref().map(|path| rig_of(path, source, &mut config)).transpose()?;
     let data = a.data.clone().or_else(data_folder);
@@ -79,10 +115,16 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         None => CameraSource::Page { rig: rig.map(Box::new) },
         Some(source) => camera_of(source, rig, a.sensor),
     };
+    let (slam, token, port) = begun(a);
+    let is_first = token.is_none();
     let config = ServeConfig {
+        slam,
+        token,
+        survives: a.run_folder.as_ref().map(|folder| folder.join("walk.json")),
         lan: a.lan,
-        port: a.port,
+        port,
         keep: data,
+        authority: a.ca,
         routes: Some(routes.clone()),
         camera,
         config,
@@ -102,17 +144,13 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     if let Some(why) = server.not_kept() {
         eprintln!("the certificate could not be saved, the browser will ask again at the next start: {why}");
     }
-    let invitation = server.invitation();
-    let shown = serde_json::json!({ "urls": invitation.urls, "token": invitation.token, "routes": routes });
-    output.result(&shown, |_| {
-        let mut text = if a.lan { invitation.qr() } else { String::new() };
-        for url in &invitation.urls {
-            text += &format!("{url}\n");
-        }
-        text += &format!("Maps and routes are kept in {}.\n", routes.display());
-        text += "The certificate is self-signed: the browser asks once whether to trust it.\n";
-        text + if a.lan { "" } else { "Only this machine can connect; use --lan to connect from a phone.\n" }
-    })?;
+    #[cfg(unix)]
+    if let Some(folder) = &a.run_folder {
+        isolated::tie(folder, &server)?;
+    }
+    if is_first {
+        invite(a, &server, &routes, output)?;
+    }
     // A signal ends the walk as the command does: what was recorded is complete.
     let remote = server.remote();
     interrupt::in_order();
@@ -122,6 +160,73 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let mut terminal = Terminal::new(a.lines, true, a.speaking.language);
     terminal.forward(move |command| remote.command(command));
     Ok(server.wait()?)
+}
+
+/// Says how the page is reached.
+fn invite(a: &Arguments, server: &Server, routes: &Path, output: &Output) -> Result<(), Failure> {
+    let invitation = server.invitation();
+    let mut shown =
+        serde_json::json!({ "urls": invitation.urls, "token": invitation.token, "routes": routes });
+    if let Some(authority) = server.authority() {
+        shown["authority"] =
+            serde_json::json!({ "urls": invitation.authority_urls(), "sha256": authority.fingerprint() });
+    }
+    output.result(&shown, |_| {
+        let mut text = if a.lan { invitation.qr() } else { String::new() };
+        for url in &invitation.urls {
+            text += &format!("{url}\n");
+        }
+        text += &format!("Maps and routes are kept in {}.\n", routes.display());
+        text += &match server.authority() {
+            Some(authority) => {
+                let shown = if a.lan { qr(&invitation.authority_urls()[0]) } else { String::new() };
+                shown + &invitation.trust_steps(authority, a.speaking.language)
+            }
+            None => "The certificate is self-signed: the browser asks once whether to trust it; --ca makes one that phones can trust.\n".into(),
+        };
+        text + if a.lan { "" } else { "Only this machine can connect; use --lan to connect from a phone.\n" }
+    })
+}
+
+/// In processes under a supervisor.
+#[cfg(unix)]
+fn supervise(parent: &Path) -> Result<(), Failure> {
+    match isolated::supervise(parent)? {
+        0 => Ok(()),
+        _ if interrupt::requested() => Ok(()),
+        // What is wrong was said by the process that ended.
+        code => std::process::exit(code),
+    }
+}
+
+/// There is no shared memory.
+#[cfg(not(unix))]
+fn supervise(_: &Path) -> Result<(), Failure> {
+    Err(Failure::usage("--isolated", "it needs Unix", "leave it out"))
+}
+
+/// Bounds the memory of this process and ties its life to that of its supervisor.
+fn begin_work(a: &Arguments) {
+    #[cfg(unix)]
+    {
+        cairn_workers::die_with_parent();
+        if let Err(e) = cairn_workers::limit_memory(a.worker_memory * 1_000_000) {
+            crate::output::warn(&format!("the memory of a process is not limited: {e}"));
+        }
+    }
+    #[cfg(not(unix))]
+    let _ = a;
+}
+
+/// Where SLAM runs, and the token and the port of a process of this walk before.
+fn begun(a: &Arguments) -> (BeginSlam, Option<String>, u16) {
+    #[cfg(unix)]
+    if let Some(folder) = &a.run_folder {
+        let before = isolated::before(folder);
+        let port = before.as_ref().map_or(a.port, |s| s.port);
+        return (isolated::slam_elsewhere(folder.clone()), before.map(|s| s.token), port);
+    }
+    (engine_here(), None, a.port)
 }
 
 /// The user's data folder; `None` where the system defines none.

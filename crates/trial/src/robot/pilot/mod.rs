@@ -2,6 +2,9 @@
 //!
 //! In: where it is and what it sees. Out: the motion to command, the navigator's state and the reason for it.
 
+mod explore;
+mod visit;
+
 use super::RobotConfig;
 use super::localiser::{Localiser, Located};
 use super::once_open::OnceOpen;
@@ -10,32 +13,25 @@ use cairn_atlas::KeyFrameId;
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::{Motion, Navigator, Reason, State};
 use cairn_plan::depth_scan::{DepthCamera, DepthScanner};
-use cairn_plan::frontier::{Approach, Frontier, FrontierConfig, approaches, frontiers};
+use cairn_plan::frontier::Approach;
+use cairn_plan::give_way::{GiveWayConfig, Trails, place_beside};
 use cairn_plan::ground::GroundMap;
 use cairn_random::Random;
 use cairn_sensor::FramePacket;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 /// Rate at which the robot turns to look around, rad/s.
 const LOOK_RATE: f64 = 1.0;
-/// The target frontier is checked again after this time, seconds.
-const CHECK_S: f64 = 0.5;
-/// Two frontiers with middles this near to each other are the same, metres.
-const SAME_M: f64 = 0.5;
 /// The poses of all key frames are compared with the grid's after this time, seconds.
 const POSES_S: f64 = 2.0;
 /// In front of a plain wall the robot turns no faster than this, rad/s: from image to image enough must stay in view.
 const PLAIN_RATE: f64 = 0.5;
 /// A robot that is no longer sure of its place turns at this rate, rad/s: back to where it was, then on all around.
 const FIND_RATE: f64 = 0.4;
-/// A goal that cannot be reached is looked at from within this distance, metres.
-const NEAR_GOAL_M: f64 = 1.5;
-/// Frontiers that were given up are tried again so often before exploration ends.
-const ROUNDS: usize = 1;
-/// A blocked goal is moved by at most this, metres.
-const GOAL_TOLERANCE_M: f64 = 0.2;
-/// A goal is tried so often before NO_PATH is final; the robot looks around in between.
-const TRIES: usize = 5;
+/// What moves or newly stands within this distance of the robot may be what is in its way, metres.
+const IN_THE_WAY_M: f64 = 2.5;
+/// Places this near to each other are the same, metres.
+const SAME_M: f64 = 0.5;
 
 /// What the robot is about.
 #[derive(Clone, Debug)]
@@ -46,10 +42,10 @@ enum Task {
     Explore,
     /// Turning towards a frontier that was reached and has not gone.
     Face(Vec2),
-    /// Driving a little aside, to see from there what seemed to be in the way.
+    /// Driving elsewhere, to see from there what seemed to be in the way or to let someone pass.
     Aside(Then),
     /// Driving to a goal.
-    Visit { goal: usize, began_s: f64, tries: usize },
+    Visit { goal: usize, began_s: f64 },
     /// All is done.
     Rest,
 }
@@ -58,7 +54,7 @@ enum Task {
 #[derive(Clone, Copy, Debug)]
 enum Then {
     Explore,
-    Visit { goal: usize, began_s: f64, tries: usize },
+    Visit { goal: usize, began_s: f64 },
 }
 
 /// The command of a step, and why.
@@ -78,12 +74,25 @@ pub struct Pilot {
     scanner: DepthScanner,
     ground: GroundMap<KeyFrameId>,
     once_open: OnceOpen,
+    trails: Trails,
     navigator: Navigator,
     task: Task,
     target: Option<Approach>,
+    /// Frontiers that could not be reached, and those that were looked at from near by and stayed.
     given_up: Vec<Vec2>,
+    faced: Vec<Vec2>,
     /// How often the frontiers that were given up have been tried again.
     rounds: usize,
+    /// How often what had come to stand was forgotten, or someone was let pass, since a frontier was last reached.
+    unblocked: usize,
+    /// How often nothing could be done for the present goal.
+    helpless: usize,
+    /// Whether the present goal was looked at from near by.
+    looked_near: bool,
+    /// Whom the robot last let pass for the present goal: where he stood.
+    let_pass_at: Option<Vec2>,
+    /// Where the robot last looked around.
+    looked_at: Option<Vec2>,
     checked_s: f64,
     poses_s: f64,
     heading: Option<f64>,
@@ -130,11 +139,18 @@ impl Pilot {
             scanner,
             ground: GroundMap::new(ground),
             once_open: OnceOpen::default(),
+            trails: Trails::default(),
             navigator: Navigator::new(config.navigator),
             task: Task::Look { turned: 0.0, then: Then::Explore },
             target: None,
             given_up: Vec::new(),
+            faced: Vec::new(),
             rounds: 0,
+            unblocked: 0,
+            helpless: 0,
+            looked_near: false,
+            let_pass_at: None,
+            looked_at: None,
             checked_s: 0.0,
             poses_s: 0.0,
             heading: None,
@@ -242,21 +258,28 @@ impl Pilot {
         let rays = self.scanner.scan(depth.data());
         let key_from_sensor = key_from_body * self.scanner.body_from_sensor();
         self.ground.observe(t_s, id, &key, key_from_sensor, &rays)?;
+        self.trails.learn(self.ground.moving());
         Ok(())
     }
 
     fn act(&mut self, t_s: f64, pose: &Se2, motion: Motion, turned: f64) -> Result<Decision, TrialError> {
         Ok(match self.task.clone() {
+            Task::Look { then, .. } | Task::Aside(then) if self.is_late(t_s, &then).is_some() => {
+                let (goal, began_s) = self.is_late(t_s, &then).unwrap_or_default();
+                self.end(t_s, goal, began_s, State::NoPath);
+                self.turn(motion, 0.0)
+            }
             Task::Look { turned: before, then } => {
                 let turned = before + turned;
                 self.task = if turned < TAU {
                     Task::Look { turned, then }
                 } else {
+                    self.looked_at = Some(pose.translation);
                     match then {
                         Then::Explore => Task::Explore,
-                        Then::Visit { goal, began_s, tries } => {
+                        Then::Visit { goal, began_s } => {
                             self.navigator.set_goal(self.free_goal(self.goals[goal]));
-                            Task::Visit { goal, began_s, tries }
+                            Task::Visit { goal, began_s }
                         }
                     }
                 };
@@ -269,185 +292,40 @@ impl Pilot {
                 }
                 decision
             }
-            Task::Explore => self.explore(t_s, pose, motion),
+            Task::Explore => self.explore(t_s, pose, motion)?,
             Task::Face(at) => {
                 let seen = pose.inverse() * at;
                 let bearing = seen.y.atan2(seen.x);
                 if bearing.abs() < 0.15 {
                     self.task = Task::Explore;
                     // Whatever is still unknown there cannot be seen from here.
-                    self.given_up.push(at);
+                    self.faced.push(at);
                 }
                 self.turn(motion, (1.5 * bearing).clamp(-LOOK_RATE, LOOK_RATE))
             }
-            Task::Visit { goal, began_s, tries } => self.visit(t_s, pose, motion, goal, began_s, tries)?,
+            Task::Visit { goal, began_s } => self.visit(t_s, pose, motion, goal, began_s)?,
             Task::Rest => self.turn(motion, 0.0),
         })
     }
 
-    fn explore(&mut self, t_s: f64, pose: &Se2, motion: Motion) -> Decision {
-        if t_s > self.config.explore_s {
-            return self.visit_next(t_s, 0, motion);
-        }
-        if let Some(target) = self.target.clone() {
-            let middle = target.frontier.middle;
-            let decision = self.navigate(t_s, pose, motion);
-            match decision.state {
-                State::Reached => (self.target, self.task) = (None, Task::Face(middle)),
-                State::NoPath => {
-                    self.given_up.push(middle);
-                    self.target = None;
-                }
-                _ if t_s - self.checked_s > CHECK_S => {
-                    self.checked_s = t_s;
-                    let same = |m: Vec2| (m - middle).norm() < SAME_M;
-                    if !self.frontiers().iter().any(|f| same(f.middle)) {
-                        self.target = None;
-                    }
-                }
-                _ => {}
-            }
-            return decision;
-        }
-        let next = self.next_frontier(pose);
-        let Some(next) = next else {
-            // What was given up may be reached now: someone stood in the door, the map was corrected.
-            if self.rounds < ROUNDS && !self.given_up.is_empty() {
-                self.rounds += 1;
-                self.given_up.clear();
-                self.task = Task::Look { turned: 0.0, then: Then::Explore };
-                return self.turn(motion, 0.0);
-            }
-            return self.visit_next(t_s, 0, motion);
-        };
-        self.navigator.set_goal(next.goal);
-        self.targets.push((t_s, next.goal, next.frontier.cells.len()));
-        (self.target, self.checked_s) = (Some(next), t_s);
-        self.navigate(t_s, pose, motion)
-    }
-
-    fn frontiers(&self) -> Vec<Frontier> {
-        self.ground.map().map_or_else(Vec::new, |map| frontiers(map, &self.config.frontier))
-    }
-
-    fn next_frontier(&self, pose: &Se2) -> Option<Approach> {
-        let costs = self.ground.costs()?;
-        let from = costs.frame().cell_at(pose.translation)?;
-        let open = |at: Vec2| self.given_up.iter().all(|g| (g - at).norm() > SAME_M);
-        let mut all = self.frontiers();
-        all.retain(|f| open(f.middle));
-        let passable = costs.passable();
-        // A body that stands a little too near to a wall starts from the free cell next to it.
-        let from = nearest_free(&passable, from, 6)?;
-        approaches(costs.map(), all, &passable, from, &self.config.frontier).into_iter().next()
-    }
-
-    /// A goal, or the free place nearest to it where it is blocked and there is one within the tolerance.
-    fn free_goal(&self, goal: Vec2) -> Vec2 {
-        let near = || {
+    /// Forgets what has newly come to stand: it may have gone since it was seen. Where something moves or stands near by, the robot
+    /// lets it pass, as far as there is a place; returns that place, and whether anything was forgotten.
+    fn let_pass(&mut self, pose: &Se2) -> Result<(Option<Vec2>, bool), TrialError> {
+        let other = self.ground.nearest_new(pose.translation);
+        let forgotten = self.ground.forget_new()?;
+        let near = other.filter(|at| (at - pose.translation).norm() < IN_THE_WAY_M);
+        let place = near.and_then(|other| {
             let passable = self.ground.costs()?.passable();
-            let frame = *passable.frame();
-            let cell = frame.cell_at(goal).filter(|c| !passable.is_free(*c))?;
-            let reach = (GOAL_TOLERANCE_M / frame.resolution_m()) as i32;
-            Some(frame.centre(nearest_free(&passable, cell, reach)?))
-        };
-        near().filter(|at| (at - goal).norm() <= GOAL_TOLERANCE_M).unwrap_or(goal)
+            let from = nearest_free(&passable, passable.frame().cell_at(pose.translation)?, 6)?;
+            place_beside(&passable, from, other, &self.trails, &GiveWayConfig::default())
+        });
+        Ok((place, forgotten))
     }
 
-    /// The place near a goal from which it can be looked at, if that is not here.
-    fn near_goal(&self, pose: &Se2, goal: Vec2) -> Option<Vec2> {
-        let costs = self.ground.costs()?;
-        let passable = costs.passable();
-        let from = nearest_free(&passable, costs.frame().cell_at(pose.translation)?, 6)?;
-        let target = Frontier { cells: vec![costs.frame().cell_at(goal)?], middle: goal };
-        let config = FrontierConfig { approach_m: NEAR_GOAL_M, ..self.config.frontier };
-        let all = approaches(costs.map(), vec![target], &passable, from, &config);
-        all.first().map(|a| a.goal).filter(|at| (at - pose.translation).norm() > SAME_M)
-    }
-
-    /// The place before what blocks or hides the way to the goal, if that is not here.
-    fn before_blockage(&self, pose: &Se2, goal: Vec2) -> Option<Vec2> {
-        let costs = self.ground.costs()?;
-        let from = nearest_free(&costs.passable(), costs.frame().cell_at(pose.translation)?, 6)?;
-        let at = self.once_open.before_blockage(costs, from, self.free_goal(goal))?;
-        Some(at).filter(|at| (at - pose.translation).norm() > SAME_M)
-    }
-
-    /// A free place about a metre away.
-    fn aside(&mut self, pose: &Se2) -> Option<Vec2> {
-        let passable = self.ground.costs()?.passable();
-        let from = nearest_free(&passable, passable.frame().cell_at(pose.translation)?, 6)?;
-        let mut search = cairn_plan::search::AStar::new();
-        (0..40).find_map(|_| {
-            let (angle, by_m) = (self.random.uniform(-PI, PI), self.random.uniform(0.7, 1.5));
-            let at = pose.translation + Vec2::new(angle.cos(), angle.sin()) * by_m;
-            let to = passable.frame().cell_at(at).filter(|c| passable.is_free(*c))?;
-            let path = search.search(&passable, from, to).ok()?;
-            (path.length_m(passable.frame()) < 2.0 * by_m).then_some(at)
-        })
-    }
-
-    fn visit_next(&mut self, t_s: f64, goal: usize, motion: Motion) -> Decision {
-        self.target = None;
-        self.explored_s.get_or_insert(t_s);
-        match self.goals.get(goal) {
-            Some(&at) => {
-                self.navigator.set_goal(self.free_goal(at));
-                self.task = Task::Visit { goal, began_s: t_s, tries: 1 };
-            }
-            None => {
-                self.navigator.cancel();
-                self.task = Task::Rest;
-            }
-        }
-        self.turn(motion, 0.0)
-    }
-
-    fn visit(
-        &mut self,
-        t_s: f64,
-        pose: &Se2,
-        motion: Motion,
-        goal: usize,
-        began_s: f64,
-        tries: usize,
-    ) -> Result<Decision, TrialError> {
-        let decision = self.navigate(t_s, pose, motion);
-        let late = t_s - began_s > self.config.goal_s;
-        match decision.state {
-            State::NoPath if tries < TRIES && !late => {
-                // Someone who stood in a door may have gone since: that is seen when the robot comes near again.
-                self.ground.forget_new()?;
-                let then = Then::Visit { goal, began_s, tries: tries + 1 };
-                self.task = Task::Look { turned: 0.0, then };
-                // What is in the way may have gone: from near the goal that is seen best, else from another place.
-                let at = self.goals[goal];
-                let near = self.near_goal(pose, at).or_else(|| self.before_blockage(pose, at));
-                if let Some(at) = near.or_else(|| if tries > 1 { self.aside(pose) } else { None }) {
-                    self.navigator.set_goal(at);
-                    self.task = Task::Aside(then);
-                }
-            }
-            State::Reached | State::NoPath => self.end(t_s, goal, began_s, decision.state),
-            state if late => self.end(t_s, goal, began_s, state),
-            _ => {}
-        }
-        Ok(decision)
-    }
-
-    /// Records how a goal ended; the next one follows with the next step.
-    fn end(&mut self, t_s: f64, goal: usize, began_s: f64, state: State) {
-        let reason = match state {
-            State::Reached => None,
-            _ => Some(self.last_reason.map_or("no reason".to_owned(), |r| r.to_string())),
-        };
-        let late = (t_s - began_s > self.config.goal_s).then(|| format!("after {:.0} s", t_s - began_s));
-        let reason = match (reason, late) {
-            (Some(reason), Some(late)) => Some(format!("{reason}, {late}")),
-            (reason, _) => reason,
-        };
-        self.ends.push(GoalEnd { state: state.to_string(), reason, seconds: t_s - began_s });
-        self.visit_next(t_s, goal + 1, Motion::stop());
+    /// Drives to a place, looks around there, and goes on.
+    fn look_from(&mut self, at: Vec2, then: Then) {
+        self.navigator.set_goal(at);
+        self.task = Task::Aside(then);
     }
 
     fn navigate(&mut self, t_s: f64, pose: &Se2, motion: Motion) -> Decision {

@@ -1,0 +1,29 @@
+#![doc = include_str!("../README.md")]
+
+mod build;
+mod digest;
+mod error;
+mod fetch;
+mod job;
+mod place_index;
+mod recording;
+mod run;
+mod scale;
+mod shelf;
+mod steps;
+mod store;
+mod task;
+mod words;
+
+pub use build::{Build, Cost, Report};
+pub use digest::Digest;
+pub use error::FleetError;
+pub use fetch::{Fetched, Found, Query, fetch, find, query_of};
+pub use job::Job;
+pub use run::run;
+pub use scale::{Built, City, StepLoad};
+pub use store::{Listed, Store, open};
+pub use task::{
+    Atlas, Blob, Joined, Mapped, Merged, Outcome, Pair, Paired, Published, Result as StepResult, Source,
+    Task, Tile, Tiled, Verified,
+};

@@ -1,0 +1,48 @@
+//! Another camera within a session: what tracks begins again in a map of its own, the walk and its settings stay.
+//!
+//! So a phone whose lens becomes known in the first half minute uses it at once. The map so far was made with a wrong lens: it is
+//! dropped, and that is refused where anything hangs on it.
+
+use super::Session;
+use crate::library::LibraryError;
+use crate::slam::Slam;
+use cairn_atlas::store::MapFile;
+use cairn_engine::OpenMapError;
+use cairn_guide::Confidence;
+
+impl<S: Slam> Session<S> {
+    /// Whether nothing hangs on the map of this session: no route, no recording, no guidance.
+    pub fn may_begin_again(&self) -> bool {
+        let has_route = self.route.as_ref().is_some_and(|held| held.here);
+        let has_recorded = !self.recorded_here.is_empty() || !self.recorded.is_empty();
+        self.dead.is_none()
+            && self.recording.is_none()
+            && self.guiding.is_none()
+            && !has_recorded
+            && !has_route
+    }
+
+    /// Begins SLAM again with what `begin` begins: in an atlas of the folder that fits, or in none. Returns what the user should
+    /// know, as [`crate::Kept::notes`]. Where it cannot begin the session has no poses any more, and says so.
+    ///
+    /// # Errors
+    /// What `begin` says where it is given no map.
+    pub fn begin_again(
+        &mut self,
+        mut begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
+    ) -> Result<Vec<String>, LibraryError> {
+        self.engine.end();
+        let begun = match &mut self.keeper {
+            Some(keeper) => keeper.begin_again(begin),
+            None => begin(None).map_err(LibraryError::from),
+        };
+        let (engine, notes) = begun.inspect_err(|_| {
+            self.dead = Some(self.speech.text("walk-tracking-failed"));
+        })?;
+        self.engine = engine;
+        (self.place, self.confidence, self.marked) = (None, Confidence::Lost, None);
+        (self.scale, self.unsupported) = (None, None);
+        self.status.metric = self.engine.is_metric();
+        Ok(notes)
+    }
+}

@@ -1,0 +1,113 @@
+//! What tracks and maps for a session: an engine in this process, or one in a process of its own, which may die.
+
+use cairn_atlas::Snapshot;
+use cairn_atlas::store::MapFile;
+use cairn_engine::{Engine, Output, Status};
+use cairn_sensor::FramePacket;
+use cairn_vision::RectifiedCamera;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Why a packet has no result.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NotTracked {
+    /// Its images do not fit the rig; the next packet may.
+    #[error("{0}")]
+    Refused(String),
+    /// What tracks is late, dead or being started again ([`Slam::away`]).
+    #[error("{0}")]
+    Away(String),
+}
+
+/// Packets in, poses and a map out.
+pub trait Slam {
+    /// Tracks a packet.
+    ///
+    /// # Errors
+    /// [`NotTracked`]; the session goes on.
+    fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked>;
+
+    /// Time passes without a packet: what may have died is looked after.
+    fn look_after(&mut self) {}
+
+    /// It ends for good, and so does its map: another takes its place ([`crate::Session::begin_again`]).
+    fn end(&mut self) {}
+
+    /// Why there are no poses at present, where what tracks is late, dead or being started again.
+    fn away(&self) -> Option<&str> {
+        None
+    }
+
+    /// The latest map.
+    fn snapshot(&self) -> Arc<Snapshot>;
+
+    /// The camera of its poses.
+    fn camera(&self) -> &RectifiedCamera;
+
+    /// The status after the last packet.
+    fn status(&self) -> &Status;
+
+    /// The latest map with its provenance, for saving.
+    fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile;
+
+    /// Whether lengths in all maps are metres.
+    fn is_metric(&self) -> bool {
+        self.snapshot().is_metric(self.camera())
+    }
+}
+
+impl Slam for Engine {
+    fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked> {
+        Engine::on_packet(self, packet).map_err(|e| NotTracked::Refused(e.to_string()))
+    }
+
+    fn snapshot(&self) -> Arc<Snapshot> {
+        Engine::snapshot(self)
+    }
+
+    fn camera(&self) -> &RectifiedCamera {
+        self.front_end().model()
+    }
+
+    fn status(&self) -> &Status {
+        Engine::status(self)
+    }
+
+    fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
+        Engine::to_save(self, program, attached)
+    }
+}
+
+impl<S: Slam + ?Sized> Slam for Box<S> {
+    fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked> {
+        (**self).on_packet(packet)
+    }
+
+    fn look_after(&mut self) {
+        (**self).look_after();
+    }
+
+    fn end(&mut self) {
+        (**self).end();
+    }
+
+    fn away(&self) -> Option<&str> {
+        (**self).away()
+    }
+
+    fn snapshot(&self) -> Arc<Snapshot> {
+        (**self).snapshot()
+    }
+
+    fn camera(&self) -> &RectifiedCamera {
+        (**self).camera()
+    }
+
+    fn status(&self) -> &Status {
+        (**self).status()
+    }
+
+    fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
+        (**self).to_save(program, attached)
+    }
+}

@@ -1,0 +1,32 @@
+//! How SLAM is begun for the session's camera, at its start and again where its lens becomes known.
+
+use crate::config::{BeginSlam, Begun, SlamFor};
+use cairn_atlas::store::MapFile;
+use cairn_engine::{Config, SensorMode};
+use cairn_sensor::Rig;
+
+/// What SLAM is begun with.
+pub(crate) struct Start {
+    pub begin: BeginSlam,
+    pub name: String,
+    pub rig: Rig,
+    pub mode: SensorMode,
+    pub has_imu: bool,
+    pub rate_hz: f64,
+    pub config: Config,
+}
+
+impl Start {
+    /// Begins it, in a map where there is one.
+    pub fn slam(&mut self, map: Option<&MapFile>) -> Begun {
+        let with = SlamFor {
+            name: &self.name,
+            rig: &self.rig,
+            mode: self.mode,
+            imu: self.has_imu,
+            rate_hz: self.rate_hz,
+            config: &self.config,
+        };
+        (self.begin)(&with, map)
+    }
+}

@@ -1,0 +1,241 @@
+//! All that a session needs of a frame that was tracked in another process: the engine's output as a message, and back.
+//!
+//! Left out is what only reports read: verdicts of closing, attempts of the initialisation, times of mapping, events.
+
+use crate::anchored::{Anchored, numbers, se3};
+use cairn_atlas::{KeyFrameId, MapId};
+use cairn_engine::{
+    Evidence, Gate, ImuStatus, MotionSource, Odometry, Output, Phase, Scale, State, Status, Wait,
+};
+use cairn_geometry::{Pose, Se3, Sim3, Similarity};
+use cairn_sensor::Stamp;
+use cairn_vision::Frame;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// The output of the engine; poses are seven numbers as in [`Anchored`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Seen {
+    state: State,
+    world_from_body: Option<[f64; 7]>,
+    odometry: Option<SeenOdometry>,
+    anchored: Option<Anchored>,
+    metric: bool,
+    scale: Option<SeenScale>,
+    evidence: Evidence,
+    key_frame_requested: bool,
+    extract_ms: f64,
+    track_ms: f64,
+    stage_failed: Option<String>,
+    status: SeenStatus,
+    /// Pixels of the features in the image as it came.
+    raw: Vec<[f32; 2]>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct SeenOdometry {
+    segment: u32,
+    source: MotionSource,
+    odom_from_body: [f64; 7],
+    world_from_odom: ([f64; 7], f64),
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct SeenScale {
+    /// The index of the map's root.
+    map: u32,
+    metric: bool,
+    sigma_log: f64,
+    supported: bool,
+}
+
+/// As `cairn_engine::Status`, without its events.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct SeenStatus {
+    phase: Phase,
+    t_s: f64,
+    frames: u64,
+    sequence: u64,
+    valid: bool,
+    map: Option<usize>,
+    initialised: bool,
+    metric: bool,
+    points: usize,
+    imu: Option<ImuStatus>,
+    waits: Vec<SeenWait>,
+    gates: Vec<Gate>,
+    error: Option<String>,
+}
+
+/// As `cairn_engine::Wait`, which is written as text.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+enum SeenWait {
+    Points { have: usize, need: usize },
+    Parallax { matches: usize },
+    Reading { silent_s: Option<f64> },
+    FirstTry,
+    Gate(Gate),
+    Sight { since_s: f64, sigma: f64 },
+    Translation { since_s: f64 },
+    Place { have: usize, need: usize },
+}
+
+impl Seen {
+    /// Of a frame that SLAM's process number `start` has tracked: its odometry is a segment of its own.
+    pub fn of(output: &Output, start: u64) -> Self {
+        let odometry = output.odometry.map(|o| {
+            let s = &o.world_from_odom.sim3;
+            SeenOdometry {
+                segment: (start as u32) << 16 | o.segment & 0xffff,
+                source: o.source,
+                odom_from_body: numbers(&o.odom_from_body.se3),
+                world_from_odom: (numbers(&Se3::new(s.rotation, s.translation)), s.scale),
+            }
+        });
+        let scale = output.scale.map(|s| SeenScale {
+            map: s.map.root().index() as u32,
+            metric: s.metric,
+            sigma_log: s.sigma_log,
+            supported: s.supported,
+        });
+        Self {
+            state: output.state,
+            world_from_body: output.world_from_body.map(|p| numbers(&p.se3)),
+            odometry,
+            anchored: output.anchored.as_ref().map(Anchored::of),
+            metric: output.metric,
+            scale,
+            evidence: output.evidence,
+            key_frame_requested: output.key_frame_requested,
+            extract_ms: output.extract_ms,
+            track_ms: output.track_ms,
+            stage_failed: output.stage_failed.clone(),
+            status: SeenStatus::of(&output.status),
+            raw: output.frame.raw.clone(),
+        }
+    }
+
+    /// Back; `None` when a pose is none.
+    pub fn to_output(&self, stamp: Stamp) -> Option<Output> {
+        let odometry = match &self.odometry {
+            Some(o) => {
+                let rigid = se3(&o.world_from_odom.0)?;
+                let sim3 = Sim3::new(rigid.rotation, rigid.translation, o.world_from_odom.1);
+                Some(Odometry {
+                    segment: o.segment,
+                    source: o.source,
+                    odom_from_body: Pose::new(se3(&o.odom_from_body)?),
+                    world_from_odom: Similarity::new(sim3),
+                })
+            }
+            None => None,
+        };
+        let anchored = match &self.anchored {
+            Some(pose) => Some(pose.pose()?),
+            None => None,
+        };
+        let scale = match &self.scale {
+            Some(s) => Some(Scale {
+                map: MapId(KeyFrameId::from_index(s.map as usize)?),
+                metric: s.metric,
+                sigma_log: s.sigma_log,
+                supported: s.supported,
+            }),
+            None => None,
+        };
+        let world_from_body = match &self.world_from_body {
+            Some(pose) => Some(Pose::new(se3(pose)?)),
+            None => None,
+        };
+        let mut frame = Frame::default();
+        (frame.stamp, frame.raw) = (stamp, self.raw.clone());
+        Some(Output {
+            stamp,
+            frame: Arc::new(frame),
+            state: self.state,
+            world_from_body,
+            odometry,
+            anchored,
+            metric: self.metric,
+            scale,
+            attempt: None,
+            scale_check: None,
+            evidence: self.evidence,
+            key_frame_requested: self.key_frame_requested,
+            extract_ms: self.extract_ms,
+            track_ms: self.track_ms,
+            map_ms: Vec::new(),
+            close_ms: Vec::new(),
+            verdicts: Vec::new(),
+            stage_failed: self.stage_failed.clone(),
+            status: self.status.to_status(),
+        })
+    }
+}
+
+impl SeenStatus {
+    fn of(s: &Status) -> Self {
+        Self {
+            phase: s.phase,
+            t_s: s.t_s,
+            frames: s.frames,
+            sequence: s.sequence,
+            valid: s.valid,
+            map: s.map,
+            initialised: s.initialised,
+            metric: s.metric,
+            points: s.points,
+            imu: s.imu,
+            waits: s.waits.iter().map(SeenWait::of).collect(),
+            gates: s.gates.clone(),
+            error: s.error.clone(),
+        }
+    }
+
+    fn to_status(&self) -> Status {
+        Status {
+            phase: self.phase,
+            t_s: self.t_s,
+            frames: self.frames,
+            sequence: self.sequence,
+            valid: self.valid,
+            map: self.map,
+            initialised: self.initialised,
+            metric: self.metric,
+            points: self.points,
+            imu: self.imu,
+            waits: self.waits.iter().map(|wait| wait.to_wait()).collect(),
+            events: Vec::new(),
+            gates: self.gates.clone(),
+            error: self.error.clone(),
+        }
+    }
+}
+
+impl SeenWait {
+    fn of(wait: &Wait) -> Self {
+        match *wait {
+            Wait::Points { have, need } => Self::Points { have, need },
+            Wait::Parallax { matches } => Self::Parallax { matches },
+            Wait::Reading { silent_s } => Self::Reading { silent_s },
+            Wait::FirstTry => Self::FirstTry,
+            Wait::Gate(gate) => Self::Gate(gate),
+            Wait::Sight { since_s, sigma } => Self::Sight { since_s, sigma },
+            Wait::Translation { since_s } => Self::Translation { since_s },
+            Wait::Place { have, need } => Self::Place { have, need },
+        }
+    }
+
+    fn to_wait(self) -> Wait {
+        match self {
+            Self::Points { have, need } => Wait::Points { have, need },
+            Self::Parallax { matches } => Wait::Parallax { matches },
+            Self::Reading { silent_s } => Wait::Reading { silent_s },
+            Self::FirstTry => Wait::FirstTry,
+            Self::Gate(gate) => Wait::Gate(gate),
+            Self::Sight { since_s, sigma } => Wait::Sight { since_s, sigma },
+            Self::Translation { since_s } => Wait::Translation { since_s },
+            Self::Place { have, need } => Wait::Place { have, need },
+        }
+    }
+}
