@@ -139,6 +139,18 @@ fn frames_that_nobody_takes_give_way_to_newer_ones() {
     assert!((15..=21).contains(&count), "{told}");
 }
 
+/// What it gives as soon as it gives something.
+fn within_s<T>(limit_s: f64, mut look: impl FnMut() -> Option<T>) -> T {
+    let begun = std::time::Instant::now();
+    loop {
+        if let Some(it) = look() {
+            return it;
+        }
+        assert!(begun.elapsed().as_secs_f64() < limit_s, "nothing within {limit_s} s");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
 #[test]
 fn a_camera_is_unplugged_and_comes_back() {
     let machine = Simulated::new();
@@ -150,7 +162,7 @@ fn a_camera_is_unplugged_and_comes_back() {
     let pulled = machine.clone();
     let watcher = std::thread::spawn(move || {
         std::thread::sleep(Duration::from_millis(600));
-        let trouble = live.trouble();
+        let trouble = within_s(5.0, || live.trouble());
         pulled.unplug(false);
         trouble
     });
@@ -161,7 +173,7 @@ fn a_camera_is_unplugged_and_comes_back() {
             break p;
         }
     };
-    assert_eq!(watcher.join().unwrap().unwrap(), "The camera was unplugged. Plug it in again.");
+    assert_eq!(watcher.join().unwrap(), "The camera was unplugged. Plug it in again.");
     assert!(back.stamp > before);
     assert!(source.live().unwrap().trouble().is_none());
     let lines = source.skipped().join("\n");
@@ -169,8 +181,8 @@ fn a_camera_is_unplugged_and_comes_back() {
     // Plugged in at a port too slow for what it did before: that is said, and lasts.
     machine.set_modes(&node(0), vec![mode(PixelFormat::YUYV, [320, 240], 30.0)]);
     machine.unplug(false);
-    std::thread::sleep(Duration::from_millis(400));
-    let trouble = source.live().unwrap().trouble().unwrap();
+    let live = source.live().unwrap();
+    let trouble = within_s(5.0, || live.trouble());
     assert!(trouble.contains("no images of 640x480") && trouble.contains("320x240"), "{trouble}");
 }
 
@@ -181,8 +193,8 @@ fn a_silent_camera_is_told_and_goes_on() {
     let mut source = open(&machine, "v4l2:0", None).unwrap();
     next(&mut source);
     machine.silence(&node(0), true);
-    std::thread::sleep(Duration::from_millis(1300));
-    assert_eq!(source.live().unwrap().trouble().unwrap(), "The camera sends nothing.");
+    let live = source.live().unwrap();
+    assert_eq!(within_s(5.0, || live.trouble()), "The camera sends nothing.");
     machine.silence(&node(0), false);
     let at = source.live().unwrap().clock().unwrap().now;
     while next(&mut source).stamp < at {}

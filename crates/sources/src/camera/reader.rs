@@ -112,19 +112,55 @@ impl Shared {
     }
 }
 
+/// What one step of a thread took from its node.
+pub enum Taken {
+    /// A frame, none where it came damaged, and how many frames the driver left out before it.
+    Image { frame: Option<Frame>, missed: usize },
+    /// Motion readings.
+    Motion(Vec<Measured>),
+}
+
+impl State {
+    /// Keeps what a stream delivered; the newest win.
+    fn keep(&mut self, stream: usize, taken: Taken) {
+        match taken {
+            Taken::Image { frame, missed } => {
+                self.counts.missed += missed;
+                let Some(frame) = frame else {
+                    self.counts.damaged += 1;
+                    return;
+                };
+                let ring = &mut self.frames[stream];
+                if ring.len() == FRAMES_KEPT {
+                    ring.pop_front();
+                    self.counts.overtaken += 1;
+                }
+                ring.push_back(frame);
+            }
+            Taken::Motion(readings) => {
+                for reading in readings {
+                    if self.motion.len() == READINGS_KEPT {
+                        self.motion.pop_front();
+                        self.counts.motion += 1;
+                    }
+                    self.motion.push_back(reading);
+                }
+            }
+        }
+    }
+}
+
 /// An opened node from which a thread reads.
 pub trait Feed: Send {
-    /// Hands over what came within [`LOOK`]; false when nothing did.
+    /// What came within [`LOOK`], if anything did.
     ///
     /// # Errors
     /// [`DeviceError`] where the device is gone.
-    fn step(&mut self, kernel: &dyn Kernel, shared: &Shared) -> Result<bool, DeviceError>;
+    fn step(&mut self, kernel: &dyn Kernel) -> Result<Option<Taken>, DeviceError>;
 }
 
 /// A video node being read.
 pub struct VideoFeed {
-    /// [`IMAGE`] or [`DEPTH`].
-    pub stream: usize,
     /// The node, started.
     pub node: Box<dyn VideoNode>,
     /// Its mode.
@@ -134,15 +170,15 @@ pub struct VideoFeed {
 
 impl VideoFeed {
     /// A started node.
-    pub fn new(stream: usize, node: Box<dyn VideoNode>, mode: Mode) -> Self {
-        Self { stream, node, mode, last_sequence: None }
+    pub fn new(node: Box<dyn VideoNode>, mode: Mode) -> Self {
+        Self { node, mode, last_sequence: None }
     }
 }
 
 impl Feed for VideoFeed {
-    fn step(&mut self, kernel: &dyn Kernel, shared: &Shared) -> Result<bool, DeviceError> {
+    fn step(&mut self, kernel: &dyn Kernel) -> Result<Option<Taken>, DeviceError> {
         let mut bytes = Vec::new();
-        let Some(taken) = self.node.dequeue(LOOK, &mut bytes)? else { return Ok(false) };
+        let Some(taken) = self.node.dequeue(LOOK, &mut bytes)? else { return Ok(None) };
         let step =
             self.last_sequence.replace(taken.sequence).map_or(1, |last| taken.sequence.wrapping_sub(last));
         // A driver that counts backwards, or not at all, tells nothing.
@@ -151,20 +187,8 @@ impl Feed for VideoFeed {
             KernelStamp::Monotonic(stamp) => stamp,
             KernelStamp::Unknown => kernel.now(),
         };
-        shared.change(|s| {
-            s.counts.missed += missed;
-            if taken.damaged {
-                s.counts.damaged += 1;
-                return;
-            }
-            let ring = &mut s.frames[self.stream];
-            if ring.len() == FRAMES_KEPT {
-                ring.pop_front();
-                s.counts.overtaken += 1;
-            }
-            ring.push_back(Frame { stamp, mode: self.mode, bytes });
-        });
-        Ok(true)
+        let frame = (!taken.damaged).then_some(Frame { stamp, mode: self.mode, bytes });
+        Ok(Some(Taken::Image { frame, missed }))
     }
 }
 
@@ -179,23 +203,14 @@ pub struct MotionFeed {
 }
 
 impl Feed for MotionFeed {
-    fn step(&mut self, kernel: &dyn Kernel, shared: &Shared) -> Result<bool, DeviceError> {
+    fn step(&mut self, kernel: &dyn Kernel) -> Result<Option<Taken>, DeviceError> {
         let mut readings = Vec::new();
         self.node.read(LOOK, &mut readings)?;
-        if readings.is_empty() {
-            return Ok(false);
-        }
         let arrived = kernel.now();
-        shared.change(|s| {
-            for reading in readings {
-                if s.motion.len() == READINGS_KEPT {
-                    s.motion.pop_front();
-                    s.counts.motion += 1;
-                }
-                s.motion.push_back(Measured { kind: self.kind, session: self.session, reading, arrived });
-            }
-        });
-        Ok(true)
+        let (kind, session) = (self.kind, self.session);
+        let measured: Vec<_> =
+            readings.into_iter().map(|reading| Measured { kind, session, reading, arrived }).collect();
+        Ok((!measured.is_empty()).then_some(Taken::Motion(measured)))
     }
 }
 
@@ -232,23 +247,26 @@ pub fn run(
             }
             continue;
         };
-        match open_feed.step(kernel.as_ref(), shared) {
-            Ok(true) => {
+        match open_feed.step(kernel.as_ref()) {
+            Ok(Some(taken)) => {
                 (heard, retry) = (Instant::now(), RETRY);
                 let back = std::mem::take(&mut lost);
-                let mut s = shared.lock();
-                (s.heard[stream], s.trouble[stream]) = (true, None);
-                if back {
-                    s.lines.push(format!("{name} is back."));
-                }
+                // In one change: whoever takes the frame finds the trouble gone.
+                shared.change(|s| {
+                    (s.heard[stream], s.trouble[stream]) = (true, None);
+                    if back {
+                        s.lines.push(format!("{name} is back."));
+                    }
+                    s.keep(stream, taken);
+                });
             }
-            Ok(false) if heard.elapsed() > SILENT => {
+            Ok(None) if heard.elapsed() > SILENT => {
                 tell(format!("{name} sends nothing."), &mut lost);
                 if heard.elapsed() > RESTART {
                     feed = None;
                 }
             }
-            Ok(false) => {}
+            Ok(None) => {}
             Err(e) => {
                 feed = None;
                 tell(sentence(name, &e), &mut lost);

@@ -235,9 +235,9 @@ impl CameraSource {
         let (kernel, place, rate_hz) = (self.kernel.clone(), address.place.clone(), address.rate_hz);
         let again = move |_| {
             let Started { node, mode, .. } = start(kernel.as_ref(), &place, role, size, rate_hz)?;
-            Ok(Box::new(VideoFeed::new(stream, node, mode)) as Box<dyn Feed>)
+            Ok(Box::new(VideoFeed::new(node, mode)) as Box<dyn Feed>)
         };
-        self.spawn(name, stream, Box::new(VideoFeed::new(stream, first.node, first.mode)), again)
+        self.spawn(name, stream, Box::new(VideoFeed::new(first.node, first.mode)), again)
     }
 
     fn read_motion(&mut self, usb: Option<&Usb>, rate_hz: f64) -> Result<(), DeviceError> {
