@@ -1,6 +1,7 @@
 //! Applying a change set: from one snapshot to the next, with all derived data brought up to date.
 
 use crate::change::scaling_about;
+use crate::covisible::{self, Shared};
 use crate::{
     Applied, Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId,
     Observation, Snapshot,
@@ -10,8 +11,6 @@ use cairn_vision::Descriptor;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// Covisible neighbours that a key frame keeps, at most.
-const NEIGHBOURS: usize = 40;
 /// A landmark's descriptor is chosen among this many of its latest observations.
 const DESCRIPTORS: usize = 16;
 
@@ -22,10 +21,8 @@ struct Dirty {
     observed: BTreeSet<LandmarkId>,
     /// Geometry changed: normal, range.
     moved: BTreeSet<LandmarkId>,
-    /// Observes other landmarks than before: covisibility.
-    key_frames: BTreeSet<KeyFrameId>,
-    /// The first no longer observes a landmark that the second observes.
-    separated: BTreeSet<(KeyFrameId, KeyFrameId)>,
+    /// Observed together with others than before: covisibility.
+    shares: Vec<Shared>,
 }
 
 impl Snapshot {
@@ -77,6 +74,8 @@ impl Snapshot {
                 key_frame.map = map;
                 key_frame.landmarks = vec![None; key_frame.frame.len()];
                 key_frame.links.clear();
+                key_frame.covisible.clear();
+                key_frame.shares.0 = Some(Vec::new());
                 self.places.insert(k.id, &k.bag.shared());
                 self.key_frames.insert(k.id.index(), key_frame);
             }
@@ -180,12 +179,12 @@ impl Snapshot {
         }
         self.key_frames.get_mut(key_frame.index())?.landmarks[feature as usize] = Some(id);
         let observations = &mut self.landmarks.get_mut(id.index())?.observations;
+        covisible::note(&mut dirty.shares, key_frame, observations, 1);
         let at = observations.partition_point(|o| o.key_frame < key_frame);
         // No room for later ones: the next commit copies the landmark anyway, and most have few observations.
         observations.reserve_exact(1);
         observations.insert(at, Observation { key_frame, feature });
         dirty.observed.insert(id);
-        dirty.key_frames.insert(key_frame);
         Some(())
     }
 
@@ -193,14 +192,13 @@ impl Snapshot {
         let feature = self.landmark(id)?.feature_in(key_frame)?;
         let observations = &mut self.landmarks.get_mut(id.index())?.observations;
         observations.retain(|o| o.key_frame != key_frame);
-        dirty.separated.extend(observations.iter().map(|o| (key_frame, o.key_frame)));
+        covisible::note(&mut dirty.shares, key_frame, observations, -1);
         if let Some(slot) =
             self.key_frames.get_mut(key_frame.index()).and_then(|k| k.landmarks.get_mut(feature as usize))
         {
             *slot = None;
         }
         dirty.observed.insert(id);
-        dirty.key_frames.insert(key_frame);
         Some(())
     }
 
@@ -374,71 +372,7 @@ impl Snapshot {
                 (l.normal, l.min_distance, l.max_distance) = (normal, min, max);
             }
         }
-        for id in &dirty.key_frames {
-            let votes = self.shared(*id);
-            // Those that are counted anew themselves get their whole list by that.
-            for (other, count) in votes.iter().filter(|(other, _)| !dirty.key_frames.contains(other)) {
-                self.share(*other, *id, *count);
-            }
-            for (_, other) in
-                dirty.separated.range((*id, KeyFrameId::FIRST)..).take_while(|(from, _)| from == id)
-            {
-                if !dirty.key_frames.contains(other) && votes.iter().all(|(v, _)| v != other) {
-                    self.share(*other, *id, 0);
-                }
-            }
-            let best = &votes[..votes.len().min(NEIGHBOURS)];
-            if self.key_frame(*id).is_some_and(|k| k.covisible != best)
-                && let Some(k) = self.key_frames.get_mut(id.index())
-            {
-                k.covisible = best.to_vec();
-            }
-        }
-    }
-
-    /// Counts anew which key frames share landmarks.
-    pub(crate) fn recount_covisible(&mut self) {
-        let ids: Vec<KeyFrameId> = self.key_frames().map(|k| k.id).collect();
-        for id in ids {
-            let mut best = self.shared(id);
-            best.truncate(NEIGHBOURS);
-            if let Some(k) = self.key_frames.get_mut(id.index()) {
-                k.covisible = best;
-            }
-        }
-    }
-
-    /// Key frames that share landmarks with one, with how many, most first.
-    fn shared(&self, id: KeyFrameId) -> Vec<(KeyFrameId, u32)> {
-        let mut votes = self.key_frame(id).map_or(Vec::new(), |k| self.votes(k.landmarks.iter().flatten()));
-        votes.retain(|(other, _)| *other != id);
-        votes
-    }
-
-    /// Records in the list of `at` that it shares `count` landmarks with `with`.
-    fn share(&mut self, at: KeyFrameId, with: KeyFrameId, count: u32) {
-        let Some(k) = self.key_frame(at) else { return };
-        let place = k.covisible.iter().position(|(id, _)| *id == with);
-        let before = place.map_or(0, |i| k.covisible[i].1);
-        if before == count {
-            return;
-        }
-        // When one of a full list drops back, another that is not in it may be ahead.
-        let recount = (count < before && k.covisible.len() == NEIGHBOURS).then(|| self.shared(at));
-        let Some(k) = self.key_frames.get_mut(at.index()) else { return };
-        if let Some(votes) = recount {
-            k.covisible = votes;
-        } else {
-            if let Some(i) = place {
-                k.covisible.remove(i);
-            }
-            if count > 0 {
-                let key = (std::cmp::Reverse(count), with);
-                let i = k.covisible.partition_point(|(id, n)| (std::cmp::Reverse(*n), *id) < key);
-                k.covisible.insert(i, (with, count));
-            }
-        }
-        k.covisible.truncate(NEIGHBOURS);
+        self.update_covisible(dirty.shares);
     }
 
     /// The observed descriptor with the least median Hamming distance to the others, and which observation has it.

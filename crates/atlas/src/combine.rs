@@ -79,7 +79,7 @@ impl Snapshot {
             if let Some(imu_factor) = k.motion.as_mut().and_then(|m| m.imu_factor.as_mut()) {
                 imu_factor.since = shift.key_frame(imu_factor.since)?;
             }
-            for (id, _) in &mut k.covisible {
+            for (id, _) in k.covisible.iter_mut().chain(k.shares.0.iter_mut().flatten()) {
                 *id = shift.key_frame(*id)?;
             }
             for id in k.landmarks.iter_mut().flatten() {

@@ -1,5 +1,6 @@
 //! Key frames.
 
+use crate::covisible::Shares;
 use crate::{InertialState, KeyFrameId, LandmarkId, MapId, OtherCamera, Paged};
 use cairn_geometry::{Se3, Sim3};
 use cairn_sensor::Stamp;
@@ -37,6 +38,8 @@ pub struct KeyFrame {
     pub other_camera: Option<Arc<OtherCamera>>,
     /// Covisible key frames with the number of shared landmarks, most first (derived by the map).
     pub covisible: Vec<(KeyFrameId, u32)>,
+    /// All that share landmarks with it (derived by the map).
+    pub(crate) shares: Shares,
 }
 
 impl KeyFrame {
@@ -62,6 +65,7 @@ impl KeyFrame {
             motion: None,
             other_camera: None,
             covisible: Vec::new(),
+            shares: Shares::default(),
         }
     }
 

@@ -9,6 +9,7 @@ mod atlas;
 mod cameras;
 mod change;
 mod combine;
+mod covisible;
 mod cut;
 mod ids;
 mod inertial;

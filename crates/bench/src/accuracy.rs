@@ -101,15 +101,116 @@ pub fn table(rows: &[Row]) -> String {
 
 /// The complete page `docs/accuracy.md`.
 pub fn page(rows: &[Row]) -> String {
-    let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "an unknown processor".into());
     format!(
         "# Accuracy\n\n\
-         `cargo run --release -p bench -- accuracy --write` writes this page. Recordings are read from `CAIRN_DATA`, else\n\
-         from `../shared/data` beside the checkout.\n\n{}\n\
+         `cargo run --release -p bench -- accuracy --write` writes this page and the same figures in the README. Recordings are read\n\
+         from `CAIRN_DATA`, else from `../shared/data` beside the checkout. A test fails when the ATE of this page is no longer that\n\
+         of the code.\n\n{}\n\
+         {}: {}.\n\n\
          Lockstep, default configuration. ATE is the RMSE of the final trajectory against the ground truth after alignment; coverage\n\
-         is the share of packets that have a pose. A step lasts from the decoded image to the pose; times are those of the run with the lowest median, {cpu}.\n\
+         is the share of packets that have a pose. A step lasts from the decoded image to the pose; times are those of the run with the lowest median.\n\
          Peak memory is that of the whole process. In brackets: ORB-SLAM3 V1.0 measured on the same files, on two cores of an\n\
          Intel Xeon, otherwise idle and fed in real time, range of three runs.\n",
-        table(rows)
+        table(rows),
+        MEASURED,
+        crate::build::measured_on()
     )
+}
+
+/// How the line begins that says where and with which build figures were measured.
+const MEASURED: &str = "Measured on two cores";
+
+/// The text of the README with these rows in place of its own, and where they were measured.
+///
+/// # Errors
+/// When a row or the line about the measurement is not in it.
+pub fn readme(text: &str, rows: &[Row]) -> Result<String, String> {
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let mut replace = |begin: &str, new: String| {
+        let line = lines.iter_mut().find(|l| l.starts_with(begin));
+        line.map(|l| *l = new).ok_or_else(|| format!("README.md has no line that begins with {begin:?}"))
+    };
+    for row in rows {
+        let Some(recording) = crate::recordings::recording(&row.name) else { continue };
+        let (m, r, begin) = (&row.measured, recording.reference, format!("| {} |", recording.title));
+        let ate = m.ate_m.map_or("none".into(), |a| format!("{a:.4}"));
+        let new = format!(
+            "{begin} {ate} ({:.4}-{:.4}) | {:.2} ({:.2}) | {:.1} / {:.1} ({}) | {:.0} ({:.0}) |",
+            r.ate_m[0],
+            r.ate_m[1],
+            m.coverage(),
+            r.coverage,
+            m.step_ms.p50,
+            m.step_ms.p99,
+            r.step_ms,
+            m.peak_mb.unwrap_or(f64::NAN),
+            r.peak_mb,
+        );
+        replace(&begin, new)?;
+    }
+    replace(MEASURED, format!("{MEASURED}: {}.", crate::build::measured_on()))?;
+    Ok(lines.join("\n") + "\n")
+}
+
+/// The ATE that a page written by [`page`] states for a recording, metres.
+pub fn stated_ate(page: &str, name: &str) -> Option<f64> {
+    let row = page.lines().find(|l| l.starts_with(&format!("| {name} |")))?;
+    row.split('|').nth(3)?.split_whitespace().next()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Sensor;
+    use cairn_eval::Percentiles;
+
+    fn measured(ate_m: f64) -> Measured {
+        Measured {
+            sensor: Sensor::Mono,
+            frames: 10,
+            tracked: 10,
+            lost: Vec::new(),
+            started: Some(0),
+            ate_m: Some(ate_m),
+            live_ate_m: None,
+            metric: false,
+            scale: 1.0,
+            metric_s: None,
+            imu_offset_ms: 0.0,
+            path_m: 1.0,
+            step_ms: Percentiles::default(),
+            track_ms: Percentiles::default(),
+            map_ms: Percentiles::default(),
+            worlds: 1,
+            loops: 0,
+            merges: 0,
+            joined_s: Vec::new(),
+            refused: 0,
+            false_joins: Vec::new(),
+            key_frames: 2,
+            landmarks: 100,
+            peak_mb: None,
+            hash: 0,
+        }
+    }
+
+    #[test]
+    fn rows_of_the_readme_are_replaced() {
+        let text = include_str!("../../../README.md");
+        let row = |name: &str| Row { name: name.into(), measured: measured(0.01), bit_identical: None };
+        let rows: Vec<Row> = RECORDINGS.iter().map(|r| row(r.name)).collect();
+        let new = readme(text, &rows).unwrap();
+        assert_eq!(new.lines().count(), text.lines().count());
+        assert_eq!(new.lines().zip(text.lines()).filter(|(a, b)| a != b).count(), RECORDINGS.len() + 1);
+        assert!(readme("# Another page\n", &rows).unwrap_err().contains("EuRoC MH_01"));
+    }
+
+    #[test]
+    fn a_page_states_the_ate_of_its_rows() {
+        let row =
+            Row { name: "kitti-a-mono".into(), measured: measured(0.012_34), bit_identical: Some(true) };
+        let page = page(&[row]);
+        assert_eq!(stated_ate(&page, "kitti-a-mono"), Some(0.0123));
+        assert_eq!(stated_ate(&page, "kitti-a-stereo"), None);
+    }
 }

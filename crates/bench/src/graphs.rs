@@ -145,8 +145,7 @@ pub fn table(rows: &[Row]) -> String {
 
 /// The complete page `docs/graphs.md`.
 pub fn page(rows: &[Row]) -> String {
-    let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "an unknown processor".into());
-    format!("{HEAD}{}{TAIL}\nProcessor: {cpu}.\n", table(rows))
+    format!("{HEAD}{}{TAIL}\nMeasured on {}.\n", table(rows), crate::build::measured_on())
 }
 
 const HEAD: &str = "# Pose graphs

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod accuracy;
+pub mod build;
 pub mod busy;
 pub mod dense;
 pub mod depth_scale;

@@ -43,6 +43,11 @@ fn run(command: Command) -> Result<(), String> {
                     concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/accuracy.md").into(),
                     &accuracy::page(&rows),
                 )?;
+                let readme: PathBuf = concat!(env!("CARGO_MANIFEST_DIR"), "/../../README.md").into();
+                let text =
+                    std::fs::read_to_string(&readme).map_err(|e| format!("{}: {e}", readme.display()))?;
+                let text = accuracy::readme(&text, &rows)?;
+                save(readme, &text)?;
             }
             json.map_or(Ok(()), |path| save(path, &text(&rows)?))
         }

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 pub struct Recording {
     /// Name of the row.
     pub name: &'static str,
+    /// The first two columns of its row in the README.
+    pub title: &'static str,
     /// Folder in the data folder.
     pub folder: &'static str,
     /// Sensors used.
@@ -33,6 +35,7 @@ pub struct Reference {
 pub const RECORDINGS: [Recording; 5] = [
     Recording {
         name: "euroc-mh01-stereo",
+        title: "EuRoC MH_01, first 20 s | stereo, SE3",
         folder: "euroc-mh01",
         sensor: Sensor::Stereo,
         reference: Reference {
@@ -44,18 +47,21 @@ pub const RECORDINGS: [Recording; 5] = [
     },
     Recording {
         name: "euroc-mh01-mono",
+        title: "EuRoC MH_01, first 20 s | mono, Sim3",
         folder: "euroc-mh01",
         sensor: Sensor::Mono,
         reference: Reference { ate_m: [0.0044, 0.0046], coverage: 0.99, step_ms: "12 / 34", peak_mb: 500.0 },
     },
     Recording {
         name: "7scenes-kitchen-rgbd",
+        title: "7-Scenes RedKitchen, 300 frames | RGB-D, SE3",
         folder: "7scenes-kitchen",
         sensor: Sensor::Rgbd,
         reference: Reference { ate_m: [0.0286, 0.0296], coverage: 1.0, step_ms: "12.3 / 19", peak_mb: 495.0 },
     },
     Recording {
         name: "kitti-a-stereo",
+        title: "KITTI odometry, 51 pairs | stereo, SE3",
         folder: "kitti-a",
         sensor: Sensor::Stereo,
         reference: Reference {
@@ -67,6 +73,7 @@ pub const RECORDINGS: [Recording; 5] = [
     },
     Recording {
         name: "kitti-a-mono",
+        title: "KITTI odometry, 51 pairs | mono, Sim3",
         folder: "kitti-a",
         sensor: Sensor::Mono,
         reference: Reference {

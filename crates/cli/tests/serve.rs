@@ -23,7 +23,7 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Where the walk begins in the world, and its duration, seconds; there is a corner in it.
@@ -118,12 +118,14 @@ impl Drop for Served {
     }
 }
 
-fn has_shared_memory() -> bool {
+/// The machine to one test alone, since walks are in real time; `None` where it has no shared memory.
+fn alone() -> Option<MutexGuard<'static, ()>> {
+    static ALONE: Mutex<()> = Mutex::new(());
     let has = Path::new("/dev/shm").is_dir();
     if !has {
         println!("skipped: no /dev/shm on this machine");
     }
-    has
+    has.then(|| ALONE.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
 fn album() -> Arc<Album> {
@@ -176,9 +178,7 @@ async fn directed(phone: &mut Phone, before: usize) {
 
 #[test]
 fn slam_that_is_killed_or_hangs_costs_neither_the_connection_nor_the_walk() {
-    if !has_shared_memory() {
-        return;
-    }
+    let Some(_alone) = alone() else { return };
     let served = Served::start("killed", &[]);
     let mut phone = served.phone(album());
     block_on(async {
@@ -215,9 +215,7 @@ fn slam_that_is_killed_or_hangs_costs_neither_the_connection_nor_the_walk() {
 
 #[test]
 fn slam_begins_again_with_another_lens_in_a_map_of_its_own() {
-    if !has_shared_memory() {
-        return;
-    }
+    let Some(_alone) = alone() else { return };
     let folder = std::env::temp_dir().join(format!("cairn-serve-again-{}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder);
     std::fs::create_dir_all(&folder).unwrap();
@@ -279,9 +277,7 @@ fn slam_begins_again_with_another_lens_in_a_map_of_its_own() {
 
 #[test]
 fn walk_that_is_killed_goes_on_where_it_was() {
-    if !has_shared_memory() {
-        return;
-    }
+    let Some(_alone) = alone() else { return };
     let served = Served::start("walk", &[]);
     let mut phone = served.phone(album());
     block_on(async {

@@ -112,6 +112,23 @@ impl Skips {
         self.0.iter().map(|s| s.count).sum()
     }
 
+    /// Counts all of another source, or of another part of this one.
+    pub fn add_all(&mut self, other: &Self) {
+        other.0.iter().for_each(|s| self.add_many(s.kind, &s.reason, s.count, &s.first));
+    }
+
+    /// What came since an earlier state of the same counts.
+    #[must_use]
+    pub fn since(&self, earlier: &Self) -> Self {
+        let before = |s: &SkipCount| {
+            let same = earlier.0.iter().find(|e| e.kind == s.kind && e.reason == s.reason);
+            same.map_or(0, |e| e.count)
+        };
+        let later =
+            self.0.iter().map(|s| SkipCount { count: s.count.saturating_sub(before(s)), ..s.clone() });
+        Self(later.filter(|s| s.count > 0).collect())
+    }
+
     /// Each reason with its count.
     pub fn iter(&self) -> impl Iterator<Item = &SkipCount> {
         self.0.iter()
@@ -134,6 +151,21 @@ mod tests {
         assert_eq!((skips.count(SkipKind::Frame), skips.count(SkipKind::Imu), skips.total()), (3, 3, 6));
         let all: Vec<_> = skips.iter().map(|s| (s.kind.name(), s.count, s.first.as_str())).collect();
         assert_eq!(all, [("IMU reading", 3, "imu.csv, line 0"), ("frame", 3, "a.png: truncated")]);
+    }
+
+    #[test]
+    fn counts_are_taken_apart_and_put_together() {
+        let mut skips = Skips::default();
+        skips.add_many(SkipKind::Imu, "not a reading", 3, "line 1");
+        let earlier = skips.clone();
+        skips.add_many(SkipKind::Imu, "not a reading", 2, "never shown");
+        skips.add_many(SkipKind::Frame, "cannot be decoded", 1, "a.png");
+        let later = skips.since(&earlier);
+        assert_eq!((later.count(SkipKind::Imu), later.count(SkipKind::Frame)), (2, 1));
+        let mut all = earlier;
+        all.add_all(&later);
+        assert_eq!(all, skips);
+        assert_eq!(skips.since(&skips), Skips::default());
     }
 
     #[test]

@@ -1,17 +1,17 @@
 //! The server as a browser uses it, but without a browser: TLS, the page's files, access, control, messages.
 
-use cairn_engine::SensorMode;
-use cairn_sensor::Source;
+mod client;
+mod played;
+
 use cairn_session::SessionConfig;
-use cairn_sim::{SimConfig, SimSource};
-use cairn_sources::Paced;
 use cairn_web::{CameraSource, ServeConfig, Server};
+use client::tls;
 use futures_util::{SinkExt, StreamExt};
+use played::walk;
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::task::JoinHandle;
@@ -21,8 +21,14 @@ use tokio_tungstenite::tungstenite::Message;
 
 type Socket = WebSocketStream<tokio_rustls::client::TlsStream<tokio::net::TcpStream>>;
 
+/// The folder of a test's server.
+fn folder_of(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("cairn-page-{name}-{}", std::process::id()))
+}
+
+/// The same, emptied.
 fn folder(name: &str) -> PathBuf {
-    let folder = std::env::temp_dir().join(format!("cairn-page-{name}-{}", std::process::id()));
+    let folder = folder_of(name);
     let _ = std::fs::remove_dir_all(&folder);
     folder
 }
@@ -30,25 +36,6 @@ fn folder(name: &str) -> PathBuf {
 fn server(name: &str, camera: CameraSource) -> Server {
     let session = SessionConfig { folder: folder(name), ..SessionConfig::default() };
     Server::start(ServeConfig { session, ..ServeConfig::new(camera) }).unwrap()
-}
-
-/// A walk through a world, played in real time.
-fn walk() -> CameraSource {
-    let open = || {
-        let config = SimConfig::parse("sim:demo?sensor=rgbd&rate=10&resolution=320x240")?;
-        let source: Box<dyn Source> = Box::new(Paced::new(Box::new(SimSource::new(&config)?)));
-        Ok((source, SensorMode::Rgbd, false))
-    };
-    CameraSource::Source { name: "sim:demo".into(), open: Box::new(open) }
-}
-
-/// A TLS client that trusts only this server.
-fn tls(server: &Server) -> Arc<rustls::ClientConfig> {
-    let mut roots = rustls::RootCertStore::empty();
-    roots.add(server.certificate().clone()).unwrap();
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let builder = rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
-    Arc::new(builder.unwrap().with_root_certificates(roots).with_no_client_auth())
 }
 
 async fn connect(server: &Server) -> Socket {
@@ -387,10 +374,6 @@ async fn token_is_required_and_one_page_controls() {
     assert_eq!(next(&mut watcher, "did").await["ok"], true);
     let route = cairn_guide::Route::load(&folder_of("control").join("route-0001.route")).unwrap();
     assert!(route.points.len() >= 20 && !route.torn);
-}
-
-fn folder_of(name: &str) -> PathBuf {
-    std::env::temp_dir().join(format!("cairn-page-{name}-{}", std::process::id()))
 }
 
 /// A page that falls silent without closing, as when its network fails, is detected within three seconds.

@@ -1,15 +1,14 @@
 //! The page without a web socket, against the real server: the same protocol and the same rules over plain requests.
 
+mod client;
 mod plain;
+mod played;
 
-use cairn_engine::SensorMode;
-use cairn_sensor::Source;
 use cairn_session::SessionConfig;
-use cairn_sim::{SimConfig, SimSource};
-use cairn_sources::Paced;
 use cairn_web::{CameraSource, ServeConfig, Server};
 use futures_util::{SinkExt, StreamExt};
 use plain::{Came, Http, Plain, stream};
+use played::walk;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 use tokio_tungstenite::tungstenite::Message;
@@ -19,16 +18,6 @@ fn server(name: &str, camera: CameraSource) -> Server {
     let _ = std::fs::remove_dir_all(&folder);
     let session = SessionConfig { folder, ..SessionConfig::default() };
     Server::start(ServeConfig { session, ..ServeConfig::new(camera) }).unwrap()
-}
-
-/// A walk through a world, played in real time.
-fn walk() -> CameraSource {
-    let open = || {
-        let config = SimConfig::parse("sim:demo?sensor=rgbd&rate=10&resolution=320x240")?;
-        let source: Box<dyn Source> = Box::new(Paced::new(Box::new(SimSource::new(&config)?)));
-        Ok((source, SensorMode::Rgbd, false))
-    };
-    CameraSource::Source { name: "sim:demo".into(), open: Box::new(open) }
 }
 
 async fn soon<T>(what: impl Future<Output = T>) -> T {

@@ -1,9 +1,11 @@
 //! The capture process: reads the source and puts its frames into the ring.
 
-use crate::message::{Failure, Frame, Opened, Order, Report, read, write};
+use crate::message::{Failure, Frame, LeftOut, Opened, Order, Report, read, write};
 use crate::{pixels, ring::Ring};
-use cairn_sensor::{FramePacket, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
+use cairn_sources::Paced;
 use std::io::{Read, Write};
+use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -32,8 +34,13 @@ pub struct Delivered {
 
 /// Runs until the source has ended or the supervisor is gone. `open` opens the source and says which sensors are used, as
 /// on the command line; its argument is what a process before has delivered, which the source should leave out ([`rest_of`]).
-pub fn run<F>(mut from: impl Read + Send + 'static, to: impl Write + Send + 'static, open: F)
-where
+/// A recording is played in real time where `is_realtime` says so: frames that are overtaken are left out, and counted.
+pub fn run<F>(
+    mut from: impl Read + Send + 'static,
+    to: impl Write + Send + 'static,
+    is_realtime: bool,
+    open: F,
+) where
     F: FnOnce(Option<Delivered>) -> Result<(Box<dyn Source>, String), Failure>,
 {
     let Ok(Some(Order::Capture { ring, next, delivered, until })) = read(&mut from) else { return };
@@ -57,7 +64,7 @@ where
         }
     };
     let said = match std::thread::Builder::new().name("cairn-orders".into()).spawn(listen) {
-        Ok(_) => deliver(&begin, &credit, &to, open),
+        Ok(_) => deliver(&begin, &credit, &to, is_realtime, open),
         Err(e) => Err(Failure::new("capture", e, "close other programs and try again")),
     };
     if let Err(why) = said {
@@ -66,11 +73,18 @@ where
 }
 
 /// `Ok` when the supervisor is gone or all is delivered.
-fn deliver<F>(begin: &Begin, credit: &Receiver<u64>, to: &Mutex<impl Write>, open: F) -> Result<(), Failure>
+fn deliver<F>(
+    begin: &Begin,
+    credit: &Receiver<u64>,
+    to: &Mutex<impl Write>,
+    is_realtime: bool,
+    open: F,
+) -> Result<(), Failure>
 where
     F: FnOnce(Option<Delivered>) -> Result<(Box<dyn Source>, String), Failure>,
 {
-    let (mut source, sensor) = open(begin.delivered)?;
+    let (source, sensor) = open(begin.delivered)?;
+    let mut source = if is_realtime { Played::Paced(Paced::new(source)) } else { Played::AsRead(source) };
     let (info, rig) = (source.info(), source.rig());
     let opened = Opened {
         name: info.name.clone(),
@@ -83,7 +97,7 @@ where
     if !say(to, &Report::Opened(opened)) {
         return Ok(());
     }
-    let (mut number, mut until) = (begin.next, begin.until);
+    let (mut number, mut until, mut told) = (begin.next, begin.until, LeftOut::default());
     while let Some(packet) = source.next_packet()? {
         until = credit.try_iter().fold(until, u64::max);
         while number >= until {
@@ -92,15 +106,62 @@ where
         }
         let written = pixels::pieces(&packet, |pieces| ring.write(number, pieces));
         written.map_err(|e| Failure::new("capture", e, "run without --isolated"))?;
-        if !say(to, &Report::Frame(Frame::of(number, &packet))) {
+        if !tell_left_out(to, &source, &mut told) || !say(to, &Report::Frame(Frame::of(number, &packet))) {
             return Ok(());
         }
         number += 1;
     }
-    say(to, &Report::SourceEnded { skipped: source.skipped().to_vec() });
+    if !tell_left_out(to, &source, &mut told) || !say(to, &Report::SourceEnded) {
+        return Ok(());
+    }
     // Until the supervisor is gone: an end before it would count as a death.
     while credit.recv().is_ok() {}
     Ok(())
+}
+
+/// A source as it is played.
+enum Played {
+    AsRead(Box<dyn Source>),
+    Paced(Paced),
+}
+
+impl Played {
+    fn left_out(&self) -> LeftOut {
+        match self {
+            Self::AsRead(source) => LeftOut::of(&source.skips(), 0),
+            Self::Paced(paced) => LeftOut::of(&paced.skips(), paced.dropped()),
+        }
+    }
+}
+
+impl Deref for Played {
+    type Target = dyn Source;
+
+    fn deref(&self) -> &Self::Target {
+        match self {
+            Self::AsRead(source) => source.as_ref(),
+            Self::Paced(paced) => paced,
+        }
+    }
+}
+
+impl DerefMut for Played {
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        match self {
+            Self::AsRead(source) => source.as_mut(),
+            Self::Paced(paced) => paced,
+        }
+    }
+}
+
+/// Tells what was left out, where that is more than was told; false when the supervisor is gone.
+fn tell_left_out(to: &Mutex<impl Write>, source: &Played, told: &mut LeftOut) -> bool {
+    let now = source.left_out();
+    if now == *told {
+        return true;
+    }
+    *told = now.clone();
+    say(to, &Report::LeftOut(now))
 }
 
 /// False when the supervisor is gone.
@@ -115,16 +176,18 @@ fn say(to: &Mutex<impl Write>, report: &Report) -> bool {
 pub fn rest_of(mut source: Box<dyn Source>, delivered: &Delivered) -> Result<Box<dyn Source>, Failure> {
     while let Some(packet) = source.next_packet()? {
         if packet.stamp > delivered.last {
-            return Ok(Box::new(Resumed { first: Some(packet), source }));
+            let before = (source.skipped().len(), source.skips());
+            return Ok(Box::new(Resumed { first: Some(packet), source, before }));
         }
     }
     Ok(source)
 }
 
-/// A source with a packet that was read before.
+/// A source with a packet that was read before. What was left out until then was told by an earlier process.
 struct Resumed {
     first: Option<FramePacket>,
     source: Box<dyn Source>,
+    before: (usize, Skips),
 }
 
 impl Source for Resumed {
@@ -141,7 +204,11 @@ impl Source for Resumed {
     }
 
     fn skipped(&self) -> &[String] {
-        self.source.skipped()
+        self.source.skipped().get(self.before.0..).unwrap_or_default()
+    }
+
+    fn skips(&self) -> Skips {
+        self.source.skips().since(&self.before.1)
     }
 }
 

@@ -11,7 +11,7 @@ use crate::seen::Seen;
 use cairn_engine::Config;
 use cairn_geometry::{Pose, Se3, Sim3, Similarity, Vec3};
 use cairn_guide::{Anchor, Confidence};
-use cairn_sensor::{ImuSample, Stamp};
+use cairn_sensor::{ImuSample, SkipCount, SkipKind, Skips, Stamp};
 use cairn_session::TrackedPlace;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -81,11 +81,10 @@ pub enum Report {
     Opened(Opened),
     /// Capture: a frame lies in the ring.
     Frame(Frame),
-    /// Capture: the source has ended; what was skipped, one line each.
-    SourceEnded {
-        /// Packets that could not be read.
-        skipped: Vec<String>,
-    },
+    /// Capture: what this process has left out until now; before the frame that follows it.
+    LeftOut(LeftOut),
+    /// Capture: the source has ended.
+    SourceEnded,
     /// SLAM or dense has begun, in a map of so many key frames.
     Ready {
         /// Key frames of the map it goes on with.
@@ -114,6 +113,67 @@ pub enum Report {
     Finished(Finished),
     /// The worker cannot go on: what, why and what to do. Starting it again would not help.
     Failed(Failure),
+}
+
+/// What capture has left out.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// Frames that were overtaken before they could be delivered, in real time.
+    pub dropped: usize,
+    /// What the source left out.
+    pub skips: Vec<Skip>,
+}
+
+/// How much a source left out for one reason, as [`cairn_sensor::SkipCount`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Skip {
+    /// What.
+    #[serde(with = "Kind")]
+    pub kind: SkipKind,
+    /// Why.
+    pub reason: String,
+    /// How many.
+    pub count: usize,
+    /// The first of them, for people.
+    pub first: String,
+}
+
+/// The form of [`SkipKind`] in a message.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "SkipKind")]
+enum Kind {
+    Frame,
+    Depth,
+    Imu,
+    Line,
+    Other,
+}
+
+impl LeftOut {
+    /// What a source has skipped, and how many frames were overtaken.
+    pub fn of(skips: &Skips, dropped: usize) -> Self {
+        let skip = |s: &SkipCount| Skip {
+            kind: s.kind,
+            reason: s.reason.clone(),
+            count: s.count,
+            first: s.first.clone(),
+        };
+        Self { dropped, skips: skips.iter().map(skip).collect() }
+    }
+
+    /// What the source has skipped.
+    pub fn skips(&self) -> Skips {
+        let mut skips = Skips::default();
+        self.skips.iter().for_each(|s| skips.add_many(s.kind, &s.reason, s.count, &s.first));
+        skips
+    }
+
+    /// With what another process has left out.
+    pub fn and(&self, other: &Self) -> Self {
+        let mut skips = self.skips();
+        skips.add_all(&other.skips());
+        Self::of(&skips, self.dropped + other.dropped)
+    }
 }
 
 /// Why a worker cannot go on.

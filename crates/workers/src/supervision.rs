@@ -1,7 +1,7 @@
 //! How a run is supervised, what is told meanwhile, and what it gives.
 
 use crate::Role;
-use crate::message::{Anchored, Finished, Opened, Said, Tracked};
+use crate::message::{Anchored, Finished, LeftOut, Opened, Said, Tracked};
 use cairn_atlas::store::MapFile;
 use cairn_engine::PoseTime;
 use cairn_geometry::Se3;
@@ -102,8 +102,8 @@ pub struct Supervised {
     pub map: MapFile,
     /// Loops closed and maps merged.
     pub finished: Finished,
-    /// Packets that could not be read, one line each.
-    pub skipped: Vec<String>,
+    /// What could not be read, and what was overtaken in real time.
+    pub left_out: LeftOut,
     /// The points of the recorded route, or why its file does not hold all of it; `None` where none is recorded, or who records
     /// it was given up.
     pub recorded: Option<Result<usize, String>>,

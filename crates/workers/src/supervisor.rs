@@ -5,7 +5,7 @@
 //! source. It has one thread, and sees everything as one queue of events.
 
 use crate::capture::SLOTS;
-use crate::message::{Finished, Frame, Opened, Order, Outcome, Report, Tracked};
+use crate::message::{Finished, Frame, LeftOut, Opened, Order, Outcome, Report, Tracked};
 use crate::process::{Event, Process, What};
 use crate::run_folder::RunFolder;
 use crate::slam::FINAL_MAP;
@@ -61,7 +61,8 @@ pub fn supervise(
         credit: u64::from(SLOTS),
         log: BTreeMap::new(),
         source_ended: false,
-        skipped: Vec::new(),
+        left_out: LeftOut::default(),
+        left_out_before: LeftOut::default(),
         finished: None,
         recorded: None,
         guide_waits: how.records,
@@ -108,7 +109,9 @@ struct Run<'a, 't> {
     credit: u64,
     log: BTreeMap<u64, Tracked>,
     source_ended: bool,
-    skipped: Vec<String>,
+    /// By this process of capture, and by those before it.
+    left_out: LeftOut,
+    left_out_before: LeftOut,
     finished: Option<Finished>,
     recorded: Option<Result<usize, String>>,
     /// A guide that records has not said yet what it has: frames are kept for it.
@@ -249,9 +252,9 @@ impl Run<'_, '_> {
                 (self.next, self.last_stamp) = (frame.number + 1, Some(frame.stamp));
                 self.pending.push_back(frame);
             }
-            Report::SourceEnded { skipped } => {
+            Report::LeftOut(left_out) => self.left_out = left_out,
+            Report::SourceEnded => {
                 self.source_ended = true;
-                self.skipped = skipped;
                 self.capture.process = None;
             }
             Report::Ready { .. } if role == Role::Guide => self.guide.ready = true,
@@ -388,6 +391,7 @@ impl Run<'_, '_> {
         (self.tell)(Told::Died(&death));
         if role == Role::Capture {
             self.fresh_from = self.next;
+            self.left_out_before = self.left_out_before.and(&std::mem::take(&mut self.left_out));
         }
         if role != Role::Guide {
             self.poses_come(false);
@@ -452,7 +456,7 @@ impl Run<'_, '_> {
             frames: self.log.into_values().collect(),
             map,
             finished: self.finished.unwrap_or_default(),
-            skipped: self.skipped,
+            left_out: self.left_out_before.and(&self.left_out),
             recorded: self.recorded,
             deaths: self.deaths,
             relocalised: self.relocalised,

@@ -198,8 +198,7 @@ pub fn tables(f: &Figures) -> String {
         ] {
             let _ = writeln!(t, "| {what} | {ms:.3} |");
         }
-        let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "an unknown processor".into());
-        let _ = writeln!(t, "\nMinimum of 20 to 100 repetitions, {cpu}.\n");
+        let _ = writeln!(t, "\nMinimum of 20 to 100 repetitions, {}.\n", crate::build::measured_on());
     }
     let v = f.facts;
     let _ = writeln!(

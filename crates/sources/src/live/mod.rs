@@ -8,12 +8,14 @@ mod child;
 mod file;
 mod page_clock;
 mod phone;
+mod phone_port;
 mod resize;
 mod slot;
 mod stream;
 
 pub use address::waiting_for;
-pub use phone::{Motion, PhonePort, PhoneSource, phone_imu};
+pub use phone::{PhoneSource, phone_imu};
+pub use phone_port::{Motion, PhonePort};
 
 use crate::options::OpenOptions;
 use address::Address;

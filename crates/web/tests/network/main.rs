@@ -6,6 +6,8 @@
 //! `docs/network.md`;
 //! `CAIRN_LEGS` sets another number, and then nothing is written.
 
+#[path = "../client/mod.rs"]
+mod client;
 mod pace;
 mod phone;
 mod proxy;
@@ -16,6 +18,7 @@ mod walked;
 use cairn_sensor::{GrayImage, Rig};
 use cairn_session::SessionConfig;
 use cairn_web::{CameraSource, ServeConfig, Server};
+use client::tls;
 use futures_util::{SinkExt, StreamExt};
 use phone::{Album, Clock, Leg, Phone, Walk};
 use proxy::{Net, Proxy, Random};
@@ -178,15 +181,6 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
     drop(server);
     let _ = std::fs::remove_dir_all(folder);
     results
-}
-
-/// A TLS client that trusts only this server.
-fn tls(server: &Server) -> Arc<rustls::ClientConfig> {
-    let mut roots = rustls::RootCertStore::empty();
-    roots.add(server.certificate().clone()).unwrap();
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let builder = rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
-    Arc::new(builder.unwrap().with_root_certificates(roots).with_no_client_auth())
 }
 
 /// Each rate with each delay in turn; losses and stalls of one to ten seconds on part of them.

@@ -1,5 +1,6 @@
 //! A page without a web socket, as `requests.js` is one: plain requests over TLS, HTTP/1.1 (RFC 9112).
 
+use crate::client::tls;
 use cairn_web::Server;
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -10,15 +11,6 @@ use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
 use tokio::task::JoinHandle;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
-
-/// A TLS client that trusts only this server.
-pub fn tls(server: &Server) -> Arc<rustls::ClientConfig> {
-    let mut roots = rustls::RootCertStore::empty();
-    roots.add(server.certificate().clone()).unwrap();
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let builder = rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
-    Arc::new(builder.unwrap().with_root_certificates(roots).with_no_client_auth())
-}
 
 /// A TLS connection to the server.
 pub async fn stream(server: &Server) -> TlsStream<TcpStream> {

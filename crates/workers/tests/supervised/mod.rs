@@ -68,9 +68,9 @@ fn worker(role: Role) {
     let (from, to) = (std::io::stdin(), std::io::stdout());
     match role {
         Role::Capture if std::env::var_os("NO_SOURCE").is_some() => {
-            capture::run(from, to, |_| Err(Failure::new("the camera", "it is in use", "close it")));
+            capture::run(from, to, false, |_| Err(Failure::new("the camera", "it is in use", "close it")));
         }
-        Role::Capture => capture::run(from, to, |delivered| {
+        Role::Capture => capture::run(from, to, false, |delivered| {
             let source = delivered.map_or_else(|| Ok(source()), |d| rest_of(source(), &d))?;
             Ok((source, "stereo".to_owned()))
         }),

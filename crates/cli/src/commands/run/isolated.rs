@@ -54,9 +54,9 @@ mod unix {
     use cairn_eval::{Align, EvalOptions, Lost, Percentiles, RunReport, evaluate};
     use cairn_geometry::{Se3, Trajectory};
     use cairn_guide::{Cue, CueKind, Route, StopReason, Travel};
-    use cairn_sensor::{Skips, Source, Stamp};
+    use cairn_sensor::{SkipKind, Source, Stamp};
     use cairn_session::{FileConfig, RouteGuide};
-    use cairn_sources::{Paced, Validator};
+    use cairn_sources::Validator;
     use cairn_voice::Voice;
     use cairn_workers::capture::{Delivered, rest_of};
     use cairn_workers::guide::{RecordTo, Work};
@@ -116,7 +116,7 @@ mod unix {
         let mut config = config_of(a)?.engine;
         let (from, to) = (std::io::stdin(), std::io::stdout());
         match role {
-            Role::Capture => cairn_workers::capture::run(from, to, |delivered| {
+            Role::Capture => cairn_workers::capture::run(from, to, a.realtime, |delivered| {
                 let told = |e: Failure| cairn_workers::message::Failure::new(e.what, e.why, e.hint);
                 let map_in = map::opened(a).map_err(told)?;
                 let part = delivered.map_or((a.start, a.frames), |d| rest(a, &d));
@@ -126,10 +126,6 @@ mod unix {
                     None => source,
                 };
                 let source: Box<dyn Source> = Box::new(Validator::new(source, warn));
-                let source = match a.realtime {
-                    true => Box::new(Paced::new(source)) as Box<dyn Source>,
-                    false => source,
-                };
                 Ok((source, sensor.name().to_owned()))
             }),
             Role::Slam => {
@@ -352,15 +348,15 @@ mod unix {
     ) -> RunReport {
         let snapshot = &run.map.snapshot;
         let ms: Vec<f64> = run.frames.iter().map(|f| f.ms).collect();
-        let mut skips = Skips::default();
-        for line in &run.skipped {
-            skips.add_many(cairn_sensor::SkipKind::Frame, "reported by the source", 1, line);
-        }
+        let (skips, dropped) = (run.left_out.skips(), run.left_out.dropped);
+        let skipped = skips.count(SkipKind::Frame);
         let mut report = RunReport {
             version: env!("CARGO_PKG_VERSION").into(),
             source: run.opened.name.clone(),
             sensor: run.opened.sensor.clone(),
-            skipped: run.skipped.len(),
+            skipped,
+            skips: skips.iter().map(tally::skip_report).collect(),
+            dropped,
             lost: lost(&run.frames),
             maps: snapshot.maps().count(),
             loops: run.finished.loops,
@@ -374,7 +370,7 @@ mod unix {
             ..RunReport::default()
         };
         let tracked = run.frames.iter().filter(|f| f.pose.is_some()).count();
-        report.set_frames(run.frames.len() + run.skipped.len(), tracked);
+        report.set_frames(run.frames.len() + dropped + skipped, tracked);
         // Those of the supervisor would say nothing of the run.
         report.wall_s = began.elapsed().as_secs_f64();
         report

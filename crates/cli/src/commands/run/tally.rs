@@ -147,7 +147,8 @@ impl Tally {
     }
 }
 
-fn skip_report(s: &SkipCount) -> SkipReport {
+/// How much was left out for one reason, as reports have it.
+pub fn skip_report(s: &SkipCount) -> SkipReport {
     SkipReport {
         what: s.kind.name().to_owned(),
         reason: s.reason.clone(),
