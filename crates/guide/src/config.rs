@@ -154,7 +154,7 @@ pub struct GuideConfig {
     #[setting(default = 1.0, range = 0.2..=60.0)]
     pub resume_s: f64,
     /// Without the map in view, by motion sensors or rotation alone, the walker is guided for this long, turns on the spot not
-    /// counted; then he is stopped.
+    /// counted and standing still counted a tenth; then he is stopped.
     #[setting(default = 2.0, range = 0.5..=4.0)]
     pub blind_s: f64,
     /// Weak tracking (a bridged stretch) is said when it has lasted this long.

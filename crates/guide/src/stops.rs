@@ -66,6 +66,7 @@ impl Stops {
     /// The poses from now on have nothing to do with those before.
     pub(crate) fn begin_segment(&mut self) {
         self.runaway = Runaway::default();
+        self.blind.begin_segment();
     }
 
     /// Whether tracking would only be lost again at this place, metres along the route.
@@ -81,7 +82,8 @@ impl Stops {
         config: &GuideConfig,
         started: bool,
     ) -> Option<StopReason> {
-        let blind_s = walker.map_or(0.0, |w| self.blind.step(input.confidence, input.pose_stamp, w.heading));
+        let blind_s = walker
+            .map_or(0.0, |w| self.blind.step(input.confidence, input.pose_stamp, w.position, w.heading));
         if input.confidence == Confidence::Lost {
             self.runaway = Runaway::default();
         }

@@ -3,9 +3,10 @@
 
 use crate::guidance::Guiding;
 use crate::place::Place;
+use crate::reference_path::{Moved, ReferencePath};
 use crate::synthetic::{FEATURES, RATE_HZ, World, off, stereo};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
-use cairn_geometry::{Pose, Se3, Sim3, So3, Vec2, Vec3};
+use cairn_geometry::{Pose, Se3, Sim3, Similarity, So3, Vec2, Vec3};
 use cairn_guide::{
     Anchor, Announcer, AnnouncerConfig, Confidence, Facing, Ground, GuideState, PhraseConfig, Route,
     RouteConfig, RouteHeader, RoutePoint, Side, Stretch, Travel, camera_pose, wrap,
@@ -258,6 +259,41 @@ fn a_correction_of_one_metre_and_five_degrees_in_mid_corridor_contradicts_no_cue
                 "{} m from the end:\n{transcript}",
                 walked.error_m
             );
+        }
+    }
+}
+
+#[test]
+fn a_metric_route_stays_in_metres_when_a_map_with_a_guessed_unit_finds_its_scale() {
+    let corridor = Corridor::new(Se3::identity());
+    let (map, route) = (corridor.atlas.latest(), &corridor.route);
+    // A segment of odometry whose unit has turned out to be this many metres.
+    let place = |unit_m: f64, t_s: f64| {
+        let world_from_camera = camera_pose(1.0, 0.0, 0.0, 0.0);
+        let in_odom = Se3::new(world_from_camera.rotation, world_from_camera.translation / unit_m);
+        Place {
+            stamp: Stamp::from_seconds(t_s),
+            world_from_camera: Pose::new(world_from_camera),
+            odom_from_camera: Pose::new(in_odom),
+            world_from_odom: Similarity::new(Sim3::new(So3::identity(), Vec3::zeros(), unit_m)),
+            segment: 1,
+            anchor: route.points[0].anchor,
+            anchor_from_camera: Se3::identity(),
+        }
+    };
+    let (guessed, config) = (place(1.0, 1.0), RouteConfig::default());
+    let mut path = ReferencePath::new(map, route, Travel::Again, Some(&guessed), guessed.stamp, &config);
+    let before = path.plan().unwrap().length();
+    assert!(path.follow(map, route, &guessed, Stamp::from_seconds(2.5)).is_none(), "nothing has changed");
+    for (n, unit_m) in [0.5, 0.52, 1.6].into_iter().enumerate() {
+        let now = place(unit_m, 3.0 + n as f64);
+        match (path.follow(map, route, &now, now.stamp), unit_m) {
+            (Some(Moved::Segment(plan)), 0.5 | 1.6) => {
+                assert!((plan.length() - before).abs() < 0.1, "{unit_m}: {} m of {before} m", plan.length());
+                assert!((path.metres_per_unit() - unit_m).abs() < 1e-9);
+            }
+            (None | Some(Moved::Corrected { .. }), 0.52) => {}
+            _ => panic!("{unit_m}: the unit was not followed"),
         }
     }
 }

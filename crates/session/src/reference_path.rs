@@ -154,6 +154,13 @@ impl ReferencePath {
         self.unit_is_due = true;
     }
 
+    /// Whether the unit of the odometry has turned out to be another number of metres than the path was built with: a map
+    /// that was begun with a guessed unit of length has found its scale. A route without metric scale has only its own unit.
+    fn is_in_another_unit(&self, route: &Route, place: &Place) -> bool {
+        let now = place.world_from_odom.sim3.scale;
+        route.header.metric && (now / self.metres_per_unit() - 1.0).abs() >= SAME_UNIT
+    }
+
     /// The rebuilt plan, when the route moved in the odometry frame; `place` is the walker's.
     pub(crate) fn follow(
         &mut self,
@@ -162,7 +169,8 @@ impl ReferencePath {
         place: &Place,
         now: Stamp,
     ) -> Option<Moved> {
-        if self.frame.segment != Some(place.segment) || std::mem::take(&mut self.unit_is_due) {
+        let is_due = std::mem::take(&mut self.unit_is_due) || self.is_in_another_unit(route, place);
+        if self.frame.segment != Some(place.segment) || is_due {
             let rebuilt = Self::new(map, route, self.travel, Some(place), now, &self.config);
             let same_unit = (rebuilt.metres_per_unit() / self.metres_per_unit() - 1.0).abs() < SAME_UNIT;
             if self.frame.segment != Some(place.segment) || !same_unit {

@@ -35,6 +35,8 @@ const ZERO_VELOCITY_SIGMA_M_S: f64 = 0.003;
 const SILENT_S: f64 = 1.0;
 /// Seconds of specific force averaged to estimate the up direction.
 const MEAN_FORCE_S: f64 = 0.5;
+/// Standard deviation of the velocity of a walker who turns on the spot, by the images, m/s.
+const ON_THE_SPOT_SIGMA_M_S: f64 = 0.15;
 /// Seconds of angular velocity around an instant that are averaged.
 const TURNING_S: f64 = 0.03;
 /// Estimated speed up to which the camera may be stationary, m/s.
@@ -177,6 +179,11 @@ impl InertialFilter {
         carried.at_rest(ZERO_VELOCITY_SIGMA_M_S)
     }
 
+    /// A predicted state of a camera that has turned on the spot, by its images.
+    pub fn on_the_spot(predicted: &NavEstimate) -> Option<NavEstimate> {
+        predicted.at_rest(ON_THE_SPOT_SIGMA_M_S)
+    }
+
     /// The camera's motion since the last frame, from the readings; `None` as for [`Self::predict`], and when the
     /// last frame is not the one of `from`.
     pub fn moved(&self, from: Stamp, stamp: Stamp) -> Option<Se3> {
@@ -210,17 +217,15 @@ impl InertialFilter {
             snapshot.key_frame(anchored.reference).is_some_and(|k| snapshot.is_gravity_aligned(k.map));
         let estimate = match (corrected, &self.last) {
             (Some(corrected), _) => corrected,
-            // Tracked again after a gap: the velocity is not known.
+            // Tracked again after a gap: the velocity is not known. What the readings alone have led to for long says
+            // nothing of it: after seconds without a view it may be faster than anyone walks.
             (None, Some(last)) => {
                 let turn =
                     anchored.world_from_camera.rotation * last.anchored.world_from_camera.rotation.inverse();
-                self.state(
-                    anchored.world_from_camera,
-                    turn * last.estimate.velocity,
-                    self.bias,
-                    TRACKED_SIGMAS,
-                )
-                .with_biases_of(&last.estimate)
+                let is_recent = stamp - last.tracked <= MAX_AGE_S;
+                let velocity = if is_recent { turn * last.estimate.velocity } else { Vec3::zeros() };
+                self.state(anchored.world_from_camera, velocity, self.bias, TRACKED_SIGMAS)
+                    .with_biases_of(&last.estimate)
             }
             (None, None) => self.state(anchored.world_from_camera, Vec3::zeros(), self.bias, TRACKED_SIGMAS),
         };
@@ -243,11 +248,12 @@ impl InertialFilter {
         self.rotations.push((stamp, world_from_camera));
     }
 
-    /// Takes the predicted state for a frame that could not be tracked; `is_aligned` where the depth camera has corrected it.
-    pub fn coast(&mut self, stamp: Stamp, anchored: &AnchoredPose, predicted: NavEstimate, is_aligned: bool) {
+    /// Takes the predicted state for a frame that could not be tracked; `is_held` where the depth camera has
+    /// corrected it, or the images say that the camera turns on the spot.
+    pub fn coast(&mut self, stamp: Stamp, anchored: &AnchoredPose, predicted: NavEstimate, is_held: bool) {
         let at_rest = self.is_at_rest(stamp, &predicted);
         let since = self.last.as_ref().map_or(0.0, |last| stamp - last.stamp);
-        self.carried_s += if at_rest || is_aligned { 0.0 } else { since };
+        self.carried_s += if at_rest || is_held { 0.0 } else { since };
         let tracked = self.last.as_ref().map_or(stamp, |last| last.tracked);
         self.last = Some(Last { stamp, estimate: predicted, anchored: *anchored, tracked });
     }

@@ -90,3 +90,32 @@ fn a_key_frame_made_while_the_readings_carry_the_pose_makes_it_no_better_known()
     filter.update(atlas.latest(), seen, &anchored, predicted.as_ref(), &known);
     assert!(filter.predict(Stamp::from_seconds(5.2)).unwrap().position_sigma() < 0.05);
 }
+
+#[test]
+fn a_place_found_again_after_seconds_does_not_keep_the_speed_to_which_readings_alone_had_led() {
+    let world = World::around(stereo(), 31);
+    let (mut atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    let up = So3::exp(&(Vec3::x() * -FRAC_PI_2));
+    atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() })]);
+    let id = atlas.latest().next_key_frame_id();
+    atlas.commit(key_frame(&world, &atlas, id, 2.0));
+    let anchor = |pose: Se3| anchored_at(atlas.latest(), id, pose).unwrap();
+    let mut filter = filter();
+    // Readings that are 2 m/s^2 off, as by a bias that was estimated wrongly.
+    let wrong = readings(2.0, 6.0).into_iter().map(|s| ImuSample { accel: s.accel + Vec3::x() * 2.0, ..s });
+    filter.take(&wrong.collect::<Vec<_>>(), atlas.latest());
+    filter.refresh(atlas.latest());
+    for n in 1..=30 {
+        let now = Stamp::from_seconds(2.0 + 0.1 * f64::from(n));
+        let predicted = filter.predict(now).expect("readings");
+        filter.coast(now, &anchor(predicted.world_from_camera), predicted, false);
+    }
+    let ran = filter.predict(Stamp::from_seconds(5.1)).unwrap();
+    assert!(ran.velocity.norm() > 5.0, "{}", ran.velocity.norm());
+    let place = Se3::new(up, Vec3::zeros()) * at(5.1);
+    let known = nalgebra::SMatrix::<f64, 6, 6>::identity() * 1e6;
+    filter.update(atlas.latest(), Stamp::from_seconds(5.1), &anchor(place), None, &known);
+    let next = filter.predict(Stamp::from_seconds(5.2)).unwrap();
+    let off = (next.world_from_camera.translation - place.translation).norm();
+    assert!(off < 0.1 && off < 3.0 * next.position_sigma(), "{off} m +- {}", next.position_sigma());
+}

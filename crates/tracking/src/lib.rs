@@ -10,6 +10,7 @@ mod match_last;
 mod odometry;
 #[cfg(test)]
 mod odometry_tests;
+mod on_the_spot;
 mod parallax;
 mod reckoning;
 #[cfg(test)]

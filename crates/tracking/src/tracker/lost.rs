@@ -2,6 +2,8 @@
 //! the motion model, and after that a new map begins at the last known pose, with a relocation prior.
 
 use super::Tracker;
+use crate::imu::InertialFilter;
+use crate::on_the_spot::Spot;
 use crate::scale::PACE_SIGMA;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
 use crate::state::{Last, anchored_at};
@@ -46,6 +48,7 @@ impl Tracker {
         let predicted = self.align(&frame, snapshot, predicted);
         let is_aligned = self.dense.as_ref().is_some_and(|dense| dense.aligned().is_some());
         let good = predicted.filter(|predicted| self.may_coast(&frame, predicted));
+        let (good, is_on_the_spot) = self.held_on_the_spot(&frame, good);
         let reckoned = self.reckoned().filter(|r| good.is_none() && r.may_coast());
         let carried = (good.as_ref().map(|b| (b.world_from_camera, b.position_sigma())))
             .or(reckoned.map(|r| (r.world_from_camera, r.sigma()[0])));
@@ -61,7 +64,7 @@ impl Tracker {
         let since_s = self.located.map_or(0.0, |t| frame.stamp - t);
         let mut due = reckoned.is_some() && self.since_key_frame as f64 >= COAST_KEY_FRAME_S * self.rate_hz;
         if let Some((inertial, predicted)) = self.inertial.as_mut().zip(good) {
-            inertial.coast(frame.stamp, &anchored, predicted, is_aligned);
+            inertial.coast(frame.stamp, &anchored, predicted, is_aligned || is_on_the_spot);
             due = inertial.seconds_since_request(frame.stamp).is_none_or(|s| s >= COAST_KEY_FRAME_S);
         }
         let depth = self.camera.has_depth();
@@ -72,7 +75,8 @@ impl Tracker {
             self.reckoning.restart(false);
             self.since_key_frame = 0;
             let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
-            let (orientation_only, rescale) = (false, None);
+            // Views that differ by a rotation alone tell no depth.
+            let (orientation_only, rescale) = (is_on_the_spot, None);
             KeyFrameRequest::Next {
                 frame: frame.clone(),
                 landmarks,
@@ -92,6 +96,21 @@ impl Tracker {
             scale_supported: true,
             seen: Vec::new(),
         }
+    }
+
+    /// What the readings predict, corrected where the images say that the camera turns on the spot; and whether they do.
+    fn held_on_the_spot(
+        &mut self,
+        frame: &Arc<Frame>,
+        predicted: Option<NavEstimate>,
+    ) -> (Option<NavEstimate>, bool) {
+        let Some(predicted) = predicted else { return (None, false) };
+        if self.camera.has_depth() {
+            return (Some(predicted), false);
+        }
+        let spot = self.spot.step(&self.camera, frame, &predicted.world_from_camera.rotation);
+        let held = (spot == Spot::New).then(|| InertialFilter::on_the_spot(&predicted)).flatten();
+        (Some(held.unwrap_or(predicted)), spot != Spot::No)
     }
 
     fn predicted_pose(&self, snapshot: &Snapshot, world_from_camera: &Se3) -> Option<AnchoredPose> {

@@ -15,6 +15,7 @@ use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::Matches;
 use crate::odometry::{MotionSource, Odometry, OdometryFilter};
+use crate::on_the_spot::SpotWatch;
 use crate::parallax::ParallaxWatch;
 use crate::reckoning::{DeadReckoning, MeasuredMotion, Reckoned};
 use crate::scale::{Pace, PaceComparison, ScaleSupport};
@@ -98,6 +99,8 @@ pub struct Tracker {
     pub(crate) scale_support: ScaleSupport,
     /// Whether there is parallax to observe depth, in the same case.
     pub(crate) parallax: ParallaxWatch,
+    /// Whether the camera turns on the spot while the motion sensors carry the pose.
+    pub(crate) spot: SpotWatch,
     /// A map whose unit of length was guessed from the walking speed.
     pub(crate) pace_comparison: Option<PaceComparison>,
     /// While rotation alone is tracked: an earlier frame with its orientation, against which it is checked.
@@ -145,6 +148,7 @@ impl Tracker {
             pace: Pace::default(),
             scale_support: ScaleSupport::default(),
             parallax: ParallaxWatch::default(),
+            spot: SpotWatch::default(),
             pace_comparison: None,
             rotation_check: None,
             turned_until: None,
