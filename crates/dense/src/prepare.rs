@@ -4,6 +4,7 @@ use crate::backend::dispatch;
 use crate::frame::DepthFrame;
 use crate::pixel::WEIGHT_BITS;
 use crate::pyramid::DepthPyramid;
+use crate::submap::PackedDepth;
 use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::Vec2;
 use cairn_sensor::{Camera, DepthImage, Distortion, Image};
@@ -41,8 +42,10 @@ pub struct DepthPreparer {
     metres_per_unit: f64,
     /// For each pixel of the pinhole the pixel of the image, or `u32::MAX`; empty when the two cameras are the same.
     remap: Vec<u32>,
-    /// Depths in metres, 0 for none, with a border of one pixel.
-    metres: Vec<f32>,
+    /// Three rows of depths, see [`pack`].
+    rows: Vec<f32>,
+    /// The pixels of the packed image that was prepared last.
+    unpacked: Vec<u16>,
     frame: DepthFrame,
     backend: Backend,
 }
@@ -68,10 +71,19 @@ impl DepthPreparer {
         }
         let pinhole = Camera { distortion: Distortion::None, ..camera };
         let remap = if camera.distortion == Distortion::None { Vec::new() } else { remap(&camera, &pinhole) };
-        let metres = vec![0.0; (camera.width + 2) * (camera.height + 2)];
+        let rows = vec![0.0; 3 * (camera.width + 2)];
         let pixels = vec![0; camera.width * camera.height];
         let frame = DepthFrame { camera: pinhole, pixels, pyramid: DepthPyramid::default(), valid: 0 };
-        Ok(Self { config, source: camera, metres_per_unit, remap, metres, frame, backend: Backend::best() })
+        Ok(Self {
+            config,
+            source: camera,
+            metres_per_unit,
+            remap,
+            rows,
+            unpacked: Vec::new(),
+            frame,
+            backend: Backend::best(),
+        })
     }
 
     /// The same with these instructions, when the processor has them.
@@ -96,12 +108,28 @@ impl DepthPreparer {
     /// # Errors
     /// An image of another size; too few pixels with a depth in range.
     pub fn prepare(&mut self, image: &DepthImage) -> Result<&DepthFrame, DenseError> {
-        self.check(image)?;
-        let (config, scale) = (self.config, self.metres_per_unit as f32);
-        let (data, width, remap, metres) =
-            (image.data(), image.width(), &self.remap[..], &mut self.metres[..]);
-        dispatch!(self.backend, units_to_metres(config: DepthConfig, scale: f32, data: &[u16], width: usize, remap: &[u32], metres: &mut [f32]) -> ());
-        self.fill(image, |v| f32::from(v) * scale)
+        self.check([image.width(), image.height()])?;
+        self.prepare_units(image.data())
+    }
+
+    /// [`Self::prepare`] of a packed image: faster than to unpack it before, since no image is made of it.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`]; bytes that do not decode to an image.
+    pub fn prepare_packed(&mut self, image: &PackedDepth) -> Result<&DepthFrame, DenseError> {
+        self.check(image.size())?;
+        let mut units = std::mem::take(&mut self.unpacked);
+        let unpacked = image.unpack_to(self.backend, &mut units);
+        let prepared = unpacked.and_then(|()| self.prepare_units(&units).map(|_| ()));
+        self.unpacked = units;
+        prepared.map(|()| &self.frame)
+    }
+
+    fn prepare_units(&mut self, data: &[u16]) -> Result<&DepthFrame, DenseError> {
+        let (config, scale) = (&self.config, self.metres_per_unit as f32);
+        let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
+        let valid = dispatch!(self.backend, from_units(config: &DepthConfig, scale: f32, data: &[u16], remap: &[u32], rows: &mut [f32], pixels: &mut [u32]) -> usize);
+        self.finish(valid, data, |v| f32::from(v) * scale)
     }
 
     /// The frame that was prepared last; without any depth before the first.
@@ -114,31 +142,32 @@ impl DepthPreparer {
     /// # Errors
     /// An image of another size; too few pixels with a depth in range.
     pub fn prepare_metres(&mut self, image: &Image<f32>) -> Result<&DepthFrame, DenseError> {
-        self.check(image)?;
-        to_metres(&self.config, image.data(), image.width(), &self.remap, &mut self.metres, |v: f32| v);
-        self.fill(image, |v| if v.is_finite() { v } else { 0.0 })
+        self.check([image.width(), image.height()])?;
+        let (config, data) = (&self.config, image.data());
+        let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
+        let valid = dispatch!(self.backend, from_metres(config: &DepthConfig, data: &[f32], remap: &[u32], rows: &mut [f32], pixels: &mut [u32]) -> usize);
+        self.finish(valid, data, |v| if v.is_finite() { v } else { 0.0 })
     }
 
-    fn fill<T: Copy + Default>(
+    /// The pyramid of what was packed; refused with fewer than enough valid pixels.
+    fn finish<T: Copy>(
         &mut self,
-        image: &Image<T>,
+        valid: usize,
+        data: &[T],
         metres: impl Fn(T) -> f32,
     ) -> Result<&DepthFrame, DenseError> {
-        let (width, pixels) = (self.source.width, self.source.width * self.source.height);
-        let (config, from, to) = (&self.config, &self.metres[..], &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, pack(config: &DepthConfig, from: &[f32], width: usize, to: &mut [u32]) -> usize);
-        if valid < (pixels / LEAST_VALID).max(1) {
-            return Err(self.no_depth(valid, image.data().iter().map(|&v| metres(v))));
+        let Camera { width, height, .. } = self.source;
+        if valid < (width * height / LEAST_VALID).max(1) {
+            return Err(self.no_depth(valid, data.iter().map(|&v| metres(v))));
         }
         self.frame.valid = valid;
-        self.frame.pyramid.build(&self.frame.pixels, width, self.source.height, self.backend);
+        self.frame.pyramid.build(&self.frame.pixels, width, height, self.backend);
         Ok(&self.frame)
     }
 
     /// Refuses an image of another size.
-    fn check<T: Copy + Default>(&self, image: &Image<T>) -> Result<(), DenseError> {
+    fn check(&self, [width, height]: [usize; 2]) -> Result<(), DenseError> {
         let (expected_width, expected_height) = (self.source.width, self.source.height);
-        let (width, height) = (image.width(), image.height());
         if (width, height) == (expected_width, expected_height) {
             return Ok(());
         }
@@ -185,31 +214,67 @@ fn remap(source: &Camera, pinhole: &Camera) -> Vec<u32> {
 }
 
 #[inline(always)]
-fn units_to_metres(
-    config: DepthConfig,
+fn from_units(
+    config: &DepthConfig,
     scale: f32,
     data: &[u16],
-    width: usize,
     remap: &[u32],
-    metres: &mut [f32],
-) {
+    rows: &mut [f32],
+    pixels: &mut [u32],
+) -> usize {
     // 65535 means no depth, however short the unit.
-    to_metres(
-        &config,
-        data,
-        width,
-        remap,
-        metres,
-        |v| if v == u16::MAX { 0.0 } else { f32::from(v) * scale },
-    );
+    pack(config, data, remap, rows, pixels, |v| if v == u16::MAX { 0.0 } else { f32::from(v) * scale })
 }
 
-/// Depths in range into an image with a border of one pixel, 0 for none.
+#[inline(always)]
+fn from_metres(
+    config: &DepthConfig,
+    data: &[f32],
+    remap: &[u32],
+    rows: &mut [f32],
+    pixels: &mut [u32],
+) -> usize {
+    pack(config, data, remap, rows, pixels, |v| v)
+}
+
+/// Packs the pixels of an image, and counts the valid ones. `rows` holds three rows of depths in metres with a pixel of border at
+/// both ends: the row above the one that is packed, that row, and the one below.
+#[inline(always)]
+fn pack<T: Copy>(
+    config: &DepthConfig,
+    data: &[T],
+    remap: &[u32],
+    rows: &mut [f32],
+    pixels: &mut [u32],
+    metres: impl Fn(T) -> f32 + Copy,
+) -> usize {
+    let stride = rows.len() / 3;
+    let width = stride - 2;
+    let height = data.len() / width;
+    rows.fill(0.0);
+    let mut valid = 0;
+    for y in 0..=height {
+        let below = &mut rows[y % 3 * stride..][..stride][1..=width];
+        if y < height {
+            let of_row = if remap.is_empty() { remap } else { &remap[y * width..][..width] };
+            to_metres(config, data, y, of_row, below, metres);
+        } else {
+            below.fill(0.0);
+        }
+        if y > 0 {
+            let row = |i: usize| &rows[(y + i) % 3 * stride..][..stride];
+            valid += pack_row(config, [row(1), row(2), row(0)], &mut pixels[(y - 1) * width..][..width]);
+        }
+    }
+    valid
+}
+
+/// Depths of a row in metres, 0 for those out of range.
 #[inline(always)]
 fn to_metres<T: Copy>(
     config: &DepthConfig,
     data: &[T],
-    width: usize,
+    y: usize,
     remap: &[u32],
     out: &mut [f32],
     metres: impl Fn(T) -> f32,
@@ -217,48 +282,60 @@ fn to_metres<T: Copy>(
     let [near, far] = [config.nearest_m as f32, config.farthest_m as f32];
     // False for NaN.
     let in_range = |z: f32| if (z >= near) & (z <= far) { z } else { 0.0 };
-    for y in 0..data.len() / width {
-        let out = &mut out[(y + 1) * (width + 2) + 1..][..width];
-        if remap.is_empty() {
-            data[y * width..(y + 1) * width].iter().zip(out).for_each(|(&v, o)| *o = in_range(metres(v)));
-        } else {
-            let from = &remap[y * width..(y + 1) * width];
-            for (&i, o) in from.iter().zip(out) {
-                *o = data.get(i as usize).map_or(0.0, |&v| in_range(metres(v)));
-            }
+    if remap.is_empty() {
+        data[y * out.len()..].iter().zip(out).for_each(|(&v, o)| *o = in_range(metres(v)));
+    } else {
+        for (&i, o) in remap.iter().zip(out) {
+            *o = data.get(i as usize).map_or(0.0, |&v| in_range(metres(v)));
         }
     }
 }
 
 #[inline(always)]
-fn pack(config: &DepthConfig, metres: &[f32], width: usize, pixels: &mut [u32]) -> usize {
+fn pack_row(config: &DepthConfig, [up, here, down]: [&[f32]; 3], out: &mut [u32]) -> usize {
     let [share, least] = [config.edge_share as f32, config.edge_m as f32];
     let noise = &config.noise;
     let [floor, growth, from] = [noise.floor_m as f32, noise.growth as f32, noise.nearest_m as f32];
-    let stride = width + 2;
-    let mut valid = 0;
-    for (y, out) in pixels.chunks_exact_mut(width).enumerate() {
-        let row = |y: usize| &metres[y * stride..(y + 1) * stride];
-        let (up, here, down) = (&row(y)[1..], row(y + 1), &row(y + 2)[1..]);
-        let (left, right, here) = (&here[..width], &here[2..][..width], &here[1..][..width]);
-        let (up, down, out) = (&up[..width], &down[..width], &mut out[..width]);
-        let mut count = 0;
-        for x in 0..width {
-            let z = here[x];
-            let limit = (share * z).max(least);
-            // A neighbour without depth does not make an edge.
-            let far = |n: f32| (n > 0.0) & ((n - z).abs() > limit);
-            let edge = far(left[x]) | far(right[x]) | far(up[x]) | far(down[x]);
-            let past = z - from;
-            let ratio = floor / (floor + growth * (past * past));
-            // Weights go down to 1/31 of the greatest; adding 2^23 rounds and leaves the integer in the lowest bits.
-            let weight = (31.0 * (ratio * ratio)).max(1.0) + 8_388_608.0;
-            let keep = (z > 0.0) & !edge;
-            let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);
-            out[x] = if keep { pixel } else { 0 };
-            count += u32::from(keep);
-        }
-        valid += count as usize;
+    let width = out.len();
+    let (left, right, here) = (&here[..width], &here[2..][..width], &here[1..][..width]);
+    let (up, down) = (&up[1..][..width], &down[1..][..width]);
+    let mut count = 0;
+    for x in 0..width {
+        let z = here[x];
+        let limit = (share * z).max(least);
+        // A neighbour without depth does not make an edge.
+        let far = |n: f32| (n > 0.0) & ((n - z).abs() > limit);
+        let edge = far(left[x]) | far(right[x]) | far(up[x]) | far(down[x]);
+        let past = z - from;
+        let ratio = floor / (floor + growth * (past * past));
+        // Weights go down to 1/31 of the greatest; adding 2^23 rounds and leaves the integer in the lowest bits.
+        let weight = (31.0 * (ratio * ratio)).max(1.0) + 8_388_608.0;
+        let keep = (z > 0.0) & !edge;
+        let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);
+        out[x] = if keep { pixel } else { 0 };
+        count += u32::from(keep);
     }
-    valid
+    count as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packed_images_are_prepared_as_plain_ones() {
+        let camera = Camera::pinhole(37, 21, 40.0, 40.0, 18.0, 10.0);
+        let mut preparer = DepthPreparer::new(DepthConfig::default(), camera, 0.001).expect("a camera");
+        for step in [1, 5, 90] {
+            let pixel = |i: usize| if i % 11 == 3 { 0 } else { 900 + (i * 7919 % 60 * step) as u16 };
+            let image = DepthImage::from_vec(37, 21, (0..37 * 21).map(pixel).collect()).expect("all pixels");
+            let plain = preparer.prepare(&image).expect("depth").clone();
+            let packed = preparer.prepare_packed(&PackedDepth::pack(&image)).expect("depth");
+            assert!(packed.pixels == plain.pixels && packed.valid() == plain.valid());
+        }
+        let broken = PackedDepth::from_bytes(37, 21, vec![0; 9].into());
+        assert!(matches!(preparer.prepare_packed(&broken), Err(DenseError::Saved(_))));
+        let small = PackedDepth::pack(&DepthImage::new(8, 8));
+        assert!(matches!(preparer.prepare_packed(&small), Err(DenseError::Size { .. })));
+    }
 }

@@ -92,13 +92,13 @@ fn build(pyramid: &mut DepthPyramid, pixels: &[u32], width: usize, height: usize
 
 /// The lesser of two numbers; neither is NaN.
 #[inline(always)]
-fn lesser(a: f32, b: f32) -> f32 {
+pub(crate) fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 /// The greater of two numbers; neither is NaN.
 #[inline(always)]
-fn greater(a: f32, b: f32) -> f32 {
+pub(crate) fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 

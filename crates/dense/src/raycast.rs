@@ -5,12 +5,12 @@
 //! step of Newton's method finds the place in it. For a lens that distorts each ray starts at the nearest block in front of
 //! it (block projections are first drawn into squares of eight pixels) and advances by the distances it reads.
 
-use crate::DenseError;
-use crate::RayCast;
+use crate::backend::dispatch;
 use crate::block::{BlockKey, SIDE, index};
-use crate::mesh::{MeshConfig, Mesher};
-use crate::sample::{Sampler, floor};
+use crate::mesh::{Cell, FirstCells, MeshConfig, Mesher};
+use crate::sample::{Sampler, floor, interpolate};
 use crate::tsdf::{STEPS, TsdfVolume};
+use crate::{Backend, DenseError, RayCast};
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::{Camera, Distortion, Image};
 
@@ -37,31 +37,87 @@ pub fn raycast(
     }
 }
 
-/// Every ray begins where its pixel was drawn.
+/// Every ray ends in the cell that its pixel was drawn with.
 fn from_drawn(
     volume: &TsdfVolume,
     camera: &Camera,
     pose: &Se3,
     farthest_m: f64,
 ) -> Result<RayCast, DenseError> {
-    let mut out = Mesher::new(MeshConfig::of_key_frames()).view(volume, camera, pose, farthest_m)?;
-    let caster = Caster::new(volume, pose);
-    let [by_fx, by_fy] = [1.0 / camera.fx, 1.0 / camera.fy].map(|v| v as f32);
-    let [cx, cy] = [camera.cx, camera.cy].map(|v| v as f32);
+    let first = Mesher::new(MeshConfig::of_key_frames()).first_cells(volume, camera, pose, farthest_m)?;
+    let mut out = RayCast {
+        depth_m: Image::new(camera.width, camera.height),
+        normals: Image::new(camera.width, camera.height),
+    };
+    let view = &View::new(volume, pose);
+    let [by_fx, by_fy, cx, cy] = [1.0 / camera.fx, 1.0 / camera.fy, camera.cx, camera.cy].map(|v| v as f32);
+    let columns: Vec<f32> = (0..camera.width).map(|x| (x as f32 - cx) * by_fx).collect();
+    let (first, columns) = (&first, &columns[..]);
     for y in 0..camera.height {
+        let row = Row { y: (y as f32 - cy) * by_fy, from: y * camera.width, farthest_m: farthest_m as f32 };
         let (depths, normals) = (out.depth_m.row_mut(y), out.normals.row_mut(y));
-        for (x, (depth, normal)) in depths.iter_mut().zip(normals).enumerate() {
-            if *depth > farthest_m as f32 {
-                (*depth, *normal) = (0.0, [0.0; 3]);
-            }
-            if *depth > 0.0 {
-                let ray = [(x as f32 - cx) * by_fx, (y as f32 - cy) * by_fy];
-                // At a silhouette or a seam the field may not say more than the triangle.
-                (*depth, *normal) = caster.polish(ray, *depth).unwrap_or((*depth, *normal));
-            }
-        }
+        dispatch!(Backend::best(), end_row(
+            view: &View, first: &FirstCells, columns: &[f32], row: Row, depths: &mut [f32], normals: &mut [[f32; 3]]
+        ) -> ());
     }
     Ok(out)
+}
+
+/// A row of pixels.
+#[derive(Clone, Copy)]
+struct Row {
+    /// Where its rays with depth 1 are.
+    y: f32,
+    /// Its first pixel.
+    from: usize,
+    farthest_m: f32,
+}
+
+/// Ends the rays of a row of pixels in their cells, several at a time.
+#[inline(always)]
+fn end_row(
+    view: &View,
+    first: &FirstCells,
+    columns: &[f32],
+    row: Row,
+    depths: &mut [f32],
+    normals: &mut [[f32; 3]],
+) {
+    let chunks = columns.chunks(LANES).zip(depths.chunks_mut(LANES).zip(normals.chunks_mut(LANES)));
+    for (chunk, (columns, (depths, normals))) in chunks.enumerate() {
+        let mut lanes = Lanes::default();
+        for (i, &column) in columns.iter().enumerate() {
+            let seen = first.at(row.from + chunk * LANES + i).filter(|&(_, z)| z <= row.farthest_m);
+            if let Some((cell, z)) = seen {
+                lanes.set(i, cell, column, z);
+            }
+        }
+        let ended = view.end(&lanes, row.y);
+        for (i, (depth, normal)) in depths.iter_mut().zip(normals).enumerate() {
+            (*depth, *normal) = (ended[3][i], [ended[0][i], ended[1][i], ended[2][i]]);
+        }
+    }
+}
+
+/// Rays that end at a time.
+const LANES: usize = 16;
+
+/// Cells, and where rays enter them: one lane each; all zero where a ray ends nowhere.
+#[derive(Default)]
+struct Lanes {
+    steps: [[f32; LANES]; 8],
+    low: [[f32; LANES]; 3],
+    column: [f32; LANES],
+    z: [f32; LANES],
+}
+
+impl Lanes {
+    #[inline(always)]
+    fn set(&mut self, i: usize, cell: &Cell, column: f32, z: f32) {
+        (0..8).for_each(|k| self.steps[k][i] = cell.steps[k]);
+        (0..3).for_each(|k| self.low[k][i] = cell.low[k]);
+        (self.column[i], self.z[i]) = (column, z);
+    }
 }
 
 /// Every ray goes from the nearest block on.
@@ -121,32 +177,86 @@ impl Tiles {
     }
 }
 
-struct Caster<'a> {
-    sampler: Sampler<'a>,
+/// A camera in a volume.
+struct View {
     /// Camera axes in the volume, by column, and its centre.
     axes: [[f32; 3]; 3],
     centre: [f32; 3],
+    voxel_m: f32,
+}
+
+impl View {
+    fn new(volume: &TsdfVolume, pose: &Se3) -> Self {
+        let r = pose.rotation.matrix();
+        Self {
+            axes: std::array::from_fn(|k| std::array::from_fn(|i| r[(i, k)] as f32)),
+            centre: pose.translation.map(|v| v as f32).into(),
+            voxel_m: volume.config().voxel_m as f32,
+        }
+    }
+
+    /// The ray with depth 1 at `(x, y)`, along the axes of the volume.
+    #[inline(always)]
+    fn ray(&self, [x, y]: [f32; 2]) -> [f32; 3] {
+        std::array::from_fn(|i| self.axes[0][i] * x + self.axes[1][i] * y + self.axes[2][i])
+    }
+
+    /// A gradient as a unit normal in the camera frame; zero for zero.
+    #[inline(always)]
+    fn in_camera(&self, g: [f32; 3]) -> [f32; 3] {
+        let n: [f32; 3] =
+            std::array::from_fn(|k| self.axes[k][0] * g[0] + self.axes[k][1] * g[1] + self.axes[k][2] * g[2]);
+        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        n.map(|v| if length > 0.0 { v / length } else { 0.0 })
+    }
+
+    /// Normal and depth of the zero crossing in a cell next to a depth, by lanes. Where the field is not crossed from the front
+    /// there, or the crossing is more than a voxel away (at a silhouette or a seam), the depth stays, and the normal is that in the
+    /// middle of the cell, turned to the camera.
+    #[inline(always)]
+    fn end(&self, lanes: &Lanes, row: f32) -> [[f32; LANES]; 4] {
+        let mut out = [[0.0; LANES]; 4];
+        let by_voxel = 1.0 / self.voxel_m;
+        for i in 0..LANES {
+            let z = lanes.z[i];
+            let ray = self.ray([lanes.column[i], row]);
+            let at: [f32; 3] =
+                std::array::from_fn(|k| (self.centre[k] + ray[k] * z) * by_voxel - lanes.low[k][i]);
+            let steps: [f32; 8] = std::array::from_fn(|k| lanes.steps[k][i]);
+            let sample = interpolate(&steps, at);
+            let (g, middle) = (sample.gradient, interpolate(&steps, [0.5; 3]).gradient);
+            // In steps per metre of depth.
+            let slope = (g[0] * ray[0] + g[1] * ray[1] + g[2] * ray[2]) * by_voxel;
+            let by = -sample.steps / slope;
+            let crossed = (slope < 0.0) & (by.abs() < self.voxel_m);
+            let away = middle[0] * ray[0] + middle[1] * ray[1] + middle[2] * ray[2] > 0.0;
+            let facing = middle.map(|v| if away { -v } else { v });
+            let normal = self.in_camera(std::array::from_fn(|k| if crossed { g[k] } else { facing[k] }));
+            (0..3).for_each(|k| out[k][i] = normal[k]);
+            out[3][i] = if crossed { z + by } else { z };
+        }
+        out
+    }
+}
+
+struct Caster<'a> {
+    sampler: Sampler<'a>,
+    view: View,
     voxel_m: f32,
     band_m: f32,
 }
 
 impl<'a> Caster<'a> {
     fn new(volume: &'a TsdfVolume, pose: &Se3) -> Self {
-        let r = pose.rotation.matrix();
-        Self {
-            sampler: Sampler::new(volume),
-            axes: std::array::from_fn(|k| std::array::from_fn(|i| r[(i, k)] as f32)),
-            centre: pose.translation.map(|v| v as f32).into(),
-            voxel_m: volume.config().voxel_m as f32,
-            band_m: volume.band_m() as f32,
-        }
+        let view = View::new(volume, pose);
+        let (voxel_m, band_m) = (view.voxel_m, volume.band_m() as f32);
+        Self { sampler: Sampler::new(volume), view, voxel_m, band_m }
     }
 
     /// Depth and normal where the ray with depth 1 at `(x, y)` meets the surface from the front.
-    fn cast(&self, [x, y]: [f32; 2], near: f32, far: f32) -> Option<(f32, [f32; 3])> {
-        let ray: [f32; 3] =
-            std::array::from_fn(|i| self.axes[0][i] * x + self.axes[1][i] * y + self.axes[2][i]);
-        let along = |z: f32| -> [f32; 3] { std::array::from_fn(|i| self.centre[i] + ray[i] * z) };
+    fn cast(&self, ray: [f32; 2], near: f32, far: f32) -> Option<(f32, [f32; 3])> {
+        let ray = self.view.ray(ray);
+        let along = |z: f32| -> [f32; 3] { std::array::from_fn(|i| self.view.centre[i] + ray[i] * z) };
         let by_voxel = 1.0 / self.voxel_m;
         let mut z = near;
         let mut held: Option<(BlockKey, Option<u32>)> = None;
@@ -185,38 +295,13 @@ impl<'a> Caster<'a> {
         None
     }
 
-    /// Depth and normal of the zero crossing next to a depth; `None` where the field is not seen there, not crossed from
-    /// the front, or the crossing is more than a voxel away.
-    #[inline]
-    fn polish(&self, [x, y]: [f32; 2], z: f32) -> Option<(f32, [f32; 3])> {
-        let ray: [f32; 3] =
-            std::array::from_fn(|i| self.axes[0][i] * x + self.axes[1][i] * y + self.axes[2][i]);
-        let sample = self.sampler.at(std::array::from_fn(|i| self.centre[i] + ray[i] * z))?;
-        let g = sample.gradient;
-        // In steps per metre of depth.
-        let slope = (g[0] * ray[0] + g[1] * ray[1] + g[2] * ray[2]) / self.voxel_m;
-        let by = -sample.steps / slope;
-        if !(slope < 0.0 && by.abs() < self.voxel_m) {
-            return None;
-        }
-        Some((z + by, self.in_camera(g)?))
-    }
-
-    /// A gradient as a unit normal in the camera frame.
-    #[inline]
-    fn in_camera(&self, g: [f32; 3]) -> Option<[f32; 3]> {
-        let turned: [f32; 3] = std::array::from_fn(|k| (0..3).map(|i| self.axes[k][i] * g[i]).sum());
-        let length = turned.iter().map(|v| v * v).sum::<f32>().sqrt();
-        (length > 0.0).then(|| turned.map(|v| v / length))
-    }
-
     /// Depth where the ray leaves a block, plus a small margin.
     fn leave(&self, key: BlockKey, ray: [f32; 3], z: f32) -> f32 {
         let side = self.voxel_m * SIDE as f32;
         let mut out = f32::INFINITY;
         for i in 0..3 {
             let wall = (key.0[i] + i32::from(ray[i] > 0.0)) as f32 * side;
-            let t = (wall - self.centre[i]) / ray[i];
+            let t = (wall - self.view.centre[i]) / ray[i];
             if t > z && t < out {
                 out = t;
             }
@@ -258,6 +343,48 @@ impl<'a> Caster<'a> {
         let z = a + (b - a) * share;
         let g: [f32; 3] =
             std::array::from_fn(|i| at_a.gradient[i] + (at_b.gradient[i] - at_a.gradient[i]) * share);
-        Some((z, self.in_camera(g)?))
+        Some((z, self.view.in_camera(g)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TsdfConfig;
+    use cairn_random::Random;
+
+    #[test]
+    fn rays_end_at_the_same_place_with_all_instructions() {
+        let volume = TsdfVolume::new(TsdfConfig::default()).expect("a config");
+        let view = &View::new(&volume, &Se3::identity());
+        let mut random = Random::new(3);
+        let mut number = |from: f64, to: f64| random.uniform(from, to) as f32;
+        let cell = |i: usize| Cell {
+            steps: std::array::from_fn(|_| number(-900.0, 900.0)),
+            low: [(i % 37) as f32 * 0.3, 0.0, 50.0],
+        };
+        let cells: Vec<Cell> = (0..37).map(cell).collect();
+        let columns = &(0..37).map(|x| x as f32 * 0.006).collect::<Vec<_>>()[..];
+        let seen: Vec<f32> = (0..37).map(|i| if i % 7 == 3 { 0.0 } else { number(1.0, 1.03) }).collect();
+        let first = &FirstCells::of(cells, &seen);
+        let row = Row { y: 0.003, from: 0, farthest_m: 1.02 };
+        let mut all = Vec::new();
+        for backend in Backend::ALL.into_iter().filter(|b| b.available()) {
+            let (mut depths, mut normals) = (vec![9.0; 37], vec![[9.0; 3]; 37]);
+            {
+                let (depths, normals) = (&mut depths[..], &mut normals[..]);
+                dispatch!(backend, end_row(
+                    view: &View, first: &FirstCells, columns: &[f32], row: Row, depths: &mut [f32], normals: &mut [[f32; 3]]
+                ) -> ());
+            }
+            all.push((depths, normals));
+        }
+        let (depths, normals) = &all[0];
+        assert!(depths.iter().filter(|z| **z > 0.0).count() > 15 && depths.contains(&0.0));
+        for (z, n) in depths.iter().zip(normals) {
+            let length = n.iter().map(|v| v * v).sum::<f32>().sqrt();
+            assert!((length - f32::from(u8::from(*z > 0.0))).abs() < 1e-5, "{z} {n:?}");
+        }
+        all[1..].iter().for_each(|other| assert_eq!(&all[0], other));
     }
 }

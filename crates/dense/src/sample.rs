@@ -44,20 +44,7 @@ impl<'a> Sampler<'a> {
         let low = at.map(floor);
         let part: [f32; 3] = std::array::from_fn(|i| at[i] - low[i] as f32);
         let d = self.corners(low)?;
-        let [x, y, z] = part;
-        // Interpolates along x, then y, then z; the differences on the way give the gradient.
-        let along_x = |i: usize| d[i] + (d[i + 1] - d[i]) * x;
-        let c = [along_x(0), along_x(2), along_x(4), along_x(6)];
-        let near = c[0] + (c[1] - c[0]) * y;
-        let far = c[2] + (c[3] - c[2]) * y;
-        let step_x = |i: usize| d[i + 1] - d[i];
-        let gx_near = step_x(0) + (step_x(2) - step_x(0)) * y;
-        let gx_far = step_x(4) + (step_x(6) - step_x(4)) * y;
-        let gy = (c[1] - c[0]) + ((c[3] - c[2]) - (c[1] - c[0])) * z;
-        Some(Sample {
-            steps: near + (far - near) * z,
-            gradient: [gx_near + (gx_far - gx_near) * z, gy, far - near],
-        })
+        Some(interpolate(&d, part))
     }
 
     /// The eight voxels from `low` on; x varies fastest.
@@ -93,6 +80,21 @@ impl<'a> Sampler<'a> {
         }
         Some(out)
     }
+}
+
+/// Distance and gradient at a place between the eight corners of a cell; x varies fastest.
+#[inline(always)]
+pub(crate) fn interpolate(d: &[f32; 8], [x, y, z]: [f32; 3]) -> Sample {
+    // Interpolates along x, then y, then z; the differences on the way give the gradient.
+    let along_x = |i: usize| d[i] + (d[i + 1] - d[i]) * x;
+    let c = [along_x(0), along_x(2), along_x(4), along_x(6)];
+    let near = c[0] + (c[1] - c[0]) * y;
+    let far = c[2] + (c[3] - c[2]) * y;
+    let step_x = |i: usize| d[i + 1] - d[i];
+    let gx_near = step_x(0) + (step_x(2) - step_x(0)) * y;
+    let gx_far = step_x(4) + (step_x(6) - step_x(4)) * y;
+    let gy = (c[1] - c[0]) + ((c[3] - c[2]) - (c[1] - c[0])) * z;
+    Sample { steps: near + (far - near) * z, gradient: [gx_near + (gx_far - gx_near) * z, gy, far - near] }
 }
 
 /// Rounds down; without an instruction for it, the standard library's is a function call.

@@ -1,11 +1,13 @@
 //! Triangle meshes of the surface: whole and welded, or block by block.
 
 mod draw;
+mod first;
 mod overview;
 mod samples;
 mod table;
 
 pub use draw::draw;
+pub(crate) use first::{Cell, FirstCells};
 pub use overview::overview;
 
 use crate::block::{BlockKey, KeyHasher, SIDE};
@@ -172,12 +174,19 @@ impl Mesher {
     }
 
     fn extract(&mut self, volume: &TsdfVolume, key: BlockKey, mesh: &mut Mesh, weld: bool) {
+        // Taken out for the call: the corners' vertices are lent at the same time.
+        let mut shared = std::mem::take(&mut self.shared);
+        let place = Place::new(volume, key);
+        self.each_cell(volume, key, &mut Build { place, volume, mesh, shared: &mut shared, weld });
+        self.shared = shared;
+    }
+
+    /// Hands each cell of a block that the surface passes through to a sink, vertices before the triangles that use them.
+    fn each_cell(&mut self, volume: &TsdfVolume, key: BlockKey, sink: &mut impl Sink) {
         if !self.samples.load(volume, key, self.config.least_weight) {
             return;
         }
-        let voxel_m = volume.config().voxel_m as f32;
-        let place = Place { volume, key, voxel_m, weld };
-        let Self { samples, vertices, set, shared, cells, .. } = self;
+        let Self { samples, vertices, set, cells, .. } = self;
         let cells: &Cells = cells;
         samples.live_cells(|cell, case| {
             let base = corner_index(cell);
@@ -194,6 +203,7 @@ impl Mesher {
             if high - low > JUMP && triangles.iter().flatten().any(is_torn) {
                 return;
             }
+            sink.cell(cell, &corners);
             for triangle in triangles {
                 let corners = triangle.map(|e| {
                     let edge = &edges[e as usize];
@@ -201,61 +211,88 @@ impl Mesher {
                     if *known == NONE {
                         let part = steps(edge.from) / (steps(edge.from) - steps(edge.to));
                         let from = std::array::from_fn(|k| cell[k] + edge.start[k]);
-                        *known = place.vertex(mesh, shared, samples, edge.axis, from, part);
+                        *known = sink.vertex(samples, edge.axis, from, part);
                         set.push(base + edge.from);
                     }
                     *known
                 });
-                mesh.triangles.push(corners);
+                sink.triangle(corners);
             }
         });
         self.set.drain(..).for_each(|i| self.vertices[i] = [NONE; 3]);
     }
 }
 
-/// The block being extracted.
-struct Place<'a> {
-    volume: &'a TsdfVolume,
+/// Takes the surface in a block, cell by cell.
+trait Sink {
+    /// The next cell, by its lowest corner among the block's, with the distances at its corners in steps.
+    fn cell(&mut self, _cell: [usize; 3], _corners: &[f32; 8]) {}
+
+    /// Number of a vertex on an edge; `part` is its position between the two corners, from 0 to 1. Each edge of a block is asked
+    /// for once.
+    fn vertex(&mut self, samples: &Samples, axis: usize, from: [usize; 3], part: f32) -> u32;
+
+    /// A triangle of the last cell, by its vertices.
+    fn triangle(&mut self, corners: [u32; 3]);
+}
+
+/// Where a block lies.
+struct Place {
     key: BlockKey,
     voxel_m: f32,
+}
+
+impl Place {
+    fn new(volume: &TsdfVolume, key: BlockKey) -> Self {
+        Self { key, voxel_m: volume.config().voxel_m as f32 }
+    }
+
+    /// The voxel at a corner.
+    fn voxel(&self, corner: [usize; 3]) -> [i32; 3] {
+        std::array::from_fn(|i| self.key.0[i] * SIDE as i32 + corner[i] as i32)
+    }
+
+    /// Position of a vertex in metres: computed from the corner's whole number of voxels, so that neighbouring blocks agree on
+    /// the borders to the last bit.
+    fn position(&self, axis: usize, from: [usize; 3], part: f32) -> [f32; 3] {
+        let whole = self.voxel(from);
+        std::array::from_fn(|i| (whole[i] as f32 + 0.5 + if i == axis { part } else { 0.0 }) * self.voxel_m)
+    }
+}
+
+/// Adds a block to a mesh.
+struct Build<'a> {
+    place: Place,
+    volume: &'a TsdfVolume,
+    mesh: &'a mut Mesh,
+    shared: &'a mut EdgeTable,
     weld: bool,
 }
 
-impl Place<'_> {
-    /// Index of the vertex on an edge, created if missing; `part` is its position between the two corners, from 0 to
-    /// 1.
-    fn vertex(
-        &self,
-        mesh: &mut Mesh,
-        shared: &mut EdgeTable,
-        samples: &Samples,
-        axis: usize,
-        from: [usize; 3],
-        part: f32,
-    ) -> u32 {
-        let new = mesh.positions.len() as u32;
+impl Sink for Build<'_> {
+    fn vertex(&mut self, samples: &Samples, axis: usize, from: [usize; 3], part: f32) -> u32 {
+        let new = self.mesh.positions.len() as u32;
         if self.weld && from.iter().any(|&c| c == 0 || c == SIDE) {
-            let name = (std::array::from_fn(|i| self.key.0[i] * SIDE as i32 + from[i] as i32), axis);
-            let known = *shared.entry(name).or_insert(new);
+            let known = *self.shared.entry((self.place.voxel(from), axis)).or_insert(new);
             if known != new {
                 return known;
             }
         }
-        // Computed from the corner's whole number of voxels, so that neighbouring blocks agree on the borders to the
-        // last bit.
-        let position = std::array::from_fn(|i| {
-            let whole = self.key.0[i] * SIDE as i32 + from[i] as i32;
-            (whole as f32 + 0.5 + if i == axis { part } else { 0.0 }) * self.voxel_m
-        });
-        mesh.positions.push(position);
+        self.mesh.positions.push(self.place.position(axis, from, part));
         if self.volume.config().colour {
             let mut to = from;
             to[axis] += 1;
-            mesh.colours.push(self.colour(samples, from, to, part));
+            self.mesh.colours.push(self.colour(samples, from, to, part));
         }
         new
     }
 
+    fn triangle(&mut self, corners: [u32; 3]) {
+        self.mesh.triangles.push(corners);
+    }
+}
+
+impl Build<'_> {
     /// Mean colour of the two voxels, weighted by nearness.
     fn colour(&self, samples: &Samples, from: [usize; 3], to: [usize; 3], part: f32) -> [u8; 3] {
         let mut sum = [0.0f32; 3];

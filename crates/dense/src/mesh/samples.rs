@@ -137,16 +137,21 @@ impl Samples {
     /// Calls the closure with each cell that the surface passes through, and the set of its inside corners.
     pub fn live_cells(&self, mut cell: impl FnMut([usize; 3], usize)) {
         for z in 0..SIDE {
-            let inside = [around(self.inside[z]), around(self.inside[z + 1])];
-            let mut live = self.live_layer(z);
-            while live != 0 {
-                let bit = live.trailing_zeros() as usize;
-                let mut case = 0;
-                for (i, l) in inside.iter().flatten().enumerate() {
-                    case |= ((l >> bit & 1) as usize) << i;
+            let live = self.live_layer(z);
+            if live == 0 {
+                continue;
+            }
+            for y in 0..SIDE {
+                let row = |layer: u128, y: usize| (layer >> (CORNERS * y)) as u32;
+                let mut live = row(live, y) & 255;
+                let [low, high] = [self.inside[z], self.inside[z + 1]];
+                let rows = [row(low, y), row(low, y + 1), row(high, y), row(high, y + 1)];
+                while live != 0 {
+                    let x = live.trailing_zeros();
+                    let pair = |i: usize| (rows[i] >> x & 3) << (2 * i);
+                    cell([x as usize, y, z], (pair(0) | pair(1) | pair(2) | pair(3)) as usize);
+                    live &= live - 1;
                 }
-                cell([bit % CORNERS, bit / CORNERS, z], case);
-                live &= live - 1;
             }
         }
     }

@@ -381,7 +381,7 @@ impl DenseMap {
         let mut out = TsdfVolume::new(tsdf)?;
         for kept in &self.kept {
             let Some(anchor) = self.anchors.get(&kept.hung.anchor).filter(|a| a.map == map) else { continue };
-            let frame = self.preparer.prepare(&kept.depth.unpack()?)?;
+            let frame = self.preparer.prepare_packed(&kept.depth)?;
             out.integrate(frame, None, &(anchor.world_from_anchor * kept.hung.pose))?;
         }
         Ok(out)

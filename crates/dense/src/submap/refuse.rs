@@ -84,7 +84,7 @@ impl DenseMap {
         let kept = &self.kept[index];
         let (was, to) = (kept.inside, kept.target);
         let pose = self.wanted(kept).ok_or(DenseError::UnknownAnchor(kept.hung.anchor.0))?;
-        let frame = self.preparer.prepare(&kept.depth.unpack()?)?;
+        let frame = self.preparer.prepare_packed(&kept.depth)?;
         let unknown = DenseError::UnknownAnchor(self.kept[index].hung.anchor.0);
         let submap = self.submaps.get_mut(to).and_then(Option::as_mut).ok_or(unknown)?;
         // Fuses first: if that fails, nothing has changed. The sums do not depend on the order.
@@ -131,9 +131,7 @@ impl DenseMap {
             (submap.occupancy, submap.stale) = (Arc::new(grid), false);
             return true;
         };
-        if let Ok(image) = self.kept[next].depth.unpack()
-            && let Ok(frame) = self.preparer.prepare(&image)
-        {
+        if let Ok(frame) = self.preparer.prepare_packed(&self.kept[next].depth) {
             // A pose that the field accepted is also accepted by the grid.
             let _ = grid.integrate(frame, &pose);
         }

@@ -116,8 +116,14 @@ fn take<'a>(bytes: &mut &'a [u8], count: usize) -> Option<&'a [u8]> {
     Some(front)
 }
 
-/// The pixels of an image; `None` where the bytes are not one.
-pub fn unpack(backend: Backend, mut bytes: &[u8], width: usize, height: usize) -> Option<Vec<u16>> {
+/// Puts the pixels of an image in place of what is there; `None` where the bytes are not one.
+pub fn unpack(
+    backend: Backend,
+    mut bytes: &[u8],
+    width: usize,
+    height: usize,
+    data: &mut Vec<u16>,
+) -> Option<()> {
     let none = u16::from_le_bytes(take(&mut bytes, 2)?.try_into().ok()?);
     let (values, count) = unpack_values(&mut bytes)?;
     let blocks = width.div_ceil(BLOCK);
@@ -125,22 +131,28 @@ pub fn unpack(backend: Backend, mut bytes: &[u8], width: usize, height: usize) -
     if bytes.len() < (blocks.div_ceil(8) + blocks.div_ceil(2)).checked_mul(height)? {
         return None;
     }
-    let mut data = vec![0; width.checked_mul(height)?];
-    let mut above = vec![([0u16; BLOCK], u8::MAX); blocks];
+    data.resize(width.checked_mul(height)?, 0);
+    let (mut above, mut masks) = (vec![[0u16; BLOCK]; blocks], vec![u8::MAX; blocks]);
     for row in data.chunks_exact_mut(width.max(1)) {
         let flags = take(&mut bytes, blocks.div_ceil(8))?;
         let widths = take(&mut bytes, blocks.div_ceil(2))?;
-        for i in (0..blocks).filter(|i| flags[i / 8] >> (i % 8) & 1 == 1) {
-            above[i].1 = take(&mut bytes, 1)?[0];
+        for (flags, masks) in flags.iter().zip(masks.chunks_mut(8)) {
+            let mut flags = *flags;
+            while flags != 0 {
+                if let Some(mask) = masks.get_mut(flags.trailing_zeros() as usize) {
+                    *mask = take(&mut bytes, 1)?[0];
+                }
+                flags &= flags - 1;
+            }
         }
         let (taken, largest) = add_row(backend, bytes, widths, &mut above)?;
         bytes = &bytes[taken..];
         if u32::from(largest) >= count.max(1) {
             return None;
         }
-        write_row(row, &above, &values, none);
+        write_row(row, &above, &masks, &values, none);
     }
-    bytes.is_empty().then_some(data)
+    bytes.is_empty().then_some(())
 }
 
 /// The value of each number, and how many there are.
@@ -170,18 +182,21 @@ fn unpack_values(bytes: &mut &[u8]) -> Option<(Table, u32)> {
     Some((values, count))
 }
 
-type Above = ([u16; BLOCK], u8);
-
 /// Adds a row's differences to the numbers above; returns the bytes that they took and the largest number.
-fn add_row(backend: Backend, bytes: &[u8], widths: &[u8], above: &mut [Above]) -> Option<(usize, u16)> {
-    dispatch!(backend, add_row_inline(bytes: &[u8], widths: &[u8], above: &mut [Above]) -> Option<(usize, u16)>)
+fn add_row(
+    backend: Backend,
+    bytes: &[u8],
+    widths: &[u8],
+    above: &mut [[u16; BLOCK]],
+) -> Option<(usize, u16)> {
+    dispatch!(backend, add_row_inline(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(usize, u16)>)
 }
 
 #[inline(always)]
-fn add_row_inline(bytes: &[u8], widths: &[u8], above: &mut [Above]) -> Option<(usize, u16)> {
+fn add_row_inline(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(usize, u16)> {
     let mut at = 0;
     let mut largest = [0u16; BLOCK];
-    for (i, (above, _)) in above.iter_mut().enumerate() {
+    for (i, above) in above.iter_mut().enumerate() {
         let bits = width_of(widths[i / 2] >> (i % 2 * 4) & 15);
         let packed = match bytes.get(at..at + MOST_BYTES) {
             Some(whole) => u128::from_le_bytes(whole.try_into().ok()?),
@@ -205,22 +220,33 @@ fn add_row_inline(bytes: &[u8], widths: &[u8], above: &mut [Above]) -> Option<(u
 }
 
 /// Writes the values of a row's numbers.
-fn write_row(row: &mut [u16], above: &[Above], values: &Table, none: u16) {
-    for (pixels, (numbers, mask)) in row.chunks_mut(BLOCK).zip(above) {
-        if *mask == 0 {
-            pixels.fill(none);
-            continue;
+fn write_row(row: &mut [u16], above: &[[u16; BLOCK]], masks: &[u8], values: &Table, none: u16) {
+    let whole = row.len() / BLOCK * BLOCK;
+    let (row, rest) = row.split_at_mut(whole);
+    let mut blocks = above.iter().zip(masks);
+    for (pixels, (numbers, mask)) in row.chunks_exact_mut(BLOCK).zip(blocks.by_ref()) {
+        write_block(pixels, numbers, *mask, values, none);
+    }
+    if let Some((numbers, mask)) = blocks.next() {
+        write_block(rest, numbers, *mask, values, none);
+    }
+}
+
+#[inline(always)]
+fn write_block(pixels: &mut [u16], numbers: &[u16; BLOCK], mask: u8, values: &Table, none: u16) {
+    if mask == 0 {
+        pixels.fill(none);
+        return;
+    }
+    for (pixel, number) in pixels.iter_mut().zip(numbers) {
+        *pixel = values[usize::from(*number)];
+    }
+    // Few blocks lie on the edge of a hole.
+    let mut holes = !mask;
+    while holes != 0 {
+        if let Some(pixel) = pixels.get_mut(holes.trailing_zeros() as usize) {
+            *pixel = none;
         }
-        for (pixel, number) in pixels.iter_mut().zip(numbers) {
-            *pixel = values[usize::from(*number)];
-        }
-        // Few blocks lie on the edge of a hole.
-        let mut holes = !mask;
-        while holes != 0 {
-            if let Some(pixel) = pixels.get_mut(holes.trailing_zeros() as usize) {
-                *pixel = none;
-            }
-            holes &= holes - 1;
-        }
+        holes &= holes - 1;
     }
 }

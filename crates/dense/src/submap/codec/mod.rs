@@ -38,13 +38,20 @@ impl PackedDepth {
     }
 
     fn unpack_with(&self, backend: Backend) -> Result<DepthImage, DenseError> {
-        let broken = || DenseError::Saved("a packed depth image is broken".into());
+        let mut data = Vec::new();
+        self.unpack_to(backend, &mut data)?;
+        DepthImage::from_vec(self.width, self.height, data).ok_or_else(broken)
+    }
+
+    /// Puts the pixels in place of what is in `data`: from image to image its memory is used again.
+    pub(crate) fn unpack_to(&self, backend: Backend, data: &mut Vec<u16>) -> Result<(), DenseError> {
         let count = self.width.checked_mul(self.height).ok_or_else(broken)?;
-        let data = match self.bytes.split_first() {
-            Some((&BLOCKS, packed)) => blocks::unpack(backend, packed, self.width, self.height),
-            _ => rvl::unpack(&self.bytes, count),
-        };
-        DepthImage::from_vec(self.width, self.height, data.ok_or_else(broken)?).ok_or_else(broken)
+        match self.bytes.split_first() {
+            Some((&BLOCKS, packed)) => blocks::unpack(backend, packed, self.width, self.height, data),
+            _ => rvl::unpack(&self.bytes, count).map(|all| *data = all),
+        }
+        .filter(|()| data.len() == count)
+        .ok_or_else(broken)
     }
 
     /// One that was saved as bytes. They are not looked at here: [`Self::unpack`] tells whether they are an image.
@@ -66,6 +73,10 @@ impl PackedDepth {
     pub fn bytes(&self) -> usize {
         self.bytes.len()
     }
+}
+
+fn broken() -> DenseError {
+    DenseError::Saved("a packed depth image is broken".into())
 }
 
 #[cfg(test)]
