@@ -89,14 +89,5 @@ fn surface_grows_on_the_page_in_a_browser() {
     }
     std::thread::sleep(Duration::from_millis(300));
     browser.picture(&desk, &folder.join("desk-walked.png"));
-    // A page that is loaded later gets all of it, on a phone in the light too.
-    let phone = browser.open(&url, [390, 844]);
-    browser.scheme(&phone, "light");
-    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
-    browser.eval(&phone, "document.getElementById('map').scrollIntoView()");
-    wait(&mut browser, &phone, "The surface is about", "#map-words", 30.0);
-    std::thread::sleep(Duration::from_secs(6));
-    browser.picture(&phone, &folder.join("phone-light.png"));
-    accessible(&mut browser, &phone, "surface, light");
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
