@@ -550,15 +550,19 @@ page-picture-label = Das Bild, das den Gang führt, mit den Merkmalen darin
 page-picture-caption = Das Bild, das den Gang führt; die Punkte sind Merkmale.
 page-map-role = Karte in drei Dimensionen
 page-map-title = Karte und Route
-page-map-help = Pfeiltasten drehen die Ansicht, mit Umschalt verschieben sie sie, Plus und Minus ändern ihre Größe, 0 zeigt alles.
+page-map-help = Pfeiltasten drehen die Ansicht, mit Umschalt verschieben sie sie; mit W, A, S und D geht man, mit Q und E ab- und aufwärts, Plus und Minus ändern ihre Größe, 0 zeigt alles.
 page-map-follow = Dem Gehenden folgen
-page-map-colour = Farbe der Punkte
+page-map-colour = Farben
 page-map-height = nach Höhe
 page-map-age = nach Alter
+page-map-normal = nach Richtung
 page-map-low = niedrig
 page-map-high = hoch
 page-map-old = alt
 page-map-new = neu
+page-map-down = zeigt nach unten
+page-map-up = zeigt nach oben
+page-map-surface-show = Oberfläche zeigen
 page-map-path = Weg der Kamera
 page-map-recorded = aufgenommene Route
 page-map-plan = bereinigte Route
@@ -576,6 +580,7 @@ page-map-words = Eine Karte mit { $places ->
     [one] { $points } Punkt
    *[other] { $points } Punkten
 }.
+page-map-surface = Die Oberfläche ist etwa { $area } Quadratmeter groß.
 page-map-route = Die aufgenommene Route ist { $metres } Meter lang.
 page-map-walker = { $percent } Prozent der Route sind gegangen.
 

@@ -539,15 +539,19 @@ page-picture-label = The image that guides the walk, with the features found in 
 page-picture-caption = The image that guides the walk; dots are features.
 page-map-role = map in three dimensions
 page-map-title = Map and route
-page-map-help = Arrow keys turn the view, with Shift they move it, plus and minus change its size, 0 shows all.
+page-map-help = Arrow keys turn the view, with Shift they move it; W, A, S and D walk, Q and E go down and up, plus and minus change its size, 0 shows all.
 page-map-follow = Follow the walker
-page-map-colour = Colour of the points
+page-map-colour = Colours
 page-map-height = by height
 page-map-age = by age
+page-map-normal = by direction
 page-map-low = low
 page-map-high = high
 page-map-old = old
 page-map-new = new
+page-map-down = faces down
+page-map-up = faces up
+page-map-surface-show = Show the surface
 page-map-path = way of the camera
 page-map-recorded = recorded route
 page-map-plan = cleaned route
@@ -565,6 +569,10 @@ page-map-words = A map of { $places ->
     [one] { $points } point
    *[other] { $points } points
 }.
+page-map-surface = The surface is about { $area ->
+    [one] { $area } square metre
+   *[other] { $area } square metres
+} large.
 page-map-route = The recorded route is { $metres ->
     [one] { $metres } metre
    *[other] { $metres } metres

@@ -545,15 +545,19 @@ page-picture-label = La imagen que guía el recorrido, con los puntos encontrado
 page-picture-caption = La imagen que guía el recorrido; los puntos son rasgos encontrados.
 page-map-role = mapa en tres dimensiones
 page-map-title = Mapa y ruta
-page-map-help = Las flechas giran la vista, con Mayúsculas la mueven, más y menos cambian el tamaño, 0 lo muestra todo.
+page-map-help = Las flechas giran la vista, con Mayúsculas la mueven; con W, A, S y D se camina, con Q y E se baja y se sube, más y menos cambian el tamaño, 0 lo muestra todo.
 page-map-follow = Seguir al caminante
-page-map-colour = Color de los puntos
+page-map-colour = Colores
 page-map-height = por altura
 page-map-age = por edad
+page-map-normal = por dirección
 page-map-low = bajo
 page-map-high = alto
 page-map-old = antiguo
 page-map-new = nuevo
+page-map-down = mira hacia abajo
+page-map-up = mira hacia arriba
+page-map-surface-show = Mostrar la superficie
 page-map-path = camino de la cámara
 page-map-recorded = ruta grabada
 page-map-plan = ruta corregida
@@ -570,6 +574,10 @@ page-map-words = Un mapa de { $places ->
 } y { $points ->
     [one] { $points } punto
    *[other] { $points } puntos
+}.
+page-map-surface = La superficie mide unos { $area ->
+    [one] { $area } metro cuadrado
+   *[other] { $area } metros cuadrados
 }.
 page-map-route = La ruta grabada mide { $metres ->
     [one] { $metres } metro

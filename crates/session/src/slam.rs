@@ -2,8 +2,9 @@
 
 use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Engine, Output, Status};
-use cairn_sensor::FramePacket;
+use cairn_dense::SubmapConfig;
+use cairn_engine::{DenseMapper, DenseSetupError, Engine, Output, Status};
+use cairn_sensor::{FramePacket, Rig};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -50,6 +51,14 @@ pub trait Slam {
     /// The latest map with its provenance, for saving.
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile;
 
+    /// A mapper that makes surfaces of the depth of key frames from now on, and follows this map.
+    ///
+    /// # Errors
+    /// Without a depth sensor; where the map is in another process ([`DenseSetupError::NoMapping`]).
+    fn dense_mapper(&mut self, _rig: &Rig, _config: SubmapConfig) -> Result<DenseMapper, DenseSetupError> {
+        Err(DenseSetupError::NoMapping)
+    }
+
     /// Whether lengths in all maps are metres.
     fn is_metric(&self) -> bool {
         self.snapshot().is_metric(self.camera())
@@ -75,6 +84,10 @@ impl Slam for Engine {
 
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
         Engine::to_save(self, program, attached)
+    }
+
+    fn dense_mapper(&mut self, rig: &Rig, config: SubmapConfig) -> Result<DenseMapper, DenseSetupError> {
+        DenseMapper::new(self, rig, config)
     }
 }
 
@@ -109,5 +122,9 @@ impl<S: Slam + ?Sized> Slam for Box<S> {
 
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
         (**self).to_save(program, attached)
+    }
+
+    fn dense_mapper(&mut self, rig: &Rig, config: SubmapConfig) -> Result<DenseMapper, DenseSetupError> {
+        (**self).dense_mapper(rig, config)
     }
 }

@@ -80,6 +80,8 @@ pub struct ServeConfig {
     pub survives: Option<PathBuf>,
     /// The session's camera.
     pub camera: CameraSource,
+    /// Makes surfaces of the depth of key frames and shows them on the pages; needs a source with depth.
+    pub dense: bool,
     /// Begins SLAM: [`engine_here`], or a process of its own.
     pub slam: BeginSlam,
     /// The engine's config.
@@ -100,6 +102,7 @@ impl ServeConfig {
             token: None,
             survives: None,
             camera,
+            dense: false,
             slam: engine_here(),
             config: Config::default(),
             session: SessionConfig::default(),

@@ -5,6 +5,7 @@
 
 use crate::drawn::Drawn;
 use crate::line::Lines;
+use crate::surface::Surface;
 use crate::token::same;
 use crate::wire::ToPage;
 use cairn_session::{Command, Inbox};
@@ -49,6 +50,10 @@ pub(crate) struct Hub {
     pub pictures_wanted: AtomicU64,
     /// Number of pages that want the map.
     pub maps_wanted: AtomicU64,
+    /// Number of pages that want the surface.
+    pub surfaces_wanted: AtomicU64,
+    /// The surface of the depth, where that is made.
+    pub surface: Mutex<Surface>,
     /// Messages that must all arrive, in order.
     pub messages: broadcast::Sender<Arc<str>>,
     /// The status, of which only the newest matters.
@@ -82,6 +87,8 @@ impl Hub {
             shutting_down: AtomicBool::new(false),
             pictures_wanted: AtomicU64::new(0),
             maps_wanted: AtomicU64::new(0),
+            surfaces_wanted: AtomicU64::new(0),
+            surface: Mutex::default(),
             messages: broadcast::Sender::new(BEHIND),
             status: watch::Sender::new(empty.clone()),
             view: watch::Sender::new(empty.clone()),

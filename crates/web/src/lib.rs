@@ -14,6 +14,7 @@ mod page;
 mod requests;
 mod server;
 mod start;
+mod surface;
 mod survive;
 mod tls;
 mod token;

@@ -84,13 +84,13 @@ impl Link {
 
     /// Whether bulk data of this size may be sent now.
     pub fn may_send(&self, bytes: usize) -> bool {
-        if self.asked.is_some() {
-            return false;
-        }
-        match self.rates.iter().copied().reduce(f64::max) {
-            Some(rate) => bytes <= UNKNOWN_BYTES || bytes as f64 <= BULK_S * rate,
-            None => bytes <= UNKNOWN_BYTES,
-        }
+        self.asked.is_none() && bytes <= self.room()
+    }
+
+    /// The largest bulk data that may be sent while none is under way, bytes.
+    pub fn room(&self) -> usize {
+        let rate = self.rates.iter().copied().fold(0.0, f64::max);
+        UNKNOWN_BYTES.max((BULK_S * rate) as usize)
     }
 }
 

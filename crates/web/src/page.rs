@@ -5,19 +5,25 @@ use crate::connection::Connection;
 use crate::drawn::Drawn;
 use crate::hub::{Hub, Shared};
 use crate::link::{ASK_EVERY, GONE_AFTER, Link};
+use crate::surface::Sent;
 use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
 use cairn_phrases::Language;
 use cairn_session::{Command, Which};
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::{broadcast, watch};
 
 /// A page that does not send its hello within this time is disconnected.
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
+
+/// Interval of pieces of the surface.
+const SURFACE_EVERY: Duration = Duration::from_millis(125);
+/// How long one that is due waits for status, map and images.
+const SURFACE_WAITS: Duration = Duration::from_millis(250);
 
 /// What a page states about itself.
 pub(crate) struct Guest {
@@ -63,7 +69,9 @@ pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<
         has: None,
         routes: hub.routes.subscribe(),
         picture: hub.picture.subscribe(),
-        wants: Wants { hub: hub.clone(), picture: false, map: false },
+        surface: Sent::new(Instant::now()),
+        surface_due: Instant::now(),
+        wants: Wants { hub: hub.clone(), picture: false, map: false, surface: false },
         link: Link::new(Instant::now()),
         guest,
         hub: hub.clone(),
@@ -112,6 +120,9 @@ struct Client {
     has: Option<Arc<Drawn>>,
     routes: watch::Receiver<Arc<str>>,
     picture: watch::Receiver<Shared>,
+    /// The surface that it was sent, and when the next of it may be.
+    surface: Sent,
+    surface_due: Instant,
     wants: Wants,
 }
 
@@ -120,10 +131,11 @@ struct Wants {
     hub: Arc<Hub>,
     picture: bool,
     map: bool,
+    surface: bool,
 }
 
 impl Wants {
-    fn set(&mut self, picture: bool, map: bool) {
+    fn set(&mut self, picture: bool, map: bool, surface: bool) {
         let count = |counter: &AtomicU64, was: bool, is: bool| match (was, is) {
             (false, true) => drop(counter.fetch_add(1, Ordering::Relaxed)),
             (true, false) => drop(counter.fetch_sub(1, Ordering::Relaxed)),
@@ -131,13 +143,14 @@ impl Wants {
         };
         count(&self.hub.pictures_wanted, self.picture, picture);
         count(&self.hub.maps_wanted, self.map, map);
-        (self.picture, self.map) = (picture, map);
+        count(&self.hub.surfaces_wanted, self.surface, surface);
+        (self.picture, self.map, self.surface) = (picture, map, surface);
     }
 }
 
 impl Drop for Wants {
     fn drop(&mut self) {
-        self.set(false, false);
+        self.set(false, false, false);
     }
 }
 
@@ -153,6 +166,9 @@ impl Client {
         clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             let free = self.link.may_send(0);
+            // On a slow link something newer is always there: the surface gets its turn all the same.
+            let overdue = self.wants.surface && self.surface_due.elapsed() >= SURFACE_WAITS;
+            let others = free && !overdue;
             let text = |t: &Arc<str>| Message::Text(t.as_ref().into());
             // Bulk data that is too large for the link is skipped: the next update comes soon.
             let (out, bulk) = tokio::select! {
@@ -168,19 +184,19 @@ impl Client {
                     _ => return,
                 },
                 _ = clock.tick() => (None, 0),
-                Ok(()) = self.status.changed(), if free => {
+                Ok(()) = self.status.changed(), if others => {
                     let status = self.status.borrow_and_update();
                     (Some(text(&status)), status.len())
                 }
-                Ok(()) = self.routes.changed(), if free => {
+                Ok(()) = self.routes.changed(), if others => {
                     let routes = self.routes.borrow_and_update();
                     (Some(text(&routes)), routes.len())
                 }
-                Ok(()) = self.view.changed(), if free && self.wants.map => {
+                Ok(()) = self.view.changed(), if others && self.wants.map => {
                     let view = self.view.borrow_and_update();
                     (Some(text(&view)), view.len())
                 }
-                Ok(()) = self.map.changed(), if free && self.wants.map => {
+                Ok(()) = self.map.changed(), if others && self.wants.map => {
                     let map = self.map.borrow_and_update().clone();
                     let message = map.message(self.has.as_deref());
                     let length = message.len();
@@ -188,11 +204,19 @@ impl Client {
                     self.has = if may { Some(map) } else { self.has.take() };
                     (may.then(|| Message::Binary(message.into())), length)
                 }
-                Ok(()) = self.picture.changed(), if free && self.wants.picture => {
+                Ok(()) = self.picture.changed(), if others && self.wants.picture => {
                     let bytes: Shared = self.picture.borrow_and_update().clone();
                     let length = bytes.len();
                     let may = self.link.may_send(length);
                     (may.then(|| Message::Binary(axum::body::Bytes::from_owner(bytes))), length)
+                }
+                () = tokio::time::sleep_until(self.surface_due.into()), if free && self.wants.surface => {
+                    let now = Instant::now();
+                    self.surface_due = now + SURFACE_EVERY;
+                    let surface = self.hub.surface.lock().unwrap_or_else(PoisonError::into_inner);
+                    let message = self.surface.message(&surface, self.link.room(), now);
+                    let length = message.as_ref().map_or(0, Vec::len);
+                    (message.map(|m| Message::Binary(m.into())), length)
                 }
             };
             let empty = |m: &Message| matches!(m, Message::Text(t) if t.is_empty());
@@ -256,8 +280,8 @@ impl Client {
                     let wrong = lines.iter().filter(|_| controls).find_map(|line| self.setting(line).err());
                     wrong.map(refusal)
                 }
-                Ok(FromPage::Want { picture, map }) => {
-                    self.wants.set(picture, map);
+                Ok(FromPage::Want { picture, map, surface }) => {
+                    self.wants.set(picture, map, surface);
                     self.view.mark_changed();
                     self.map.mark_changed();
                     None

@@ -5,8 +5,10 @@ use crate::drawn::Drawn;
 use crate::hub::Hub;
 use crate::lens::{self, LensWatch};
 use crate::start::Start;
+use crate::surface::SurfaceWork;
 use crate::survive::{Survives, SurvivesIn};
 use crate::wire::{self, ToPage};
+use cairn_dense::SubmapConfig;
 use cairn_engine::{Output, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
@@ -83,16 +85,19 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
     let before = survives.as_ref().map(|s| s.before()).unwrap_or_default();
     let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
     let mut start = Start { begin: serve.slam, name: name.clone(), rig, mode, has_imu, rate_hz, config };
+    let surface;
     let mut session = match lock {
         None => {
-            let (slam, _) = start
+            let (mut slam, _) = start
                 .slam(None)
                 .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
+            surface = serve.dense.then(|| surface_of(&mut slam, &start, hub)).transpose()?;
             Session::new(slam, session_config)
         }
         Some(lock) => {
             let kept = MapKeeper::open_with(lock, before.atlas.clone(), |map| start.slam(map));
-            let kept = kept.map_err(|e| SourceError::new(&name, e.to_string(), cure_of(&e)))?;
+            let mut kept = kept.map_err(|e| SourceError::new(&name, e.to_string(), cure_of(&e)))?;
+            surface = serve.dense.then(|| surface_of(&mut kept.engine, &start, hub)).transpose()?;
             kept.notes.iter().for_each(|note| hub.broadcast(&ToPage::Doubt(note)));
             Session::new(kept.engine, session_config).keeping(kept.keeper.with_clock(wall_of(hub)))
         }
@@ -105,8 +110,8 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
     })?;
     hub.running.store(true, Ordering::Relaxed);
-    let mut observer =
-        PageObserver { lens: lens.map(|lens| (lens, start)), survives, ..PageObserver::new(hub.clone()) };
+    let lens = lens.map(|lens| (lens, start));
+    let mut observer = PageObserver { lens, survives, surface, ..PageObserver::new(hub.clone()) };
     let ended = drive_live(&mut session, &hub.inbox, &mut Script::default(), &mut observer);
     let closed = session.close();
     observer.finish(&mut session);
@@ -125,6 +130,17 @@ fn lens_of(hub: &Hub, folder: Option<PathBuf>, source: &mut PhoneSource) -> Opti
     let kept = lens::kept(&folder, &phone, &guess);
     let kept = kept.filter(|lens| source.set_camera(lens.camera(&guess)));
     Some(LensWatch::new(folder, phone, guess, kept))
+}
+
+/// Begins to make surfaces of the depth.
+fn surface_of(slam: &mut Box<dyn Slam>, start: &Start, hub: &Arc<Hub>) -> Result<SurfaceWork, SourceError> {
+    let config = SubmapConfig::default();
+    let failed = |why: String, cure| SourceError::new(&start.name, why, cure);
+    let mapper = slam
+        .dense_mapper(&start.rig, config)
+        .map_err(|e| failed(e.to_string(), "give a source with depth and --sensor rgbd"))?;
+    SurfaceWork::begin(mapper, &config, hub.clone())
+        .map_err(|e| failed(format!("no thread for its surface ({e})"), "close other programs"))
 }
 
 fn cure_of(error: &LibraryError) -> &'static str {
@@ -155,6 +171,8 @@ struct PageObserver {
     /// While the lens is a guess, or was kept and is not checked yet; and how to begin again with another.
     lens: Option<(LensWatch, Start)>,
     survives: Option<SurvivesIn>,
+    /// Makes surfaces, where they are wanted.
+    surface: Option<SurfaceWork>,
 }
 
 impl PageObserver {
@@ -169,6 +187,7 @@ impl PageObserver {
             routes: None,
             lens: None,
             survives: None,
+            surface: None,
         }
     }
 
@@ -242,6 +261,9 @@ impl Observer<Box<dyn Slam>> for PageObserver {
 
     fn on_output(&mut self, _: &Walk, packet: &FramePacket, output: &Result<Output, String>) {
         self.frame_ms = self.hub.port.page_ms(packet.stamp);
+        if let (Some(surface), Ok(output)) = (&self.surface, output) {
+            surface.on_packet(packet, output);
+        }
         if self.hub.pictures_wanted.load(Ordering::Relaxed) == 0 || !due(&mut self.picture, PICTURE_EVERY) {
             return;
         }

@@ -39,8 +39,13 @@ pub(crate) enum FromPage {
     Settings { language: String, lines: Vec<String> },
     /// Motion: milliseconds, angular rate, specific force, each in the image axes.
     Motion(Vec<[f64; 7]>),
-    /// What the page wants to receive: images, the map.
-    Want { picture: bool, map: bool },
+    /// What the page wants to receive: images, the map, the surface of the depth.
+    Want {
+        picture: bool,
+        map: bool,
+        #[serde(default)]
+        surface: bool,
+    },
     /// Takes the walk when no page holds it.
     Take(bool),
     /// Takes the walk, even from a page that holds it.

@@ -6,6 +6,7 @@
 //! `cargo test --release -p cairn-web --test browser -- --ignored --nocapture`.
 
 mod cdp;
+mod seen;
 mod walked;
 
 use cairn_engine::{Config, Engine, Runner, SensorMode};

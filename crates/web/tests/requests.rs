@@ -190,6 +190,55 @@ async fn picture_takes_as_long_by_requests() {
     }
 }
 
+/// A page that draws the surface of a recording of a depth camera, or of a walk, as it grows.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "prints figures of docs/live.md"]
+async fn surface_keeps_to_its_bytes() {
+    let kitchen = std::env::var("CAIRN_DATA").map(|data| format!("{data}/7scenes-kitchen"));
+    let walk = "sim:apartment?sensor=rgbd&rate=15".to_owned();
+    for address in kitchen.into_iter().chain([walk]) {
+        let name = address.clone();
+        let open = move || {
+            let source = cairn_sources::open(&name, cairn_sources::OpenOptions::default())?;
+            let source: Box<dyn Source> = Box::new(Paced::new(source));
+            Ok((source, SensorMode::Rgbd, false))
+        };
+        let camera = CameraSource::Source { name: address.clone(), open: Box::new(open) };
+        let folder = std::env::temp_dir().join(format!("cairn-requests-surface-{}", std::process::id()));
+        let session = SessionConfig { folder, ..SessionConfig::default() };
+        let server = Server::start(ServeConfig { session, dense: true, ..ServeConfig::new(camera) }).unwrap();
+        let mut page = Plain::enter(&server, "one", true).await;
+        page.send(&[json!({ "want": { "picture": false, "map": true, "surface": true } })]).await;
+        let mut sizes: Vec<(f64, usize)> = Vec::new();
+        let mut began = None;
+        loop {
+            match soon(page.next()).await {
+                Some(Came::Binary(bytes)) if bytes[0] == 3 => {
+                    let began = *began.get_or_insert_with(Instant::now);
+                    sizes.push((began.elapsed().as_secs_f64(), bytes.len()));
+                }
+                Some(Came::Text(value)) if value.get("ended").is_some() => break,
+                Some(_) if began.is_some_and(|b: Instant| b.elapsed() > Duration::from_secs(60)) => break,
+                Some(_) => {}
+                None => break,
+            }
+        }
+        let second = |from: f64| sizes.iter().filter(move |(t, _)| (from..from + 1.0).contains(t));
+        let most = sizes.iter().map(|(t, _)| second(*t).map(|(_, n)| n).sum::<usize>()).max().unwrap();
+        let sum: usize = sizes.iter().map(|(_, n)| n).sum();
+        let (last, largest) = (sizes[sizes.len() - 1].0, sizes.iter().map(|(_, n)| n).max().unwrap());
+        println!(
+            "{address}: {:.0} kB in {last:.0} s, {:.0} kB/s, in the fullest second {:.0} kB, largest message {:.0} kB",
+            1e-3 * sum as f64,
+            1e-3 * sum as f64 / last,
+            1e-3 * most as f64,
+            1e-3 * *largest as f64
+        );
+        // Messages may be held up on the way and arrive together.
+        assert!(most < 250_000, "{most} bytes in a second");
+    }
+}
+
 /// Bytes a second of the map, on a walk and when it stands still at its end.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[ignore = "prints figures of docs/live.md"]

@@ -115,6 +115,8 @@ struct Anchor {
 
 /// One submap, for reading.
 pub struct SubmapView<'a> {
+    /// Its number, which no other submap of the same [`DenseMap`] gets.
+    pub number: usize,
     /// The map it belongs to.
     pub map: MapId,
     /// Its pose in that map.
@@ -366,10 +368,10 @@ impl DenseMap {
 
     /// All submaps, oldest first.
     pub fn submaps(&self) -> impl Iterator<Item = SubmapView<'_>> {
-        self.submaps.iter().enumerate().filter_map(|(i, submap)| {
-            let (map, world_from_submap) = self.place(i)?;
-            let submap = submap.as_ref()?;
-            Some(SubmapView { map, world_from_submap, tsdf: &submap.tsdf, occupancy: &submap.occupancy })
+        self.submaps.iter().enumerate().filter_map(|(number, submap)| {
+            let (map, world_from_submap) = self.place(number)?;
+            let Submap { tsdf, occupancy, .. } = submap.as_ref()?;
+            Some(SubmapView { number, map, world_from_submap, tsdf, occupancy })
         })
     }
 

@@ -3,6 +3,8 @@
 import { Flat } from './view.js';
 import { Orbit, ground } from './orbit.js';
 import { Scene } from './scene.js';
+import { Shaded } from './shaded.js';
+import { Surface } from './surface.js';
 
 const $ = (id) => document.getElementById(id);
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -21,14 +23,18 @@ const SQUARES = 12;
 const BAR = 110;
 
 export class MapView {
-  // `t` gives a sentence of the page by its id and values, `number` a number in its language.
-  constructor(canvas, words, t, number) {
+  // `t` gives a sentence of the page by its id and values, `number` a number in its language; `chosen` is called when
+  // another part of the map is wanted.
+  constructor(canvas, words, t, number, chosen) {
     Object.assign(this, { canvas, words, t, number, view: null, place: null, metric: false, waits: false, isSeen: false });
     this.orbit = new Orbit(canvas, () => this.draw());
     this.scene = Scene.on(canvas);
     this.flat = this.scene ? null : new Flat(canvas);
+    this.surface = new Surface();
+    this.shaded = this.scene && new Shaded(this.scene);
     $('map-controls').hidden = !this.scene;
     for (const id of ['map-colour', 'map-follow']) $(id).addEventListener('change', () => { this.tint = null; this.draw(); });
+    $('map-surface').addEventListener('change', () => { this.tint = null; this.draw(); chosen(); });
     canvas.addEventListener('webglcontextrestored', () => this.draw());
     matchMedia('(prefers-color-scheme: light)').addEventListener('change', () => { this.tint = null; this.draw(); });
     new ResizeObserver(() => this.draw()).observe(canvas);
@@ -38,6 +44,17 @@ export class MapView {
 
   take(view) {
     this.view = view;
+    this.tint = null;
+    this.draw();
+  }
+
+  // Whether the surface is to be sent.
+  get wantsSurface() { return Boolean(this.shaded?.isPossible) && $('map-surface').checked; }
+
+  // A message with some of the surface.
+  takeSurface(buffer) {
+    this.surface.take(buffer);
+    $('map-surface-line').hidden = this.surface.isEmpty;
     this.tint = null;
     this.draw();
   }
@@ -53,6 +70,7 @@ export class MapView {
     const { t } = this;
     this.metric = metric;
     const parts = [key_frames ? t('page-map-words', { places: key_frames, points: landmarks }) : t('page-no-map')];
+    if (this.surface.area >= 1) parts.push(t('page-map-surface', { area: Math.round(this.surface.area) }));
     if (recording && metric) parts.push(t('page-map-route', { metres: Math.round(recording.length) }));
     if (guiding) parts.push(t('page-map-walker', { percent: Math.round((100 * guiding.along_m) / (guiding.length_m || 1)) }));
     const text = parts.join(' ');
@@ -91,7 +109,7 @@ export class MapView {
       return;
     }
     this.tint ??= this.tinted(colour);
-    const { places, colours, floor, bounds } = this.tint;
+    const { places, colours, floor, bounds, heights } = this.tint;
     const axes = ground(view.up);
     const follows = $('map-follow').checked && this.place;
     const size = Math.max(Math.hypot(bounds[1][0] - bounds[0][0], bounds[1][1] - bounds[0][1]), 1e-3);
@@ -100,6 +118,12 @@ export class MapView {
     const moves = orbit.aim(follows ? this.place[0] : middle, size, view.up);
     scene.clear(colour.canvas, orbit.matrix);
     this.grid(colour.faint, axes, floor, size, at, follows ? this.place[0] : middle);
+    if (this.wantsSurface && !this.surface.isEmpty) {
+      const by = $('map-colour').value;
+      const range = { height: heights, age: [0, this.surface.latest], normal: [-1, 1] }[by];
+      const ramp = [colour.low, colour.middle, colour.high];
+      this.shaded.draw(this.surface, { by, range, up: axes[2], into: orbit.into, colours: ramp });
+    }
     scene.discs(places, colours, 3);
     const path = view.key_frames.slice(1).flatMap((p, i) => (view.maps[i] === view.maps[i + 1] ? [[view.key_frames[i], p]] : []));
     scene.lines(path, colour.go, 1.5);
@@ -116,19 +140,24 @@ export class MapView {
     const { view } = this;
     const axes = ground(view.up);
     const along = (p) => axes.map((axis) => dot(p, axis));
-    const way = [...view.key_frames, ...view.recorded].map(along);
+    const seen = this.wantsSurface ? this.surface.middles() : [];
+    const way = [...view.key_frames, ...view.recorded, ...seen].map(along);
     const bounds = [Math.min, Math.max].map((f) => [0, 1, 2].map((i) => way.reduce((v, p) => f(v, p[i]), way[0][i])));
     const heights = view.points.map((p) => dot(p, axes[2]));
     const sorted = Float64Array.from(heights).sort();
     const [low, high] = [0.05, 0.95].map((share) => sorted[Math.floor(share * (sorted.length - 1))] ?? 0);
-    const byAge = $('map-colour').value === 'age';
+    const by = $('map-colour').value;
+    const byAge = by === 'age';
     // Points come in the order in which they were found.
     const share = (i) => (byAge ? i / Math.max(view.points.length - 1, 1) : (heights[i] - low) / Math.max(high - low, 1e-6));
     const ramp = (s) => (s < 0.5 ? mix(colour.low, colour.middle, 2 * Math.max(s, 0)) : mix(colour.middle, colour.high, 2 * Math.min(s, 1) - 1));
-    const colours = view.points.flatMap((_, i) => ramp(share(i)));
-    const ends = byAge ? ['page-map-old', 'page-map-new'] : ['page-map-low', 'page-map-high'];
+    // A point has no direction.
+    const colours = view.points.flatMap((_, i) => (by === 'normal' ? colour.point : ramp(share(i))));
+    const ends = {
+      height: ['page-map-low', 'page-map-high'], age: ['page-map-old', 'page-map-new'], normal: ['page-map-down', 'page-map-up'],
+    }[by];
     ['map-ramp-from', 'map-ramp-to'].forEach((id, k) => { $(id).textContent = this.t(ends[k]); });
-    return { places: view.points.flat(), colours, floor: Math.min(low, bounds[0][2]), bounds };
+    return { places: view.points.flat(), colours, floor: Math.min(low, bounds[0][2]), bounds, heights: [low, high] };
   }
 
   // Squares on the floor, of one round length, and a bar of another on the screen.

@@ -1,8 +1,12 @@
-// The view of the map: turned around a point by finger, mouse, wheel and keys. It eases to where it is to be, and is there
-// at once for people who prefer reduced motion.
+// The view of the map: turned around a point by finger, mouse, wheel and keys, and walked through by keys. It eases to where
+// it is to be, and is there at once for people who prefer reduced motion.
 
 const EASE_MS = 120;
 const FIELD = 0.9;
+// What the keys of walking do: to the right, up, ahead.
+const STEPS = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], q: [0, -1, 0], e: [0, 1, 0] };
+// A step, as a share of what is seen.
+const STEP = 0.05;
 const STILL = matchMedia('(prefers-reduced-motion: reduce)');
 
 const sub = (a, b) => a.map((v, i) => v - b[i]);
@@ -20,7 +24,7 @@ export function ground(up) {
 export class Orbit {
   // `changed` is called when the view is to be drawn again.
   constructor(canvas, changed) {
-    Object.assign(this, { canvas, changed, yaw: 0.6, pitch: 0.9, zoom: 1, aside: [0, 0], shown: null, fingers: new Map() });
+    Object.assign(this, { canvas, changed, yaw: 0.6, pitch: 0.9, zoom: 1, aside: [0, 0], walked: [0, 0, 0], size: 1, shown: null, fingers: new Map() });
     canvas.addEventListener('keydown', (event) => this.key(event));
     canvas.addEventListener('pointerdown', (event) => this.down(event));
     canvas.addEventListener('pointermove', (event) => this.drag(event));
@@ -29,13 +33,17 @@ export class Orbit {
   }
 
   key(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
     const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
     if (turns[event.key]) this[event.shiftKey ? 'move' : 'turn'](...turns[event.key]);
     else if (event.key === '+' || event.key === '=') this.grow(1.2);
     else if (event.key === '-') this.grow(1 / 1.2);
     else if (event.key === '0') this.reset();
+    else if (STEPS[event.key.toLowerCase()]) this.walk(...STEPS[event.key.toLowerCase()]);
     else return;
     event.preventDefault();
+    // Some of these keys are commands elsewhere on the page.
+    event.stopPropagation();
   }
 
   down(event) {
@@ -72,20 +80,31 @@ export class Orbit {
     this.changed();
   }
 
+  // Steps along the ground as the view is turned, and up.
+  walk(right, up, ahead) {
+    const step = (STEP * this.size) / this.zoom;
+    const [c, s] = [Math.cos(this.yaw), Math.sin(this.yaw)];
+    const by = [c * right - s * ahead, s * right + c * ahead, up];
+    this.walked = this.walked.map((v, i) => v + step * by[i]);
+    this.changed();
+  }
+
   grow(by) {
     this.zoom = Math.max(0.2, Math.min(40, this.zoom * by));
     this.changed();
   }
 
   reset() {
-    Object.assign(this, { yaw: 0.6, pitch: 0.9, zoom: 1, aside: [0, 0] });
+    Object.assign(this, { yaw: 0.6, pitch: 0.9, zoom: 1, aside: [0, 0], walked: [0, 0, 0] });
     this.changed();
   }
 
   // Where the view is to be: around `target`, so that `size` is seen whole at zoom one. Returns whether it still moves.
   aim(target, size, up) {
     const now = performance.now();
-    const wish = [...target, Math.log(size / this.zoom), this.yaw, this.pitch, ...this.aside.map((v) => v * size)];
+    this.size = size;
+    const walked = ground(up).reduce((at, axis, k) => at.map((v, i) => v + this.walked[k] * axis[i]), target);
+    const wish = [...walked, Math.log(size / this.zoom), this.yaw, this.pitch, ...this.aside.map((v) => v * size)];
     const share = !this.shown || STILL.matches ? 1 : 1 - Math.exp(-Math.min(now - this.at, 50) / EASE_MS);
     this.at = now;
     this.shown = this.shown ? this.shown.map((v, i) => v + share * (wish[i] - v)) : wish;
@@ -104,6 +123,7 @@ export class Orbit {
     const away = side.map((v, i) => c * ahead[i] - s * v);
     // The eye looks down by `pitch`.
     const into = away.map((v, i) => cp * v - sp * top[i]);
+    this.into = into;
     const upward = away.map((v, i) => sp * v + cp * top[i]);
     const middle = [x, y, z].map((v, i) => v + right * across[i] + high * upward[i]);
     this.distance = Math.exp(logSize) / FIELD;

@@ -57,6 +57,9 @@ pub struct Arguments {
     /// Keeps maps and routes in this folder instead of the data folder's "routes".
     #[arg(long, alias = "ways", value_name = "DIR")]
     routes: Option<PathBuf>,
+    /// Makes surfaces of the depth of key frames, and shows them on the page as they grow; needs a SOURCE with depth.
+    #[arg(long, requires = "source", conflicts_with = "isolated")]
+    dense: bool,
     #[command(flatten)]
     speaking: Speaking,
     /// Runs the page with its walk and SLAM as processes under a supervisor: one that dies or hangs is started again, the
@@ -127,6 +130,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         authority: a.ca,
         routes: Some(routes.clone()),
         camera,
+        dense: a.dense,
         config,
         session,
     };
