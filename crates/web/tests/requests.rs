@@ -4,7 +4,10 @@ mod client;
 mod plain;
 mod played;
 
+use cairn_engine::SensorMode;
+use cairn_sensor::Source;
 use cairn_session::SessionConfig;
+use cairn_sources::Paced;
 use cairn_web::{CameraSource, ServeConfig, Server};
 use futures_util::{SinkExt, StreamExt};
 use plain::{Came, Http, Plain, stream};

@@ -5,11 +5,14 @@ use std::time::Duration;
 
 const VOXEL_M: f32 = 0.02;
 
+/// Positions of a block's vertices, and the corners of its triangles.
+type Block = (Vec<[u16; 3]>, Vec<[u16; 3]>);
+
 /// A page: what it draws, by the messages.
 #[derive(Default)]
 struct Page {
     poses: BTreeMap<u32, Pose>,
-    blocks: BTreeMap<Name, (Vec<[u16; 3]>, Vec<[u16; 3]>)>,
+    blocks: BTreeMap<Name, Block>,
 }
 
 struct Reader<'a>(&'a [u8]);
