@@ -6,17 +6,6 @@ use crate::{KeyFrameId, Observation, Snapshot};
 /// Covisible neighbours that a key frame keeps, at most.
 const NEIGHBOURS: usize = 40;
 
-/// All key frames that share landmarks with one, in order, with how many; `None` where they were not counted since the map was
-/// opened. The landmarks tell the same, so it is not shown.
-#[derive(Clone, Default)]
-pub(crate) struct Shares(pub Option<Vec<(KeyFrameId, u32)>>);
-
-impl std::fmt::Debug for Shares {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("as landmarks tell")
-    }
-}
-
 /// The first key frame shares so many landmarks more with the second, or fewer.
 pub(crate) type Shared = (KeyFrameId, KeyFrameId, i32);
 

@@ -1,6 +1,5 @@
 //! Key frames.
 
-use crate::covisible::Shares;
 use crate::{InertialState, KeyFrameId, LandmarkId, MapId, OtherCamera, Paged};
 use cairn_geometry::{Se3, Sim3};
 use cairn_sensor::Stamp;
@@ -78,5 +77,16 @@ impl KeyFrame {
     /// Adds the bag of words of its features.
     pub fn with_bag(self, bag: Arc<BagOfWords>) -> Self {
         Self { bag: bag.into(), ..self }
+    }
+}
+
+/// All key frames that share landmarks with one, in order, with how many; `None` where they were not counted since the map was
+/// opened. The landmarks tell the same, so it is not shown.
+#[derive(Clone, Default)]
+pub(crate) struct Shares(pub Option<Vec<(KeyFrameId, u32)>>);
+
+impl std::fmt::Debug for Shares {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("as landmarks tell")
     }
 }
