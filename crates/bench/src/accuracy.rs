@@ -72,31 +72,34 @@ pub fn table(rows: &[Row]) -> String {
         "| recording | alignment | ATE m (ORB-SLAM3) | coverage | step p50 / p99 ms | peak MB | bit-identical runs |\n|---|---|---|---|---|---|---|\n",
     );
     for row in rows {
-        let m = &row.measured;
-        let Some(r) = crate::recordings::recording(&row.name).map(|r| r.reference) else { continue };
-        let align = if m.metric { "SE3" } else { "Sim3" };
-        let ate = m.ate_m.map_or("none".into(), |a| format!("{a:.4}"));
+        let Some(figures) = figures(row) else { continue };
+        let align = if row.measured.metric { "SE3" } else { "Sim3" };
         let same = match row.bit_identical {
             Some(true) => "yes",
             Some(false) => "NO",
             None => "not run",
         };
-        let _ = writeln!(
-            t,
-            "| {} | {align} | {ate} ({}-{}) | {:.2} ({:.2}) | {:.1} / {:.1} ({}) | {:.0} ({:.0}) | {same} |",
-            row.name,
-            r.ate_m[0],
-            r.ate_m[1],
-            m.coverage(),
-            r.coverage,
-            m.step_ms.p50,
-            m.step_ms.p99,
-            r.step_ms,
-            m.peak_mb.unwrap_or(f64::NAN),
-            r.peak_mb,
-        );
+        let _ = writeln!(t, "| {} | {align} | {figures} | {same} |", row.name);
     }
     t
+}
+
+/// ATE, coverage, step and peak memory, columns of a table, each with that of the reference in brackets.
+fn figures(row: &Row) -> Option<String> {
+    let (m, r) = (&row.measured, crate::recordings::recording(&row.name)?.reference);
+    Some(format!(
+        "{} ({}-{}) | {:.2} ({:.2}) | {:.1} / {:.1} ({}) | {:.0} ({:.0})",
+        m.ate_m.map_or("none".into(), |a| format!("{a:.4}")),
+        r.ate_m[0],
+        r.ate_m[1],
+        m.coverage(),
+        r.coverage,
+        m.step_ms.p50,
+        m.step_ms.p99,
+        r.step_ms,
+        m.peak_mb.unwrap_or(f64::NAN),
+        r.peak_mb,
+    ))
 }
 
 /// The complete page `docs/accuracy.md`.
@@ -131,22 +134,10 @@ pub fn readme(text: &str, rows: &[Row]) -> Result<String, String> {
         line.map(|l| *l = new).ok_or_else(|| format!("README.md has no line that begins with {begin:?}"))
     };
     for row in rows {
-        let Some(recording) = crate::recordings::recording(&row.name) else { continue };
-        let (m, r, begin) = (&row.measured, recording.reference, format!("| {} |", recording.title));
-        let ate = m.ate_m.map_or("none".into(), |a| format!("{a:.4}"));
-        let new = format!(
-            "{begin} {ate} ({:.4}-{:.4}) | {:.2} ({:.2}) | {:.1} / {:.1} ({}) | {:.0} ({:.0}) |",
-            r.ate_m[0],
-            r.ate_m[1],
-            m.coverage(),
-            r.coverage,
-            m.step_ms.p50,
-            m.step_ms.p99,
-            r.step_ms,
-            m.peak_mb.unwrap_or(f64::NAN),
-            r.peak_mb,
-        );
-        replace(&begin, new)?;
+        let title = crate::recordings::recording(&row.name).map(|recording| recording.title);
+        let Some((title, figures)) = title.zip(figures(row)) else { continue };
+        let begin = format!("| {title} |");
+        replace(&begin, format!("{begin} {figures} |"))?;
     }
     replace(MEASURED, format!("{MEASURED}: {}.", crate::build::measured_on()))?;
     Ok(lines.join("\n") + "\n")
