@@ -177,6 +177,9 @@ pub enum Command {
         /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
+        /// Writes the figures into docs/large-maps.md of this checkout.
+        #[arg(long)]
+        write: bool,
     },
     /// Saves and opens a large map: seconds, and bytes by kind of part.
     Store {
@@ -208,6 +211,9 @@ pub enum Command {
         /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
+        /// Writes the figures into docs/dense.md of this checkout.
+        #[arg(long, conflicts_with = "only")]
+        write: bool,
     },
     /// Place recognition: photographs with a loop matrix, worlds and recordings with ground truth, costs.
     Places {

@@ -13,6 +13,7 @@ pub mod long;
 pub mod measure;
 pub mod memory;
 pub mod nextday;
+pub mod pages;
 pub mod places;
 pub mod processor;
 pub mod recordings;

@@ -145,15 +145,23 @@ fn run(command: Command) -> Result<(), String> {
             print!("{}", store::table(&stored));
             json.map_or(Ok(()), |path| save(path, &text(&stored)?))
         }
-        Command::Street { metres, features, times, folder, json } => {
+        Command::Street { metres, features, times, folder, json, write } => {
             let folder = folder.unwrap_or_else(std::env::temp_dir);
             let figures = street::run(&folder, metres, features, times)?;
-            print!("{}", street::table(&figures));
+            let table = street::table(&figures);
+            print!("{table}");
+            if write {
+                put("large-maps.md", "street", &format!("```text\n{table}```"))?;
+            }
             json.map_or(Ok(()), |path| save(path, &text(&figures)?))
         }
-        Command::Dense { data, only, json } => {
+        Command::Dense { data, only, json, write } => {
             let rows = dense::run(&data.unwrap_or_else(data_folder), &only)?;
-            print!("{}", dense::table(&rows));
+            let table = dense::table(&rows);
+            print!("{table}");
+            if write {
+                put("dense.md", "dense", &table)?;
+            }
             json.map_or(Ok(()), |path| save(path, &text(&rows)?))
         }
         Command::Places { data, vocab, loops, verbose, write } => {
@@ -250,4 +258,11 @@ fn save(path: PathBuf, text: &str) -> Result<(), String> {
         std::fs::create_dir_all(folder).map_err(failed)?;
     }
     std::fs::write(&path, text).map_err(failed)
+}
+
+/// Writes these figures into a page of `docs/`.
+fn put(page: &str, name: &str, figures: &str) -> Result<(), String> {
+    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs")).join(page);
+    let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    save(path, &bench::pages::with_figures(&text, name, figures)?)
 }
