@@ -136,6 +136,9 @@ pub enum Command {
         /// The world.
         #[arg(long, default_value = "hall")]
         world: WorldKind,
+        /// The route, which ends where it begins.
+        #[arg(long, default_value = "loop")]
+        route: String,
         /// The sensor.
         #[arg(long, default_value = "stereo")]
         sensor: Sensor,

@@ -122,9 +122,13 @@ fn run(command: Command) -> Result<(), String> {
             }
             Ok(())
         }
-        Command::Long { world, sensor, minutes } => {
+        Command::Long { world, route, sensor, minutes } => {
             let seconds = minutes * 60.0;
-            let address = format!("sim:{world}?way=long&sensor={}&rate=15&duration={seconds}", sensor.name());
+            // No lap takes less than half a minute.
+            let (laps, sensor_name) = (2.0 * minutes.ceil() + 1.0, sensor.name());
+            let address = format!(
+                "sim:{world}?route={route}&laps={laps}&sensor={sensor_name}&rate=15&duration={seconds}"
+            );
             let mut source = open(&address, OpenOptions::default()).map_err(|e| e.to_string())?;
             print!("{}", long::table(&long::run(source.as_mut(), sensor)?));
             Ok(())

@@ -61,6 +61,8 @@ pub struct SimConfig {
     pub rate_hz: f64,
     /// The path of the body.
     pub route: CameraPath,
+    /// How often the route is walked; more than once only if it ends where it begins.
+    pub laps: usize,
     /// Seconds of the motion to skip at its beginning.
     pub start_s: f64,
     /// Maximum duration in seconds.
@@ -89,6 +91,7 @@ impl SimConfig {
             baseline_m: 0.12,
             rate_hz: 20.0,
             route: CameraPath::Route(None),
+            laps: 1,
             start_s: 0.0,
             duration_s: None,
             walker: Walker::default(),
@@ -144,11 +147,12 @@ impl SimConfig {
     }
 
     /// The keys of the short form and their meaning.
-    pub const KEYS: [(&'static str, &'static str); 38] = [
+    pub const KEYS: [(&'static str, &'static str); 39] = [
         ("seed", "whole number, 1"),
         ("sensor", "mono, stereo, rgbd, mono-imu, stereo-imu, rgbd-imu (default stereo-imu)"),
         ("rate", "frames a second, 20"),
         ("route", "name of a route of the world, its first"),
+        ("laps", "how often a route that ends where it begins is walked, 1"),
         ("trajectory", "TUM file of body poses to follow instead of a route"),
         (
             "imu",
@@ -210,6 +214,7 @@ impl SimConfig {
             "sensor" => self.set_sensor(value)?,
             "rate" => self.rate_hz = number(0.5, 240.0)?,
             "route" | "way" => self.route = CameraPath::Route(Some(value.into())),
+            "laps" => self.laps = number(1.0, 1000.0)? as usize,
             "trajectory" => self.route = CameraPath::File(value.into()),
             "imu" => self.readings = Some(value.into()),
             "start" => self.start_s = number(0.0, 86_400.0)?,

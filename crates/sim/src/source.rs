@@ -5,7 +5,7 @@ use crate::imu_feed::{ImuFeed, Readings};
 use crate::live::LiveRig;
 use crate::walk::{Agreement, ImuSim, Motion, Recorded, Troubled, read_readings, read_tum};
 use crate::world::{NamedRoute, World, WorldKind};
-use cairn_geometry::{Se3, Vec3};
+use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::sync::Arc;
 
@@ -166,6 +166,15 @@ fn extent(poses: &[(Stamp, Se3)]) -> [Vec3; 2] {
     [fold(f64::min, f64::MAX), fold(f64::max, f64::MIN)]
 }
 
+/// A route walked several times over.
+fn laps(route: &[Vec2], laps: usize) -> Result<Vec<Vec2>, String> {
+    if laps > 1 && route.first() != route.last() {
+        return Err(format!("{laps} laps of a route that does not end where it begins"));
+    }
+    let again = route.get(1..).unwrap_or_default();
+    Ok(route.iter().chain((1..laps).flat_map(|_| again)).copied().collect())
+}
+
 /// The path that a config asks for.
 fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
     let what = format!("sim:{}", config.world);
@@ -180,7 +189,9 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
                 let why = format!("there is no route \"{}\"", name.as_deref().unwrap_or(""));
                 SourceError::new(&what, why, format!("choose one of {}", known.join(", ")))
             })?;
-            Ok(Path::plain(config.walker.motion(&route.points), EPOCH))
+            let points = laps(&route.points, config.laps)
+                .map_err(|why| SourceError::new(&what, why, "choose another route, or one lap"))?;
+            Ok(Path::plain(config.walker.motion(&points), EPOCH))
         }
         CameraPath::Points(points) => {
             if points.is_empty() || !points.iter().all(|p| p.x.abs() < 1e5 && p.y.abs() < 1e5) {
@@ -220,7 +231,7 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
 /// The middle of a route's bounding box, at 1.4 m.
 fn middle_of(route: Option<&NamedRoute>) -> Vec3 {
     let Some(route) = route else { return Vec3::new(0.0, 0.0, 1.4) };
-    let fold = |f: &dyn Fn(&cairn_geometry::Vec2) -> f64| {
+    let fold = |f: &dyn Fn(&Vec2) -> f64| {
         let low = route.points.iter().map(f).fold(f64::MAX, f64::min);
         let high = route.points.iter().map(f).fold(f64::MIN, f64::max);
         0.5 * (low + high)

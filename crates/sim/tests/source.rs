@@ -108,10 +108,20 @@ fn parse_errors_name_the_part() {
         ("sim:hall?way=nowhere", "nowhere"),
         ("sim:hall?trajectory=/no/such/file", "/no/such/file"),
         ("sim:hall?start=99999", "99999"),
+        ("sim:hall?route=across&laps=2", "does not end where it begins"),
+        ("sim:hall?laps=0", "laps=0"),
     ] {
         let error = SimSource::open(text).err().unwrap_or_else(|| panic!("{text} was accepted"));
         assert!(error.to_string().contains(word), "{text}: {error}");
     }
+}
+
+#[test]
+fn a_lap_more_takes_as_long_again() {
+    let frames = |text: &str| SimSource::open(text).unwrap().info().frames.unwrap();
+    let one = frames("sim:hall?route=loop&rate=2");
+    let three = frames("sim:hall?route=loop&laps=3&rate=2");
+    assert!((3 * one).abs_diff(three) < 3 * one / 20, "{one} frames a lap, {three} for three");
 }
 
 #[test]
