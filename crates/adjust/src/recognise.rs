@@ -6,7 +6,7 @@
 //! pose-only adjustment; the same landmarks and their neighbours' projected and searched for; adjustment again.
 
 use crate::locate;
-use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, Snapshot};
+use cairn_atlas::{KeyFrame, KeyFrameId, LandmarkId, Snapshot, Viewpoint};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{
     DescriptorQuery, Frame, PnpConfig, RectifiedCamera, Target, match_descriptors, pnp_ransac, search,
@@ -58,7 +58,7 @@ pub struct Recognised {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MatchFailure {
     /// Too few matches by appearance.
-    Alike {
+    Appearance {
         /// Matches by appearance.
         have: usize,
         /// Needed.
@@ -95,7 +95,7 @@ impl MatchFailure {
     /// How many matches agreed.
     pub fn agreed(&self) -> usize {
         match self {
-            Self::Alike { .. } => 0,
+            Self::Appearance { .. } => 0,
             Self::Posed { have, .. } | Self::Agree { have, .. } | Self::Missing { have, .. } => *have,
         }
     }
@@ -104,7 +104,9 @@ impl MatchFailure {
 impl fmt::Display for MatchFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Alike { have, need } => write!(f, "{have} features look alike, {need} needed"),
+            Self::Appearance { have, need } => {
+                write!(f, "{have} features match by appearance, {need} needed")
+            }
             Self::Posed { have, need } => write!(f, "{have} agree on a pose, {need} needed"),
             Self::Agree { have, of, need } => write!(f, "{have} of {of} landmarks agree, {need} needed"),
             Self::Missing { have, expected, need } => {
@@ -157,7 +159,7 @@ pub fn recognise(
     let mut landmarks = matching(snapshot, frame, &near);
     let have = landmarks.iter().flatten().count();
     if have < config.seed {
-        return Err(MatchFailure::Alike { have, need: config.seed });
+        return Err(MatchFailure::Appearance { have, need: config.seed });
     }
     let posed = |have| MatchFailure::Posed { have, need: config.seed };
     let guess = pose_from_points(snapshot, camera, frame, &landmarks, config.seed, seed).map_err(posed)?;
@@ -250,23 +252,16 @@ fn project(
     let View { frame, camera, focal_ratio } = *view;
     let mut expected = 0;
     let mut taken: BTreeSet<LandmarkId> = matches.iter().flatten().copied().collect();
-    let (octaves, camera_from_world) = (snapshot.octaves(), world_from_camera.inverse());
+    let octaves = snapshot.octaves();
+    let viewpoint = Viewpoint::of_camera(camera, world_from_camera, focal_ratio);
     for l in landmarks.iter().filter_map(|id| snapshot.landmark(*id)) {
-        let q = camera_from_world * l.position;
-        let Some([u, v, right]) = camera.project(&q) else { continue };
-        let distance = q.norm();
-        let [nearest, farthest] = [l.min_distance, l.max_distance].map(|d| d * focal_ratio);
-        if !camera.contains(u, v) || distance < 0.8 * nearest || distance > 1.2 * farthest {
-            continue;
-        }
-        if (l.position - world_from_camera.translation).dot(&l.normal) < 0.5 * distance {
-            continue;
-        }
+        let Some(seen) = viewpoint.sees(l) else { continue };
         expected += 1;
         if taken.contains(&l.id) {
             continue;
         }
-        let level = octaves.predict(farthest, distance);
+        let [u, v, right] = seen.pixel;
+        let level = octaves.predict(seen.farthest, seen.distance);
         let target = Target {
             pixel: [u as f32, v as f32],
             right_x: if camera.has_depth() { right as f32 } else { f32::NAN },

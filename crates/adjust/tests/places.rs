@@ -2,8 +2,9 @@
 
 mod common;
 
-use cairn_adjust::{MatchFailure, RecogniseConfig, View, locate, recognise};
+use cairn_adjust::{MatchFailure, RecogniseConfig, View, has_parallax, locate, recognise};
 use cairn_atlas::LandmarkId;
+use cairn_geometry::Se3;
 use common::{World, mono, off, pose, sideways, stereo};
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
@@ -79,7 +80,7 @@ fn recognise_tells_how_few_features_of_another_world_look_alike() {
             7,
         )
         .expect_err("not in the map");
-        let MatchFailure::Alike { have, need } = failure else { panic!("{failure:?}") };
+        let MatchFailure::Appearance { have, need } = failure else { panic!("{failure:?}") };
         assert!(have < need && need == CONFIG.seed, "{failure}");
         assert_eq!(failure.agreed(), 0);
     }
@@ -118,7 +119,7 @@ fn recognise_leaves_out_known_landmarks() {
     let view = world.see(&pose(0.2, 0.0, 0.0), 9.0);
     let all: BTreeSet<LandmarkId> = atlas.latest().landmarks().map(|l| l.id).collect();
     let failure = recognise(atlas.latest(), &View::new(&world.camera, &view.frame), ids[1], &all, &CONFIG, 7);
-    assert!(matches!(failure, Err(MatchFailure::Alike { have: 0, .. })), "{failure:?}");
+    assert!(matches!(failure, Err(MatchFailure::Appearance { have: 0, .. })), "{failure:?}");
 }
 
 #[test]
@@ -162,4 +163,19 @@ fn recognise_tells_how_many_landmarks_in_view_are_missing() {
     let MatchFailure::Missing { have, expected, need } = failure else { panic!("{failure:?}") };
     assert!((10..need).contains(&have) && have <= view.frame.len(), "{failure}");
     assert!(expected > 200 && need < expected, "{failure}");
+}
+
+#[test]
+fn has_parallax_tells_views_from_two_places_from_a_turn_on_the_spot() {
+    let world = World::around(stereo(), 9);
+    let turn: Vec<Se3> = (0..4).map(|n| pose(0.0, 0.0, 0.05 * f64::from(n))).collect();
+    for (path, seen) in [(sideways(4, 0.15), true), (turn, false)] {
+        let (atlas, ids) = world.exact_map(&path);
+        let mut several = atlas.latest().landmarks().filter(|l| l.observations.len() == 4).peekable();
+        assert!(several.peek().is_some());
+        for l in several {
+            assert_eq!(has_parallax(atlas.latest(), l, None), seen, "{:?}", l.position);
+            assert!(!has_parallax(atlas.latest(), l, Some(ids[1])), "a single view shows none");
+        }
+    }
 }

@@ -5,7 +5,7 @@
 //! found, which depend on the focal length, are those of the atlas's camera.
 
 use crate::store::{About, MapFile};
-use crate::{KeyFrame, MapId, OtherCamera, Snapshot};
+use crate::{KeyFrame, MapId, OtherCamera, Snapshot, Unfit};
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
 use std::sync::Arc;
 
@@ -92,11 +92,11 @@ impl MapFile {
     /// their camera along.
     ///
     /// # Errors
-    /// A description, when the pyramids differ: levels of features could not be compared.
-    pub fn in_atlas_of(&self, other: &MapFile) -> Result<Self, String> {
+    /// [`Unfit::Octaves`].
+    pub fn in_atlas_of(&self, other: &MapFile) -> Result<Self, Unfit> {
         let octaves = [&self.snapshot, &other.snapshot].map(Snapshot::octaves);
         if octaves[0] != octaves[1] {
-            return Err(format!("one map has {:?}, the other {:?}", octaves[0], octaves[1]));
+            return Err(Unfit::Octaves(octaves[0], octaves[1]));
         }
         let about = &other.about;
         Ok(self.in_atlas_with(about.sensor, &about.camera, other.snapshot.right_offset()))

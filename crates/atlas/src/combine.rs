@@ -1,6 +1,7 @@
 //! Combining two snapshots: the maps of the second are added, unaligned, until a place is recognised.
 
 use crate::{KeyFrameId, LandmarkId, MapId, MapPrior, Observation, RobotId, Snapshot};
+use cairn_vision::Octaves;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -37,22 +38,34 @@ impl Shift {
     }
 }
 
+/// Why two maps cannot be in one atlas.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Unfit {
+    /// Their pyramids differ: levels of features could not be compared.
+    #[error("one map has {0:?}, the other {1:?}")]
+    Octaves(Octaves, Octaves),
+    /// Numbers of robots run out.
+    #[error("there are not enough numbers for the robots of both maps")]
+    Robots,
+    /// Ids run out.
+    #[error("there are not enough ids for both maps")]
+    Ids,
+}
+
 impl Snapshot {
     /// This snapshot with all maps of another added, unaligned: what the other holds keeps its order and gets
     /// ids after those of this one; names stay, except of a robot that both have. The disparity correction stays that
     /// of this snapshot, and so does the camera of the atlas: the other one must be in an atlas of that camera, too.
     ///
     /// # Errors
-    ///
-    /// A description, when the octaves differ or there are not enough ids.
-    pub fn combined_with(&self, other: &Snapshot) -> Result<(Snapshot, Shift), String> {
+    /// [`Unfit`].
+    pub fn combined_with(&self, other: &Snapshot) -> Result<(Snapshot, Shift), Unfit> {
         if self.octaves != other.octaves {
-            return Err(format!("one map has {:?}, the other {:?}", self.octaves, other.octaves));
+            return Err(Unfit::Octaves(self.octaves, other.octaves));
         }
-        let robots =
-            self.renamed_robots(other).ok_or("there are not enough numbers for the robots of both maps")?;
+        let robots = self.renamed_robots(other).ok_or(Unfit::Robots)?;
         let shift = Shift { key_frames: self.next_key_frame, landmarks: self.next_landmark, robots };
-        let snapshot = self.combined(other, &shift).ok_or("there are not enough ids for both maps")?;
+        let snapshot = self.combined(other, &shift).ok_or(Unfit::Ids)?;
         Ok((snapshot, shift))
     }
 

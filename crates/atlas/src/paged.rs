@@ -14,7 +14,7 @@ pub(crate) trait Source<T>: Debug + Send + Sync {
     /// Reads it; else a description of what is wrong.
     fn read(&self) -> Result<Arc<T>, String>;
     /// Keeps the fault, and gives what stands in for the value.
-    fn stand_in(&self, fault: String) -> Arc<T>;
+    fn placeholder(&self, fault: String) -> Arc<T>;
 }
 
 /// The first fault of reading something back.
@@ -91,7 +91,7 @@ impl<T: Default> Paged<T> {
             cell.used.store(true, Ordering::Relaxed);
         }
         cell.value.get_or_init(|| match &cell.source {
-            Some(source) => source.read().unwrap_or_else(|fault| source.stand_in(fault)),
+            Some(source) => source.read().unwrap_or_else(|fault| source.placeholder(fault)),
             None => Arc::default(),
         })
     }

@@ -143,8 +143,8 @@ impl<T: Record> Source<T> for Page {
         value.map(Arc::new).ok_or_else(|| "what was paged out was altered on the disk".into())
     }
 
-    fn stand_in(&self, fault: String) -> Arc<T> {
+    fn placeholder(&self, fault: String) -> Arc<T> {
         self.file.faults.keep(fault);
-        Arc::new(T::stand_in(self.features as usize))
+        Arc::new(T::placeholder(self.features as usize))
     }
 }

@@ -13,7 +13,7 @@ pub(crate) trait Record: Sized {
     /// How many features it has.
     fn features(&self) -> usize;
     /// What stands in for a value that cannot be read: nothing is matched with it.
-    fn stand_in(features: usize) -> Self;
+    fn placeholder(features: usize) -> Self;
 }
 
 impl Record for Frame {
@@ -54,7 +54,7 @@ impl Record for Frame {
         self.len()
     }
 
-    fn stand_in(features: usize) -> Self {
+    fn placeholder(features: usize) -> Self {
         let mut frame = Self::default();
         frame.px = vec![[f32::NAN; 2]; features];
         frame.raw = frame.px.clone();
@@ -92,7 +92,7 @@ impl Record for BagOfWords {
         0
     }
 
-    fn stand_in(_: usize) -> Self {
+    fn placeholder(_: usize) -> Self {
         Self::default()
     }
 }

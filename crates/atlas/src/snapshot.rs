@@ -39,6 +39,11 @@ impl Default for Snapshot {
     }
 }
 
+/// An invariant of a snapshot that does not hold, in words.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct Unsound(String);
+
 impl Snapshot {
     /// An empty snapshot for the usual eight octaves of 1.2.
     pub fn new() -> Self {
@@ -228,11 +233,9 @@ impl Snapshot {
     /// Checks the invariants, for tests and `map check`.
     ///
     /// # Errors
-    ///
-    /// A description of the first violation.
-    pub fn check(&self) -> Result<(), String> {
-        self.check_observations()?;
-        self.check_key_frames()
+    /// [`Unsound`] with the first violation.
+    pub fn check(&self) -> Result<(), Unsound> {
+        self.check_observations().and_then(|()| self.check_key_frames()).map_err(Unsound)
     }
 
     /// What key frames say of each other, and of their features.

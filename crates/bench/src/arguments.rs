@@ -61,6 +61,8 @@ pub enum Command {
         #[arg(long)]
         json: Option<PathBuf>,
     },
+    /// Which build the tables of the documents were measured with, the oldest first: how many commits changed the code since.
+    Figures,
     /// Pose graphs: known optima from odometry initialisation, times.
     Graphs {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.

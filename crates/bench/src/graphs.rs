@@ -145,7 +145,7 @@ pub fn table(rows: &[Row]) -> String {
 
 /// The complete page `docs/graphs.md`.
 pub fn page(rows: &[Row]) -> String {
-    format!("{HEAD}{}{TAIL}\nMeasured on {}.\n", table(rows), crate::build::measured_on())
+    format!("{HEAD}{}\nMeasured on {}.\n{TAIL}", table(rows), crate::build::measured_on())
 }
 
 const HEAD: &str = "# Pose graphs
@@ -168,8 +168,8 @@ thread: the minimum wall time of the repetitions, which other load on the machin
 
 ## Comparison with other libraries
 
-`tools/compare_graphs.py` on the same files from the same initial poses, on one core of a machine with other load, so CPU times
-are given (ms, minimum of five; for cairn of the whole process, including reading the file):
+`tools/compare_graphs.py` on the same files from the same initial poses, on one core of an Intel Xeon with other load and an
+earlier build, so CPU times are given (ms, minimum of five; for cairn of the whole process, including reading the file):
 
 | graph | cairn GN / LM | GTSAM 4.3 GN / LM | g2o 0.0.12 for Python (Eigen) GN |
 |---|---|---|---|
@@ -180,7 +180,7 @@ are given (ms, minimum of five; for cairn of the whole process, including readin
 | intel | 11 / 11 | 39 / 58 | 15 |
 | kitti_05 | 12 / 14 | 42 / 59 | 13 |
 
-On an idle machine cairn solves sphere2500 in 153 ms (`cargo bench -p cairn-solve --bench graph -- sphere`). In 2-D g2o's
+There, idle, cairn solved sphere2500 in 153 ms (`cargo bench -p cairn-solve --bench graph -- sphere`). In 2-D g2o's
 Gauss-Newton reaches our cost to all nine decimals; its Levenberg-Marquardt stops early with the tool's stopping rule. In 3-D
 GTSAM ends within 6e-8 of our cost, on parking-garage 3e-6 above it; its own error function agrees with ours at our poses within
 4e-8.

@@ -5,6 +5,7 @@ pub mod build;
 pub mod busy;
 pub mod dense;
 pub mod depth_scale;
+pub mod figures;
 pub mod graphs;
 pub mod halves;
 pub mod inertial;

@@ -9,7 +9,7 @@ use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::Percentiles;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig, Stamp};
 use cairn_session::{
-    Command as Ask, Event, Inbox, Observer, Script, Session, SessionConfig, drive_live, feed,
+    Command as Ask, Event, Inbox, NotTracked, Observer, Script, Session, SessionConfig, drive_live, feed,
 };
 use cairn_sim::{LiveRig, SimConfig, SimSensor, WorldKind};
 use cairn_sources::{OpenOptions, open};
@@ -246,7 +246,7 @@ impl Stopwatch {
 }
 
 impl Observer for Stopwatch {
-    fn on_output(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+    fn on_output(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, NotTracked>) {
         let now = Instant::now();
         let began = *self.began.get_or_insert(now);
         let Ok(output) = output else { return };

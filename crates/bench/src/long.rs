@@ -58,7 +58,7 @@ pub fn run(source: &mut dyn Source, sensor: Sensor) -> Result<Vec<Minute>, Strin
         current.map_ms.extend(out.map_ms);
         current.tracked += out.anchored.is_some() as usize;
     }
-    engine.snapshot().check()?;
+    engine.snapshot().check().map_err(|e| e.to_string())?;
     // The rest counts as a minute if it is longer than half of one.
     if current.step_ms.len() as f64 > 30.0 * source.info().rate_hz {
         minutes.push(current.close(&engine));

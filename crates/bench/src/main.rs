@@ -8,8 +8,8 @@ use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
-    MeasureOptions, Sensor, accuracy, busy, dense, depth_scale, graphs, halves, inertial, live, long,
-    measure, places, revisit, store, street, visual_inertial, walks,
+    MeasureOptions, Sensor, accuracy, busy, dense, depth_scale, figures, graphs, halves, inertial, live,
+    long, measure, places, revisit, store, street, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -65,6 +65,11 @@ fn run(command: Command) -> Result<(), String> {
             let walked = walks::run(&list, seconds, jobs)?;
             print!("{}", walks::table(&walked));
             json.map_or(Ok(()), |path| save(path, &text(&walked)?))
+        }
+        Command::Figures => {
+            let all = figures::run(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")))?;
+            print!("{}", figures::table(&all));
+            Ok(())
         }
         Command::Graphs { data, only, times, write } => {
             let rows = graphs::run(&data.unwrap_or_else(data_folder), only.as_deref(), times)?;

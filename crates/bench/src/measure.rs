@@ -248,7 +248,7 @@ pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Meas
     }
     map_ms.extend(engine.finish().map_ms);
     let map = engine.snapshot();
-    map.check()?;
+    map.check().map_err(|e| e.to_string())?;
     let poses = engine.trajectory();
     let align = if engine.is_metric() { Align::Se3 } else { Align::Sim3 };
     let truth = engine.comparable(&source.info().truth);

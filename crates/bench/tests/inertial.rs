@@ -1,5 +1,5 @@
-//! Limits for initialisation and drift on real IMU data, at a few starts of two recordings; docs/inertial.md has the
-//! full table.
+//! Limits for initialisation and drift on real IMU data, 10 % above today's figures, at a few starts of two recordings;
+//! docs/inertial.md has the full table.
 
 use bench::inertial::{Chosen, Figures, run};
 use bench::recordings::data_folder;
@@ -36,24 +36,25 @@ fn check(f: &Figures, accepted: f64, scale: [f64; 2], gravity: f64) {
 #[test]
 fn initialisation_on_a_quadrotor() {
     let Some(f) = figures("V1_02", "0.1 deg", 6) else { return };
-    check(&f, 0.9, [3.0, 1.8], 1.0);
+    check(&f, 1.0, [2.7, 1.6], 0.42);
     let second = &f.drift[0];
+    println!("{second:?}");
     assert!(second.place_m[0] < 0.03 && second.turn_deg[0] < 0.15, "{second:?}");
 }
 
 #[test]
 fn initialisation_handheld_with_lost_samples() {
     let Some(f) = figures("tumvi_room1", "1 % lost", 4) else { return };
-    check(&f, 0.7, [1.5, 0.8], 1.0);
+    check(&f, 0.85, [1.07, 0.366], 0.488);
 }
 
 #[test]
 fn time_offset_of_20_ms_is_estimated_within_a_millisecond() {
     let Some(f) = figures("V1_02", "20 ms, found first", 6) else { return };
     for t in &f.tries {
-        assert!(t.offsets >= 5 && t.offset_ms[0] < 0.6 && t.offset_ms[1] < 1.5, "{:?}", t.offset_ms);
+        assert!(t.offsets >= 5 && t.offset_ms[0] < 0.148 && t.offset_ms[1] < 1.32, "{:?}", t.offset_ms);
     }
-    check(&f, 0.9, [4.0, 1.8], 1.2);
+    check(&f, 1.0, [4.0, 1.04], 0.626);
 }
 
 #[test]

@@ -10,6 +10,7 @@ fn maps_merge_after_a_covered_camera() {
     let walk = Revisit { trial: Trial::Dark, world: WorldKind::Hall, sensor: Sensor::Mono, seed: 4 };
     let walked = walk.run(&Config::default(), false).expect("the walk runs");
     let (m, text) = (&walked.measured, line(&walked));
+    println!("{text}");
     assert_eq!((m.worlds, m.merges), (1, 1), "{text}");
     assert!(m.ate_m.is_some_and(|ate| ate < 0.15), "{text}");
     assert!(m.coverage() > 0.93, "{text}");

@@ -73,8 +73,8 @@ fn after_the_turn(left_out_s: f64) -> Option<Turned> {
 /// on, its unit does.
 fn check(turned: &Turned) {
     let Turned { stretches, unknown, off, jump_m } = turned;
-    // One that walks at 1.2 m/s moves 6 cm in a frame; the rest is the new map's unit being put right.
-    assert!(*jump_m < 0.5, "{jump_m}");
+    // One that walks at 1.2 m/s moves 6 cm in a frame; the rest is the new map's unit being put right. 10 % above today's.
+    assert!(*jump_m < 0.44, "{jump_m}");
     match stretches.as_slice() {
         [_] => assert!(off.abs() < 0.03, "the unit changed by {off} without a word"),
         [before, after] => {

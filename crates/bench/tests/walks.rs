@@ -17,7 +17,8 @@ fn short_walks_are_tracked_to_the_end() {
         let m = &walked.measured;
         assert_eq!(m.coverage(), 1.0, "{}: {}", walked.address, line(m));
         let drift = m.drift().expect("poses to align");
-        assert!(drift < 0.01, "{}: {}", walked.address, line(m));
+        // 10 % above today's worst, 0.16 %.
+        assert!(drift < 0.0018, "{}: {}", walked.address, line(m));
     }
 }
 
@@ -31,6 +32,7 @@ fn pose_does_not_follow_a_person_ahead() {
         let address = format!("{}&start=18.5", walk.address(6.0));
         let mut source = open(&address, OpenOptions::default()).expect("a simulated walk");
         let m = measure(source.as_mut(), &MeasureOptions::new(sensor)).expect("the walk runs");
+        println!("{address}: {}", line(&m));
         assert_eq!(m.coverage(), 1.0, "{address}: {}", line(&m));
         assert!(m.ate_m.expect("poses to align") < 0.05, "{address}: {}", line(&m));
     }

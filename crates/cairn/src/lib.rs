@@ -84,8 +84,8 @@ pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
 pub use merge::{
     Attempt, FileComparison, MapOfFile, MergeError, MergedMaps, compare_files, merge_maps, merge_maps_where,
 };
-pub use reach::{MapWords, in_reach, words_of_map};
-pub use shared::{SharedAtlas, own_map, shared_atlas};
+pub use reach::{MapWords, WordsError, in_reach, words_of_map};
+pub use shared::{OwnMapError, SharedAtlas, own_map, shared_atlas};
 pub use slam::Slam;
 
 #[doc(no_inline)]

@@ -2,7 +2,7 @@
 
 use crate::ROUTE_PREFIX;
 use cairn_atlas::store::{MapFile, StoreError};
-use cairn_atlas::{Atlas, MapId, RobotId, Shift};
+use cairn_atlas::{Atlas, MapId, RobotId, Shift, Unfit};
 use cairn_engine::Config;
 use cairn_guide::{Route, RouteError};
 use cairn_mapping::{Agreement, Closer, MapComparison, MapJoin};
@@ -214,7 +214,7 @@ impl MergedMaps {
 
     /// Puts another file beside what is there.
     fn add(&mut self, name: &str, other: MapFile) -> Result<Shift, MergeError> {
-        let unfit = |why: String| MergeError::Unfit { name: name.to_owned(), why };
+        let unfit = |why: Unfit| MergeError::Unfit { name: name.to_owned(), why: why.to_string() };
         let mut other = self.fitted(name, other).map_err(unfit)?;
         let (kept, left) = (self.file.snapshot.right_offset(), other.snapshot.right_offset());
         if (kept - left).abs() > RIGHT_OFFSET_PX {
@@ -255,7 +255,7 @@ impl MergedMaps {
 
     /// A file as it can be put beside what is there: as it is where its camera is that of the atlas, else with key frames that
     /// carry their camera.
-    fn fitted(&mut self, name: &str, other: MapFile) -> Result<MapFile, String> {
+    fn fitted(&mut self, name: &str, other: MapFile) -> Result<MapFile, Unfit> {
         let b = &self.file.about;
         let weighed = match (b.sensor, other.about.sensor) {
             (SensorMode::Rgbd, SensorMode::Rgbd) => other.with_depth_weighed_for(&b.camera).into_owned(),

@@ -5,7 +5,7 @@
 
 use cairn_atlas::RobotId;
 use cairn_atlas::store::MapFile;
-use cairn_team::{KeyFrameWords, MAX_WORDS_BYTES};
+use cairn_team::{KeyFrameWords, MAX_WORDS_BYTES, Refused};
 use cairn_vision::bow::{BagOfWords, Vocabulary};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -53,20 +53,31 @@ pub struct MapWords {
     lists: BTreeMap<u32, Vec<(usize, f32)>>,
 }
 
+/// Why the words of a map cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum WordsError {
+    /// The bytes are not whole.
+    #[error("its words end early")]
+    Cut,
+    /// Those of a key frame are damaged, of another robot, or of another vocabulary.
+    #[error(transparent)]
+    KeyFrame(#[from] Refused),
+}
+
 impl MapWords {
     /// Reads what [`words_of_map`] made.
     ///
     /// # Errors
-    /// A sentence: it is damaged, of another robot, or made with another vocabulary.
-    pub fn read(robot: RobotId, bytes: &[u8]) -> Result<Self, String> {
+    /// [`WordsError`]: it is damaged, of another robot, or made with another vocabulary.
+    pub fn read(robot: RobotId, bytes: &[u8]) -> Result<Self, WordsError> {
         let (mut bags, mut rest) = (Vec::new(), bytes);
         while !rest.is_empty() {
             let message = rest.split_first_chunk::<2>().and_then(|(length, rest)| {
                 rest.split_at_checked(usize::from(u16::from_le_bytes(*length)).min(MAX_WORDS_BYTES))
             });
-            let (message, after) = message.ok_or("its words end early")?;
-            let words = KeyFrameWords::decode(robot, message).map_err(|e| e.to_string())?;
-            bags.push(words.bag(Vocabulary::current()).map_err(|e| e.to_string())?);
+            let (message, after) = message.ok_or(WordsError::Cut)?;
+            let words = KeyFrameWords::decode(robot, message)?;
+            bags.push(words.bag(Vocabulary::current())?);
             rest = after;
         }
         Ok(Self::new(bags))
@@ -100,13 +111,13 @@ impl MapWords {
 
     /// How many key frames of this map look like one of the other, and of the other like one of this; the same numbers
     /// whichever way round.
-    pub fn alike(&self, other: &Self) -> (usize, usize) {
-        self.alike_up_to(other, usize::MAX)
+    pub fn similar(&self, other: &Self) -> (usize, usize) {
+        self.similar_up_to(other, usize::MAX)
     }
 
     /// The same, counted no further than until both numbers are `enough`: of robots that walk in one place a few key frames
     /// tell that.
-    fn alike_up_to(&self, other: &Self, enough: usize) -> (usize, usize) {
+    fn similar_up_to(&self, other: &Self, enough: usize) -> (usize, usize) {
         let (mut here, mut there) = (BTreeSet::new(), BTreeSet::new());
         for (k, bag) in self.bags.iter().enumerate() {
             if here.len().min(there.len()) >= enough {
@@ -129,7 +140,7 @@ impl MapWords {
 
     /// Whether the two maps may show the same places.
     pub fn meets(&self, other: &Self) -> bool {
-        let (here, there) = self.alike_up_to(other, LEAST_KEY_FRAMES);
+        let (here, there) = self.similar_up_to(other, LEAST_KEY_FRAMES);
         here.min(there) >= LEAST_KEY_FRAMES
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::{MergeError, MergedMaps, merge_maps};
 use cairn_atlas::RobotId;
-use cairn_atlas::store::{MapFile, pieces};
+use cairn_atlas::store::{MapFile, StoreError, pieces};
 use cairn_engine::Config;
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Opti
     for (robot, bytes) in parts {
         match own_map(*robot, bytes) {
             Ok(file) => drop(files.insert(*robot, file)),
-            Err(why) => drop(left_out.insert(*robot, why)),
+            Err(why) => drop(left_out.insert(*robot, why.to_string())),
         }
     }
     loop {
@@ -44,20 +44,39 @@ pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Opti
     }
 }
 
+/// Why a map is not one that a robot made by itself.
+#[derive(Debug, thiserror::Error)]
+pub enum OwnMapError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Damaged(#[from] StoreError),
+    /// It holds what another robot made.
+    #[error("it holds {key_frames} key frames of robot {robot}")]
+    OtherRobot {
+        /// So many.
+        key_frames: usize,
+        /// Whose they are.
+        robot: RobotId,
+    },
+    /// Nothing is in it.
+    #[error("it has no key frame")]
+    Empty,
+}
+
 /// The map that a robot made by itself: a saved map, or one in pieces ([`pieces`]).
 ///
 /// # Errors
-/// A sentence: it is damaged, empty, or holds key frames of other robots.
-pub fn own_map(robot: RobotId, bytes: &[u8]) -> Result<MapFile, String> {
+/// [`OwnMapError`].
+pub fn own_map(robot: RobotId, bytes: &[u8]) -> Result<MapFile, OwnMapError> {
     let file = match pieces::is_in_pieces(bytes) {
-        true => MapFile::read(&pieces::whole(bytes).map_err(|e| e.to_string())?),
+        true => MapFile::read(&pieces::whole(bytes)?),
         false => MapFile::read(bytes),
     };
-    let file = file.map_err(|e| e.to_string())?;
+    let file = file?;
     let robots = file.snapshot.robots();
     match robots.keys().find(|r| **r != robot) {
-        Some(other) => Err(format!("it holds {} key frames of robot {other}", robots[other])),
-        None if robots.is_empty() => Err("it has no key frame".into()),
+        Some(other) => Err(OwnMapError::OtherRobot { key_frames: robots[other], robot: *other }),
+        None if robots.is_empty() => Err(OwnMapError::Empty),
         None => Ok(file),
     }
 }

@@ -35,7 +35,7 @@ impl Slam {
         let refused = |why: String| Error::Frame { stamp: packet.stamp, why };
         check(packet, self.last).map_err(refused)?;
         self.last = Some(packet.stamp);
-        self.session.on_packet(packet).map_err(refused)
+        self.session.on_packet(packet).map_err(|why| refused(why.to_string()))
     }
 
     /// Processes a frame given by its parts: one image per camera in the order of the rig, the depth image where there

@@ -97,8 +97,10 @@ fn words(walks: &BTreeMap<RobotId, Walk>) -> BTreeMap<RobotId, MapWords> {
             words.len(),
             walk.map.len()
         );
-        assert!(MapWords::read(*robot + 1, &bytes).unwrap_err().contains("as robot"));
-        assert!(MapWords::read(*robot, &bytes[..bytes.len() - 1]).unwrap_err().contains("end early"));
+        assert!(MapWords::read(*robot + 1, &bytes).unwrap_err().to_string().contains("as robot"));
+        assert!(
+            MapWords::read(*robot, &bytes[..bytes.len() - 1]).unwrap_err().to_string().contains("end early")
+        );
         (*robot, words)
     };
     walks.iter().map(of).collect()
@@ -110,9 +112,9 @@ fn meetings(walks: &BTreeMap<RobotId, Walk>) -> BTreeSet<(RobotId, RobotId)> {
     let mut pairs = BTreeSet::new();
     for (a, of_a) in &words {
         for (b, of_b) in words.range(a + 1..) {
-            let alike = of_a.alike(of_b);
+            let alike = of_a.similar(of_b);
             println!("robots {a} and {b}: {} and {} key frames look alike", alike.0, alike.1);
-            assert_eq!(of_b.alike(of_a), (alike.1, alike.0));
+            assert_eq!(of_b.similar(of_a), (alike.1, alike.0));
             assert_eq!(
                 (of_a.meets(of_b), of_b.meets(of_a)),
                 (alike.0.min(alike.1) >= 3, alike.0.min(alike.1) >= 3)

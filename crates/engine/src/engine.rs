@@ -3,7 +3,7 @@
 use crate::Config;
 use crate::depth_link::Link;
 use crate::digest::Digest;
-use crate::journal::{FrameRecord, Header, Journal};
+use crate::journal::{FrameRecord, Header, Journal, ReplayError};
 use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
 use crate::output::{Finished, Output};
@@ -322,14 +322,13 @@ impl Engine {
     /// packets whose stamps are in the journal.
     ///
     /// # Errors
-    ///
-    /// A description of the first difference when source, sensors, configuration or map are not those of the
-    /// journal, or when the engine is not in lockstep.
-    pub fn replay(self, source: &str, journal: Journal) -> Result<Self, String> {
+    /// [`ReplayError`] when source, sensors, configuration or map are not those of the journal, or when the engine is not
+    /// in lockstep.
+    pub fn replay(self, source: &str, journal: Journal) -> Result<Self, ReplayError> {
         if let Some(why) = journal.header.differs(&self.header_for(source)) {
-            return Err(why);
+            return Err(ReplayError::Differs(why));
         }
-        let mapping = self.mapping.replay(journal).ok_or("a journal is replayed in lockstep")?;
+        let mapping = self.mapping.replay(journal).ok_or(ReplayError::NotLockstep)?;
         Ok(Self { mapping, ..self })
     }
 

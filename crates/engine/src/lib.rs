@@ -27,7 +27,7 @@ pub use dense::{
     saved_dense_map,
 };
 pub use engine::{Engine, PoseTime};
-pub use journal::{Journal, JournalError};
+pub use journal::{Journal, JournalError, ReplayError};
 pub use log::{Log, Logged};
 pub use mapping::{Delays, Replayed, Runner, Stopped};
 pub use output::{Finished, Output};

@@ -2,7 +2,7 @@
 //! to the stream of changes can mirror the map.
 
 use cairn_atlas::{Mirror, Subscription};
-use cairn_engine::{Config, Engine, Journal, Runner, SensorMode, Stopped};
+use cairn_engine::{Config, Engine, Journal, ReplayError, Runner, SensorMode, Stopped};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, FramePacket, GrayImage, Stamp};
 use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
@@ -167,14 +167,14 @@ fn cut_journal_is_replayed_to_its_end_and_wrong_ones_are_refused() {
     // Another source, another configuration, threads.
     let journal = Journal::read(&bytes).unwrap();
     let lockstep = |config: &Config| engine(SimSensor::Rgbd, Runner::Lockstep, config);
-    let why = lockstep(&Config::default()).replay("a street", journal.clone()).err().unwrap();
+    let why = lockstep(&Config::default()).replay("a street", journal.clone()).err().unwrap().to_string();
     assert!(why.contains("a walk") && why.contains("a street"), "{why}");
     let mut config = Config::default();
     config.tracker.min_inliers += 1;
-    let why = lockstep(&config).replay("a walk", journal.clone()).err().unwrap();
+    let why = lockstep(&config).replay("a walk", journal.clone()).err().unwrap().to_string();
     assert!(why.contains("min_inliers"), "{why}");
     let threads = engine(SimSensor::Rgbd, Runner::Threaded, &Config::default());
-    assert!(threads.replay("a walk", journal).is_err());
+    assert_eq!(threads.replay("a walk", journal).err(), Some(ReplayError::NotLockstep));
 }
 
 #[test]

@@ -71,26 +71,50 @@ pub struct StepLoad {
     pub memory_bytes: Option<f64>,
 }
 
+/// Why no costs can be taken from the report of a build.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ReportError {
+    /// There is nothing to join.
+    #[error("it has fewer than two maps")]
+    FewMaps,
+    /// Nothing was joined.
+    #[error("no two of its recordings share a place")]
+    NoSharedPlace,
+    /// It was resumed.
+    #[error(
+        "{reused} of {tasks} tasks of the step {step} had been done before, so that their costs are not in it"
+    )]
+    DoneBefore {
+        /// The step.
+        step: String,
+        /// Tasks that had been done before.
+        reused: f64,
+        /// Of so many.
+        tasks: f64,
+    },
+    /// A step is not in it.
+    #[error("the step {0} is missing")]
+    MissingStep(&'static str),
+}
+
 impl Built {
-    /// Whether costs can be taken from it: `Err` has what is missing.
+    /// Whether costs can be taken from it.
     ///
     /// # Errors
-    /// A sentence.
-    pub fn check(&self) -> Result<(), String> {
+    /// [`ReportError`] with what is missing.
+    pub fn check(&self) -> Result<(), ReportError> {
         if !(self.maps >= 2.0 && self.key_frames > 0.0 && self.recorded_s > 0.0 && self.pairs > 0.0) {
-            return Err("it has fewer than two maps".into());
+            return Err(ReportError::FewMaps);
         }
         if !(self.candidates > 0.0 && self.verified > 0.0 && self.tiles > 0.0) {
-            return Err("no two of its recordings share a place".into());
+            return Err(ReportError::NoSharedPlace);
         }
         if let Some(cost) = self.costs.iter().find(|c| c.reused > 0.0) {
-            return Err(format!(
-                "{} of {} tasks of the step {} had been done before, so that their costs are not in it",
-                cost.reused, cost.tasks, cost.step
-            ));
+            let StepCost { step, reused, tasks, .. } = cost.clone();
+            return Err(ReportError::DoneBefore { step, reused, tasks });
         }
         for step in ["map", "index", "pairs", "verify", "tiles", "publish"] {
-            self.of(step).ok_or_else(|| format!("the step {step} is missing"))?;
+            self.of(step).ok_or(ReportError::MissingStep(step))?;
         }
         Ok(())
     }
@@ -281,10 +305,10 @@ mod tests {
         assert_eq!(built().check(), Ok(()));
         let mut again = built();
         again.costs[0].reused = 10.0;
-        assert!(again.check().unwrap_err().contains("done before"));
+        assert!(again.check().unwrap_err().to_string().contains("done before"));
         let mut short = built();
         short.costs.pop();
-        assert!(short.check().unwrap_err().contains("publish"));
-        assert!(Built { verified: 0.0, ..built() }.check().unwrap_err().contains("share a place"));
+        assert!(short.check() == Err(ReportError::MissingStep("publish")));
+        assert!(Built { verified: 0.0, ..built() }.check() == Err(ReportError::NoSharedPlace));
     }
 }

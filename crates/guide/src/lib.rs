@@ -44,7 +44,7 @@ pub use info::{RouteDrawing, RouteInfo, survey};
 pub use input::GuideInput;
 pub use maneuvers::{Maneuver, ManeuverPlan, ManeuverPlanConfig, ManeuverPlanError, Stairs, Travel};
 pub use matcher::{Match, Matcher, MatcherConfig};
-pub use notes::{Lies, RouteNote};
+pub use notes::{Lies, NoteError, RouteNote};
 pub use phrases::{DirectionStyle, PhraseConfig, Unit, clock_hour, reason_words};
 pub use ready::{Readiness, ReadyConfig, ReadyStretch, pose_back, ready, ready_words};
 pub use recorder::{RecordInput, Recorder, RecorderConfig, RecorderEvent};

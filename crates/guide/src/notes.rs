@@ -55,6 +55,17 @@ pub enum Lies {
     Behind,
 }
 
+/// Why a note cannot be kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoteError {
+    /// It is empty, too long, or has several lines.
+    #[error("a note has 1 to {} characters on one line", RouteNote::LONGEST)]
+    Text,
+    /// A pose is not finite.
+    #[error("a value is not finite")]
+    NotFinite,
+}
+
 impl RouteNote {
     /// How many notes a route may have.
     pub const MOST: usize = 1000;
@@ -64,15 +75,15 @@ impl RouteNote {
     /// Whether it can be kept.
     ///
     /// # Errors
-    /// What is wrong with it.
-    pub fn check(&self) -> Result<(), String> {
+    /// [`NoteError`].
+    pub fn check(&self) -> Result<(), NoteError> {
         let length = self.text.chars().count();
         if length == 0 || length > Self::LONGEST || self.text.chars().any(char::is_control) {
-            return Err(format!("a note has 1 to {} characters on one line", Self::LONGEST));
+            return Err(NoteError::Text);
         }
         match self.anchor_from_camera.is_finite() && self.odom_from_camera.is_finite() {
             true => Ok(()),
-            false => Err("a value is not finite".into()),
+            false => Err(NoteError::NotFinite),
         }
     }
 

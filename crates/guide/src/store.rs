@@ -40,6 +40,9 @@ pub enum RouteError {
 /// A writer whose data can be synced to the medium.
 pub trait Durable: Write {
     /// Returns once everything written has reached the disk.
+    ///
+    /// # Errors
+    /// Those of the disk.
     fn make_durable(&mut self) -> io::Result<()>;
 }
 
@@ -298,7 +301,7 @@ fn parse_line(line: &[u8], route: &Route) -> Result<Line, String> {
         if route.notes.len() >= RouteNote::MOST {
             return Err(format!("there are more than {} notes", RouteNote::MOST));
         }
-        return note.check().map(|()| Line::Note(note));
+        return note.check().map(|()| Line::Note(note)).map_err(|e| e.to_string());
     }
     parse_point(line, route).map(Line::Point)
 }

@@ -60,7 +60,7 @@ impl Clocks {
     }
 
     /// Takes an offset that was estimated otherwise, with its standard deviation; returns it as [`Clocks::estimate`] does.
-    pub fn settle(&mut self, offset_s: f64, sigma_s: f64, known_s: f64) -> Option<f64> {
+    pub fn adopt(&mut self, offset_s: f64, sigma_s: f64, known_s: f64) -> Option<f64> {
         self.sigma_s = Some(sigma_s);
         ((offset_s - known_s).abs() > sigma_s.max(NEGLIGIBLE_S)).then_some(offset_s)
     }
@@ -133,5 +133,105 @@ impl Clocks {
                 Some(Change::ImuFactor(k.id, ImuFactor { since: before.id, sum: sum.into() }))
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{Se3, Vec3};
+    use cairn_inertial::Gravity;
+    use cairn_sensor::ImuNoise;
+
+    const NOISE: ImuNoise = ImuNoise { gyro: 3e-4, gyro_walk: 1e-4, accel: 3e-3, accel_walk: 1e-3 };
+    /// What has to be added to the readings' stamps to have them in the images' clock.
+    const OFFSET_S: f64 = 0.02;
+
+    fn clocks() -> Clocks {
+        Clocks::new(&ImuSensor {
+            body_from_imu: Se3::identity(),
+            rate_hz: 200.0,
+            noise: NOISE,
+            offset_s: 0.0,
+        })
+    }
+
+    /// The camera looks to and fro, to either side and up and down.
+    fn rotation(t: f64) -> So3 {
+        So3::exp(&Vec3::new(0.3 * (2.1 * t).sin(), 0.6 * (1.3 * t).sin(), 0.2 * (1.7 * t).cos()))
+    }
+
+    /// What tracking hands over for a key frame: the orientations of twenty frames a second and readings whose stamps are late.
+    fn segment(from_s: f64, to_s: f64) -> ImuSegment {
+        let count = |rate: f64| ((to_s - from_s) * rate).round() as usize;
+        let turns = (0..count(20.0)).map(|i| {
+            let t = from_s + i as f64 / 20.0;
+            (Stamp::from_seconds(t), rotation(t))
+        });
+        let reading = |i: usize| {
+            let (t, h) = (from_s + i as f64 / 200.0, 1e-4);
+            let rate = (rotation(t - h).inverse() * rotation(t + h)).log() / (2.0 * h);
+            ImuSample::new(Stamp::from_seconds(t - OFFSET_S), rate, Vec3::y() * -9.8)
+        };
+        ImuSegment {
+            velocity: Vec3::zeros(),
+            bias: Bias::default(),
+            up: None,
+            samples: (0..=count(200.0)).map(reading).collect(),
+            offset_s: 0.0,
+            turns: turns.collect(),
+        }
+    }
+
+    #[test]
+    fn estimate_finds_the_offset_when_it_is_due_and_not_before() {
+        let mut clocks = clocks();
+        let mut found = None;
+        for n in 0..12 {
+            let from_s = 0.5 * f64::from(n);
+            clocks.take(&segment(from_s, from_s + 0.5));
+            let estimate = clocks.estimate(&So3::identity(), 0.0);
+            // The first key frame is where time counts from; orientations end a frame before it.
+            assert!(estimate.is_none() || from_s + 0.5 > ATTEMPTS_S[0], "at {from_s} s");
+            found = found.or(estimate);
+            assert_eq!(clocks.is_decided(), found.is_some(), "at {from_s} s");
+        }
+        let found = found.expect("an offset");
+        assert!((found - OFFSET_S).abs() < 1e-3, "{found} s");
+        assert!(clocks.sigma_s() < UNKNOWN_S);
+        assert_eq!(clocks.estimate(&So3::identity(), found), None, "nothing new");
+    }
+
+    #[test]
+    fn preintegrated_spans_the_images_stamps_and_is_none_where_readings_are_missing() {
+        let mut clocks = clocks();
+        clocks.take(&segment(0.0, 1.0));
+        clocks.take(&segment(1.5, 2.5));
+        let [from, to] = [0.2, 0.7].map(Stamp::from_seconds);
+        let sum = clocks.preintegrated(Bias::default(), from, to, OFFSET_S).expect("readings");
+        let ends = [&sum.samples()[0], &sum.samples()[sum.samples().len() - 1]].map(|s| s.stamp);
+        assert_eq!(ends, [from, to]);
+        // The rotation of the camera between the two stamps, which those without the offset do not give.
+        let state = cairn_inertial::NavState {
+            world_from_imu: Se3::new(rotation(0.2), Vec3::zeros()),
+            velocity: Vec3::zeros(),
+            bias: Bias::default(),
+        };
+        let off = |sum: &Preintegrated| {
+            let turned = sum.predict(&state, &Gravity::level().vector()).world_from_imu.rotation;
+            (turned.inverse() * rotation(0.7)).angle()
+        };
+        assert!(off(&sum) < 1e-4, "{}", off(&sum));
+        assert!(off(&clocks.preintegrated(Bias::default(), from, to, 0.0).unwrap()) > 1e-3);
+        assert!(clocks.preintegrated(Bias::default(), from, Stamp::from_seconds(3.5), OFFSET_S).is_none());
+    }
+
+    #[test]
+    fn adopt_takes_an_offset_that_differs_by_more_than_its_deviation() {
+        let mut clocks = clocks();
+        assert!(!clocks.is_decided());
+        assert_eq!(clocks.adopt(0.012, 0.001, 0.0), Some(0.012));
+        assert_eq!(clocks.adopt(0.0125, 0.001, 0.012), None);
+        assert!(clocks.is_decided() && clocks.sigma_s() == 0.001);
     }
 }

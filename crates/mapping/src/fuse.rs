@@ -1,7 +1,7 @@
 //! Fusion of duplicate landmarks: those of a key frame are projected into its neighbours, and theirs into it.
 
 use cairn_adjust::{pixel, weight};
-use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot, Viewpoint};
 use cairn_solve::{CHI2_2, CHI2_3};
 use cairn_vision::{RectifiedCamera, Target, search};
 use std::collections::BTreeSet;
@@ -37,8 +37,7 @@ pub(crate) fn fuse_into(
 ) -> Vec<Change> {
     let octaves = snapshot.octaves();
     let (camera, focal_ratio) = (target.camera(camera), target.focal_ratio());
-    let camera_from_world = target.world_from_camera.inverse();
-    let rotation = camera_from_world.rotation.matrix();
+    let viewpoint = Viewpoint::of_camera(camera, &target.world_from_camera, focal_ratio);
     let mut changes = Vec::new();
     let mut touched: BTreeSet<usize> = BTreeSet::new();
     for id in landmarks {
@@ -46,17 +45,9 @@ pub(crate) fn fuse_into(
         if l.feature_in(target.id).is_some() {
             continue;
         }
-        let q = rotation * l.position + camera_from_world.translation;
-        let Some([u, v, right]) = camera.project(&q) else { continue };
-        let distance = q.norm();
-        let [nearest, farthest] = [l.min_distance, l.max_distance].map(|d| d * focal_ratio);
-        if !camera.contains(u, v) || distance < 0.8 * nearest || distance > 1.2 * farthest {
-            continue;
-        }
-        if (l.position - target.world_from_camera.translation).dot(&l.normal) < 0.5 * distance {
-            continue;
-        }
-        let level = octaves.predict(farthest, distance);
+        let Some(seen) = viewpoint.sees(l) else { continue };
+        let [u, v, right] = seen.pixel;
+        let level = octaves.predict(seen.farthest, seen.distance);
         let aim = Target {
             pixel: [u as f32, v as f32],
             right_x: f32::NAN,

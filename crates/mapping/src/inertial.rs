@@ -221,7 +221,7 @@ impl Inertial {
     /// The changes that take over the clocks' offset found with the scale.
     fn settle_clocks(&mut self, snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<Change> {
         let known = snapshot.imu_offset();
-        let Some(offset) = self.clocks.settle(known + found.offset_s, found.offset_sigma_s, known) else {
+        let Some(offset) = self.clocks.adopt(known + found.offset_s, found.offset_sigma_s, known) else {
             return Vec::new();
         };
         let mut changes = vec![Change::ImuOffset(offset)];

@@ -58,3 +58,27 @@ impl CameraAndImu<'_> {
         Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::imu_walk::{NOISE, ToAndFro};
+    use crate::synthetic::mono;
+    use cairn_geometry::{Se3, Vec3};
+
+    #[test]
+    fn attempt_finds_scale_and_gravity_of_a_map_with_a_unit_of_its_own() {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.1, factor: 0.5 }.map(48);
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
+        let attempt = of.attempt(atlas.latest(), &ids, INITIALISATION_S).expect("an attempt");
+        let found = attempt.found.as_ref().expect("an estimate");
+        assert!((found.scale * 0.5 - 1.0).abs() < 0.02, "{} m in a unit, {:?}", found.scale, attempt.gates);
+        // Down is -z but for the tilt about x.
+        let down = found.gravity.vector().normalize();
+        assert!((down.angle(&-Vec3::z()) - 0.1).abs() < 0.01, "{down:?}");
+        assert!(of.attempt(atlas.latest(), &[], INITIALISATION_S).is_none());
+        // A chain whose links are not all there says nothing.
+        assert!(of.attempt(atlas.latest(), &[ids[1], ids[0]], INITIALISATION_S).is_none());
+    }
+}

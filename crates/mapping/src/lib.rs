@@ -6,6 +6,7 @@ mod cull;
 mod disparity;
 mod fuse;
 #[cfg(test)]
+#[path = "../../adjust/tests/common/imu_walk.rs"]
 mod imu_walk;
 mod inertial;
 mod initialisation;

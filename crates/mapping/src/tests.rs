@@ -112,6 +112,20 @@ fn visited_twice(world: &World, map_from_world: &Sim3) -> (Atlas, [Vec<KeyFrameI
 }
 
 #[test]
+fn around_are_the_neighbours_and_theirs_without_the_centre() {
+    let world = World::around(stereo(), 54);
+    let (atlas, ids) = world.exact_map(&sideways(8, 0.4));
+    let snapshot = atlas.latest();
+    let near = around(snapshot, ids[0], 2);
+    assert!(near.contains(&ids[1]) && !near.contains(&ids[0]), "{near:?}");
+    assert!(!near.contains(&ids[7]), "{near:?}");
+    let direct: Vec<KeyFrameId> =
+        snapshot.key_frame(ids[0]).unwrap().covisible.iter().take(2).map(|(id, _)| *id).collect();
+    assert!(direct.iter().all(|id| near.contains(id)) && near.len() > direct.len(), "{near:?} of {direct:?}");
+    assert!(around(snapshot, KeyFrameId::from_index(99).unwrap(), 2).is_empty());
+}
+
+#[test]
 fn fuse_into_joins_duplicates_of_a_point() {
     let world = World::around(stereo(), 55);
     let (mut atlas, [first, second]) = visited_twice(&world, &Sim3::identity());

@@ -5,7 +5,7 @@ use crate::event::Event;
 use crate::inbox::{Inbox, Item};
 use crate::script::Script;
 use crate::session::Session;
-use crate::slam::Slam;
+use crate::slam::{NotTracked, Slam};
 use cairn_engine::{Engine, Output};
 use cairn_sensor::{ClockReading, FramePacket, Live, Source, SourceError, Stamp};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -19,7 +19,13 @@ pub trait Observer<S = Engine> {
     /// An utterance or an earcon starts now.
     fn on_event(&mut self, _session: &Session<S>, _event: &Event) {}
     /// A packet was processed; `Err` gives the reason why it was rejected.
-    fn on_output(&mut self, _session: &Session<S>, _packet: &FramePacket, _output: &Result<Output, String>) {}
+    fn on_output(
+        &mut self,
+        _session: &Session<S>,
+        _packet: &FramePacket,
+        _output: &Result<Output, NotTracked>,
+    ) {
+    }
     /// A command was carried out, or the reason why it was not.
     fn on_command(&mut self, _session: &Session<S>, _command: &Command, _done: &Result<String, String>) {}
     /// Called after every packet and about twenty times a second.

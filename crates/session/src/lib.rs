@@ -52,7 +52,7 @@ pub use reference_path::{ReferencePath, anchor_in_map};
 pub use route_guide::{RouteGuide, TrackedPlace};
 pub use route_recorder::RouteRecorder;
 pub use script::{Script, ScriptError, When};
-pub use session::Session;
+pub use session::{NotSaved, Session};
 pub use settings::{STEP_M, STEPS_M, Setting, WORDS_PER_MINUTE};
 pub use slam::{NotTracked, Slam};
 pub use status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};

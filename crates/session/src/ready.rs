@@ -1,6 +1,6 @@
 //! Whether a route is ready to be walked back: how many landmarks of the map the camera will see on each stretch.
 
-use cairn_atlas::{KeyFrame, LandmarkId, Snapshot};
+use cairn_atlas::{KeyFrame, LandmarkId, Snapshot, Viewpoint};
 use cairn_geometry::Se3;
 use cairn_guide::{Facing, Ground, PlacedPoint, ReadyConfig, ReadyStretch, ready};
 use cairn_vision::RectifiedCamera;
@@ -8,9 +8,6 @@ use std::collections::BTreeSet;
 
 /// Keyframes within this distance are considered: landmarks seen only from farther away may be behind a wall. Metres.
 const NEAR_M: f64 = 5.0;
-/// A landmark can be matched where it is seen within 60 degrees of a keyframe's viewing direction (cosine), the limit
-/// of tracking.
-const MIN_VIEW_COS: f64 = 0.5;
 
 /// Checks each stretch of a resolved route with the views that the camera will have on the way back. Lengths of the map
 /// are multiplied by `metres_per_unit`.
@@ -37,21 +34,14 @@ pub fn landmarks_in_view(
     world_from_camera: &Se3,
     near: f64,
 ) -> usize {
-    let camera_from_world = world_from_camera.inverse();
-    let here = world_from_camera.translation;
+    let (viewpoint, here) = (Viewpoint::new(camera, world_from_camera), world_from_camera.translation);
     let mut found = BTreeSet::new();
     let close = |k: &&KeyFrame| (k.world_from_camera.translation - here).norm() <= near;
     for key_frame in map.key_frames().filter(close) {
         let from = key_frame.world_from_camera.translation;
         let sees = |id: &LandmarkId| {
             let l = map.landmark(*id)?;
-            let seen = camera_from_world * l.position;
-            let [u, v, _] = camera.project(&seen)?;
-            let (ray, before) = (l.position - here, l.position - from);
-            let distance = ray.norm();
-            let similar_view = ray.dot(&before) >= MIN_VIEW_COS * distance * before.norm();
-            let found = distance >= 0.8 * l.min_distance && distance <= 1.2 * l.max_distance;
-            (camera.contains(u, v) && similar_view && found).then_some(*id)
+            viewpoint.sees_as_from(l, &(l.position - from).normalize()).map(|_| *id)
         };
         found.extend(key_frame.landmarks.iter().flatten().filter_map(sees));
     }

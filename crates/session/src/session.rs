@@ -23,7 +23,7 @@ use crate::lens::LensKnowledge;
 use crate::library::{MapKeeper, RouteFolder, WallClock, WallTime};
 use crate::place::Place;
 use crate::recording::{Recording, tracked};
-use crate::slam::Slam;
+use crate::slam::{NotTracked, Slam};
 use crate::speech::{Clock, Speech};
 use crate::status::Status;
 use crate::way_ahead::WayAhead;
@@ -53,6 +53,17 @@ struct Asked {
     number: u32,
     words: String,
     at: Stamp,
+}
+
+/// Why what a session leaves behind is not whole.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NotSaved {
+    /// The file of a route.
+    #[error("{0}")]
+    Route(String),
+    /// The map of the routes.
+    #[error("the map of the routes is not saved: {0}")]
+    Map(String),
 }
 
 /// One walk, over an engine here or elsewhere ([`Slam`]).
@@ -182,27 +193,27 @@ impl<S: Slam> Session<S> {
     /// Processes a packet: a pose, a point of the route, a step of the guide.
     ///
     /// # Errors
-    /// The reason why the packet was rejected; the session continues.
-    pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, String> {
+    /// [`NotTracked`]: why the packet has no result; the session continues.
+    pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked> {
         self.began.get_or_insert(packet.stamp);
         self.now = self.now.max(packet.stamp);
         if let Some(why) = &self.dead {
             let why = why.clone();
             self.tick(packet.stamp);
-            return Err(why);
+            return Err(NotTracked::Failed(why));
         }
         let seen = catch_unwind(AssertUnwindSafe(|| self.engine.on_packet(packet)));
         let output = match seen {
             Ok(Ok(output)) => output,
             Ok(Err(why)) => {
                 self.tick(packet.stamp);
-                return Err(why.to_string());
+                return Err(why);
             }
             Err(_) => {
                 // The engine's state cannot be trusted after a panic.
                 self.dead = Some(self.speech.text("walk-tracking-failed"));
                 self.tick(packet.stamp);
-                return Err("tracking stopped by an error of the program".into());
+                return Err(NotTracked::Failed("tracking stopped by an error of the program".into()));
             }
         };
         self.frame = Some(packet.stamp);
@@ -334,12 +345,13 @@ impl<S: Slam> Session<S> {
     /// Ends what is in progress.
     ///
     /// # Errors
-    /// When a file does not hold all of its route.
-    pub fn close(&mut self) -> Result<(), String> {
+    /// [`NotSaved`] when a file does not hold all of its route, or the map of the routes is not saved.
+    pub fn close(&mut self) -> Result<(), NotSaved> {
         self.guiding = None;
         let recorded = self.close_recording();
         let kept = self.keeper.as_mut().map_or(Ok(()), |keeper| keeper.end(&self.engine));
-        recorded.and(kept.map_err(|why| format!("the map of the routes is not saved: {why}")))
+        recorded.map_err(NotSaved::Route)?;
+        kept.map_err(NotSaved::Map)
     }
 
     /// Updates whether lengths in the map are metres; the recording and the guidance in progress follow.

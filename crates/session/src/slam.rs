@@ -15,6 +15,9 @@ pub enum NotTracked {
     /// Its images do not fit the rig; the next packet may.
     #[error("{0}")]
     Refused(String),
+    /// Tracking ended with an error of the program, which was said; there will be no more poses.
+    #[error("{0}")]
+    Failed(String),
     /// What tracks is late, dead or being started again ([`Slam::away`]).
     #[error("{0}")]
     Away(String),

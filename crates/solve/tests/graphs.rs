@@ -1,6 +1,7 @@
 //! Random graphs of every group: truth is recovered, gradients are those of the cost, cancelling leaves a valid state.
 
 use cairn_geometry::{LieGroup, Manifold, Se2, Se3, Sim3, So2, So3, Vec3, YawPose};
+use cairn_random::Random;
 use cairn_solve::graph::{
     GraphConfig, Method, Metric, PoseGraph, Rigid, Start, chordal_start, lowest_start, odometry_start,
 };
@@ -8,16 +9,12 @@ use cairn_solve::{Loss, Stop};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
-/// Numbers between -1 and 1 in a fixed order (splitmix64).
-struct Dice(u64);
+/// Numbers between -1 and 1.
+struct Dice(Random);
 
 impl Dice {
     fn roll(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        self.0.uniform(-1.0, 1.0)
     }
     fn vec3(&mut self, scale: f64) -> Vec3 {
         Vec3::new(self.roll(), self.roll(), self.roll()) * scale
@@ -62,7 +59,7 @@ fn information<const D: usize>(dice: &mut Dice) -> SMatrix<f64, D, D> {
 
 /// A walk of `n` poses with its true values: exact edges along it and `n` jumps between any two.
 fn walk<G: Drawn<D>, const D: usize>(seed: u64, n: usize, noise: f64) -> (PoseGraph<G, D>, Vec<G>) {
-    let mut dice = Dice(seed);
+    let mut dice = Dice(Random::new(seed));
     let mut truth = vec![G::draw(&mut dice)];
     for k in 1..n {
         truth.push(truth[k - 1].compose(&G::draw(&mut dice)));

@@ -28,6 +28,9 @@ pub fn gray(path: &Path) -> Result<GrayImage, String> {
 }
 
 /// Luminance of a JPEG or PNG in memory; a panic of the decoder becomes an error.
+///
+/// # Errors
+/// A description when it cannot be decoded.
 pub fn gray_in(bytes: &[u8]) -> Result<GrayImage, String> {
     guarded(|| gray_of(bytes))
 }
@@ -53,6 +56,9 @@ pub fn depth(path: &Path) -> Result<DepthImage, String> {
 }
 
 /// A depth image in memory.
+///
+/// # Errors
+/// A description when it cannot be decoded.
 pub fn depth_in(bytes: &[u8]) -> Result<DepthImage, String> {
     guarded(|| depth_of(bytes))
 }

@@ -1,6 +1,7 @@
 //! A simulated network that loses, delays, reorders and duplicates messages at random, from a seed.
 
 use crate::RobotId;
+use cairn_random::Random;
 
 /// How unreliable the network is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,7 +39,7 @@ pub struct Packet {
 #[derive(Clone, Debug)]
 pub struct Network {
     config: NetworkConfig,
-    state: u64,
+    random: Random,
     round: u64,
     waiting: Vec<Packet>,
 }
@@ -46,27 +47,18 @@ pub struct Network {
 impl Network {
     /// An empty network.
     pub fn new(config: NetworkConfig) -> Self {
-        Self { config, state: config.seed, round: 0, waiting: Vec::new() }
-    }
-
-    /// The next number between 0 and 1 (splitmix64; Steele, Lea, Flood, 2014).
-    fn chance(&mut self) -> f64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        Self { config, random: Random::new(config.seed), round: 0, waiting: Vec::new() }
     }
 
     /// Accepts a message for delivery.
     pub fn send(&mut self, from: RobotId, to: RobotId, bytes: &std::sync::Arc<Vec<u8>>) {
-        let copies = if self.chance() < self.config.duplicated { 2 } else { 1 };
+        let copies = if self.random.unit() < self.config.duplicated { 2 } else { 1 };
         for _ in 0..copies {
-            if self.chance() < self.config.loss {
+            if self.random.unit() < self.config.loss {
                 continue;
             }
-            let is_late = self.chance() < self.config.delayed;
-            let late = 1 + (self.chance() * f64::from(self.config.delay_rounds)) as u64;
+            let is_late = self.random.unit() < self.config.delayed;
+            let late = 1 + (self.random.unit() * f64::from(self.config.delay_rounds)) as u64;
             let due = self.round + if is_late { late } else { 0 };
             self.waiting.push(Packet { from, to, bytes: bytes.clone(), due });
         }
@@ -81,7 +73,7 @@ impl Network {
         self.waiting = later;
         if self.config.loss + self.config.delayed + self.config.duplicated > 0.0 {
             for k in (1..arrived.len()).rev() {
-                let other = (self.chance() * (k + 1) as f64) as usize;
+                let other = (self.random.unit() * (k + 1) as f64) as usize;
                 arrived.swap(k, other.min(k));
             }
         }

@@ -1,5 +1,6 @@
 //! The visual words of a keyframe: they survive encoding, fit a kilobyte, and invalid messages are refused.
 
+use cairn_random::Random;
 use cairn_team::{KeyFrameWords, MAX_WORDS_BYTES, Refused, VERSION};
 use cairn_vision::Descriptor;
 use cairn_vision::bow::{BagOfWords, Vocabulary};
@@ -7,22 +8,14 @@ use proptest::prelude::*;
 
 /// Random descriptors: a part specific to the image (seed `own`), and one of the place (seed `shared`).
 fn descriptors(own: u64, shared: u64, count: usize, part: f64) -> Vec<Descriptor> {
-    let mut state = own;
-    let next = |seed: &mut u64| {
-        *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = *seed;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    };
-    let mut place = shared;
+    let (mut state, mut place) = (Random::new(own), Random::new(shared));
     let many = (count as f64 * part) as usize;
     (0..count)
         .map(|k| {
             let mut bytes = [0u8; 32];
             let from = if k < many { &mut place } else { &mut state };
             for chunk in bytes.chunks_exact_mut(8) {
-                chunk.copy_from_slice(&next(from).to_le_bytes());
+                chunk.copy_from_slice(&from.bits().to_le_bytes());
             }
             bytes
         })

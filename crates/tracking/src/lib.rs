@@ -22,6 +22,8 @@ mod shutter;
 #[cfg(test)]
 mod shutter_tests;
 mod start;
+#[cfg(test)]
+mod start_tests;
 mod state;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]

@@ -1,7 +1,7 @@
 //! The local map: the part of the map around a frame, matched by projection.
 
 use crate::match_last::{LOOSE, Matches};
-use cairn_atlas::{KeyFrameId, Landmark, LandmarkId, Snapshot};
+use cairn_atlas::{KeyFrameId, Landmark, LandmarkId, Sighting, Snapshot, Viewpoint};
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{Frame, RectifiedCamera, Target, search};
 
@@ -105,19 +105,19 @@ impl LocalMap {
         // All are projected first: the landmarks lie scattered in memory, and without a search in between the processor
         // fetches several at a time.
         let visible = self.visible(snapshot, camera, pose);
-        expected.extend(visible.iter().map(|v| v.landmark.id));
+        expected.extend(visible.iter().map(|(landmark, _)| landmark.id));
         let mut owner: Vec<Option<(LandmarkId, u32)>> = vec![None; frame.len()];
-        for v in &visible {
+        for (landmark, v) in &visible {
             // Seen from nearly the same direction as before: a small window is enough (Mur-Artal et al. 2015,
             // section V-D).
             let radius = factor * if v.cosine > 0.998 { 2.5 } else { 4.0 };
-            let level = octaves.predict(v.landmark.max_distance, v.distance);
+            let level = octaves.predict(v.farthest, v.distance);
             let target = Target {
-                pixel: [v.projected[0] as f32, v.projected[1] as f32],
-                right_x: if camera.has_depth() { v.projected[2] as f32 } else { f32::NAN },
+                pixel: [v.pixel[0] as f32, v.pixel[1] as f32],
+                right_x: if camera.has_depth() { v.pixel[2] as f32 } else { f32::NAN },
                 radius: (radius * scales[level as usize]) as f32,
                 octaves: [level.saturating_sub(1), level],
-                descriptor: &v.landmark.descriptor,
+                descriptor: &landmark.descriptor,
             };
             let Some(found) = search(frame, &target, |i| matches.landmarks[i].is_none()) else { continue };
             let same_level = found.second_octave == frame.octave[found.feature] && found.second != u32::MAX;
@@ -127,7 +127,7 @@ impl LocalMap {
             }
             let slot = &mut owner[found.feature];
             if slot.is_none_or(|(_, d)| found.distance < d) {
-                *slot = Some((v.landmark.id, found.distance));
+                *slot = Some((landmark.id, found.distance));
             }
         }
         for (feature, slot) in owner.iter().enumerate() {
@@ -139,9 +139,13 @@ impl LocalMap {
     }
 
     /// The collected landmarks that should be in view at a pose, without those that were matched before this search.
-    fn visible<'a>(&self, snapshot: &'a Snapshot, camera: &RectifiedCamera, pose: &Se3) -> Vec<Visible<'a>> {
-        let camera_from_world = pose.inverse();
-        let rotation = camera_from_world.rotation.matrix();
+    fn visible<'a>(
+        &self,
+        snapshot: &'a Snapshot,
+        camera: &RectifiedCamera,
+        pose: &Se3,
+    ) -> Vec<(&'a Landmark, Sighting)> {
+        let viewpoint = Viewpoint::new(camera, pose);
         let unmatched = |id: &&LandmarkId| self.matched[id.index()] != self.searches;
         let landmarks: Vec<&Landmark> = self
             .landmarks
@@ -150,32 +154,63 @@ impl LocalMap {
             .filter(unmatched)
             .filter_map(|id| snapshot.landmark(*id))
             .collect();
-        // Read all together, for the same reason as above.
-        let positions: Vec<Vec3> = landmarks.iter().map(|landmark| landmark.position).collect();
-        let of = |(landmark, position): (&&'a Landmark, &Vec3)| {
-            let q = rotation * position + camera_from_world.translation;
-            let projected = camera.project(&q)?;
-            if !camera.contains(projected[0], projected[1]) {
-                return None;
-            }
-            let distance = q.norm();
-            if distance < 0.8 * landmark.min_distance || distance > 1.2 * landmark.max_distance {
-                return None;
-            }
-            let cosine = (position - pose.translation).dot(&landmark.normal) / distance;
-            (cosine >= 0.5).then_some(Visible { landmark, projected, distance, cosine })
-        };
-        landmarks.iter().zip(&positions).filter_map(of).collect()
+        landmarks.iter().filter_map(|landmark| Some((*landmark, viewpoint.sees(landmark)?))).collect()
     }
 }
 
-/// A landmark that should be in view.
-struct Visible<'a> {
-    landmark: &'a Landmark,
-    /// Pixel and right x.
-    projected: [f64; 3],
-    /// From the camera.
-    distance: f64,
-    /// Of the angle between the view and the mean view so far.
-    cosine: f64,
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{World, off, pose, sideways, stereo};
+
+    /// Of a view in the middle of a map, the first landmarks are matched already.
+    #[test]
+    fn search_finds_what_the_local_map_shows_and_tells_all_that_should_be_in_view() {
+        let world = World::around(stereo(), 45);
+        let (atlas, ids) = world.exact_map(&sideways(8, 0.2));
+        let (snapshot, truth) = (atlas.latest(), pose(0.63, 0.0, 0.02));
+        let view = world.see(&truth, 9.0);
+        let truly = world.matches(snapshot, &view);
+        let known = |landmarks: &[Option<LandmarkId>]| landmarks.iter().flatten().count();
+        let mut matches = Matches::none(&view.frame);
+        let some = truly.iter().enumerate().filter(|(_, l)| l.is_some()).take(20);
+        some.for_each(|(i, l)| matches.landmarks[i] = *l);
+
+        let mut local = LocalMap::default();
+        local.gather(snapshot, &matches, ids[0], 6);
+        assert!(local.reference.is_some_and(|id| ids[2..6].contains(&id)), "{:?}", local.reference);
+        let expected = local.search(snapshot, &world.camera, &view.frame, &truth, 1.0, &mut matches);
+        assert!(
+            known(&matches.landmarks) * 10 > known(&truly) * 9,
+            "{} of {}",
+            known(&matches.landmarks),
+            known(&truly)
+        );
+        let wrong =
+            matches.landmarks.iter().zip(&truly).filter(|(found, truly)| found.is_some() && found != truly);
+        assert_eq!(wrong.count(), 0);
+        assert!(matches.landmarks.iter().flatten().all(|id| expected.contains(id)));
+        let mut once = expected.clone();
+        once.sort_unstable();
+        once.dedup();
+        assert_eq!(once.len(), expected.len(), "each is expected once");
+
+        // The nearest of the key frames that share the view, and the fallback where nothing is matched.
+        let nearest = local.nearest(snapshot, &truth.translation).unwrap();
+        assert!(off(&snapshot.key_frame(nearest).unwrap().world_from_camera, &truth).0 < 0.11);
+        local.gather(snapshot, &Matches::none(&view.frame), ids[7], 6);
+        assert_eq!(local.reference, Some(ids[7]));
+    }
+
+    #[test]
+    fn search_finds_nothing_where_the_guess_looks_elsewhere() {
+        let world = World::around(stereo(), 46);
+        let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
+        let view = world.see(&pose(0.3, 0.0, 0.0), 9.0);
+        let (mut local, mut matches) = (LocalMap::default(), Matches::none(&view.frame));
+        local.gather(atlas.latest(), &matches, ids[0], 6);
+        let expected =
+            local.search(atlas.latest(), &world.camera, &view.frame, &pose(0.3, 0.0, 3.1), 1.0, &mut matches);
+        assert!(expected.is_empty() && matches.count() == 0, "{} expected", expected.len());
+    }
 }

@@ -9,14 +9,14 @@ use cairn_geometry::{Se3, Sim3};
 use cairn_vision::RectifiedCamera;
 use std::sync::Arc;
 
-const STEP_S: f64 = 1.0 / RATE_HZ;
+pub(crate) const STEP_S: f64 = 1.0 / RATE_HZ;
 
-fn tracker(camera: RectifiedCamera) -> Tracker {
+pub(crate) fn tracker(camera: RectifiedCamera) -> Tracker {
     Tracker::new(camera, FEATURES, RATE_HZ, TrackerConfig::default())
 }
 
 /// A tracker that has just placed the last key frame of a map, half a second after the one before.
-fn tracker_at_end(world: &World, atlas: &Atlas, ids: &[KeyFrameId]) -> (Tracker, f64) {
+pub(crate) fn tracker_at_end(world: &World, atlas: &Atlas, ids: &[KeyFrameId]) -> (Tracker, f64) {
     let mut tracker = tracker(world.camera);
     let last = *ids.last().expect("a key frame");
     tracker.map_created(atlas.latest(), last);
@@ -24,7 +24,7 @@ fn tracker_at_end(world: &World, atlas: &Atlas, ids: &[KeyFrameId]) -> (Tracker,
 }
 
 /// The next frame, while mapping is idle.
-fn step(tracker: &mut Tracker, snapshot: &Snapshot, view: &View) -> Tracked {
+pub(crate) fn step(tracker: &mut Tracker, snapshot: &Snapshot, view: &View) -> Tracked {
     tracker.step(view.frame.clone(), &[], snapshot, true, true)
 }
 

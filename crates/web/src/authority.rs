@@ -6,6 +6,7 @@
 //! names. Its certificates are made at each start and not stored.
 
 use crate::certificate::{Certificate, write_private};
+use crate::error::WebError;
 use crate::token::new_token;
 use rcgen::{
     BasicConstraints, CertificateParams, CidrSubnet, DistinguishedName, DnType, ExtendedKeyUsagePurpose,
@@ -55,8 +56,8 @@ impl Authority {
     /// The authority stored in a folder, or a new one, which is stored there. Also returns why it could not be stored, if so.
     ///
     /// # Errors
-    /// The library's message, when it cannot be made.
-    pub fn kept(folder: &Path) -> Result<(Self, Option<String>), String> {
+    /// [`WebError::Machine`] with the library's message, when it cannot be made.
+    pub fn kept(folder: &Path) -> Result<(Self, Option<String>), WebError> {
         let path = folder.join(FILE);
         let text = std::fs::read_to_string(&path).unwrap_or_default();
         let age = |kept: &Self| since_1970().checked_sub(kept.began);
@@ -89,25 +90,25 @@ impl Authority {
     /// A new authority.
     ///
     /// # Errors
-    /// The library's message, when it cannot be made.
-    pub fn new() -> Result<Self, String> {
+    /// [`WebError::Machine`] with the library's message, when it cannot be made.
+    pub fn new() -> Result<Self, WebError> {
         let (id, began) = (new_token()?, since_1970());
-        let key = KeyPair::generate().map_err(|e| e.to_string())?;
-        let certificate = params(&id, began)?.self_signed(&key).map_err(|e| e.to_string())?;
+        let key = KeyPair::generate().map_err(WebError::machine)?;
+        let certificate = params(&id, began)?.self_signed(&key).map_err(WebError::machine)?;
         Ok(Self { id, began, pem: certificate.pem(), der: certificate.der().clone(), key })
     }
 
     /// A certificate for these addresses and names, as far as they are local; phones reject one for others whole.
     ///
     /// # Errors
-    /// The library's message, when it cannot be made.
-    pub fn sign(&self, addresses: &[IpAddr], names: &[String]) -> Result<Certificate, String> {
+    /// [`WebError::Machine`] with the library's message, when it cannot be made.
+    pub fn sign(&self, addresses: &[IpAddr], names: &[String]) -> Result<Certificate, WebError> {
         let local: Vec<IpAddr> = addresses.iter().copied().filter(|a| is_local(*a)).collect();
         self.signed(&local, names)
     }
 
-    fn signed(&self, addresses: &[IpAddr], names: &[String]) -> Result<Certificate, String> {
-        let text = |e: rcgen::Error| e.to_string();
+    fn signed(&self, addresses: &[IpAddr], names: &[String]) -> Result<Certificate, WebError> {
+        let text = WebError::machine::<rcgen::Error>;
         let mut leaf = CertificateParams::new(names.to_vec()).map_err(text)?;
         leaf.subject_alt_names.extend(addresses.iter().map(|a| SanType::IpAddress(*a)));
         leaf.distinguished_name = named("Cairn on this machine");
@@ -176,8 +177,8 @@ impl Authority {
 }
 
 /// What the authority's certificate says; the same each time for an id and a beginning.
-fn params(id: &str, began: Duration) -> Result<CertificateParams, String> {
-    let mut own = CertificateParams::new(Vec::new()).map_err(|e| e.to_string())?;
+fn params(id: &str, began: Duration) -> Result<CertificateParams, WebError> {
+    let mut own = CertificateParams::new(Vec::new()).map_err(WebError::machine)?;
     own.distinguished_name = named(&name_of(id));
     set_validity(&mut own, began.saturating_sub(DAY), AUTHORITY_DAYS);
     // It signs certificates, none of which may sign others.

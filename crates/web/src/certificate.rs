@@ -3,6 +3,7 @@
 //! It is stored with its key in one PEM file, readable by its owner alone, so that a phone asks only once. The first
 //! line lists the addresses and names it covers; when another is needed, a new certificate replaces it.
 
+use crate::error::WebError;
 use rcgen::{CertificateParams, DistinguishedName, DnType, KeyPair, SanType};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, PrivatePkcs8KeyDer};
@@ -28,12 +29,12 @@ impl Certificate {
     /// stored there. Also returns why it could not be stored, if so.
     ///
     /// # Errors
-    /// The library's message, when the key or the certificate cannot be made.
+    /// [`WebError::Machine`] with the library's message, when the key or the certificate cannot be made.
     pub fn kept(
         folder: &Path,
         addresses: &[IpAddr],
         names: &[String],
-    ) -> Result<(Self, Option<String>), String> {
+    ) -> Result<(Self, Option<String>), WebError> {
         let path = folder.join(FILE);
         let text = std::fs::read_to_string(&path).unwrap_or_default();
         let listed = text.lines().next().and_then(|line| line.strip_prefix(COVERS)).unwrap_or_default();
@@ -67,14 +68,14 @@ impl Certificate {
     /// A new certificate for these addresses and names, valid for a long time.
     ///
     /// # Errors
-    /// The library's message, when the key or the certificate cannot be made.
-    pub fn new(addresses: &[IpAddr], names: &[String]) -> Result<Self, String> {
+    /// [`WebError::Machine`] with the library's message, when the key or the certificate cannot be made.
+    pub fn new(addresses: &[IpAddr], names: &[String]) -> Result<Self, WebError> {
         Self::made(addresses, names).map(|(new, _)| new)
     }
 
     /// Likewise, with its PEM text.
-    fn made(addresses: &[IpAddr], names: &[String]) -> Result<(Self, String), String> {
-        let text = |e: rcgen::Error| e.to_string();
+    fn made(addresses: &[IpAddr], names: &[String]) -> Result<(Self, String), WebError> {
+        let text = WebError::machine::<rcgen::Error>;
         let mut params = CertificateParams::new(names.to_vec()).map_err(text)?;
         params.subject_alt_names.extend(addresses.iter().map(|a| SanType::IpAddress(*a)));
         let mut subject = DistinguishedName::new();
@@ -100,14 +101,14 @@ impl Certificate {
     }
 
     /// The config of a TLS server.
-    pub(crate) fn into_server(self) -> Result<rustls::ServerConfig, String> {
+    pub(crate) fn into_server(self) -> Result<rustls::ServerConfig, WebError> {
         let provider = std::sync::Arc::new(rustls::crypto::ring::default_provider());
         let mut config = rustls::ServerConfig::builder_with_provider(provider)
             .with_safe_default_protocol_versions()
-            .map_err(|e| e.to_string())?
+            .map_err(WebError::machine)?
             .with_no_client_auth()
             .with_single_cert(self.chain, self.key)
-            .map_err(|e| e.to_string())?;
+            .map_err(WebError::machine)?;
         config.alpn_protocols = vec![b"http/1.1".to_vec()];
         Ok(config)
     }

@@ -3,6 +3,7 @@
 use crate::authority::Authority;
 use crate::certificate::Certificate;
 use crate::config::{CameraSource, ServeConfig};
+use crate::error::WebError;
 use crate::hub::Hub;
 use crate::invitation::{Invitation, lan_address};
 use crate::page::page;
@@ -21,7 +22,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use cairn_phrases::Language;
 use cairn_sensor::SourceError;
-use cairn_session::{Command, LibraryError, RoutesLock, SessionConfig};
+use cairn_session::{Command, RoutesLock, SessionConfig};
 use rustls::pki_types::CertificateDer;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -33,25 +34,6 @@ use tokio::sync::oneshot;
 
 /// The largest message of a page: an image.
 const LARGEST: usize = 4 << 20;
-
-/// Why the page cannot be served.
-#[derive(Debug, thiserror::Error)]
-pub enum WebError {
-    /// The port cannot be bound.
-    #[error("port {port}: {source}")]
-    Port {
-        /// The port.
-        port: u16,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// The routes cannot be kept where they should be.
-    #[error(transparent)]
-    Routes(#[from] LibraryError),
-    /// Another failure of the system, such as no thread or no random numbers.
-    #[error("{0}")]
-    Machine(String),
-}
 
 /// A running server.
 pub struct Server {
@@ -72,13 +54,12 @@ impl Server {
     /// # Errors
     /// When the port is in use, another program keeps its routes in the same folder, or the system provides no thread or random number.
     pub fn start(config: ServeConfig) -> Result<Self, WebError> {
-        let machine = |why: String| WebError::Machine(why);
         let host: IpAddr = if config.lan { Ipv4Addr::UNSPECIFIED.into() } else { Ipv4Addr::LOCALHOST.into() };
         let listener = std::net::TcpListener::bind((host, config.port))
             .and_then(|l| l.set_nonblocking(true).map(|()| l))
             .map_err(|source| WebError::Port { port: config.port, source })?;
         let routes = config.routes.as_deref().map(RoutesLock::take).transpose()?;
-        let address = listener.local_addr().map_err(|e| machine(e.to_string()))?;
+        let address = listener.local_addr().map_err(WebError::machine)?;
         let lan = if config.lan { lan_address() } else { None };
         let mut addresses: Vec<IpAddr> = lan.into_iter().collect();
         addresses.push(Ipv4Addr::LOCALHOST.into());
@@ -87,21 +68,20 @@ impl Server {
             (true, keep) => {
                 let made =
                     keep.as_deref().map_or_else(|| Authority::new().map(|a| (a, None)), Authority::kept);
-                let (authority, not_kept) = made.map_err(machine)?;
-                let certificate = authority.sign(&addresses, &names).map_err(machine)?;
+                let (authority, not_kept) = made?;
+                let certificate = authority.sign(&addresses, &names)?;
                 (Some(authority), certificate, not_kept)
             }
             (false, Some(folder)) => {
-                let (certificate, not_kept) =
-                    Certificate::kept(folder, &addresses, &names).map_err(machine)?;
+                let (certificate, not_kept) = Certificate::kept(folder, &addresses, &names)?;
                 (None, certificate, not_kept)
             }
-            (false, None) => (None, Certificate::new(&addresses, &names).map_err(machine)?, None),
+            (false, None) => (None, Certificate::new(&addresses, &names)?, None),
         };
         let der = authority.as_ref().map_or_else(|| certificate.der(), |a| a.der().clone());
         let files = authority.as_ref().map_or_else(Vec::new, |a| trust::files(a).into());
-        let tls = certificate.into_server().map_err(machine)?;
-        let token = config.token.clone().map_or_else(new_token, Ok).map_err(machine)?;
+        let tls = certificate.into_server()?;
+        let token = config.token.clone().map_or_else(new_token, Ok)?;
         let invitation = Invitation::new(address, lan, &token);
         let camera = match &config.camera {
             CameraSource::Page { .. } => String::new(),
@@ -116,7 +96,7 @@ impl Server {
             .thread_name("cairn-page")
             .enable_all()
             .build()
-            .map_err(|e| machine(e.to_string()))?;
+            .map_err(WebError::machine)?;
         let (stop, stopped) = oneshot::channel();
         let router = router(hub.clone(), &config.session, authority.as_ref());
         let web = std::thread::Builder::new().name("cairn-web".into()).spawn(move || {
@@ -134,11 +114,11 @@ impl Server {
             });
             runtime.shutdown_timeout(Duration::from_millis(500));
         });
-        let web = web.map_err(|e| machine(e.to_string()))?;
+        let web = web.map_err(WebError::machine)?;
         let shared = hub.clone();
         let work = move || walk(&shared, config, routes);
         let walk = std::thread::Builder::new().name("cairn-walk".into()).spawn(work);
-        let walk = walk.map_err(|e| machine(e.to_string()))?;
+        let walk = walk.map_err(WebError::machine)?;
         Ok(Self {
             invitation,
             address,

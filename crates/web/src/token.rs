@@ -1,12 +1,14 @@
 //! Secret names: the access token, and what else nobody may guess.
 
+use crate::error::WebError;
+
 /// A random token of 128 bits.
-pub(crate) fn new_token() -> Result<String, String> {
+pub(crate) fn new_token() -> Result<String, WebError> {
     let mut bytes = [0; 16];
     rustls::crypto::ring::default_provider()
         .secure_random
         .fill(&mut bytes)
-        .map_err(|_| "this machine provides no random numbers".to_owned())?;
+        .map_err(|_| WebError::machine("this machine provides no random numbers"))?;
     Ok(bytes.iter().map(|b| format!("{b:02x}")).collect())
 }
 

@@ -12,8 +12,8 @@ use cairn_dense::SubmapConfig;
 use cairn_engine::{Output, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
-    Command, Event, LensKnowledge, LibraryError, MapKeeper, Observer, RoutesLock, Script, Session, Slam,
-    WallClock, WallTime, drive_live, feed, routes_in,
+    Command, Event, LensKnowledge, LibraryError, MapKeeper, NotTracked, Observer, RoutesLock, Script,
+    Session, Slam, WallClock, WallTime, drive_live, feed, routes_in,
 };
 use cairn_sources::{PhoneSource, Validator};
 use std::path::{Path, PathBuf};
@@ -116,7 +116,7 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
     let closed = session.close();
     observer.finish(&mut session);
     ended?;
-    closed.map_err(|why| SourceError::new(&name, why, "make room on the disk"))
+    closed.map_err(|why| SourceError::new(&name, why.to_string(), "make room on the disk"))
 }
 
 /// Takes the lens that is kept for the phone, and checks it; where none is, it is watched for. Nothing is kept without a
@@ -259,7 +259,7 @@ impl Observer<Box<dyn Slam>> for PageObserver {
         let _ = self.hub.messages.send(wire::event(event, pose_ms).into());
     }
 
-    fn on_output(&mut self, _: &Walk, packet: &FramePacket, output: &Result<Output, String>) {
+    fn on_output(&mut self, _: &Walk, packet: &FramePacket, output: &Result<Output, NotTracked>) {
         self.frame_ms = self.hub.port.page_ms(packet.stamp);
         if let (Some(surface), Ok(output)) = (&self.surface, output) {
             surface.on_packet(packet, output);

@@ -45,11 +45,24 @@ fn write_video(path: &Path, out: &[FramePacket]) {
     file.flush().unwrap();
 }
 
-fn folder() -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser");
+/// An empty folder of this name for what a test writes.
+fn emptied(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let _ = std::fs::remove_dir_all(&folder);
     std::fs::create_dir_all(&folder).unwrap();
     folder
+}
+
+/// A folder of this name, and a browser whose camera shows these frames; `None`, and "skipped" is said, without Chromium.
+fn started(name: &str, frames: &[FramePacket]) -> Option<(PathBuf, Browser)> {
+    let folder = emptied(name);
+    let video = folder.join("walk.y4m");
+    write_video(&video, frames);
+    let browser = Browser::start(&folder, &video);
+    if browser.is_none() {
+        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
+    }
+    Some((folder, browser?))
 }
 
 /// The same walk without a browser: checks that the engine alone achieves what the browser test needs from it.
@@ -58,7 +71,7 @@ fn mono_session_returns_along_its_own_pictures() {
     let out = route_out();
     let rig = Rig::mono(camera());
     let engine = Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap();
-    let config = SessionConfig { folder: folder().join("plain"), ..SessionConfig::default() };
+    let config = SessionConfig { folder: emptied("browser-plain"), ..SessionConfig::default() };
     let mut session = Session::new(engine, config);
     let mut said = Vec::new();
     for (k, picture) in out.iter().chain(out.iter().rev()).enumerate() {
@@ -85,13 +98,7 @@ fn mono_session_returns_along_its_own_pictures() {
 #[test]
 #[ignore = "needs Chromium, and a minute: see .ci/run"]
 fn page_records_and_guides_home_in_a_browser() {
-    let folder = folder();
-    let video = folder.join("walk.y4m");
-    write_video(&video, &route_out());
-    let Some(mut browser) = Browser::start(&folder, &video) else {
-        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
-        return;
-    };
+    let Some((folder, mut browser)) = started("browser", &route_out()) else { return };
     let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
     let camera = CameraSource::Page { rig: Some(Box::new(Rig::mono(camera()))) };
     let server = Server::start(ServeConfig { session, ..ServeConfig::new(camera) });
@@ -200,15 +207,7 @@ fn keeping(folder: &Path) -> Server {
 #[test]
 #[ignore = "needs Chromium, and a minute: see .ci/run"]
 fn page_keeps_routes_for_another_day_in_a_browser() {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-routes");
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).unwrap();
-    let video = folder.join("none.y4m");
-    write_video(&video, &walked::route_out(0.0, 0.1));
-    let Some(mut browser) = Browser::start(&folder, &video) else {
-        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
-        return;
-    };
+    let Some((folder, mut browser)) = started("browser-routes", &walked::route_out(0.0, 0.1)) else { return };
     let kept = folder.join("routes");
     let server = keeping(&kept);
     let url = server.invitation().urls[0].clone();
@@ -311,15 +310,7 @@ fn settle() {
 #[test]
 #[ignore = "needs Chromium: see .ci/run"]
 fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
-    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-parts");
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).unwrap();
-    let video = folder.join("walk.y4m");
-    write_video(&video, &route_out()[..2]);
-    let Some(mut browser) = Browser::start(&folder, &video) else {
-        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
-        return;
-    };
+    let Some((folder, mut browser)) = started("browser-parts", &route_out()[..2]) else { return };
     let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
     let camera = CameraSource::Page { rig: None };
     let server = Server::start(ServeConfig { session, ..ServeConfig::new(camera) }).unwrap();
@@ -467,97 +458,6 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
 
-/// The map in three dimensions: by keys alone, in both schemes, on a phone and a desk; flat where WebGL is missing.
-#[test]
-#[ignore = "needs Chromium: see .ci/run"]
-fn map_is_drawn_in_three_dimensions_in_a_browser() {
-    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-map");
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).unwrap();
-    let video = folder.join("walk.y4m");
-    write_video(&video, &route_out()[..2]);
-    let Some(mut browser) = Browser::start(&folder, &video) else {
-        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
-        return;
-    };
-    let server = keeping(&folder.join("routes"));
-    let url = server.invitation().urls[0].clone();
-    let desk = browser.open(&url, [1400, 900]);
-    let without = "const own = HTMLCanvasElement.prototype.getContext; HTMLCanvasElement.prototype.getContext = \
-        function (kind, ...rest) { return kind === 'webgl' ? null : own.call(this, kind, ...rest); };";
-    let flat = browser.open_after(&url, [390, 844], without);
-    let phone = browser.open(&url, [390, 844]);
-    browser.still(&phone);
-    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
-    browser.click(&phone, "#take");
-    wait(&mut browser, &phone, "Record", "#main", 20.0);
-    settle();
-    browser.click(&phone, "#main");
-    wait(&mut browser, &phone, "Stop recording", "#main", 10.0);
-    std::thread::sleep(Duration::from_secs(14));
-    settle();
-    browser.click(&phone, "#main");
-    wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
-    let is_solid = "document.getElementById('map').getContext('2d') === null";
-    assert_eq!(browser.eval(&phone, is_solid), true, "WebGL is not used");
-    assert_eq!(browser.eval(&flat, is_solid), false);
-    for tab in [&phone, &flat, &desk] {
-        browser.eval(tab, "document.getElementById('maps').scrollIntoView()");
-    }
-    wait(&mut browser, &phone, "way of the camera", "#map-legend", 5.0);
-    wait(&mut browser, &phone, "A square of the grid is", "#map-grid", 5.0);
-    wait(&mut browser, &phone, " m", "#map-scale", 5.0);
-    for tab in [&phone, &desk, &flat] {
-        assert!(browser.drawn(tab, "#map"), "the map is empty");
-    }
-    assert_eq!(browser.eval(&flat, "document.getElementById('map-controls').hidden"), true);
-    for scheme in ["light", "dark"] {
-        for (tab, name) in [(&phone, "phone"), (&desk, "desk"), (&flat, "flat")] {
-            browser.scheme(tab, scheme);
-            browser.eval(tab, "document.getElementById('maps').scrollIntoView()");
-            std::thread::sleep(Duration::from_millis(1200));
-            browser.picture(tab, &folder.join(format!("{name}-{scheme}.png")));
-            accessible(&mut browser, tab, &format!("map, {name}, {scheme}"));
-        }
-    }
-    // By keys alone: turned, moved, larger, and all of it again.
-    browser.still(&phone);
-    let shown = |browser: &mut Browser| {
-        std::thread::sleep(Duration::from_millis(200));
-        browser.eval(&phone, "document.getElementById('map-scale').textContent + document.getElementById('map').toDataURL().length")
-    };
-    browser.eval(&phone, "document.getElementById('map').focus()");
-    let bar = |browser: &mut Browser| browser.text(&phone, "#map-scale");
-    let before = bar(&mut browser);
-    let mut last = shown(&mut browser);
-    for key in ["ArrowLeft", "ArrowUp", "+", "+", "+", "+", "+"] {
-        browser.key(&phone, key);
-        let now = shown(&mut browser);
-        assert_ne!(now, last, "{key} changes nothing");
-        last = now;
-    }
-    assert_ne!(bar(&mut browser), before, "the scale bar follows the size");
-    browser.picture(&phone, &folder.join("phone-near.png"));
-    browser.key(&phone, "0");
-    std::thread::sleep(Duration::from_millis(300));
-    assert_eq!(bar(&mut browser), before);
-    browser.click(&phone, "#map-follow");
-    browser.eval(
-        &phone,
-        "document.getElementById('map-colour').value = 'age'; document.getElementById('map-colour').dispatchEvent(new Event('change'))",
-    );
-    wait(&mut browser, &phone, "new", "#map-ramp-to", 2.0);
-    std::thread::sleep(Duration::from_millis(300));
-    browser.picture(&phone, &folder.join("phone-follow.png"));
-    // Under guidance the cleaned route is drawn.
-    settle();
-    browser.click(&phone, "#main");
-    std::thread::sleep(Duration::from_secs(3));
-    browser.eval(&desk, "document.getElementById('maps').scrollIntoView()");
-    browser.picture(&desk, &folder.join("desk-guiding.png"));
-    assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
-}
-
 /// A browser that refuses web sockets, as Safari on a phone that does not trust the certificate.
 const REFUSES: &str = "window.WebSocket = class {
     constructor() { this.readyState = 0; setTimeout(() => { this.readyState = 3; this.onerror?.(); this.onclose?.(); }, 5); }
@@ -569,15 +469,7 @@ const REFUSES: &str = "window.WebSocket = class {
 #[test]
 #[ignore = "needs Chromium: see .ci/run"]
 fn page_without_web_sockets_walks_in_a_browser() {
-    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-requests");
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).unwrap();
-    let video = folder.join("walk.y4m");
-    write_video(&video, &route_out());
-    let Some(mut browser) = Browser::start(&folder, &video) else {
-        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
-        return;
-    };
+    let Some((folder, mut browser)) = started("browser-requests", &route_out()) else { return };
     let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
     let camera = CameraSource::Page { rig: Some(Box::new(Rig::mono(camera()))) };
     let server = Server::start(ServeConfig {

@@ -81,6 +81,12 @@ impl World {
         Self { camera, points, descriptors }
     }
 
+    /// Leaves these points, by their numbers, and no others.
+    pub fn keep(&mut self, points: &[usize]) {
+        self.descriptors = points.iter().map(|n| self.descriptors[*n]).collect();
+        self.points = points.iter().map(|n| self.points[*n]).collect();
+    }
+
     /// What the camera sees from a pose: every point in view, exactly where it is.
     pub fn see(&self, world_from_camera: &Se3, seconds: f64) -> View {
         let camera_from_world = world_from_camera.inverse();

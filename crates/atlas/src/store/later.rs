@@ -165,10 +165,10 @@ impl Source<Frame> for Saved {
         self.of.frame(self.row).map_err(|e| e.to_string())
     }
 
-    fn stand_in(&self, fault: String) -> Arc<Frame> {
+    fn placeholder(&self, fault: String) -> Arc<Frame> {
         self.of.faults.keep(fault);
         let features = self.of.rows.get().and_then(|rows| rows.features.get(self.row));
-        Arc::new(Frame::stand_in(features.map_or(0, |n| *n as usize)))
+        Arc::new(Frame::placeholder(features.map_or(0, |n| *n as usize)))
     }
 }
 
@@ -178,7 +178,7 @@ impl Source<BagOfWords> for Saved {
         Ok(Arc::new(Vocabulary::current().bag(&frame.descriptors)))
     }
 
-    fn stand_in(&self, fault: String) -> Arc<BagOfWords> {
+    fn placeholder(&self, fault: String) -> Arc<BagOfWords> {
         self.of.faults.keep(fault);
         Arc::default()
     }

@@ -67,5 +67,5 @@ fn names_of_different_robots_stay() {
 #[test]
 fn different_octaves_are_refused() {
     let other = Snapshot::with_octaves(Octaves { levels: 4, factor: 1.5 });
-    assert!(Snapshot::new().combined_with(&other).unwrap_err().contains("levels: 4"));
+    assert!(Snapshot::new().combined_with(&other).unwrap_err().to_string().contains("levels: 4"));
 }

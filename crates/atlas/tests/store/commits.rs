@@ -10,7 +10,7 @@ fn journal(seed: u64, commits: usize) -> (Vec<u8>, Vec<Vec<u8>>, Arc<Snapshot>) 
     let base = file(seed, 4, 9);
     let mut atlas = Atlas::new(base.snapshot.clone());
     let stream = atlas.subscribe();
-    let mut dice = Dice(seed + 1000);
+    let mut dice = Dice::new(seed + 1000);
     for _ in 0..commits {
         let changes = step(&mut dice, atlas.latest(), 9);
         atlas.commit(changes);

@@ -70,7 +70,7 @@ fn altered_content_with_valid_checksums_never_panics() {
     let whole = file(5, 5, 6).write().unwrap();
     assert_eq!(with_valid_checksums(whole.clone()), whole);
     let table_end = 32 + u32::from_le_bytes(std::array::from_fn(|i| whole[12 + i])) as usize;
-    let mut dice = Dice(7);
+    let mut dice = Dice::new(7);
     let (mut valid, mut refused) = (0, 0);
     for at in table_end..whole.len() {
         for _ in 0..4 {

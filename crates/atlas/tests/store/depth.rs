@@ -29,7 +29,7 @@ fn depth_round_trips_and_splits_into_parts() {
     let mut saved = file(3, 8, 6);
     assert_eq!((saved.depth().unwrap(), saved.depth_bytes()), (vec![], 0));
     let before = saved.clone();
-    let mut depth = parts(&mut Dice(7), &[3, 1, 70]);
+    let mut depth = parts(&mut Dice::new(7), &[3, 1, 70]);
     saved.add_depth(&depth);
     let names: Vec<&String> = saved.attached.keys().filter(|n| n.starts_with(DEPTH_PREFIX)).collect();
     assert_eq!(names.len(), 5, "70 images in three parts: {names:?}");
@@ -50,7 +50,7 @@ fn depth_round_trips_and_splits_into_parts() {
 fn damage_costs_the_part_it_hits() {
     let mut saved = file(3, 4, 6);
     saved.attached.clear();
-    saved.add_depth(&parts(&mut Dice(9), &[2, 2, 2]));
+    saved.add_depth(&parts(&mut Dice::new(9), &[2, 2, 2]));
     let whole = saved.write().unwrap();
     let mut lost = BTreeSet::new();
     for cut in 1..90 {
@@ -72,7 +72,7 @@ fn damage_costs_the_part_it_hits() {
 #[test]
 fn every_altered_byte_of_a_part_is_an_error_or_other_numbers() {
     let mut saved = file(3, 4, 6);
-    saved.add_depth(&parts(&mut Dice(11), &[2]));
+    saved.add_depth(&parts(&mut Dice::new(11), &[2]));
     let name = format!("{DEPTH_PREFIX}00000");
     let whole = saved.attached[&name].clone();
     let mut refused = 0;
@@ -99,7 +99,7 @@ fn every_altered_byte_of_a_part_is_an_error_or_other_numbers() {
 #[test]
 fn older_layouts_are_read_and_newer_ones_refused() {
     let mut saved = file(3, 4, 6);
-    let depth = parts(&mut Dice(13), &[2]);
+    let depth = parts(&mut Dice::new(13), &[2]);
     saved.add_depth(&depth);
     let name = format!("{DEPTH_PREFIX}00000");
     for (layout, read) in [(0, false), (1, true), (2, true), (3, false)] {

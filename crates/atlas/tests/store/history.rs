@@ -6,6 +6,7 @@ use cairn_atlas::{
 };
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
+use cairn_random::Random;
 use cairn_sensor::Stamp;
 use cairn_vision::bow::Vocabulary;
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
@@ -26,15 +27,16 @@ pub fn camera() -> RectifiedCamera {
     }
 }
 
-/// A seeded pseudo-random number generator.
-pub struct Dice(pub u64);
+/// Numbers from a seed.
+pub struct Dice(Random);
 
 impl Dice {
+    pub fn new(seed: u64) -> Self {
+        Self(Random::new(seed))
+    }
+
     pub fn roll(&mut self, sides: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % sides as u64) as usize
+        self.0.below(sides)
     }
 
     fn real(&mut self) -> f64 {
@@ -70,7 +72,7 @@ fn frame(dice: &mut Dice, features: usize) -> Arc<Frame> {
 
 /// A snapshot after `steps` steps of a history.
 pub fn snapshot(seed: u64, steps: usize, features: usize) -> Snapshot {
-    let (mut dice, mut snapshot) = (Dice(seed), Snapshot::new());
+    let (mut dice, mut snapshot) = (Dice::new(seed), Snapshot::new());
     for n in 0..steps {
         if n == steps / 2 {
             snapshot = snapshot.continued_by((seed % 3) as u16);

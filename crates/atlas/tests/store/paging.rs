@@ -17,7 +17,7 @@ fn in_memory(snapshot: &Snapshot) -> usize {
 
 /// A history of many key frames in an atlas, which pages out, and without one.
 fn two(steps: usize) -> [Snapshot; 2] {
-    let (mut dice, mut plain) = (Dice(5), Snapshot::new());
+    let (mut dice, mut plain) = (Dice::new(5), Snapshot::new());
     let mut atlas = Atlas::new(plain.clone());
     for _ in 0..steps {
         let changes = step(&mut dice, &plain, 9);

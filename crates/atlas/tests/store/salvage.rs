@@ -118,7 +118,7 @@ fn what_nothing_can_be_done_without_is_an_error_and_nothing_panics() {
         assert!(error.contains(name), "{error}");
     }
     assert!(MapFile::salvage(b"").is_err() && MapFile::salvage(b"something else").is_err());
-    let mut dice = Dice(5);
+    let mut dice = Dice::new(5);
     for _ in 0..2000 {
         let mut damaged = bytes.clone();
         for _ in 0..1 + dice.roll(4) {

@@ -54,7 +54,7 @@ fn killed_process_leaves_a_loadable_file() {
     let path = folder.join("a.map");
     let ready = path.with_extension("ready");
     let expected: Vec<String> = (0..3).map(|n| described(&numbered(n).snapshot)).collect();
-    let mut dice = Dice(11);
+    let mut dice = Dice::new(11);
     let (mut left, mut saves) = (0, 0);
     for round in 0..50 {
         let child = this_test("saving::child_saves_in_a_loop");

@@ -131,7 +131,7 @@ pub fn tables(figures: &[Figures]) -> String {
 
 /// The page `docs/inertial.md`.
 pub fn page(figures: &[Figures]) -> String {
-    format!("{HEAD}\n{}", tables(figures))
+    format!("{HEAD}\n{}\nMeasured on {}.\n", tables(figures), crate::build::measured_on())
 }
 
 const HEAD: &str = "# IMU drift and initialisation

@@ -305,7 +305,7 @@ fn means(rows: &[Figures]) -> String {
 
 /// The page `docs/visual-inertial.md`.
 pub fn page(m: &Measured) -> String {
-    format!("{INTRODUCTION}\n{}", tables(m))
+    format!("{INTRODUCTION}\n{}\nMeasured on {}.\n", tables(m), crate::build::measured_on())
 }
 
 const INTRODUCTION: &str = "# Visual-inertial SLAM

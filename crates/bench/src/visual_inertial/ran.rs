@@ -201,7 +201,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         step_ms.push(out.extract_ms + out.track_ms);
     }
     engine.finish();
-    engine.snapshot().check()?;
+    engine.snapshot().check().map_err(|e| e.to_string())?;
     let first = stamps.first().copied().unwrap_or_default();
     let last = stamps.last().copied().unwrap_or_default();
     let mut truth = engine.comparable(&source.info().truth);

@@ -236,7 +236,7 @@ fn compare_s(bags: &[BagOfWords]) -> f64 {
     let mut random = Random::new(1);
     let [a, b] = [0, 1].map(|_| MapWords::new((0..COMPARED).map(|_| mixed(bags, &mut random)).collect()));
     let seconds = least(|| {
-        black_box(a.alike(&b));
+        black_box(a.similar(&b));
     });
     seconds / (COMPARED * COMPARED) as f64
 }

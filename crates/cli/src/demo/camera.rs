@@ -115,7 +115,7 @@ impl DemoCamera {
         };
         self.times.add("render", begin.elapsed());
         self.truth.push(packet.stamp.0, truth).map_err(|e| bug(e.to_string()))?;
-        let output = self.session.on_packet(&packet).map_err(bug)?;
+        let output = self.session.on_packet(&packet).map_err(|why| bug(why.to_string()))?;
         if let Some(why) = &output.stage_failed {
             return Err(bug(format!("mapping has stopped: {why}")));
         }

@@ -8,7 +8,7 @@
 mod read;
 mod write;
 
-pub use read::{Journal, JournalError};
+pub use read::{Journal, JournalError, ReplayError};
 pub(crate) use write::JournalWriter;
 
 use crate::Config;

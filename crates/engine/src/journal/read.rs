@@ -14,6 +14,17 @@ pub struct Journal {
     pub cut: Option<String>,
 }
 
+/// Why a journal cannot be replayed in an engine.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ReplayError {
+    /// Source, sensors, configuration or map are others: the first difference.
+    #[error("{0}")]
+    Differs(String),
+    /// The engine runs in threads.
+    #[error("a journal is replayed in lockstep")]
+    NotLockstep,
+}
+
 /// Why bytes cannot be read as a journal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum JournalError {

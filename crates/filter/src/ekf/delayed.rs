@@ -10,6 +10,7 @@
 use super::active::Place;
 use crate::measure::{Kind, Measurement, jacobians};
 use cairn_geometry::Vec2;
+use cairn_solve::{Convergence, Damping, DenseNormal, LevenbergMarquardt, minimise_dense};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector3};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -103,25 +104,32 @@ pub(super) fn sought(poses: &[Vector3<f64>], list: &[(Place, Measurement)]) -> O
     clear.then(|| found.swap_remove(0))
 }
 
-/// Gauss-Newton over the landmark alone.
+/// Levenberg-Marquardt over the landmark alone.
 fn descend(poses: &[Vector3<f64>], list: &[(Place, Measurement)], start: Vec2) -> Option<Found> {
-    let (mut at, mut lambda) = (start, 1e-3);
-    let (_, mut b, mut r) = linearised(poses, list, at)?;
-    for _ in 0..30 {
-        let (h, g) = (b.tr_mul(&b), b.tr_mul(&r));
-        let damped =
-            Matrix2::new(h[(0, 0)] * (1.0 + lambda), h[(0, 1)], h[(1, 0)], h[(1, 1)] * (1.0 + lambda));
-        let step = damped.try_inverse()? * Vec2::new(g[0], g[1]);
-        let Some((_, next_b, next_r)) = linearised(poses, list, at + step) else { break };
-        if next_r.norm_squared() < r.norm_squared() {
-            at += step;
-            (b, r, lambda) = (next_b, next_r, lambda * 0.2);
-        } else {
-            lambda *= 8.0;
+    let solver = LevenbergMarquardt {
+        iterations: 30,
+        damping: Damping::Factors {
+            first: 1e-3,
+            least: 1e-12,
+            most: 1e8,
+            shrink: 0.2,
+            grow: 8.0,
+            restart: 1e-12,
+        },
+        convergence: Convergence::Actual { relative: 1e-9 },
+    };
+    let normal = |at: &Vec2| match linearised(poses, list, *at) {
+        Some((_, b, r)) => {
+            let (hessian, gradient) = (b.tr_mul(&b), -b.tr_mul(&r));
+            DenseNormal {
+                hessian: hessian.fixed_view::<2, 2>(0, 0).into(),
+                gradient: gradient.fixed_rows::<2>(0).into(),
+                cost: 0.5 * r.norm_squared(),
+            }
         }
-        if step.norm() < 1e-6 * (1.0 + (at - start).norm()) || lambda > 1e8 {
-            break;
-        }
-    }
-    at.iter().all(|v| v.is_finite()).then(|| Found { at, cost: r.norm_squared() })
+        None => DenseNormal { hessian: Matrix2::zeros(), gradient: Vec2::zeros(), cost: f64::INFINITY },
+    };
+    let (at, normal, _) = minimise_dense(&solver, &start, 0.0, normal, |at, step| at + step);
+    let cost = 2.0 * normal.cost;
+    (cost.is_finite() && at.iter().all(|v| v.is_finite())).then_some(Found { at, cost })
 }

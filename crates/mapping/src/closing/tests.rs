@@ -163,7 +163,7 @@ fn another_place_at_the_same_position_is_refused_by_its_looks() {
     let closed = closer(world.camera).step(atlas.latest(), later[3]);
     assert!(!closed.verdicts.is_empty() && closed.changes.is_empty());
     for verdict in &closed.verdicts {
-        let Err(Refusal::MatchFailure(MatchFailure::Alike { have, need })) = verdict.result else {
+        let Err(Refusal::MatchFailure(MatchFailure::Appearance { have, need })) = verdict.result else {
             panic!("{verdict:?}")
         };
         assert!(have < need && ids.contains(&verdict.candidate));
@@ -283,4 +283,26 @@ fn adjust_whole_finishes_a_corrected_map_and_can_be_stopped() {
         ids.iter().zip(&path).map(|(id, truth)| error(s, *id, truth)).sum::<f64>() / ids.len() as f64
     };
     assert!(mean(atlas.latest()) < 0.3 * mean(&before), "{} of {}", mean(atlas.latest()), mean(&before));
+}
+
+#[test]
+fn candidates_are_the_place_of_before_and_no_neighbours() {
+    let world = World::around(stereo(), 83);
+    let (atlas, ids, _) = lap(&world, 0.4);
+    let snapshot = atlas.latest();
+    let here = snapshot.key_frame(ids[LAP + 3]).unwrap();
+    let found = candidates::candidates(snapshot, here, 2.0, 5);
+    assert!(!found.is_empty() && found.len() <= 5, "{found:?}");
+    let neighbours: Vec<KeyFrameId> = here.covisible.iter().map(|(id, _)| *id).collect();
+    assert!(found.iter().all(|id| !neighbours.contains(id) && *id != here.id), "{found:?}");
+    assert!(found.iter().any(|id| ids[..7].contains(id)), "{found:?} has nothing of the first sixth");
+    assert!(
+        found.iter().all(|id| ids[..12].contains(id) || ids[LAP - 6..].contains(id)),
+        "{found:?} is elsewhere"
+    );
+    // By words alone, too: nothing is within reach.
+    assert!(candidates::candidates(snapshot, here, 0.0, 5).iter().any(|id| ids[..7].contains(id)));
+    // In the middle of the lap nobody was before.
+    let middle = snapshot.key_frame(ids[15]).unwrap();
+    assert!(candidates::candidates(snapshot, middle, 0.5, 5).iter().all(|id| !ids[12..19].contains(id)));
 }

@@ -56,8 +56,8 @@ impl SimulatedBody {
         let before = self.truth;
         for _ in 0..(for_s / STEP_S).round() as usize {
             self.waiting.push_back(order);
-            let felt = self.waiting.pop_front().unwrap_or(order);
-            self.motion = self.limits.reachable(self.motion, felt, STEP_S);
+            let delayed = self.waiting.pop_front().unwrap_or(order);
+            self.motion = self.limits.reachable(self.motion, delayed, STEP_S);
             self.truth = moved(&self.truth, self.motion, STEP_S);
             see(&self.truth);
         }

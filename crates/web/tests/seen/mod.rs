@@ -1,23 +1,18 @@
-//! The surface on the page in a real browser.
+//! The surface and the map on the page in a real browser.
+
+mod map;
 
 use crate::cdp::Browser;
-use crate::{accessible, building, wait, walked, write_video};
+use crate::{accessible, building, started, wait, walked};
 use cairn_session::SessionConfig;
 use cairn_web::{ServeConfig, Server};
-use std::path::Path;
 use std::time::Duration;
 
 /// The surface of what a depth camera sees, as it grows: drawn, in each of its colours, walked through by keys.
 #[test]
 #[ignore = "needs Chromium: see .ci/run"]
 fn surface_grows_on_the_page_in_a_browser() {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("browser-surface");
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).unwrap();
-    let video = folder.join("none.y4m");
-    write_video(&video, &walked::route_out(0.0, 0.1));
-    let Some(mut browser) = Browser::start(&folder, &video) else {
-        println!("skipped: Chromium is not installed (Debian: apt install chromium)");
+    let Some((folder, mut browser)) = started("browser-surface", &walked::route_out(0.0, 0.1)) else {
         return;
     };
     let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };

@@ -1,6 +1,6 @@
 //! Landmarks, and what follows from which features show them.
 
-use super::shown::Look;
+use super::shown::Appearance;
 use crate::store::container::Parts;
 use crate::store::error::StoreError;
 use crate::store::layout::NO_PICK;
@@ -70,21 +70,21 @@ pub(super) fn observe(
     Ok(())
 }
 
-/// Derives what follows from the observations of landmarks, on several processors; `looks` tells their descriptors and levels
+/// Derives what follows from the observations of landmarks, on several processors; `appearances` tells their descriptors and levels
 /// where features are not read.
 pub(super) fn derive_all(
     snapshot: &Snapshot,
     landmarks: &mut [Landmark],
     picks: &[u32],
-    looks: Option<&[Look]>,
+    appearances: Option<&[Appearance]>,
 ) -> Result<(), StoreError> {
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get().min(4));
     let each = landmarks.len().div_ceil(threads).max(1);
     let derive_some = |first: usize, some: &mut [Landmark]| {
         some.iter_mut().enumerate().try_for_each(|(i, l)| {
             let row = first + i;
-            let look = looks.and_then(|looks| looks.get(row).copied());
-            if derive(snapshot, l, picks[row], look).is_none() {
+            let appearance = appearances.and_then(|appearances| appearances.get(row).copied());
+            if derive(snapshot, l, picks[row], appearance).is_none() {
                 return Err(StoreError::part("landmarks", format!("{:?} cannot be derived", l.id)));
             }
             let map = |o: &Observation| snapshot.key_frame(o.key_frame).map(|k| k.map);
@@ -110,9 +110,9 @@ pub(super) fn derive_all(
 }
 
 /// Derives what follows from the observations of a landmark.
-fn derive(snapshot: &Snapshot, l: &mut Landmark, pick: u32, look: Option<Look>) -> Option<()> {
-    if let Some(look) = look {
-        (l.descriptor, l.octave, l.angle) = look;
+fn derive(snapshot: &Snapshot, l: &mut Landmark, pick: u32, appearance: Option<Appearance>) -> Option<()> {
+    if let Some(appearance) = appearance {
+        (l.descriptor, l.octave, l.angle) = appearance;
         l.pick = u16::try_from(pick).unwrap_or(u16::MAX);
         (l.normal, l.min_distance, l.max_distance) = snapshot.visibility(l)?;
         return Some(());

@@ -91,11 +91,11 @@ pub(super) fn read(
         false => None,
     };
     let whole = damage.count();
-    let (shown, looks) = match (later, ahead) {
-        (Some(later), Some(Shown { rows, looks })) => {
+    let (shown, appearances) = match (later, ahead) {
+        (Some(later), Some(Shown { rows, appearances })) => {
             later.give(&mut key_frames, camera, octaves, &features)?;
             snapshot.faults = later.faults();
-            (rows, Some(looks))
+            (rows, Some(appearances))
         }
         _ => (read_features(parts, camera, octaves, &mut key_frames, &features, damage)?, None),
     };
@@ -137,7 +137,7 @@ pub(super) fn read(
         "where removed key frames were is forgotten; routes that lead along them use their recorded poses",
         || (),
     )?;
-    derive_all(&snapshot, &mut landmarks, &picks, looks.as_deref())?;
+    derive_all(&snapshot, &mut landmarks, &picks, appearances.as_deref())?;
     for l in landmarks {
         snapshot.landmarks.insert(l.id.index(), l);
     }

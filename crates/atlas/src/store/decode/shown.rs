@@ -1,4 +1,4 @@
-//! What of the features a map needs before they are read: the landmarks that they show, and how those look.
+//! What of the features a map needs before they are read: the landmarks that they show, and how those appear.
 
 use crate::store::container::Parts;
 use crate::store::error::StoreError;
@@ -7,14 +7,14 @@ use crate::store::wire::Decoder;
 use cairn_vision::{Descriptor, Octaves};
 
 /// Descriptor of a landmark, pyramid level of its first observation, angle of its latest.
-pub(super) type Look = (Descriptor, u8, f32);
+pub(super) type Appearance = (Descriptor, u8, f32);
 
 /// The part `shown`.
 pub(super) struct Shown {
     /// For each feature of all key frames the row (from 1) of the landmark that it shows.
     pub rows: Vec<u32>,
-    /// How each landmark looks.
-    pub looks: Vec<Look>,
+    /// How each landmark appears.
+    pub appearances: Vec<Appearance>,
 }
 
 /// Reads the part for this many features and landmarks.
@@ -37,6 +37,7 @@ pub(super) fn read_shown(
     }
     let descriptors = d.bytes(landmarks.saturating_mul(32))?.as_chunks().0;
     d.end()?;
-    let looks = descriptors.iter().zip(levels).zip(angles).map(|((d, level), angle)| (*d, *level, angle));
-    Ok(Shown { rows, looks: looks.collect() })
+    let appearances =
+        descriptors.iter().zip(levels).zip(angles).map(|((d, level), angle)| (*d, *level, angle));
+    Ok(Shown { rows, appearances: appearances.collect() })
 }

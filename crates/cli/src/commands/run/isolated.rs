@@ -237,16 +237,16 @@ mod unix {
             records: a.record.is_some(),
         };
         let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
-        let mut watched = Watched::new(a, began, voice);
-        let run = cairn_workers::supervise(&how, &folder, &stop, &mut |told| watched.tell(&told));
+        let mut monitor = Monitor::new(a, began, voice);
+        let run = cairn_workers::supervise(&how, &folder, &stop, &mut |told| monitor.tell(&told));
         let mut run = run.map_err(|e| match e {
             cairn_workers::SuperviseError::Worker(e) => Failure::new(e.what, e.why, e.cure),
             e => Failure::new("the run", e.to_string(), "run without --isolated to see where it fails"),
         })?;
-        let heard = watched.voice.end().map_err(super::super::say::fail);
+        let heard = monitor.voice.end().map_err(super::super::say::fail);
         run.map.attached = attached;
-        drop(std::mem::replace(&mut watched.progress, Progress::hidden()));
-        let report = report(a, &run, &watched, &config, began);
+        drop(std::mem::replace(&mut monitor.progress, Progress::hidden()));
+        let report = report(a, &run, &monitor, &config, began);
         let written = written(a, outputs, output, &run, &report);
         heard.and(written)
     }
@@ -272,7 +272,7 @@ mod unix {
     }
 
     /// What is shown and counted while the run goes on.
-    struct Watched {
+    struct Monitor {
         began: Instant,
         progress: Progress,
         frames: usize,
@@ -285,7 +285,7 @@ mod unix {
         guide_died: String,
     }
 
-    impl Watched {
+    impl Monitor {
         fn new(a: &Arguments, began: Instant, voice: Box<dyn Voice>) -> Self {
             let language = a.speaking.language;
             Self {
@@ -342,7 +342,7 @@ mod unix {
     fn report(
         a: &Arguments,
         run: &Supervised,
-        watched: &Watched,
+        monitor: &Monitor,
         config: &FileConfig,
         began: Instant,
     ) -> RunReport {
@@ -364,7 +364,7 @@ mod unix {
             keyframes: snapshot.key_frame_count(),
             landmarks: snapshot.landmark_count(),
             ms: Percentiles::of(&ms),
-            first_pose_s: watched.first_pose_s,
+            first_pose_s: monitor.first_pose_s,
             config: tally::as_printed(config),
             accuracy: accuracy(a, run, config),
             ..RunReport::default()

@@ -191,7 +191,9 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let rerun = rerun.map_or(Ok(()), |rerun| rerun.end(&session, dense.as_ref()));
     let journal_ended = journal::end(a, session.engine());
     warn_of_skipped(&skipped);
-    let closed = session.close().map_err(|why| Failure::new("recording", why, "free some space on the disk"));
+    let closed = session
+        .close()
+        .map_err(|why| Failure::new("recording", why.to_string(), "free some space on the disk"));
     let saved = saver.end(&session, dense.as_mut());
     let shared = sharing.map_or(Ok(()), Sharing::end);
     // Nothing above or below keeps the rest from being written; all failures are reported together.

@@ -13,7 +13,7 @@ use crate::progress::Progress;
 use crate::terminal::Terminal;
 use cairn_engine::{DenseMapper, Output};
 use cairn_sensor::FramePacket;
-use cairn_session::{Command, Event, Observer, Session};
+use cairn_session::{Command, Event, NotTracked, Observer, Session};
 use cairn_voice::Voice;
 use tracing::{debug, info, trace};
 
@@ -126,7 +126,7 @@ impl Observer for RunObserver<'_, '_> {
         }
     }
 
-    fn on_output(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, String>) {
+    fn on_output(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, NotTracked>) {
         match output {
             Ok(done) => {
                 if let Some(cause) = &done.stage_failed {

@@ -36,7 +36,7 @@ pub fn built(path: &Path) -> Result<Built, Failure> {
     let fail = |why: String| Failure::new(path.display().to_string(), why, hint);
     let text = cairn_files::read_text(path, 256 * MIB).map_err(|e| fail(e.to_string()))?;
     let built: Built = serde_json::from_str(&text).map_err(|e| fail(e.to_string()))?;
-    built.check().map_err(fail)?;
+    built.check().map_err(|why| fail(why.to_string()))?;
     Ok(built)
 }
 

@@ -297,7 +297,7 @@ impl Robot {
             Err(e) => return warn(&format!("{shown} is not shared: {e}")),
         };
         let robot = self.member.peer().robot();
-        let published = own_map(robot, &bytes).and_then(|file| {
+        let published = own_map(robot, &bytes).map_err(|e| e.to_string()).and_then(|file| {
             let pieces = pieces::cut(&bytes).map_err(|e| e.to_string())?;
             let peer = self.member.peer_mut();
             let (words, lengths) = words_of_map(robot, &file);

@@ -1,0 +1,116 @@
+//! Windows with IMU factors on a synthetic map: one camera, a walk to and fro, exact readings.
+
+#[path = "common/imu_walk.rs"]
+#[allow(dead_code)]
+mod imu_walk;
+#[path = "common/mod.rs"]
+mod synthetic;
+
+use cairn_adjust::{ImuModel, Window, WindowConfig};
+use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, Snapshot};
+use cairn_geometry::{Manifold, Se3, Sim3, Vec3};
+use imu_walk::{NOISE, ToAndFro};
+use nalgebra::SVector;
+use synthetic::{mono, off};
+
+fn model() -> ImuModel {
+    ImuModel { imu_from_camera: Se3::identity(), noise: NOISE }
+}
+
+fn config() -> WindowConfig {
+    WindowConfig { iterations: [30, 30], tolerance: 1e-10, ..WindowConfig::default() }
+}
+
+/// The map of a walk that turns, metric and level but for what is said.
+fn walk(tilt_rad: f64, factor: f64) -> (Atlas, Vec<KeyFrameId>) {
+    ToAndFro { turn_rad: 0.5, tilt_rad, factor }.map(24)
+}
+
+/// Key frames that move are off by a centimetre and a quarter of a degree, their velocities by 5 cm/s.
+fn perturb(atlas: &mut Atlas, ids: &[KeyFrameId]) {
+    let snapshot = atlas.latest().clone();
+    let mut changes = Vec::new();
+    for (n, id) in ids.iter().enumerate() {
+        let k = snapshot.key_frame(*id).unwrap();
+        let d = |i: f64| (i * (n + 1) as f64).sin();
+        let error = SVector::from([0.01 * d(1.3), 0.01 * d(1.7), 0.01 * d(0.7), 0.004 * d(2.1), 0.004, 0.0]);
+        changes.push(Change::MoveKeyFrame(*id, k.world_from_camera.retract(&error)));
+        let motion = k.motion.as_ref().unwrap();
+        changes.push(Change::InertialState(*id, motion.velocity + Vec3::new(0.05, 0.0, -0.05), motion.bias));
+    }
+    assert_eq!(atlas.commit(changes).dropped, 0);
+}
+
+/// The greatest difference of positions in metres, and of velocities in m/s.
+fn worst(a: &Snapshot, b: &Snapshot, ids: &[KeyFrameId]) -> [f64; 2] {
+    ids.iter().fold([0.0; 2], |worst, id| {
+        let [a, b] = [a, b].map(|s| s.key_frame(*id).unwrap());
+        let speed = |k: &cairn_atlas::KeyFrame| k.motion.as_ref().unwrap().velocity;
+        [
+            worst[0].max(off(&a.world_from_camera, &b.world_from_camera).0),
+            worst[1].max((speed(a) - speed(b)).norm()),
+        ]
+    })
+}
+
+#[test]
+fn inertial_window_recovers_poses_and_velocities_of_its_chain_and_moves_nothing_before_it() {
+    let (mut atlas, ids) = walk(0.0, 1.0);
+    let truth = atlas.latest().clone();
+    perturb(&mut atlas, &ids[14..]);
+    let before = worst(atlas.latest(), &truth, &ids);
+    assert!(before[0] > 0.01 && before[1] > 0.05, "{before:?}");
+    let config = WindowConfig { key_frames: 10, ..config() };
+    let window = Window::inertial_around(atlas.latest(), &mono(), &model(), ids[23], 10, &config).unwrap();
+    assert_eq!(window.links(), 10, "the chain, and its link to the key frame before it");
+    let result = window.solve(&config, || false);
+    assert_eq!(atlas.commit(result.changes.changes).dropped, 0);
+    let after = worst(atlas.latest(), &truth, &ids);
+    assert!(after[0] < 1e-3 && after[1] < 5e-3, "{after:?} of {before:?}");
+    assert_eq!(worst(atlas.latest(), &truth, &ids[..13])[0], 0.0, "key frames before the chain stay");
+    assert!(
+        Window::inertial_around(
+            atlas.latest(),
+            &mono(),
+            &model(),
+            KeyFrameId::from_index(99).unwrap(),
+            10,
+            &config
+        )
+        .is_none()
+    );
+}
+
+#[test]
+fn inertial_whole_finds_the_scale_and_the_level_of_a_map() {
+    let (mut atlas, ids) = walk(0.01, 1.03);
+    let (level, _) = walk(0.0, 1.0);
+    let up = |s: &Snapshot| s.key_frame(ids[0]).unwrap().world_from_camera.rotation.inverse() * Vec3::z();
+    let length = |s: &Snapshot| {
+        let at = |n: usize| s.key_frame(ids[n]).unwrap().world_from_camera.translation;
+        (at(8) - at(0)).norm()
+    };
+    let tilt = |s: &Snapshot| up(s).angle(&up(level.latest()));
+    let scale = |s: &Snapshot| length(s) / length(level.latest());
+    assert!(tilt(atlas.latest()) > 0.009 && (scale(atlas.latest()) - 1.03).abs() < 1e-9);
+    let window = Window::inertial_whole(atlas.latest(), &mono(), &model(), MapId(ids[0]));
+    assert_eq!(window.links(), ids.len() - 1);
+    let result = window.solve(&config(), || false);
+    assert_eq!(atlas.commit(result.changes.changes).dropped, 0);
+    assert!(tilt(atlas.latest()) < 1e-3, "{} rad", tilt(atlas.latest()));
+    assert!((scale(atlas.latest()) - 1.0).abs() < 3e-3, "{}", scale(atlas.latest()));
+    let root = atlas.latest().key_frame(ids[0]).unwrap().world_from_camera.translation;
+    assert_eq!(root, walk(0.01, 1.03).0.latest().key_frame(ids[0]).unwrap().world_from_camera.translation);
+}
+
+#[test]
+fn without_readings_there_are_no_links_and_the_window_is_visual() {
+    let (atlas, ids) = walk(0.0, 1.0);
+    let mut plain = Atlas::new(Snapshot::new());
+    let world = synthetic::World::around(mono(), 71);
+    let path = synthetic::sideways(4, 0.2);
+    let seen = world.map(&mut plain, &world.walk(&path, 0.0, 0.5), &path, None, |_| Sim3::identity());
+    let window = Window::inertial_whole(plain.latest(), &mono(), &model(), MapId(seen[0]));
+    assert_eq!(window.links(), 0);
+    assert!(Window::whole(atlas.latest(), &mono(), MapId(ids[0])).links() == 0);
+}
