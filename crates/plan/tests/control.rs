@@ -192,6 +192,67 @@ fn someone_who_stays_in_the_door_is_gone_around() {
     }
 }
 
+/// Someone stops in a door before the body for 3 s and then goes back: the body neither backs up before him nor drives
+/// through the other door.
+#[test]
+fn someone_who_stops_in_the_door_and_leaves_is_waited_for() {
+    let costs = costs(two_rooms());
+    let mut layer = DynamicLayer::new(DynamicConfig::default());
+    let mut body = body(1.0, 1.5, 0.0, 6);
+    let mut navigator = navigator();
+    navigator.set_goal(Vec2::new(11.0, 1.5));
+    let (mut time_s, mut met_s, mut through, mut least) = (0.0, None, 0.0, 0.0f64);
+    while navigator.state() != State::Reached {
+        let left_s = met_s.map_or(0.0, |met_s: f64| (time_s - met_s - 3.0).max(0.0));
+        let person = Vec2::new(6.0, 2.0) + Vec2::new(0.3, 0.7) * left_s;
+        people(&mut layer, time_s, if left_s < 3.0 { std::slice::from_ref(&person) } else { &[] });
+        let step = navigator.step(time_s, &body.odometry, body.motion, &costs, Some(&layer));
+        if step.state == State::Blocked {
+            met_s = met_s.or(Some(time_s));
+        }
+        least = least.min(step.motion.linear);
+        body.go(step.motion, 0.05, |truth| {
+            if (truth.translation.x - 6.0).abs() < 0.1 {
+                through = truth.translation.y;
+            }
+        });
+        time_s += 0.05;
+        assert!(time_s < 30.0 && navigator.state() != State::NoPath, "{step:?}");
+    }
+    assert!(met_s.is_some(), "nobody was met");
+    assert!((1.5..2.5).contains(&through), "through the door: y = {through}");
+    assert!(least > -1e-6, "backed up: {least} m/s");
+}
+
+/// The way through the other door takes longer than has been waited: the body still waits at its own. Once it has waited as
+/// long, it goes round.
+#[test]
+fn a_way_around_is_taken_when_waiting_has_taken_as_long() {
+    let costs = costs(two_rooms());
+    let mut layer = DynamicLayer::new(DynamicConfig::default());
+    let mut body = body(1.0, 1.5, 0.0, 6);
+    let mut navigator = navigator();
+    navigator.set_goal(Vec2::new(11.0, 1.5));
+    let (mut time_s, mut met_s, mut round_s) = (0.0, None, None);
+    while round_s.is_none() {
+        people(&mut layer, time_s, &[Vec2::new(6.0, 2.0)]);
+        let step = navigator.step(time_s, &body.odometry, body.motion, &costs, Some(&layer));
+        if step.state == State::Blocked {
+            met_s = met_s.or(Some(time_s));
+        }
+        let leads_round = navigator.path().is_some_and(|p| p.points().iter().any(|at| at.y > 7.0));
+        round_s = leads_round.then_some(time_s);
+        body.go(step.motion, 0.05, |_| ());
+        time_s += 0.05;
+        assert!(time_s < 60.0 && navigator.state() != State::NoPath, "{step:?}");
+    }
+    let waited_s = round_s.unwrap() - met_s.unwrap();
+    let path = navigator.path().unwrap();
+    let longer_m = path.length_m() - (Vec2::new(11.0, 1.5) - path.at(0.0).0).norm();
+    let longer_s = longer_m / navigator.config().pursuit.limits.linear;
+    assert!(longer_s > 5.0 && waited_s > 0.9 * longer_s, "{longer_s} s longer, after {waited_s} s");
+}
+
 #[test]
 fn a_door_that_closes_means_another_way_or_none() {
     for other_open in [true, false] {

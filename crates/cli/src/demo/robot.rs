@@ -129,8 +129,9 @@ fn run(seed: u64) -> Result<(Figures, End), Failure> {
     let trial = Trial::new(config).map_err(failed)?;
     let end = trial
         .run(|p| {
-            progress
-                .step(if p.goals > 0 { 60 + 13 * p.goals } else { (60.0 * p.t_s / most_s) as usize }.min(99))
+            progress.step(
+                (if p.goals > 0 { 60 + 13 * p.goals } else { (60.0 * p.t_s / most_s) as usize }).min(99),
+            )
         })
         .map_err(failed)?;
     drop(progress);
@@ -219,8 +220,12 @@ fn summary(f: &Figures) -> String {
     for g in &f.goals {
         let reason = g.reason.as_deref().map_or_else(String::new, |r| format!(": {r}"));
         lines.push(format!(
-            "goal       {}, {} after {:.0} s, {:.2} m from it{reason}",
-            g.name, g.state, g.seconds, g.error_m
+            "goal       {}, {} after {:.0} s{}, {:.2} m from it{reason}",
+            g.name,
+            g.state,
+            g.seconds,
+            if g.tries > 1 { " in two tries" } else { "" },
+            g.error_m
         ));
     }
     let door = f.door_closed_s.map_or("stayed open".to_owned(), |t| format!("closed at {t:.0} s"));

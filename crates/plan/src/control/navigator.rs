@@ -1,9 +1,12 @@
 //! Drives to a goal: plans over the costmap, smooths, follows, recovers, and always gives a reason.
 //!
 //! States: `IDLE` (no goal), `PLANNING`, `EXECUTING`, `REACHED`, `NO_PATH`, `BLOCKED`. When something is in the way,
-//! the navigator waits. If it stays there, the body turns towards the direction of the path, then backs up as far as
-//! the ground behind is free, then plans again around moving objects. A change of the map on the path, a jump of the
-//! pose (a loop closure) and a body off its path all trigger a new plan; a pose that is not finite stops the body.
+//! the navigator waits, longer for what moves. If it stays there, the body turns towards the direction of the path, then
+//! backs up as far as the ground behind is free, then plans again around moving objects. A way around is taken once the
+//! body has waited for as long as it takes longer, so that waiting and driving together are never more than twice the
+//! better of the two (the rule of renting or buying skis; Karlin, Manasse, Rudolph and Sleator 1988). A change of the map
+//! on the path, a jump of the pose (a loop closure) and a body off its path all trigger a new plan; a pose that is not
+//! finite stops the body.
 
 use super::ahead::Surroundings;
 use super::motion::Motion;
@@ -31,6 +34,9 @@ pub struct NavigatorConfig {
     pub room_m: f64,
     /// Time to wait before each recovery when something is in the way, in seconds.
     pub wait_s: f64,
+    /// Time to wait before the first recovery when what is in the way moves and may leave by itself, in seconds. A body that
+    /// backs up before someone who waits for it brings him after it.
+    pub passing_s: f64,
     /// Longest distance to back up, in metres.
     pub back_up_m: f64,
     /// Rounds of recovery before the navigator gives up.
@@ -52,6 +58,7 @@ impl NavigatorConfig {
             smooth: SmoothConfig::default(),
             room_m: 0.2,
             wait_s: 1.0,
+            passing_s: 4.0,
             back_up_m: 0.3,
             attempts: 3,
             jump_m: 0.4,
@@ -82,6 +89,10 @@ pub struct Navigator {
     recovery: Recovery,
     since_s: f64,
     attempts: u32,
+    /// Since when (seconds) and where something has been in the way without the body getting on.
+    blocked: Option<(f64, Vec2)>,
+    /// Whether what is in the way moves.
+    by_moving: bool,
     /// Whether the next plan goes around moving objects.
     around: bool,
     why: Reason,
@@ -102,6 +113,8 @@ impl Navigator {
             recovery: Recovery::Wait,
             since_s: 0.0,
             attempts: 0,
+            blocked: None,
+            by_moving: false,
             around: false,
             why: Reason::NewGoal,
         }
@@ -109,7 +122,7 @@ impl Navigator {
 
     /// Sets a goal (metres, world), valid from the next step on.
     pub fn set_goal(&mut self, goal: Vec2) {
-        (self.goal, self.attempts, self.around) = (Some(goal), 0, false);
+        (self.goal, self.attempts, self.around, self.blocked) = (Some(goal), 0, false, None);
         self.plan_again(Reason::NewGoal);
     }
 
@@ -170,7 +183,7 @@ impl Navigator {
         }
         match self.state {
             State::Idle | State::Reached | State::NoPath => self.stand(motion, None),
-            State::Planning => self.plan(world_from_body, motion, costs, moving),
+            State::Planning => self.plan(time_s, world_from_body, motion, costs, moving),
             State::Executing | State::Blocked => {
                 let radius_m = costs.config().touch_m(costs.frame().resolution_m());
                 let [around, everywhere] =
@@ -224,8 +237,16 @@ impl Navigator {
         (self.state, self.path, self.why, self.recovery) = (State::Planning, None, why, Recovery::Wait);
     }
 
-    fn plan(&mut self, pose: &Se2, motion: Motion, costs: &Costmap, moving: Option<&DynamicLayer>) -> Step {
-        let reason = match self.find_path(pose, costs, moving) {
+    fn plan(
+        &mut self,
+        time_s: f64,
+        pose: &Se2,
+        motion: Motion,
+        costs: &Costmap,
+        moving: Option<&DynamicLayer>,
+    ) -> Step {
+        let waited_s = self.blocked.map_or(0.0, |(since_s, _)| time_s - since_s);
+        let reason = match self.find_path(pose, costs, moving, waited_s) {
             Ok(path) => {
                 self.path = Some(path);
                 self.pursuit.restart(0.0);
@@ -248,6 +269,7 @@ impl Navigator {
         pose: &Se2,
         costs: &Costmap,
         moving: Option<&DynamicLayer>,
+        waited_s: f64,
     ) -> Result<ReferencePath, NoPath> {
         let frame = costs.frame();
         let goal = self.goal.ok_or(NoPath::NotFinite(Place::Goal))?;
@@ -256,14 +278,17 @@ impl Navigator {
         }
         let goal_cell = frame.cell_at(goal).ok_or(NoPath::Outside(Place::Goal))?;
         let start = self.start_cell(pose.translation, costs)?;
+        let past = self.search.search(costs.costs(), start, goal_cell)?;
         let path = match moving.filter(|_| self.around) {
             Some(moving) => {
                 let mut around = costs.costs().clone();
                 block_moving(&mut around, moving, costs.config().radius_m, [start, goal_cell]);
-                self.search.search(&around, start, goal_cell)
+                let longest_m = past.length_m(frame) + waited_s * self.config.pursuit.limits.linear;
+                let around = self.search.search(&around, start, goal_cell).ok();
+                around.filter(|path| path.length_m(frame) <= longest_m).unwrap_or(past)
             }
-            None => self.search.search(costs.costs(), start, goal_cell),
-        }?;
+            None => past,
+        };
         self.around = false;
         let keep_m = costs.config().touch_m(frame.resolution_m()) + costs.config().margin_m;
         let clearance_m = keep_m + self.config.room_m;
@@ -351,12 +376,16 @@ impl Navigator {
             let free_m = following.ahead.free_m;
             reason =
                 Some(if following.ahead.by_moving { Reason::Moving(free_m) } else { Reason::Wall(free_m) });
+            self.by_moving = following.ahead.by_moving;
+            self.blocked.get_or_insert((time_s, pose.translation));
             if self.state != State::Blocked {
                 (self.state, self.recovery, self.since_s) = (State::Blocked, Recovery::Wait, time_s);
             }
         } else {
-            if self.state == State::Executing && following.motion.linear > 0.1 {
-                self.attempts = 0;
+            // Driving back over the ground on which it backed up is not getting on.
+            let is_away = |(_, at): (f64, Vec2)| (pose.translation - at).norm() > self.config.back_up_m + 0.5;
+            if self.blocked.is_some_and(is_away) {
+                (self.attempts, self.blocked) = (0, None);
             }
             self.state = State::Executing;
         }
@@ -376,7 +405,9 @@ impl Navigator {
             return None;
         }
         let p = self.config.pursuit;
-        let late = time_s - self.since_s > self.config.wait_s;
+        let is_waiting = self.recovery == Recovery::Wait;
+        let wait_s = if is_waiting && self.by_moving { self.config.passing_s } else { self.config.wait_s };
+        let late = time_s - self.since_s > wait_s;
         let order = |wish: Motion, reason: Reason, me: &mut Self| {
             let motion = p.limits.reachable(motion, wish, p.period_s);
             me.ordered(motion);

@@ -45,7 +45,7 @@ pub struct RobotConfig {
     pub people: usize,
     /// Exploration ends after this time, seconds.
     pub explore_s: f64,
-    /// A goal is given up after this time, seconds.
+    /// A try for a goal ends after this time, seconds.
     pub goal_s: f64,
     /// A goal counts as reached when the robot truly stands within this distance, metres.
     pub arrival_m: f64,
@@ -79,9 +79,12 @@ impl RobotConfig {
             ground: GroundConfig {
                 occupancy: OccupancyConfig { max_range_m: 6.0, ..OccupancyConfig::default() },
                 costs: CostConfig { radius_m, margin_m: 0.06, inflation_m: 0.6, ..CostConfig::default() },
+                // People stop for some seconds before a robot: longer than the navigator waits for them.
+                settle_s: 5.0,
                 ..GroundConfig::default()
             },
-            navigator: NavigatorConfig { room_m: 0.1, ..NavigatorConfig::new(pursuit) },
+            // After two rounds before someone it gives way to him.
+            navigator: NavigatorConfig { room_m: 0.1, attempts: 1, ..NavigatorConfig::new(pursuit) },
             frontier: FrontierConfig::default(),
             delay_s: 0.05,
             wheel_noise: 0.02,

@@ -5,6 +5,7 @@
 //! truth. [`Trial`] runs them together. Only the judge, the renderer and the people know the truth.
 
 mod config;
+mod errands;
 mod household;
 mod judge;
 mod localiser;
@@ -22,9 +23,11 @@ pub use run::{End, Goal, Moment, Progress, Trial};
 use cairn_plan::ground::GroundError;
 use cairn_sensor::SourceError;
 
-/// What the robot says of a goal when it is done with it.
+/// What the robot says of a goal when a try has ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GoalEnd {
+    /// Its place among the goals.
+    pub goal: usize,
     /// REACHED, NO_PATH, or the state in which time ran out.
     pub state: String,
     /// Why it was not reached.

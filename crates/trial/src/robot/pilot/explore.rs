@@ -19,7 +19,7 @@ const BLOCKED: usize = 3;
 impl Pilot {
     pub(super) fn explore(&mut self, t_s: f64, pose: &Se2, motion: Motion) -> Result<Decision, TrialError> {
         if t_s > self.config.explore_s {
-            return Ok(self.visit_next(t_s, 0, motion));
+            return Ok(self.visit_next(t_s, motion));
         }
         if let Some(target) = self.target.clone() {
             let middle = target.frontier.middle;
@@ -57,7 +57,7 @@ impl Pilot {
                 self.task = Task::Look { turned: 0.0, then: Then::Explore };
                 return Ok(self.turn(motion, 0.0));
             }
-            return Ok(self.visit_next(t_s, 0, motion));
+            return Ok(self.visit_next(t_s, motion));
         };
         self.navigator.set_goal(next.goal);
         self.targets.push((t_s, next.goal, next.frontier.cells.len()));
@@ -78,7 +78,7 @@ impl Pilot {
         let (place, forgotten) = self.let_pass(pose)?;
         let place = match place {
             None if !forgotten => left.iter().take(BLOCKED).find_map(|at| self.before_blockage(pose, *at)),
-            place => place,
+            place => place.map(|beside| beside.at),
         };
         match place {
             Some(at) => self.look_from(at, Then::Explore),

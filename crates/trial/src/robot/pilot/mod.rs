@@ -6,12 +6,14 @@ mod explore;
 mod visit;
 
 use super::RobotConfig;
+use super::errands::Errands;
 use super::localiser::{Localiser, Located};
 use super::once_open::OnceOpen;
 use super::{GoalEnd, TrialError};
 use cairn_atlas::KeyFrameId;
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::{Motion, Navigator, Reason, State};
+use cairn_plan::costmap::DynamicLayer;
 use cairn_plan::depth_scan::{DepthCamera, DepthScanner};
 use cairn_plan::frontier::Approach;
 use cairn_plan::give_way::{GiveWayConfig, Trails, place_beside};
@@ -30,6 +32,14 @@ const PLAIN_RATE: f64 = 0.5;
 const FIND_RATE: f64 = 0.4;
 /// What moves or newly stands within this distance of the robot may be what is in its way, metres.
 const IN_THE_WAY_M: f64 = 2.5;
+/// Whoever was met has left when nothing moves within this distance of that place, or of the robot, metres.
+const LEFT_M: f64 = 1.5;
+/// He is gone when he has been away from there for this time, seconds.
+const LEFT_S: f64 = 1.0;
+/// The robot lets pass for at most this time, seconds.
+const LETS_PASS_S: f64 = 8.0;
+/// The place is watched when it is within this angle of the middle of the image, radians.
+const WATCHES: f64 = 0.5;
 /// Places this near to each other are the same, metres.
 const SAME_M: f64 = 0.5;
 
@@ -42,19 +52,28 @@ enum Task {
     Explore,
     /// Turning towards a frontier that was reached and has not gone.
     Face(Vec2),
-    /// Driving elsewhere, to see from there what seemed to be in the way or to let someone pass.
-    Aside(Then),
+    /// Driving elsewhere, to see from there what seemed to be in the way, or to let pass whoever was met.
+    Aside { met: Option<Vec2>, then: Then },
+    /// Standing aside and watching the place where someone was met, until he has left it.
+    LetPass { met: Vec2, from_s: f64, clear_from_s: Option<f64>, then: Then },
     /// Driving to a goal.
     Visit { goal: usize, began_s: f64 },
     /// All is done.
     Rest,
 }
 
-/// What follows a look around.
+/// What follows a look around or a wait.
 #[derive(Clone, Copy, Debug)]
 enum Then {
     Explore,
     Visit { goal: usize, began_s: f64 },
+}
+
+/// A place to let someone pass, and where he was met.
+#[derive(Clone, Copy, Debug)]
+struct Beside {
+    at: Vec2,
+    met: Vec2,
 }
 
 /// The command of a step, and why.
@@ -100,8 +119,9 @@ pub struct Pilot {
     seen_heading: Option<f64>,
     stood: bool,
     goals: Vec<Vec2>,
-    /// How each goal ended.
-    pub ends: Vec<GoalEnd>,
+    errands: Errands,
+    /// Whether someone was in the way to the present goal.
+    held_up: bool,
     /// When exploration ended, seconds.
     pub explored_s: Option<f64>,
     /// Changes of the navigator's state with their time and reason.
@@ -156,8 +176,9 @@ impl Pilot {
             heading: None,
             seen_heading: None,
             stood: false,
+            errands: Errands::new(goals.len()),
             goals,
-            ends: Vec::new(),
+            held_up: false,
             explored_s: None,
             states: Vec::new(),
             targets: Vec::new(),
@@ -182,7 +203,8 @@ impl Pilot {
     pub fn goal(&self) -> Option<usize> {
         match self.task {
             Task::Visit { goal, .. }
-            | Task::Aside(Then::Visit { goal, .. })
+            | Task::Aside { then: Then::Visit { goal, .. }, .. }
+            | Task::LetPass { then: Then::Visit { goal, .. }, .. }
             | Task::Look { then: Then::Visit { goal, .. }, .. } => Some(goal),
             _ => None,
         }
@@ -264,33 +286,45 @@ impl Pilot {
 
     fn act(&mut self, t_s: f64, pose: &Se2, motion: Motion, turned: f64) -> Result<Decision, TrialError> {
         Ok(match self.task.clone() {
-            Task::Look { then, .. } | Task::Aside(then) if self.is_late(t_s, &then).is_some() => {
+            Task::Look { then, .. } | Task::Aside { then, .. } | Task::LetPass { then, .. }
+                if self.is_late(t_s, &then).is_some() =>
+            {
                 let (goal, began_s) = self.is_late(t_s, &then).unwrap_or_default();
                 self.end(t_s, goal, began_s, State::NoPath);
                 self.turn(motion, 0.0)
             }
             Task::Look { turned: before, then } => {
                 let turned = before + turned;
-                self.task = if turned < TAU {
-                    Task::Look { turned, then }
+                if turned < TAU {
+                    self.task = Task::Look { turned, then };
                 } else {
                     self.looked_at = Some(pose.translation);
-                    match then {
-                        Then::Explore => Task::Explore,
-                        Then::Visit { goal, began_s } => {
-                            self.navigator.set_goal(self.free_goal(self.goals[goal]));
-                            Task::Visit { goal, began_s }
-                        }
-                    }
-                };
+                    self.go_on(then);
+                }
                 self.turn(motion, LOOK_RATE)
             }
-            Task::Aside(then) => {
+            Task::Aside { met, then } => {
                 let decision = self.navigate(t_s, pose, motion);
                 if matches!(decision.state, State::Reached | State::NoPath | State::Idle) {
-                    self.task = Task::Look { turned: 0.0, then };
+                    self.task = match met {
+                        Some(met) => Task::LetPass { met, from_s: t_s, clear_from_s: None, then },
+                        None => Task::Look { turned: 0.0, then },
+                    };
                 }
                 decision
+            }
+            Task::LetPass { met, from_s, clear_from_s, then } => {
+                let seen = pose.inverse() * met;
+                let bearing = seen.y.atan2(seen.x);
+                let is_clear =
+                    bearing.abs() < WATCHES && is_left(self.ground.moving(), met, pose.translation);
+                let clear_from_s = clear_from_s.filter(|_| is_clear).or(is_clear.then_some(t_s));
+                if clear_from_s.is_some_and(|since_s| t_s - since_s > LEFT_S) || t_s - from_s > LETS_PASS_S {
+                    self.go_on(then);
+                } else {
+                    self.task = Task::LetPass { met, from_s, clear_from_s, then };
+                }
+                self.turn(motion, (1.5 * bearing).clamp(-LOOK_RATE, LOOK_RATE))
             }
             Task::Explore => self.explore(t_s, pose, motion)?,
             Task::Face(at) => {
@@ -310,14 +344,15 @@ impl Pilot {
 
     /// Forgets what has newly come to stand: it may have gone since it was seen. Where something moves or stands near by, the robot
     /// lets it pass, as far as there is a place; returns that place, and whether anything was forgotten.
-    fn let_pass(&mut self, pose: &Se2) -> Result<(Option<Vec2>, bool), TrialError> {
+    fn let_pass(&mut self, pose: &Se2) -> Result<(Option<Beside>, bool), TrialError> {
         let other = self.ground.nearest_new(pose.translation);
         let forgotten = self.ground.forget_new()?;
         let near = other.filter(|at| (at - pose.translation).norm() < IN_THE_WAY_M);
         let place = near.and_then(|other| {
             let passable = self.ground.costs()?.passable();
             let from = nearest_free(&passable, passable.frame().cell_at(pose.translation)?, 6)?;
-            place_beside(&passable, from, other, &self.trails, &GiveWayConfig::default())
+            let at = place_beside(&passable, from, other, &self.trails, &GiveWayConfig::default())?;
+            Some(Beside { at, met: other })
         });
         Ok((place, forgotten))
     }
@@ -325,7 +360,23 @@ impl Pilot {
     /// Drives to a place, looks around there, and goes on.
     fn look_from(&mut self, at: Vec2, then: Then) {
         self.navigator.set_goal(at);
-        self.task = Task::Aside(then);
+        self.task = Task::Aside { met: None, then };
+    }
+
+    /// What comes after a look around or a wait.
+    fn go_on(&mut self, then: Then) {
+        self.task = match then {
+            Then::Explore => Task::Explore,
+            Then::Visit { goal, began_s } => {
+                self.navigator.set_goal(self.free_goal(self.goals[goal]));
+                Task::Visit { goal, began_s }
+            }
+        };
+    }
+
+    /// How each try for a goal ended, in order.
+    pub fn ends(&self) -> &[GoalEnd] {
+        self.errands.ends()
     }
 
     fn navigate(&mut self, t_s: f64, pose: &Se2, motion: Motion) -> Decision {
@@ -336,6 +387,7 @@ impl Pilot {
         let step = self.navigator.step_locally(t_s, pose, motion, costs, local, moving);
         self.plans += usize::from(step.state == State::Planning);
         self.last_reason = step.reason.or(self.last_reason);
+        self.held_up |= matches!(step.reason, Some(Reason::Moving(_)));
         Decision { motion: step.motion, state: step.state, reason: step.reason }
     }
 
@@ -366,6 +418,12 @@ fn slowed(motion: Motion, sees_little: bool) -> Motion {
     Motion::new(motion.linear * PLAIN_RATE / rate, motion.angular * PLAIN_RATE / rate)
 }
 
+/// Whether nothing moves near the place where someone was met, nor near the robot.
+fn is_left(moving: &DynamicLayer, met: Vec2, robot: Vec2) -> bool {
+    let is_near = |at: Vec2| (at - met).norm() < LEFT_M || (at - robot).norm() < LEFT_M;
+    !moving.tracks().iter().any(|t| is_near(t.position))
+}
+
 /// The nearest free cell within some cells of another.
 fn nearest_free(
     passable: &cairn_plan::Passable,
@@ -378,4 +436,26 @@ fn nearest_free(
     };
     let free = offsets.filter(|o| passable.is_free(at(*o)));
     free.min_by_key(|(dx, dy)| dx * dx + dy * dy).map(at)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_plan::costmap::{Detection, DynamicConfig};
+
+    #[test]
+    fn whoever_was_met_has_left_when_nobody_is_there_nor_near_the_robot() {
+        let (met, robot) = (Vec2::new(5.0, 0.0), Vec2::zeros());
+        let with = |at: Vec2| {
+            let mut moving = DynamicLayer::new(DynamicConfig::default());
+            moving.observe(0.0, &[Detection { position: at, radius_m: 0.25 }]);
+            moving
+        };
+        assert!(!is_left(&with(met + Vec2::new(0.5, 0.5)), met, robot), "still there");
+        assert!(!is_left(&with(Vec2::new(1.0, 0.5)), met, robot), "passes the robot");
+        let mut gone = with(Vec2::new(5.0, 3.0));
+        assert!(is_left(&gone, met, robot), "elsewhere");
+        gone.observe(5.0, &[]);
+        assert!(gone.tracks().is_empty() && is_left(&gone, met, robot), "out of sight");
+    }
 }

@@ -75,14 +75,15 @@ impl Pilot {
         })
     }
 
-    pub(super) fn visit_next(&mut self, t_s: f64, goal: usize, motion: Motion) -> Decision {
+    pub(super) fn visit_next(&mut self, t_s: f64, motion: Motion) -> Decision {
         self.target = None;
         self.explored_s.get_or_insert(t_s);
         (self.helpless, self.looked_near, self.let_pass_at) = (0, false, None);
         self.once_open.hope_again();
-        match self.goals.get(goal) {
-            Some(&at) => {
-                self.navigator.set_goal(self.free_goal(at));
+        self.held_up = false;
+        match self.errands.next() {
+            Some(goal) => {
+                self.navigator.set_goal(self.free_goal(self.goals[goal]));
                 self.task = Task::Visit { goal, began_s: t_s };
             }
             None => {
@@ -131,6 +132,7 @@ impl Pilot {
         let known = met.is_some_and(|met| self.let_pass_at.is_some_and(|at| (at - met).norm() < SAME_M));
         let in_the_way = matches!(self.last_reason, Some(Reason::GivenUp(_))) || (met.is_some() && !known);
         self.let_pass_at = met.filter(|_| in_the_way);
+        self.held_up |= in_the_way;
         if !in_the_way {
             let near = if self.looked_near { None } else { self.near_goal(pose, at) };
             self.looked_near = true;
@@ -146,8 +148,9 @@ impl Pilot {
         let hope = self.once_open.hope_again();
         self.looked_near = false;
         let (place, forgotten) = self.let_pass(pose)?;
-        if let Some(place) = place {
-            self.look_from(place, then);
+        if let Some(beside) = place {
+            self.navigator.set_goal(beside.at);
+            self.task = Task::Aside { met: Some(beside.met), then };
         } else if forgotten {
             self.navigator.set_goal(self.free_goal(at));
         } else if self.helpless < HELPLESS || hope {
@@ -167,7 +170,7 @@ impl Pilot {
         self.looked_at.is_some_and(|at| (at - pose.translation).norm() < SAME_M)
     }
 
-    /// Records how a goal ended; the next one follows with the next step.
+    /// Records how a try ended; the next one follows with the next step.
     pub(super) fn end(&mut self, t_s: f64, goal: usize, began_s: f64, state: State) {
         let reason = match state {
             State::Reached => None,
@@ -178,7 +181,8 @@ impl Pilot {
             (Some(reason), Some(late)) => Some(format!("{reason}, {late}")),
             (reason, _) => reason,
         };
-        self.ends.push(GoalEnd { state: state.to_string(), reason, seconds: t_s - began_s });
-        self.visit_next(t_s, goal + 1, Motion::stop());
+        let end = GoalEnd { goal, state: state.to_string(), reason, seconds: t_s - began_s };
+        self.errands.end(end, self.held_up);
+        self.visit_next(t_s, Motion::stop());
     }
 }
