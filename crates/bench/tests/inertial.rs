@@ -39,7 +39,7 @@ fn initialisation_on_a_quadrotor() {
     check(&f, 1.0, [2.7, 1.6], 0.42);
     let second = &f.drift[0];
     println!("{second:?}");
-    assert!(second.place_m[0] < 0.03 && second.turn_deg[0] < 0.15, "{second:?}");
+    assert!(second.place_m[0] < 0.025 && second.turn_deg[0] < 0.0864, "{second:?}");
 }
 
 #[test]

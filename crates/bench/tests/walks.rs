@@ -34,6 +34,8 @@ fn pose_does_not_follow_a_person_ahead() {
         let m = measure(source.as_mut(), &MeasureOptions::new(sensor)).expect("the walk runs");
         println!("{address}: {}", line(&m));
         assert_eq!(m.coverage(), 1.0, "{address}: {}", line(&m));
-        assert!(m.ate_m.expect("poses to align") < 0.05, "{address}: {}", line(&m));
+        // 10 % above today's 0.025 and 0.020 m.
+        let most_m = if sensor == Sensor::Stereo { 0.028 } else { 0.0225 };
+        assert!(m.ate_m.expect("poses to align") < most_m, "{address}: {}", line(&m));
     }
 }
