@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod gyro;
+mod joint;
 mod model;
 mod problem;
 mod solve;

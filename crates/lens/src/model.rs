@@ -2,7 +2,6 @@
 
 use cairn_geometry::Vec2;
 use cairn_sensor::{Camera, Distortion};
-use cairn_solve::Pixel;
 
 /// A lens relative to a guess without distortion: with the pixel's offset `d` from the principal point and
 /// `rho = |d| / (focal * guessed focal length)`, the ray of the pixel is that of an ideal pinhole at
@@ -27,13 +26,6 @@ impl Lens {
             distortion: Distortion::InverseRadialTangential([self.radial, 0.0, 0.0, 0.0, 0.0]),
             ..*guess
         }
-    }
-
-    /// The pixel of an ideal pinhole of the guessed focal length that looks along the same ray.
-    pub(crate) fn ideal(&self, camera: &cairn_solve::Pinhole, pixel: &Pixel) -> Pixel {
-        let d = Vec2::new(pixel[0] - camera.cx, pixel[1] - camera.cy);
-        let x = self.stretched(camera, &d) / self.focal;
-        [camera.cx + x.x, camera.cy + x.y, f64::NAN]
     }
 
     /// An offset from the principal point without the distortion, in pixels of the true focal length.

@@ -4,6 +4,7 @@
 pub mod carried;
 mod connect;
 mod drawn;
+pub mod lens;
 pub mod phone;
 mod ran;
 mod recorded;
@@ -30,6 +31,8 @@ pub enum Trial {
     Rest,
     /// Out and home with a phone's rates and assumed noise.
     Phone,
+    /// The lens of a phone.
+    Lens,
     /// Times with and without IMU.
     Cost,
 }
@@ -131,6 +134,11 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
                             out.phones.push(walked);
                         }
                     }
+                }
+            }
+            Trial::Lens => {
+                for seed in chosen.seeds.clone() {
+                    lens::walk(seed, chosen.noise, chosen.metres, &chosen.config)?;
                 }
             }
             Trial::Cost => {
