@@ -46,6 +46,14 @@ struct Point {
     by_pose: Vec<(usize, SMatrix<f64, 6, 3>)>,
 }
 
+/// The equations without the landmarks.
+struct Reduced {
+    factor: Cholesky<f64, Dyn>,
+    right: DVector<f64>,
+    /// Inverse of each landmark's block.
+    inverses: Vec<Mat3>,
+}
+
 /// The problem with its current state. Unknowns: the free poses, the bias, the lens.
 pub(crate) struct Joint<'a> {
     problem: &'a LensProblem,
@@ -89,7 +97,7 @@ impl<'a> Joint<'a> {
     /// everything else marginalised. `None` where the equations are singular.
     pub fn lens_left(&mut self) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         self.linearise()?;
-        let (factor, right, _) = self.reduced(0.0)?;
+        let Reduced { factor, right, .. } = self.reduced(0.0)?;
         let (at, n) = (self.of_lens(), self.gradient.len());
         let step = factor.solve(&right);
         let mut covariance = Matrix2::zeros();
@@ -206,8 +214,8 @@ impl<'a> Joint<'a> {
         Some(())
     }
 
-    /// The equations without the landmarks, factored, with their right-hand side; and the inverses of the landmarks' blocks.
-    fn reduced(&self, damping: f64) -> Option<(Cholesky<f64, Dyn>, DVector<f64>, Vec<Mat3>)> {
+    /// Eliminates the landmarks and factors what is left; `None` where it is singular.
+    fn reduced(&self, damping: f64) -> Option<Reduced> {
         let (mut h, mut right) = (self.hessian.clone(), -&self.gradient);
         let raised = |v: f64| v + damping * v + FLOOR;
         for k in 0..h.nrows() {
@@ -237,7 +245,7 @@ impl<'a> Joint<'a> {
                 }
             }
         }
-        Some((Cholesky::new(h)?, right, inverses))
+        Some(Reduced { factor: Cholesky::new(h)?, right, inverses })
     }
 }
 
@@ -251,7 +259,7 @@ impl Problem for Joint<'_> {
     }
 
     fn attempt(&mut self, damping: f64) -> Option<Trial> {
-        let (factor, right, inverses) = self.reduced(damping)?;
+        let Reduced { factor, right, inverses } = self.reduced(damping)?;
         let step = factor.solve(&right);
         let (bias, at) = (self.of_bias(), self.of_lens());
         let lens = step.fixed_rows::<2>(at).into_owned();
