@@ -101,7 +101,7 @@ impl Built {
     /// Whether costs can be taken from it.
     ///
     /// # Errors
-    /// [`ReportError`] with what is missing.
+    /// With what is missing.
     pub fn check(&self) -> Result<(), ReportError> {
         if !(self.maps >= 2.0 && self.key_frames > 0.0 && self.recorded_s > 0.0 && self.pairs > 0.0) {
             return Err(ReportError::FewMaps);
