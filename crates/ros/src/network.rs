@@ -258,6 +258,9 @@ impl Network {
     }
 
     /// Answers a call.
+    ///
+    /// # Errors
+    /// When the answer cannot be sent.
     pub fn answer(
         &self,
         service: Service,
