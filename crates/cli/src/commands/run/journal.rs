@@ -17,7 +17,7 @@ pub fn opened(a: &Arguments) -> Result<Option<Journal>, Failure> {
     let Some(path) = &a.replay else { return Ok(None) };
     let fail = |why: String| {
         let hint = "give a file that cairn run --realtime --journal has written";
-        Failure::new(path.display().to_string(), why.to_string(), hint)
+        Failure::new(path.display().to_string(), why, hint)
     };
     let bytes = cairn_files::read(path, 1024 * MIB).map_err(|e| fail(e.to_string()))?;
     Journal::read(&bytes).map(Some).map_err(|e| fail(e.to_string()))
