@@ -10,7 +10,7 @@ mod rig;
 mod topics;
 
 pub use frames::Frames;
-pub use topics::{NamedTopic, TopicRole};
+pub use topics::{NamedTopic, NamedTopicError, TopicRole};
 
 use crate::bag_reader::{BagReader, ImuTopics, median_step_ns};
 use crate::recording::{ImageAt, ImuAt, Instant, Recording, forward_only, join_depth, pair};
