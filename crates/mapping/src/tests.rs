@@ -2,14 +2,20 @@
 
 use crate::cull::{RecentLandmarks, redundant};
 use crate::fuse::{around, fuse_into};
+use crate::imu_walk::NOISE;
 use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
 use crate::rotation_only::landmarks_by_rotation;
 use crate::synthetic::{View, World, mono, off, pose, sideways, stereo};
 use crate::triangulation::create_landmarks;
 use crate::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};
 use cairn_atlas::store::{About, MapFile};
-use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, MapId, MapPrior, Observation, Snapshot};
+use cairn_atlas::{
+    Atlas, Change, ImuFactor, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Observation,
+    Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_inertial::{Bias, Preintegrated};
+use cairn_sensor::ImuSample;
 use cairn_vision::{RectifiedCamera, SensorMode};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -514,4 +520,146 @@ fn a_key_frame_for_orientation_only_triangulates_and_adjusts_nothing() {
     assert!(only.created == 0 && only.adjustment.is_none(), "{only:?}");
     let usual = submit(&mut mapper, &mut atlas, &world, &view, &at, |_| ());
     assert!(usual.created > 20 && usual.adjustment.is_some(), "{usual:?}");
+}
+
+/// The key frames of an exact map again, each with readings from the one before.
+fn with_factors(seen: &Snapshot, ids: &[KeyFrameId]) -> Atlas {
+    let mut changes = Vec::new();
+    for (n, id) in ids.iter().enumerate() {
+        let k = seen.key_frame(*id).expect("there");
+        let imu_factor = n.checked_sub(1).map(|before| {
+            let since = seen.key_frame(ids[before]).expect("there");
+            let reading = |i: i64| {
+                let stamp = since.stamp.plus_seconds(i as f64 * (k.stamp - since.stamp) / 10.0);
+                ImuSample::new(stamp, Vec3::zeros(), Vec3::y() * -9.8)
+            };
+            let sum = Preintegrated::of(NOISE, Bias::default(), (0..=10).map(reading).collect());
+            ImuFactor { since: since.id, sum: sum.into() }
+        });
+        let mut again = KeyFrame::new(k.id, k.frame.shared(), k.world_from_camera, k.parent);
+        again.motion = Some(InertialState { velocity: Vec3::zeros(), bias: Bias::default(), imu_factor });
+        changes.push(Change::AddKeyFrame(Box::new(again)));
+    }
+    for l in seen.landmarks() {
+        changes.push(Change::AddLandmark(l.id, l.position));
+        changes.extend(l.observations.iter().map(|o| Change::Observe(l.id, o.key_frame, o.feature)));
+    }
+    let mut atlas = Atlas::new(Snapshot::new());
+    assert_eq!(atlas.commit(changes).dropped, 0);
+    atlas
+}
+
+#[test]
+fn redundant_key_frame_stays_where_it_keeps_imu_factors_short() {
+    let world = World::around(stereo(), 66);
+    let (seen, ids) = world.exact_map(&sideways(6, 0.02));
+    assert!(redundant(seen.latest(), &world.camera, ids[5], 0.9).is_some());
+    // Half a second from key frame to key frame: without one of them a factor would span a second, which is too long before
+    // gravity is known.
+    let atlas = with_factors(seen.latest(), &ids);
+    assert!(redundant(atlas.latest(), &world.camera, ids[5], 0.9).is_none());
+}
+
+#[test]
+fn create_landmarks_with_key_frames_that_only_readings_link() {
+    let world = World::around(mono(), 67);
+    let path = sideways(4, 0.3);
+    let (seen, ids) = world.exact_map(&path);
+    let mut atlas = with_factors(seen.latest(), &ids);
+    // Nothing is shared any more.
+    remove(&mut atlas, |_| true);
+    let created = |atlas: &Atlas| {
+        let mut new = NewLandmarks::after(atlas.latest());
+        create_landmarks(atlas.latest(), &world.camera, ids[3], 10, &mut new, || false);
+        new.ids.len()
+    };
+    assert_eq!(created(&atlas), 0, "without gravity, nothing tells the baseline");
+    atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3::identity())]);
+    assert!(created(&atlas) > 50, "{}", created(&atlas));
+}
+
+#[test]
+fn create_landmarks_takes_no_stereo_pair_nearer_than_its_own_baseline() {
+    let world = World::around(stereo(), 68);
+    let created = |step: f64| {
+        let (mut atlas, ids) = world.exact_map(&sideways(2, step));
+        remove(&mut atlas, |id| id.index() % 2 == 0);
+        let mut new = NewLandmarks::after(atlas.latest());
+        create_landmarks(atlas.latest(), &world.camera, ids[1], 10, &mut new, || false);
+        new.ids.len()
+    };
+    let own = world.camera.baseline_fx / world.camera.fx;
+    assert_eq!(created(0.9 * own), 0);
+    assert!(created(1.5 * own) > 50);
+}
+
+#[test]
+fn note_of_landmarks_that_are_not_found_has_them_culled() {
+    let world = World::around(stereo(), 69);
+    let path = sideways(4, 0.15);
+    let views = world.walk(&path, 0.0, 0.5);
+    let left = |noted: usize| {
+        let mut mapper = Mapper::new(world.camera, MapperConfig::default());
+        let mut atlas = Atlas::new(Snapshot::new());
+        mapper.start(&mut atlas, &views[0].frame, &MapStart::default());
+        let first = submit(&mut mapper, &mut atlas, &world, &views[1], &path[1], |_| ());
+        let new: Vec<LandmarkId> = (atlas.latest().landmarks())
+            .filter(|l| l.observations[0].key_frame == first.key_frame)
+            .map(|l| l.id)
+            .collect();
+        assert!(!new.is_empty());
+        (0..noted).for_each(|_| mapper.note(&new.iter().map(|id| (*id, false)).collect::<Vec<_>>()));
+        submit(&mut mapper, &mut atlas, &world, &views[2], &path[2], |_| ());
+        new.iter().filter(|id| atlas.latest().landmark(**id).is_some()).count()
+    };
+    assert!(left(0) > 0 && left(10) == 0, "{} {}", left(0), left(10));
+}
+
+#[test]
+fn a_step_fuses_the_landmarks_of_two_visits_that_its_key_frame_shows() {
+    let world = World::around(stereo(), 70);
+    let (mut atlas, [first, second]) = visited_twice(&world, &Sim3::identity());
+    let at = pose(0.25, 0.0, 0.0);
+    let view = world.see(&at, 20.0);
+    // Every other feature was matched with the landmark of the first visit, the rest with those of the second.
+    let shown_by = |k: KeyFrameId, point: usize| {
+        let k = atlas.latest().key_frame(k).expect("there");
+        let feature = k.frame.descriptors.iter().position(|d| *d == view.frame.descriptors[point])?;
+        k.landmarks[feature]
+    };
+    let matched: Vec<Option<LandmarkId>> =
+        (0..view.frame.len()).map(|n| shown_by([first[1], second[1]][n % 2], n)).collect();
+    let before = atlas.latest().landmark_count();
+    let input = KeyFrameInput {
+        frame: &view.frame,
+        landmarks: &matched,
+        reference: second[1],
+        reference_from_camera: atlas.latest().anchor(second[1], &at).expect("there"),
+        imu: None,
+        orientation_only: false,
+        rescale: None,
+    };
+    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
+    let mapped = mapper.step(&mut atlas, &input, || false).expect("a key frame");
+    let fewer = (before + mapped.created) - atlas.latest().landmark_count();
+    assert!(fewer > 150, "{fewer} fewer of {before}");
+    assert_exact(&world, atlas.latest(), &Sim3::identity(), 5e-3);
+}
+
+#[test]
+fn final_adjustment_straightens_a_map_that_drifted_and_leaves_one_that_is_too_large() {
+    let world = World::around(stereo(), 72);
+    let path: Vec<Se3> = (0..8).map(|n| pose(0.15 * f64::from(n), 0.0, 0.04 * f64::from(n))).collect();
+    let views = world.walk(&path, 0.0, 0.5);
+    let drift =
+        |n: usize| Sim3 { translation: Vec3::new(0.004, -0.002, 0.003) * n as f64, ..Sim3::identity() };
+    for (most, adjusted) in [(2000, true), (7, false)] {
+        let mut atlas = Atlas::new(Snapshot::new());
+        let ids = world.map(&mut atlas, &views, &path, None, drift);
+        let config = MapperConfig { final_adjustment_key_frames: most, ..MapperConfig::default() };
+        Mapper::new(world.camera, config).final_adjustment(&mut atlas, || false);
+        let k = atlas.latest().key_frame(ids[7]).expect("there");
+        let metres = off(&k.world_from_camera, &path[7]).0;
+        assert_eq!(metres < 2e-3, adjusted, "{metres} m");
+    }
 }
