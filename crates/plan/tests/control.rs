@@ -294,6 +294,33 @@ fn a_door_that_closes_means_another_way_or_none() {
     }
 }
 
+/// A map that was laid again shows walls nearer than the body's radius, in front of it or beside it: it drives away from them first.
+#[test]
+fn a_body_too_near_to_a_wall_drives_out_and_on() {
+    for (x, y, heading, radius_m) in
+        [(5.85, 5.0, 0.0, 0.2), (5.84, 5.0, 1.6, 0.2), (0.14, 0.14, -2.3, 0.2), (6.13, 3.0, 3.1, 0.2), (5.85, 5.0, 0.0, 0.4)]
+    {
+        let costs = Costmap::new(two_rooms(), CostConfig { radius_m, ..CostConfig::default() }).unwrap();
+        let mut body = body(x, y, heading, 11);
+        let to_wall = |at: Vec2| costs.field().distance_m(costs.frame().cell_at(at).unwrap()).unwrap();
+        let least = to_wall(Vec2::new(x, y));
+        assert!(least < 0.15, "{least} m");
+        let mut navigator = navigator();
+        navigator.set_goal(if radius_m > 0.3 { Vec2::new(2.0, 7.0) } else { Vec2::new(11.0, 8.0) });
+        let (mut time_s, mut plans) = (0.0, 0);
+        while navigator.state() != State::Reached {
+            let step = navigator.step(time_s, &body.odometry, body.motion, &costs, None);
+            plans += usize::from(step.state == State::Planning);
+            body.go(step.motion, 0.05, |truth| {
+                assert!(to_wall(truth.translation) > least - 1e-9, "from ({x}, {y}): nearer to the wall at {truth:?}");
+            });
+            time_s += 0.05;
+            assert!(time_s < 60.0 && navigator.state() != State::NoPath, "from ({x}, {y}): {step:?}");
+        }
+        assert!(plans <= 2, "from ({x}, {y}): {plans} plans");
+    }
+}
+
 #[test]
 fn a_wall_that_comes_up_close_stops_the_body_in_time() {
     let mut costs = costs(hall(12.0, 3.0, &[]));
