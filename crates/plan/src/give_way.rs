@@ -210,7 +210,8 @@ mod tests {
             // Out of sight for 6 s; then he, or somebody who cannot be he, walks 3 m beside the way.
             for k in 20..90 {
                 let at = Vec2::new(if back { 1.3 } else { 9.0 }, 3.0 + 0.05 * f64::from(k - 80));
-                moving.observe(0.1 * f64::from(k), if k < 80 { &[] } else { std::slice::from_ref(&seen(at)[0]) });
+                let detections: Vec<Detection> = seen(at).into_iter().filter(|_| k >= 80).collect();
+                moving.observe(0.1 * f64::from(k), &detections);
                 last.learn(0.1 * f64::from(k), &moving);
             }
             (moving, last)

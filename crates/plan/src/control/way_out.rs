@@ -27,7 +27,9 @@ pub fn way_out(costs: &Costmap, from: Cell, longest_m: f64) -> Option<Vec<Cell>>
         for (k, (dx, dy)) in STEPS.into_iter().enumerate() {
             let to = Cell::new(cell.x.wrapping_add_signed(dx), cell.y.wrapping_add_signed(dy));
             let longer = length + if k % 2 == 1 { DIAGONAL } else { STRAIGHT };
-            let Some(i) = frame.index(to).filter(|_| longer <= longest && squared(to) >= Some(least)) else { continue };
+            let Some(i) = frame.index(to).filter(|_| longer <= longest && squared(to) >= Some(least)) else {
+                continue;
+            };
             if reached.get(&i).is_none_or(|(known, _)| longer < *known) {
                 reached.insert(i, (longer, index));
                 queue.push(Reverse((longer, i)));
@@ -40,7 +42,9 @@ pub fn way_out(costs: &Costmap, from: Cell, longest_m: f64) -> Option<Vec<Cell>>
 /// The cells on the way to one, from the first on.
 fn traced(reached: &BTreeMap<usize, (u64, usize)>, to: usize) -> Vec<usize> {
     let mut cells = vec![to];
-    while let Some((_, before)) = cells.last().and_then(|at| reached.get(at)).filter(|(length, _)| *length > 0) {
+    while let Some((_, before)) =
+        cells.last().and_then(|at| reached.get(at)).filter(|(length, _)| *length > 0)
+    {
         cells.push(*before);
     }
     cells.reverse();
@@ -59,7 +63,9 @@ mod tests {
         let frame = GridFrame::new(60, 60, 0.05, Se2::identity()).unwrap();
         let mut map = Grid::filled(frame, 0i8);
         for y in 0..60 {
-            (0..60).filter(|x| *x == 0 || (y >= shelf && *x < 20)).for_each(|x| assert!(map.set(Cell::new(x, y), 100)));
+            (0..60)
+                .filter(|x| *x == 0 || (y >= shelf && *x < 20))
+                .for_each(|x| assert!(map.set(Cell::new(x, y), 100)));
         }
         Costmap::new(map, CostConfig::default()).unwrap()
     }
@@ -79,6 +85,9 @@ mod tests {
         let costs = corner(32);
         let out = way_out(&costs, Cell::new(2, 29), 0.8).unwrap();
         let to = |c: &Cell| costs.field().distance_m(*c).unwrap();
-        assert!(out.iter().all(|c| to(c) >= to(&Cell::new(2, 29))) && to(out.last().unwrap()) > 0.28, "{out:?}");
+        assert!(
+            out.iter().all(|c| to(c) >= to(&Cell::new(2, 29))) && to(out.last().unwrap()) > 0.28,
+            "{out:?}"
+        );
     }
 }
