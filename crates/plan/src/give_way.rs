@@ -66,9 +66,10 @@ fn trail_cell(at: Vec2) -> [i32; 2] {
 }
 
 /// Who went out of sight is remembered for this time, in seconds.
-const REMEMBERED_S: f64 = 15.0;
-/// Whoever is seen anew may be one who went out of sight, if he can have come there at this speed, in m/s, from this near, in metres.
-const COMES: (f64, f64) = (1.0, 0.5);
+const REMEMBERED_S: f64 = 20.0;
+/// Whoever is seen anew so soon, in seconds, and no farther than so many metres a second from there, is one who went out of sight.
+const SEEN_AGAIN_S: f64 = 3.0;
+const COMES: f64 = 1.0;
 
 /// Where those who walk about were last seen.
 #[derive(Clone, Debug, Default)]
@@ -83,11 +84,11 @@ impl LastSeen {
         for track in moving.tracks().iter().filter(|t| t.seen >= TRUSTED) {
             let is_new = self.walkers.insert(track.id, (track.position, track.last_seen_s)).is_none();
             if is_new {
-                // Perhaps he is one of those who went out of sight.
-                let may_be = |(at, gone_s): &(Vec2, f64)| {
-                    (at - track.position).norm() <= COMES.0 * (track.last_seen_s - gone_s) + COMES.1
+                let is_he = |(at, gone_s): &(Vec2, f64)| {
+                    let away_s = track.last_seen_s - gone_s;
+                    away_s < SEEN_AGAIN_S && (at - track.position).norm() <= COMES * away_s
                 };
-                self.walkers.retain(|id, last| *id >= track.id || !may_be(last));
+                self.walkers.retain(|id, last| *id >= track.id || !is_he(last));
             }
         }
         self.walkers.retain(|_, (_, seen_s)| time_s - *seen_s <= REMEMBERED_S);
@@ -207,10 +208,10 @@ mod tests {
                 moving.observe(0.1 * f64::from(k), &seen(Vec2::new(0.07 * f64::from(k), y)));
                 last.learn(0.1 * f64::from(k), &moving);
             }
-            // Out of sight for 6 s; then he, or somebody who cannot be he, walks 3 m beside the way.
-            for k in 20..90 {
-                let at = Vec2::new(if back { 1.3 } else { 9.0 }, 3.0 + 0.05 * f64::from(k - 80));
-                let detections: Vec<Detection> = seen(at).into_iter().filter(|_| k >= 80).collect();
+            // Out of sight for 2 s; then he, or somebody who cannot be he, walks beside the way.
+            for k in 20..60 {
+                let at = Vec2::new(if back { 1.4 } else { 9.0 }, 1.4 + 0.05 * f64::from(k - 40));
+                let detections: Vec<Detection> = seen(at).into_iter().filter(|_| k >= 40).collect();
                 moving.observe(0.1 * f64::from(k), &detections);
                 last.learn(0.1 * f64::from(k), &moving);
             }
@@ -221,7 +222,7 @@ mod tests {
         let at = last.on_the_way(&way, 0.8).expect("he went out of sight on it");
         assert!(at.x > 0.4 && at.x < 1.4, "{at}");
         assert_eq!(last.on_the_way(&way[..3], 0.8), None, "on another part of it");
-        last.learn(18.0, &moving);
+        last.learn(23.0, &moving);
         assert_eq!(last.on_the_way(&way, 0.8), None, "forgotten");
         assert_eq!(walk(1.5, false).1.on_the_way(&way, 0.8), None, "beside it");
         assert_eq!(walk(0.3, true).1.on_the_way(&way, 0.8), None, "seen elsewhere");

@@ -11,6 +11,8 @@ use cairn_plan::search::WeightedAStar;
 
 /// What moves or newly stands within this distance of the robot may be what is in its way, metres.
 const IN_THE_WAY_M: f64 = 2.5;
+/// It goes so far beside the line on which it met him, metres: people stop for what is nearer, and a small room has no more.
+const BESIDE_M: f64 = 0.9;
 /// Whoever was met has left when nothing moves within this distance of that place, or of the robot, metres.
 const LEFT_M: f64 = 1.5;
 /// He is gone when he has been away from there for this time, seconds.
@@ -18,7 +20,7 @@ const LEFT_S: f64 = 1.0;
 /// The robot lets pass for at most this time, seconds,
 const LETS_PASS_S: f64 = 8.0;
 /// and for this time where someone is on its way, or went out of sight on it: behind him it would drive into a dead end.
-const WAY_TAKEN_S: f64 = 25.0;
+const WAY_TAKEN_S: f64 = 30.0;
 /// Whoever is this near to the way to the goal is on it, metres.
 const ON_WAY_M: f64 = 0.8;
 /// The place is watched when it is within this angle of the middle of the image, radians.
@@ -42,7 +44,8 @@ impl Pilot {
         let near = other.filter(|at| (at - pose.translation).norm() < IN_THE_WAY_M);
         let place = near.and_then(|other| {
             let (passable, from) = (self.ground.costs()?.passable(), self.own_cell(pose)?);
-            let at = place_beside(&passable, from, other, &self.trails, &GiveWayConfig::default())?;
+            let config = GiveWayConfig { beside_m: BESIDE_M, ..GiveWayConfig::default() };
+            let at = place_beside(&passable, from, other, &self.trails, &config)?;
             Some(Beside { at, met: other })
         });
         Ok((place, forgotten))
