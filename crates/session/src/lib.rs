@@ -34,6 +34,7 @@ mod synthetic;
 mod take_me;
 mod walk_state;
 mod way_ahead;
+mod wheels;
 
 pub use age::Age;
 pub use command::{Command, CommandError, KEYS, Key, Which, help, key_of};
@@ -60,3 +61,4 @@ pub use slam::{NotTracked, Slam};
 pub use status::{GuidingStatus, RecordingStatus, RouteStatus, SessionStatus, View};
 pub use take_me::{Destination, NoWay, Planned, WalkedRoutes};
 pub use walk_state::WalkState;
+pub use wheels::Wheels;

@@ -68,11 +68,11 @@ impl<S: Slam> Session<S> {
         let camera = self.engine.camera();
         let ready = |facing| guiding.reference_path.readiness(&map, &held.route, camera, facing);
         let with_camera_back = (facing == Facing::Home).then(|| ready(Facing::Back));
-        let words = ready_words(
-            &ready(facing),
-            with_camera_back.as_deref(),
-            &self.speech.phrases_for(self.status.metric),
-        );
+        let phrases = self.speech.phrases_for(self.status.metric);
+        let words = match self.engine.is_visual() {
+            true => ready_words(&ready(facing), with_camera_back.as_deref(), &phrases),
+            false => self.speech.text("ready-all"),
+        };
         self.guiding = Some(guiding);
         self.arrived = false;
         Ok(words)
