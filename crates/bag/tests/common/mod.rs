@@ -162,7 +162,7 @@ pub fn tf_static(ros1: bool, ns: i64, edges: &[(&str, &str, [f64; 7])]) -> Messa
 }
 
 /// A pose by another system, with the covariance that its kind has.
-pub fn truth(ros1: bool, topic: &str, kind: &str, ns: i64, pose: [f64; 7]) -> Message {
+pub fn truth(ros1: bool, topic: &str, kind: &'static str, ns: i64, pose: [f64; 7]) -> Message {
     let mut f = Fields::new(ros1);
     f.header(ns, "world");
     if kind.ends_with("TransformStamped") || kind.ends_with("Odometry") {
