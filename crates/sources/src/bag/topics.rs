@@ -30,9 +30,11 @@ pub enum TopicRole {
     RightInfo,
     /// `camera_info` of the depth sensor.
     DepthInfo,
+    /// Poses of the body by another system, to compare with.
+    Truth,
 }
 
-const ROLES: [(&str, TopicRole); 9] = [
+const ROLES: [(&str, TopicRole); 10] = [
     ("left", TopicRole::Left),
     ("right", TopicRole::Right),
     ("depth", TopicRole::Depth),
@@ -42,6 +44,7 @@ const ROLES: [(&str, TopicRole); 9] = [
     ("left-info", TopicRole::LeftInfo),
     ("right-info", TopicRole::RightInfo),
     ("depth-info", TopicRole::DepthInfo),
+    ("truth", TopicRole::Truth),
 ];
 
 /// A topic named for a sensor, written `left=/cam0/image_raw`.
