@@ -268,8 +268,8 @@ fn approach(what: &Blocking, route: f64) -> Option<Plan> {
     (what.at.is_some() && faces && what.free.admits(course)).then_some(Plan::Walk(leg))
 }
 
-/// Where something is so near that no straight leg leads past it: the side to step back to, where there is room the one that was
-/// chosen.
+/// Where something is so near that no straight leg leads past it, or he may not be sent where he faces: the side to step back to,
+/// where there is room the one that was chosen.
 fn step_back(what: &Blocking, side: Option<f64>) -> Option<f64> {
     let course = what.walker.course;
     let free = |heading: f64| (what.free_from)(&what.walker.position, heading, 0.0);
@@ -277,7 +277,9 @@ fn step_back(what: &Blocking, side: Option<f64>) -> Option<f64> {
     let enough = |side: &f64| room(*side) >= STEP_M + BESIDE_M;
     let wider = if room(1.0) > room(-1.0) { 1.0 } else { -1.0 };
     let side = side.filter(enough).or_else(|| Some(wider).filter(enough));
-    side.filter(|_| free(course) < TOO_NEAR_M)
+    // What is free straight ahead but not a little beside it leads past nothing either: the guide does not send him there.
+    let is_kept = what.at.is_some() && !what.free.admits(course);
+    side.filter(|_| free(course) < TOO_NEAR_M || is_kept)
 }
 
 /// A straight leg along a path: free to the farthest point of the path that is in a straight line from here, also when the walker

@@ -225,6 +225,13 @@ fn walkers_get_past_boxes_beside_which_there_is_little_room() {
     assert_eq!((arrived, touched, false_stops), (2, 0, 0));
 }
 
+/// Where he faced what was free and a little beside it was not, he was neither sent on nor told to step back, and was given up.
+#[test]
+fn a_walker_who_may_not_be_sent_where_he_faces_steps_back() {
+    let Total { arrived, touched, false_stops, .. } = table(16..=16, 3, Sensor::Traced);
+    assert_eq!((arrived, touched, false_stops), (1, 0, 0));
+}
+
 /// Prints a table: `CAIRN_WALKS=1-50 cargo test --release -p cairn-session --lib -- --ignored --nocapture many_walks`, with
 /// `CAIRN_THINGS` (3) things in the way, `CAIRN_PROJECTOR_M=0.075` for depth as structured light
 /// measures it, and `CAIRN_TRACED=1` for rays in the plane instead of depth images, in a twentieth of the time.
