@@ -1,10 +1,11 @@
 //! A gravity-aligned map with IMU readings for tests: a walk to and fro, exact but for what a test puts wrong.
 
-use crate::synthetic::{World, mono, pose};
+use crate::synthetic::{View, World, mono, pose};
 use cairn_atlas::{Atlas, Change, ImuFactor, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::{Bias, Preintegrated};
 use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, Stamp};
+use cairn_vision::Frame;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
 
@@ -53,10 +54,22 @@ impl ToAndFro {
 
     /// A gravity-aligned map of so many key frames of the walk.
     pub fn map(&self, count: usize) -> (Atlas, Vec<KeyFrameId>) {
+        self.map_but_for(count, None)
+    }
+
+    /// The same where one key frame sees nothing: points that come into view again are new landmarks.
+    pub fn map_but_for(&self, count: usize, unseen: Option<usize>) -> (Atlas, Vec<KeyFrameId>) {
         let world = World::around(mono(), 71);
         let path: Vec<Se3> = (0..count).map(|n| self.at(STEP_S * n as f64)).collect();
+        let mut views = world.walk(&path, 0.0, STEP_S);
+        if let Some(n) = unseen {
+            let mut frame = Frame::default();
+            frame.stamp = views[n].frame.stamp;
+            frame.index(&world.camera);
+            views[n] = View { frame: Arc::new(frame), points: Vec::new() };
+        }
         let mut seen = Atlas::new(Snapshot::new());
-        let ids = world.map(&mut seen, &world.walk(&path, 0.0, STEP_S), &path, None, |_| Sim3::identity());
+        let ids = world.map(&mut seen, &views, &path, None, |_| Sim3::identity());
         let (seen, mut changes) = (seen.latest().clone(), Vec::new());
         for (n, id) in ids.iter().enumerate() {
             let k = seen.key_frame(*id).unwrap();
@@ -65,7 +78,7 @@ impl ToAndFro {
             let imu_factor =
                 n.checked_sub(1).map(|before| ImuFactor { since: ids[before], sum: self.link(before) });
             let mut k = KeyFrame::new(k.id, k.frame.shared(), k.world_from_camera, k.parent);
-            k.motion = Some(InertialState { velocity, bias: Bias::default(), imu_factor });
+            k.motion = Some(InertialState { velocity, bias: Bias::default(), still_sigma: None, imu_factor });
             changes.push(Change::AddKeyFrame(Box::new(k)));
         }
         for l in seen.landmarks() {
