@@ -44,37 +44,32 @@ impl Snapshot {
         }
     }
 
-    /// The same maps in an atlas of another camera: the key frames of `was`, that of this atlas, carry it from now on, and so
-    /// do all others theirs. What is measured with a right image is stated as if it had the disparity error
+    /// The same maps in an atlas of another camera, `now`: the key frames of `was`, that of this atlas, carry it from now on,
+    /// and so do all others theirs; those of `now` need not. What is measured with a right image is stated as if it had the disparity error
     /// `right_offset`, so that one correction serves all. Velocities and biases are left out: they are of another IMU.
     pub(crate) fn in_atlas_of(
         &self,
         was: (SensorMode, RectifiedCamera),
-        camera: &RectifiedCamera,
+        now: (SensorMode, RectifiedCamera),
         right_offset: f64,
     ) -> Self {
         let mut snapshot = self.clone();
         let correction = self.right_offset - right_offset;
-        let stated = |sensor, camera_of: &RectifiedCamera| {
-            let focal_ratio = camera_of.fx / camera.fx;
-            Arc::new(OtherCamera { sensor, camera: *camera_of, focal_ratio })
-        };
-        let own = stated(was.0, &was.1);
-        let others: Vec<_> = self.other_cameras.iter().map(|o| stated(o.sensor, &o.camera)).collect();
-        let now = |k: &KeyFrame| match &k.other_camera {
-            None => own.clone(),
-            Some(other) => {
-                let known = self.other_cameras.iter().position(|o| o == other);
-                known.map_or_else(|| stated(other.sensor, &other.camera), |n| others[n].clone())
-            }
-        };
+        let mut others: Vec<Arc<OtherCamera>> = Vec::new();
         for id in self.key_frames.iter().map(|(id, _)| id) {
             let Some(k) = snapshot.key_frames.get_mut(id) else { continue };
-            let other = now(k);
-            if correction != 0.0 && other.camera.has_depth() {
-                k.frame.change(|frame| shift_disparities(frame, &other.camera, correction));
+            let of = k.other_camera.as_ref().map_or(was, |other| (other.sensor, other.camera));
+            if correction != 0.0 && of.1.has_depth() {
+                k.frame.change(|frame| shift_disparities(frame, &of.1, correction));
             }
-            (k.other_camera, k.motion) = (Some(other), None);
+            let known = others.iter().find(|o| (o.sensor, o.camera) == of).cloned();
+            let other = known.or_else(|| {
+                let stated = OtherCamera { sensor: of.0, camera: of.1, focal_ratio: of.1.fx / now.1.fx };
+                (of != now).then(|| Arc::new(stated))
+            });
+            let is_new = |other: &&Arc<OtherCamera>| !others.iter().any(|o| Arc::ptr_eq(o, other));
+            others.extend(other.as_ref().filter(is_new).cloned());
+            (k.other_camera, k.motion) = (other, None);
         }
         for (id, l) in self.landmarks.iter() {
             if let (Some(seen), Some(l)) = (snapshot.visibility(l), snapshot.landmarks.get_mut(id)) {
@@ -82,7 +77,7 @@ impl Snapshot {
             }
         }
         snapshot.right_offset = right_offset;
-        snapshot.other_cameras = Arc::new(std::iter::once(own).chain(others).collect());
+        snapshot.other_cameras = Arc::new(others);
         snapshot
     }
 }
@@ -105,7 +100,7 @@ impl MapFile {
     /// This map in an atlas of any camera, whose right x have this error.
     pub fn in_atlas_with(&self, sensor: SensorMode, camera: &RectifiedCamera, right_offset: f64) -> Self {
         let was = (self.about.sensor, self.about.camera);
-        let snapshot = self.snapshot.in_atlas_of(was, camera, right_offset);
+        let snapshot = self.snapshot.in_atlas_of(was, (sensor, *camera), right_offset);
         let about = About { program: self.about.program.clone(), sensor, camera: *camera };
         Self { snapshot, about, attached: self.attached.clone() }
     }

@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("saved     {} key frames, {bytes} bytes", slam.map().snapshot().key_frame_count());
     drop(slam);
 
-    // Load. A map of another camera is refused here; small differences are notes.
+    // Load. A map of another camera that this one cannot use is refused here; differences are notes.
     let map = Slam::load_map(&file)?;
     std::fs::remove_file(&file)?;
     let mut source = open(AGAIN)?;

@@ -83,7 +83,9 @@ impl Builder {
         Self { runner: Runner::Threaded, ..self }
     }
 
-    /// Continues in a saved map: the pose is lost until a place is recognised, and mapping goes on from there.
+    /// Continues in a saved map: the pose is lost until a place is recognised, and mapping goes on from there. Another camera
+    /// may have made the map: with depth or an IMU this one continues it where lengths are metres (and, without depth, the map is
+    /// aligned with gravity), without both it only localises. [`Slam::notes`] tells which.
     pub fn map(self, map: MapFile) -> Self {
         Self { map: Some(map), localize_only: false, ..self }
     }
@@ -116,7 +118,7 @@ impl Builder {
         let (engine, notes) = match &self.map {
             None => (Engine::new(rig, mode, self.rate_hz, self.runner, &config)?, Vec::new()),
             Some(file) if file.snapshot.key_frame_count() == 0 => return Err(Error::EmptyMap),
-            Some(file) => Engine::in_map(rig, mode, self.rate_hz, self.runner, &config, file)?,
+            Some(file) => Engine::in_map_of_any_camera(rig, mode, self.rate_hz, self.runner, &config, file)?,
         };
         let engine = if self.localize_only { engine.localize_only() } else { engine };
         let session = Session::new(

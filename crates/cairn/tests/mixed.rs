@@ -150,12 +150,11 @@ fn three_sensors_share_one_map_in_metres_that_is_as_good_as_the_best() {
     }
 }
 
-/// Coverage and error of a walk that is localised in an atlas of other cameras, or why it cannot be.
+/// A walk that only localises in an atlas of other cameras, or why it cannot: coverage and error.
 fn localised(atlas: &MapFile, options: &str) -> Result<(f64, f64), String> {
     let mut source = open(&format!("sim:demo?detail=0.5&{options}")).expect("a world");
-    let built = Slam::for_source(&*source).map(atlas.clone()).build();
+    let built = Slam::for_source(&*source).localize_in(atlas.clone()).build();
     let mut slam = built.map_err(|e| e.to_string())?;
-    assert!(slam.notes().iter().any(|note| note.contains("only localises")), "{:?}", slam.notes());
     while let Some(frame) = source.next_packet().expect("a simulated world can be read") {
         slam.track(&frame).expect("a frame in order");
     }
@@ -179,7 +178,93 @@ fn a_fourth_camera_is_localised_in_the_atlas_of_three() {
     }
     let level_unknown = merge(&walks[..2].iter().collect::<Vec<_>>()).file;
     let why = localised(&level_unknown, &format!("seed=5&{MONO}&start=8&duration=2")).unwrap_err();
-    assert!(why.contains("only where gravity is known"), "{why}");
+    assert!(why.contains("without depth needs a map that is aligned with gravity"), "{why}");
+}
+
+/// A walk in a saved map, which it continues: the map then, and coverage and error of its own poses.
+fn continued(robot: RobotId, before: &MapFile, options: &str) -> (Walk, f64, f64) {
+    let mut source = open(&format!("sim:demo?detail=0.5&{options}")).expect("a world");
+    let config = Config { robot, ..Config::default() };
+    let mut slam =
+        Slam::for_source(&*source).config(&config).map(before.clone()).build().expect("it can be continued");
+    while let Some(frame) = source.next_packet().expect("a simulated world can be read") {
+        slam.track(&frame).expect("a frame in order");
+    }
+    slam.finish();
+    let accuracy = slam.accuracy(&source.info().truth).expect("poses");
+    let truth = source.info().truth.iter().copied().collect();
+    let file = map_file(slam.session(), &BTreeMap::new()).expect("a map with key frames");
+    file.snapshot.check().expect("a sound map");
+    (Walk { robot, file, truth }, accuracy.coverage, accuracy.ate_m.rmse)
+}
+
+/// Yesterday's map goes on with another camera: new ground is added to it, in its unit and at its place; and the first camera
+/// goes on in that.
+fn goes_on_with(first: &str, second: &str, error_m: f64) {
+    let yesterday = walk(1, "demo", &format!("seed=5&{first}&duration=12"));
+    let (today, coverage, ate_m) =
+        continued(2, &yesterday.file, &format!("seed=5&{second}&start=6&duration=16&height=1.4"));
+    let (both, (free, scale)) = (
+        ate(&today.file, &[&yesterday, &today], None, false).0,
+        ate(&today.file, &[&yesterday, &today], None, true),
+    );
+    let maps = today.file.snapshot.maps().count();
+    let added =
+        today.file.snapshot.key_frame_count() as i64 - yesterday.file.snapshot.key_frame_count() as i64;
+    println!(
+        "{first}, then {second}: coverage {coverage:.3}, ATE {ate_m:.3} m, {added} key frames more, {maps} maps, all \
+         {both:.3} m, scale free {free:.3} m, {scale:.4}"
+    );
+    assert!(coverage > 0.95 && ate_m < error_m, "coverage {coverage}, ATE {ate_m} m");
+    assert!(maps == 1 && added > 10 && both < error_m, "{maps} maps, {added} key frames more, all {both} m");
+    assert!((scale - 1.0).abs() < 0.01, "scale {scale}");
+    check_cameras(&today.file, &[&yesterday, &today]);
+    // What the second camera mapped is as well connected to what the first one had mapped as its own.
+    let snapshot = &today.file.snapshot;
+    let robot = |o: &cairn_atlas::Observation| snapshot.key_frame_name(o.key_frame).robot;
+    let shared = |l: &&cairn_atlas::Landmark| {
+        [1, 2].iter().all(|r| l.observations.iter().filter(|o| robot(o) == *r).count() > 1)
+    };
+    assert!(snapshot.landmarks().filter(shared).count() > 300);
+
+    let saved = MapFile::read(&today.file.write().expect("it can be written")).expect("it can be read");
+    let (tomorrow, coverage, ate_m) =
+        continued(3, &saved, &format!("seed=5&{first}&start=16&duration=12&height=1.35"));
+    let all = ate(&tomorrow.file, &[&yesterday, &today, &tomorrow], None, false).0;
+    println!("  then {first}: coverage {coverage:.3}, ATE {ate_m:.3} m, all {all:.3} m");
+    assert!(coverage > 0.95 && ate_m < error_m && all < error_m, "{coverage}, {ate_m} m, all {all} m");
+    check_cameras(&tomorrow.file, &[&yesterday, &today, &tomorrow]);
+    // The first camera is that of the atlas again, and only the second is another one.
+    assert_eq!(tomorrow.file.snapshot.other_cameras().count(), 1);
+}
+
+#[test]
+fn a_map_of_a_depth_camera_is_continued_by_a_stereo_pair() {
+    goes_on_with(RGBD, STEREO, 0.016);
+}
+
+#[test]
+fn a_map_of_a_stereo_pair_with_imu_is_continued_by_one_camera_with_imu() {
+    goes_on_with(STEREO_IMU, MONO_IMU, 0.032);
+}
+
+/// A camera without depth and IMU, or a map without metres: it says why.
+#[test]
+fn what_cannot_be_continued_by_another_camera_is_told() {
+    let first = walk(1, "demo", &format!("seed=5&{STEREO_IMU}&duration=6"));
+    let source = open(&format!("sim:demo?detail=0.5&seed=5&{MONO}&duration=1")).expect("a world");
+    let slam = Slam::for_source(&*source).map(first.file).build().expect("it is of use");
+    assert!(slam.notes().iter().any(|note| note.contains("only localises")), "{:?}", slam.notes());
+    let refused = |map: MapFile, options: &str| {
+        let source = open(&format!("sim:demo?detail=0.5&seed=5&{options}&duration=1")).expect("a world");
+        Slam::for_source(&*source).map(map).build().err().expect("it is of no use").to_string()
+    };
+    let mono = walk(1, "demo", &format!("seed=5&{MONO}&duration=6"));
+    let why = refused(mono.file, STEREO);
+    assert!(why.contains("made with mono") && why.contains("lengths are metres"), "{why}");
+    let stereo = walk(1, "demo", &format!("seed=5&{STEREO}&duration=6"));
+    let why = refused(stereo.file, MONO_IMU);
+    assert!(why.contains("made with stereo") && why.contains("aligned with gravity"), "{why}");
 }
 
 /// A map without metres that was put into the atlas first takes them from a map that comes later.

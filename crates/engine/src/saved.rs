@@ -1,6 +1,7 @@
 //! Starting an engine in a saved map, and saving its map.
 
 use crate::{Config, Engine, Runner, SensorMode};
+use cairn_atlas::Snapshot;
 use cairn_atlas::store::{About, MapFile};
 use cairn_sensor::{Rig, RigError};
 use cairn_vision::FrontEnd;
@@ -12,13 +13,13 @@ pub enum OpenMapError {
     /// The rig cannot serve the mode.
     #[error(transparent)]
     Rig(#[from] RigError),
-    /// The map was made with another camera or other sensors; described with the numbers of both.
+    /// The map was made with another camera or other sensors, and cannot serve this one; described with the numbers of both.
     #[error("{0}")]
     Camera(String),
 }
 
 impl Engine {
-    /// An engine in a saved map. Tracking starts lost: there is no pose until a place is recognised. Also
+    /// An engine in a saved map of its own camera. Tracking starts lost: there is no pose until a place is recognised. Also
     /// returns a description of small differences between the camera of the map and this one.
     ///
     /// # Errors
@@ -34,9 +35,6 @@ impl Engine {
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
-        if file.snapshot.other_cameras().next().is_some() {
-            return Self::among_other_cameras(front_end, file, rig, mode, rate_hz, runner, config);
-        }
         let file = file.with_depth_weighed_for(front_end.model());
         let notes = file
             .about
@@ -45,28 +43,35 @@ impl Engine {
         Ok((Self::around(front_end, file.snapshot.clone(), rig, mode, rate_hz, runner, config), notes))
     }
 
-    /// An engine in a map of several cameras, of which its own need not be one: it only localises.
-    fn among_other_cameras(
-        front_end: FrontEnd,
-        file: &MapFile,
+    /// The same in a map that any camera made. One in metres is continued by another camera with depth, and one that is
+    /// aligned with gravity by another camera with an IMU: its key frames keep the camera they were made with. A camera that
+    /// has neither only localises in a map that is aligned with gravity.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenMapError`] when the rig cannot serve the mode, or the map is of no use to this camera.
+    pub fn in_map_of_any_camera(
         rig: &Rig,
         mode: SensorMode,
         rate_hz: f64,
         runner: Runner,
         config: &Config,
+        file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
-        let (camera, octaves) = (*front_end.model(), (file.snapshot.octaves(), front_end.octaves()));
-        if octaves.0 != octaves.1 {
-            let why = format!("the map has {:?}, this run {:?}", octaves.0, octaves.1);
-            return Err(OpenMapError::Camera(why));
-        }
-        if !(camera.has_depth() || file.snapshot.is_gravity_aligned_throughout()) {
-            let why = "it was made with several cameras; a run without depth finds its way in it only where gravity is known";
-            return Err(OpenMapError::Camera(why.into()));
-        }
-        let snapshot = file.in_atlas_with(mode, &camera, 0.0).snapshot;
-        let engine = Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config).localize_only();
-        Ok((engine, vec!["it was made with several cameras: this run only localises in it".into()]))
+        let different = match Self::in_map(rig, mode, rate_hz, runner, config, file) {
+            Err(OpenMapError::Camera(different)) => different,
+            opened => return opened,
+        };
+        let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
+        let has_imu = rig.imu.is_some() && config.inertial.enabled;
+        let (snapshot, continues) = for_other_camera(file, mode, &front_end, has_imu)
+            .map_err(|why| OpenMapError::Camera(format!("{different}; {why}")))?;
+        let engine = Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config);
+        let (engine, how) = match continues {
+            true => (engine, "its key frames keep their camera, new ones have this one"),
+            false => (engine.localize_only(), "this run only localises in it"),
+        };
+        Ok((engine, vec![format!("{different}; {how}")]))
     }
 
     /// The same engine that only localises: the map stays unchanged, and no new map is created.
@@ -82,4 +87,27 @@ impl Engine {
             About { program: program.to_owned(), sensor: self.mode, camera: *self.front_end().model() };
         MapFile { snapshot: (*self.snapshot()).clone(), about, attached }
     }
+}
+
+/// The maps of a file in an atlas of another camera, and whether it may continue them, or only localise in them.
+///
+/// # Errors
+/// Why they are of no use to it.
+fn for_other_camera(
+    file: &MapFile,
+    mode: SensorMode,
+    front_end: &FrontEnd,
+    has_imu: bool,
+) -> Result<(Snapshot, bool), &'static str> {
+    let camera = front_end.model();
+    if file.snapshot.octaves() != front_end.octaves() {
+        return Err("its features are of other scales");
+    }
+    if !file.snapshot.is_metric(&file.about.camera) {
+        return Err("another camera needs a map whose lengths are metres throughout");
+    }
+    if !(camera.has_depth() || file.snapshot.is_gravity_aligned_throughout()) {
+        return Err("another camera without depth needs a map that is aligned with gravity");
+    }
+    Ok((file.in_atlas_with(mode, camera, 0.0).snapshot, camera.has_depth() || has_imu))
 }

@@ -98,6 +98,7 @@ fn keeps_factors_short(snapshot: &Snapshot, k: &KeyFrame, newest: &KeyFrame) -> 
 /// Share of a key frame's landmarks that three others observe as well.
 fn redundancy(snapshot: &Snapshot, camera: &RectifiedCamera, k: &KeyFrame) -> f64 {
     let (mut all, mut redundant) = (0usize, 0usize);
+    let (camera, octaves) = (k.camera(camera), snapshot.octaves());
     for (i, id) in k.landmarks.iter().enumerate() {
         let Some(l) = id.and_then(|id| snapshot.landmark(id)) else { continue };
         if camera.has_depth() && !(k.frame.has_depth(i) && (k.frame.depth[i] as f64) < camera.close_depth) {
@@ -105,11 +106,19 @@ fn redundancy(snapshot: &Snapshot, camera: &RectifiedCamera, k: &KeyFrame) -> f6
         }
         all += 1;
         let level = k.frame.octave[i];
+        let as_fine = |other: &KeyFrame, feature: u16| {
+            let theirs = other.frame.octave[usize::from(feature)];
+            match other.other_camera == k.other_camera {
+                true => theirs <= level + 1,
+                // What a level resolves of a point goes with the focal length.
+                false => {
+                    octaves.scale(theirs) / other.focal_ratio() <= octaves.scale(level + 1) / k.focal_ratio()
+                }
+            }
+        };
         let others = l.observations.iter().filter(|o| {
             o.key_frame != k.id
-                && snapshot
-                    .key_frame(o.key_frame)
-                    .is_some_and(|other| other.frame.octave[o.feature as usize] <= level + 1)
+                && snapshot.key_frame(o.key_frame).is_some_and(|other| as_fine(other, o.feature))
         });
         redundant += (others.take(3).count() == 3) as usize;
     }

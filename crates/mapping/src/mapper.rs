@@ -296,7 +296,9 @@ impl Mapper {
         if !stop() && atlas.latest().key_frame_count() > 2 {
             let mut window = self.config.window;
             let found = atlas.latest().right_offset();
-            if let Some(error) = &self.disparity {
+            // Of several rigs each has an error of its own: none is estimated.
+            let several = atlas.latest().other_cameras().next().is_some();
+            if let Some(error) = self.disparity.as_ref().filter(|_| !several) {
                 window.right_offset_sigma = error.sigma(found == 0.0);
             }
             let (snapshot, config) = (atlas.latest(), &window);
@@ -309,7 +311,8 @@ impl Mapper {
                 }
             };
             adjustment = Some(result.report);
-            let calibrated = self.disparity.as_mut().and_then(|error| error.update(found, &result));
+            let disparity = self.disparity.as_mut().filter(|_| !several);
+            let calibrated = disparity.and_then(|error| error.update(found, &result));
             atlas.commit(result.changes.changes);
             atlas.commit(calibrated.into_iter().collect());
             let redundant_key_frame =

@@ -21,7 +21,7 @@ const RADIUS: f64 = 5.0;
 /// Ratio of baseline to depth up to which rotation alone predicts where a feature moves.
 const ON_THE_SPOT: f64 = 0.02;
 
-/// Creates landmarks of a key frame that shows too few of them while the camera rotates.
+/// Creates landmarks of a key frame that shows too few of them while the camera rotates; `camera` is that of the atlas.
 pub(crate) fn landmarks_by_rotation(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -42,7 +42,9 @@ pub(crate) fn landmarks_by_rotation(
         if matched.iter().filter(|s| **s).count() >= few {
             break;
         }
-        let Some(there) = snapshot.key_frame(id) else { continue };
+        // Two views of a camera that turns are of one camera.
+        let own = |k: &&KeyFrame| k.other_camera == here.other_camera;
+        let Some(there) = snapshot.key_frame(id).filter(own) else { continue };
         let there_from_here = there.world_from_camera.inverse() * here.world_from_camera;
         if there_from_here.translation.norm() > ON_THE_SPOT * median {
             continue;

@@ -319,10 +319,10 @@ mod tests {
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
         let camera = mono();
         let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
-        let mut watch = ScaleWatch::default();
-        let checks = (count - 8..count)
-            .filter_map(|n| watch.check(&mut atlas, &of, &ids[..=n], &WindowConfig::default()));
-        assert!(checks.map(|c| c.verdict).any(|v| v == ScaleVerdict::Corrected));
+        let long = measured_over(atlas.latest(), &of, &ids, LONG_S).expect("ten seconds tell the scale");
+        assert!(contradicts(&long), "{}", long.scale);
+        let snapshot = atlas.latest().clone();
+        atlas.commit(rescaled(&snapshot, &ids, &long));
         let truly = |n: usize| position(STEP_S * n as f64);
         let found = (place(&atlas, count - 1) - place(&atlas, count - 17)).norm();
         let scale = found / (truly(count - 1) - truly(count - 17)).norm();

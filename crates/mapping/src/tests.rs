@@ -7,9 +7,11 @@ use crate::rotation_only::landmarks_by_rotation;
 use crate::synthetic::{View, World, mono, off, pose, sideways, stereo};
 use crate::triangulation::create_landmarks;
 use crate::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};
-use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot};
+use cairn_atlas::store::{About, MapFile};
+use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, MapId, MapPrior, Observation, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3};
-use std::collections::BTreeSet;
+use cairn_vision::{RectifiedCamera, SensorMode};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Asserts that every landmark lies at the true point it shows, and shows that point alone.
 fn assert_exact(world: &World, snapshot: &Snapshot, world_from_map: &Sim3, metres: f64) {
@@ -90,6 +92,73 @@ fn create_landmarks_triangulates_the_true_positions_with_two_neighbours() {
         .map(|id| atlas.latest().landmark(*id).expect("created").observations[0].key_frame)
         .collect();
     assert!(neighbours.is_subset(&ids[..2].iter().copied().collect()), "{neighbours:?}");
+}
+
+/// A camera with another focal length, image centre and size than [`mono`].
+fn other_mono() -> RectifiedCamera {
+    let bounds = [0.0, 0.0, 500.0, 400.0];
+    RectifiedCamera { fx: 300.0, fy: 310.0, cx: 240.0, cy: 215.0, bounds, ..mono() }
+}
+
+/// A map that [`mono`] made, in an atlas of [`other_mono`], which adds a key frame: that with its observations.
+fn continued_by_another_camera(seed: u64, removed: usize) -> (World, Atlas, KeyFrameId, usize) {
+    let (mut world, path) = (World::around(mono(), seed), sideways(4, 0.3));
+    let (atlas, ids) = world.exact_map(&path[..3]);
+    let about = About { program: String::new(), sensor: SensorMode::Mono, camera: world.camera };
+    let file = MapFile { snapshot: (**atlas.latest()).clone(), about, attached: BTreeMap::new() };
+    world.camera = other_mono();
+    let mut atlas = Atlas::new(file.in_atlas_with(SensorMode::Mono, &world.camera, 0.0).snapshot);
+    let every = atlas.latest().landmark_count();
+    remove(&mut atlas, |id| id.index() % removed == 0);
+    let view = world.see(&path[3], 10.0);
+    let (id, observed) = (atlas.latest().next_key_frame_id(), world.matches(atlas.latest(), &view));
+    let entry =
+        Entry { id, frame: &view.frame, world_from_camera: path[3], observed: &observed, motion: None };
+    assert_eq!(atlas.commit(add_key_frame(&entry, Some(ids[2]))).dropped, 0);
+    (world, atlas, id, every)
+}
+
+#[test]
+fn create_landmarks_triangulates_between_key_frames_of_two_cameras() {
+    let (world, mut atlas, id, every) = continued_by_another_camera(57, 2);
+    let before = atlas.latest().landmark_count();
+    let mut new = NewLandmarks::after(atlas.latest());
+    let changes = create_landmarks(atlas.latest(), &world.camera, id, 10, &mut new, || false);
+    assert_eq!(atlas.commit(changes).dropped, 0);
+    let created = atlas.latest().landmark_count() - before;
+    assert!(created * 2 > every - before, "{created} of {}", every - before);
+    assert_exact(&world, atlas.latest(), &Sim3::identity(), 2e-3);
+    for id in new.ids {
+        let l = atlas.latest().landmark(id).expect("created");
+        let is_other =
+            |o: &Observation| atlas.latest().key_frame(o.key_frame).unwrap().other_camera.is_some();
+        assert_eq!(l.observations.iter().filter(|o| is_other(o)).count(), 1, "{:?}", l.observations);
+    }
+}
+
+#[test]
+fn fuse_into_a_key_frame_of_another_camera_finds_the_points_where_that_one_shows_them() {
+    let (world, mut atlas, id, _) = continued_by_another_camera(58, 1_000_000);
+    let shown: Vec<LandmarkId> =
+        atlas.latest().key_frame(id).unwrap().landmarks.iter().flatten().copied().collect();
+    let there = KeyFrameId::FIRST;
+    let missing = |snapshot: &Snapshot| {
+        let of = |l: &&LandmarkId| snapshot.landmark(**l).is_some_and(|l| l.feature_in(there).is_none());
+        shown.iter().filter(of).count()
+    };
+    let taken: Vec<Change> = (shown.iter().step_by(2))
+        .filter(|l| atlas.latest().landmark(**l).unwrap().feature_in(there).is_some())
+        .map(|l| Change::Forget(*l, there))
+        .collect();
+    let took = taken.len();
+    atlas.commit(taken);
+    let before = missing(atlas.latest());
+    let snapshot = atlas.latest().clone();
+    let target = snapshot.key_frame(there).expect("the first");
+    atlas.commit(fuse_into(&snapshot, &world.camera, &shown, target));
+    let found = before - missing(atlas.latest());
+    assert!(took > 30 && found * 10 > took * 9, "{found} of {took}");
+    assert_exact(&world, atlas.latest(), &Sim3::identity(), 1e-4);
 }
 
 #[test]

@@ -21,7 +21,7 @@ const EARLIER_IN_CHAIN: usize = 4;
 /// that of the depths.
 const UNKNOWN_DEPTH_BASELINE_M: f64 = 0.15;
 
-/// Creates landmarks of `centre` with its best `neighbours`.
+/// Creates landmarks of `centre` with its best `neighbours`; `camera` is that of the atlas.
 pub(crate) fn create_landmarks(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
@@ -42,8 +42,9 @@ pub(crate) fn create_landmarks(
         if !wide_enough(snapshot, camera, here, there) {
             continue;
         }
-        for (i, j) in match_along_epipolar_lines(camera, snapshot.octaves(), here, there, &taken) {
-            let Some(point) = triangulate(snapshot, camera, here, i, there, j) else { continue };
+        let cameras = [here, there].map(|k| k.camera(camera));
+        for (i, j) in match_along_epipolar_lines(cameras, snapshot.octaves(), here, there, &taken) {
+            let Some(point) = triangulate(snapshot, cameras, here, i, there, j) else { continue };
             let Some(landmark) = new_landmarks.id() else { return changes };
             taken[i] = true;
             changes.push(Change::AddLandmark(landmark, point));
@@ -57,6 +58,7 @@ pub(crate) fn create_landmarks(
 /// Whether the baseline between two views is wide enough: more than the camera's own stereo baseline, or,
 /// without one, a hundredth of the scene's depth.
 fn wide_enough(snapshot: &Snapshot, camera: &RectifiedCamera, here: &KeyFrame, there: &KeyFrame) -> bool {
+    let camera = here.camera(camera);
     let baseline = (here.world_from_camera.translation - there.world_from_camera.translation).norm();
     if camera.has_depth() {
         return baseline > camera.baseline_fx / camera.fx;
@@ -96,30 +98,21 @@ pub(crate) fn median_depth(snapshot: &Snapshot, k: &KeyFrame) -> Option<f64> {
 }
 
 /// Pairs of unmatched features, one of each key frame, that lie on each other's epipolar line and have
-/// matching descriptors.
+/// matching descriptors; with the cameras of both.
 fn match_along_epipolar_lines(
-    camera: &RectifiedCamera,
+    cameras: [&RectifiedCamera; 2],
     octaves: Octaves,
     here: &KeyFrame,
     there: &KeyFrame,
     taken: &[bool],
 ) -> Vec<(usize, usize)> {
     let there_from_here = there.world_from_camera.inverse() * here.world_from_camera;
-    let k_inv = Mat3::new(
-        1.0 / camera.fx,
-        0.0,
-        -camera.cx / camera.fx,
-        0.0,
-        1.0 / camera.fy,
-        -camera.cy / camera.fy,
-        0.0,
-        0.0,
-        1.0,
-    );
-    // Line in `there` of a pixel x in `here`: K^-T [t]x R K^-1 x.
-    let fundamental =
-        k_inv.transpose() * hat(&there_from_here.translation) * there_from_here.rotation.matrix() * k_inv;
-    let epipole = camera.project(&there_from_here.translation);
+    let [inverse_here, inverse_there] = cameras
+        .map(|c| Mat3::new(1.0 / c.fx, 0.0, -c.cx / c.fx, 0.0, 1.0 / c.fy, -c.cy / c.fy, 0.0, 0.0, 1.0));
+    // Line in `there` of a pixel x in `here`: K'^-T [t]x R K^-1 x.
+    let (rotation, translation) = (there_from_here.rotation.matrix(), hat(&there_from_here.translation));
+    let fundamental = inverse_there.transpose() * translation * rotation * inverse_here;
+    let epipole = cameras[1].project(&there_from_here.translation);
     let free: Vec<usize> = (0..there.frame.len()).filter(|j| there.landmarks[*j].is_none()).collect();
     let px: Vec<[f32; 2]> = free.iter().map(|j| there.frame.px[*j]).collect();
     let variance: Vec<f32> =
@@ -171,19 +164,18 @@ fn match_along_epipolar_lines(
 /// The point that two features show, where it is well conditioned and agrees with both views.
 fn triangulate(
     snapshot: &Snapshot,
-    camera: &RectifiedCamera,
+    cameras: [&RectifiedCamera; 2],
     here: &KeyFrame,
     i: usize,
     there: &KeyFrame,
     j: usize,
 ) -> Option<Vec3> {
     let octaves = snapshot.octaves();
-    let ray = |k: &KeyFrame, f: usize| {
-        k.world_from_camera.rotation * camera.unproject(k.frame.px[f], 1.0).normalize()
-    };
-    let (ra, rb) = (ray(here, i), ray(there, j));
-    let cosine = ra.dot(&rb);
-    let stereo_cosine = |frame: &Frame, f: usize| {
+    let [xa, xb] =
+        [cameras[0].unproject(here.frame.px[i], 1.0), cameras[1].unproject(there.frame.px[j], 1.0)];
+    let ray = |k: &KeyFrame, x: &Vec3| k.world_from_camera.rotation * x.normalize();
+    let cosine = ray(here, &xa).dot(&ray(there, &xb));
+    let stereo_cosine = |camera: &RectifiedCamera, frame: &Frame, f: usize| {
         if frame.has_depth(f) {
             let half = 0.5 * camera.baseline_fx / camera.fx / frame.depth[f] as f64;
             (2.0 * half.atan()).cos()
@@ -191,23 +183,20 @@ fn triangulate(
             2.0
         }
     };
-    let (ca, cb) = (stereo_cosine(&here.frame, i), stereo_cosine(&there.frame, j));
+    let (ca, cb) = (stereo_cosine(cameras[0], &here.frame, i), stereo_cosine(cameras[1], &there.frame, j));
+    let measured = |camera: &RectifiedCamera, k: &KeyFrame, f: usize| {
+        k.world_from_camera * camera.unproject(k.frame.px[f], depth(snapshot, camera, &k.frame, f))
+    };
     let point = if cosine > 0.0 && cosine < LEAST_PARALLAX_COS && cosine < ca.min(cb) {
-        intersect(
-            &here.world_from_camera,
-            &camera.unproject(here.frame.px[i], 1.0),
-            &there.world_from_camera,
-            &camera.unproject(there.frame.px[j], 1.0),
-        )?
+        intersect(&here.world_from_camera, &xa, &there.world_from_camera, &xb)?
     } else if ca <= cb && ca < 2.0 {
-        here.world_from_camera * camera.unproject(here.frame.px[i], depth(snapshot, camera, &here.frame, i))
+        measured(cameras[0], here, i)
     } else if cb < ca {
-        there.world_from_camera
-            * camera.unproject(there.frame.px[j], depth(snapshot, camera, &there.frame, j))
+        measured(cameras[1], there, j)
     } else {
         return None;
     };
-    let distance = |k: &KeyFrame, f: usize| {
+    let distance = |camera: &RectifiedCamera, k: &KeyFrame, f: usize| {
         let q = k.world_from_camera.inverse() * point;
         let [u, v, right] = camera.project(&q)?;
         let [mu, mv, mr] = pixel(snapshot, &k.frame, f);
@@ -215,10 +204,10 @@ fn triangulate(
         let chi2 = ((mu - u).powi(2) + (mv - v).powi(2) + dr * dr) / octaves.scale(k.frame.octave[f]).powi(2);
         (chi2 < if mr.is_nan() { CHI2_2 } else { CHI2_3 }).then(|| q.norm())
     };
-    let (da, db) = (distance(here, i)?, distance(there, j)?);
-    // A point looks smaller from farther away: the ratio of distances must agree with that of the pyramid
-    // scales.
-    let by_range = db / da;
+    let (da, db) = (distance(cameras[0], here, i)?, distance(cameras[1], there, j)?);
+    // A point looks smaller from farther away, and in a camera of shorter focal length: the ratio of distances must agree
+    // with that of the pyramid scales.
+    let by_range = db / da * (here.focal_ratio() / there.focal_ratio());
     let by_level = octaves.scale(here.frame.octave[i]) / octaves.scale(there.frame.octave[j]);
     let slack = 1.5 * octaves.factor;
     (by_range < by_level * slack && by_range * slack > by_level).then_some(point)

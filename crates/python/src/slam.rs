@@ -36,7 +36,7 @@ use std::time::Instant;
 /// Raises:
 ///     RigError: When the rig lacks a sensor.
 ///     ConfigError: For a number out of range.
-///     MapError: When the map is empty, damaged or of another camera.
+///     MapError: When the map is empty, damaged, or of another camera and of no use to this one.
 ///
 /// Its methods may be called from any thread; calls on one object wait for each other.
 ///

@@ -1,7 +1,7 @@
 //! The inertial filter on synthetic maps: what it says of its own uncertainty while the readings carry the pose.
 
 use crate::imu::InertialFilter;
-use crate::state::{AnchoredPose, anchored_at};
+use crate::state::{AnchoredPose, Last, anchored_at};
 use crate::synthetic::{World, pose, sideways, stereo};
 use crate::tests::tracker;
 use crate::{State, Tracked};
@@ -178,11 +178,9 @@ fn after_a_turn(off_m: f64, is_old: bool) -> (Tracked, f64) {
         let path = [pose(off_m, 0.0, PI); 4];
         let views = world.walk(&[pose(0.0, 0.0, PI); 4], from_s, 0.3);
         let newest = atlas.latest().newest_key_frame().map(|k| k.id);
-        world.map(atlas, &views, &path, newest, |_| Sim3 { rotation: turn, ..Sim3::identity() });
+        world.map(atlas, &views, &path, newest, |_| Sim3 { rotation: turn, ..Sim3::identity() })[3]
     };
-    if is_old {
-        behind(&mut atlas, 0.5);
-    }
+    let mut there = is_old.then(|| behind(&mut atlas, 0.5));
     let id = atlas.latest().next_key_frame_id();
     let view = world.see(&pose(0.0, 0.0, 0.0), 2.0);
     let mut k = KeyFrame::new(id, view.frame.clone(), level, Some(ids[3]));
@@ -216,10 +214,18 @@ fn after_a_turn(off_m: f64, is_old: bool) -> (Tracked, f64) {
             3..=24 => World::around(stereo(), 1000 + n as u64).see(&Se3::identity(), t),
             _ => world.see(&pose(0.0, 0.0, PI), t),
         };
-        if n == 24 && !is_old {
-            behind(&mut atlas, 3.0);
+        let tracked = tracker.step(view.frame.clone(), &imu, atlas.latest(), false, true);
+        if n == 24 {
+            // As with a key frame that is made there.
+            let there = *there.get_or_insert_with(|| behind(&mut atlas, 3.0));
+            let carried = tracked.pose.expect("the readings carry it").world_from_camera;
+            tracker.last = Some(Last {
+                landmarks: vec![None; view.frame.len()],
+                frame: view.frame,
+                anchored: anchored_at(atlas.latest(), there, carried).unwrap(),
+            });
         }
-        last = Some(tracker.step(view.frame.clone(), &imu, atlas.latest(), false, true));
+        last = Some(tracked);
     }
     let tracked = last.unwrap();
     let place = tracked.pose.map_or(f64::NAN, |p| p.world_from_camera.translation.norm());

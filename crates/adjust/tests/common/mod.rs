@@ -19,14 +19,15 @@ pub const FEATURES: usize = 600;
 pub const RATE_HZ: f64 = 20.0;
 
 const OCTAVES: Octaves = Octaves { levels: 8, factor: 1.2 };
-/// Distance in metres from which on points are found at the finest level.
+/// Distance in metres from which on points are found at the finest level, by a camera of the focal length of [`stereo`].
 const FINEST_M: f64 = 6.0;
+const FOCAL_PX: f64 = 420.0;
 
 /// A camera with a stereo baseline of 0.12 m.
 pub fn stereo() -> RectifiedCamera {
     RectifiedCamera {
-        fx: 420.0,
-        fy: 420.0,
+        fx: FOCAL_PX,
+        fy: FOCAL_PX,
         cx: 320.0,
         cy: 240.0,
         baseline_fx: 50.0,
@@ -100,7 +101,8 @@ impl World {
             else {
                 continue;
             };
-            let level = ((FINEST_M / p.norm()).ln() / OCTAVES.factor.ln()).ceil().clamp(0.0, 7.0);
+            let finest = FINEST_M * (self.camera.fx / FOCAL_PX);
+            let level = ((finest / p.norm()).ln() / OCTAVES.factor.ln()).ceil().clamp(0.0, 7.0);
             let depth = self.camera.has_depth();
             frame.px.push([u as f32, v as f32]);
             frame.raw.push([u as f32, v as f32]);

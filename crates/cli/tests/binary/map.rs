@@ -67,9 +67,12 @@ fn saved_map_info_check_export_and_relocalization() {
 fn mismatching_and_damaged_maps_are_reported() {
     let folder = folder("map-wrong");
     let map = save_map(&folder, "a.map", &["--frames", "5"]);
-    let other = "sim:demo?duration=1&resolution=640x480&sensor=rgbd";
-    fails(&["run", other, "--map-in", &map], &["a.map", "another camera", "px apart"]);
-    fails(&["run", WORLD, "--map-in", &map, "--sensor", "mono"], &["a.map", "made with rgbd"]);
+    fails(
+        &["run", WORLD, "--map-in", &map, "--sensor", "mono"],
+        &["a.map", "made with rgbd", "with gravity"],
+    );
+    let mono = save_map(&folder, "mono.map", &["--sensor", "mono"]);
+    fails(&["run", WORLD, "--map-in", &mono, "--sensor", "rgbd"], &["mono.map", "made with mono", "metres"]);
     fails(&["run", WORLD, "--map-in", "/no/such.map"], &["/no/such.map", "check the path"]);
     fails(&["run", WORLD, "--map-out", "/no/such/a.map"], &["make the folder first"]);
     fails(&["map", "export", &map], &["nothing to write"]);
@@ -97,6 +100,26 @@ fn mismatching_and_damaged_maps_are_reported() {
     );
     std::fs::write(&map, b"something else").unwrap();
     fails(&["map", "info", &map], &["a.map", "not a map file", "--map-out"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// A map of a depth camera goes on with a stereo pair of another image size, which is chosen without being asked for.
+#[test]
+fn a_map_is_continued_by_another_camera() {
+    let folder = folder("map-other-camera");
+    let (map, both) = (save_map(&folder, "a.map", &[]), folder.join("both.map"));
+    let both = both.to_str().unwrap();
+    let other = "sim:demo?duration=3&resolution=400x300&sensor=stereo";
+    let output = cairn(&["run", other, "--map-in", &map, "--map-out", both, "--json"]);
+    let warned = stderr(&output);
+    assert!(warned.contains("made with rgbd") && warned.contains("keep their camera"), "{warned}");
+    let run = json(&output);
+    assert!(run["accuracy"]["ate_m"]["rmse"].as_f64().unwrap() < 0.02, "{run}");
+    let info = |map: &str| json(&cairn(&["map", "info", map, "--json"]))["maps"][0].clone();
+    let (before, after) = (info(&map), info(both));
+    assert_eq!(after["sensor"], "stereo", "{after}");
+    assert_eq!(after["maps"].as_array().unwrap().len(), 1, "{after}");
+    assert!(after["key_frames"].as_u64() > before["key_frames"].as_u64(), "{before} {after}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

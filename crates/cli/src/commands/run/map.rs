@@ -52,7 +52,7 @@ pub fn engine(
         return Engine::new(rig, mode, rate_hz, runner, config).map_err(|e| unsuitable(e.to_string()));
     };
     let shown = path.display().to_string();
-    let opened = Engine::in_map(rig, mode, rate_hz, runner, config, file);
+    let opened = Engine::in_map_of_any_camera(rig, mode, rate_hz, runner, config, file);
     let (engine, notes) = opened.map_err(|e| match e {
         OpenMapError::Rig(e) => unsuitable(e.to_string()),
         OpenMapError::Camera(why) => {

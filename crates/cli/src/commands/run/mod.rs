@@ -314,7 +314,7 @@ fn read_script(path: &Path) -> Result<Script, Failure> {
 
 const NO_POSE: &str = "check the calibration (cairn rig check), use a longer part of the recording, or show the camera more texture";
 
-/// Opens the source and chooses its sensors: those of --sensor, those the map was made with, or all it has.
+/// Opens the source and chooses its sensors: those of --sensor, those the map was made with if it has them, or all it has.
 fn open_source(
     a: &Arguments,
     config: &mut Config,
@@ -349,7 +349,8 @@ fn open_part(
     }
     let source = open(&a.source, options(given))?;
     let of_map = |map: &MapFile| Sensor::with(map.about.sensor, source.rig().imu.is_some());
-    let sensor = a.sensor.or(map.map(of_map)).unwrap_or_else(|| Sensor::of(source.rig()));
+    let of_map = map.map(of_map).filter(|sensor| sensor.is_in(source.rig()));
+    let sensor = a.sensor.or(of_map).unwrap_or_else(|| Sensor::of(source.rig()));
     // A simulated world renders the sensors in its address, and a live source has one camera.
     let fewer = sensor.only(source.rig()).filter(|_| !a.source.starts_with("sim:") && !is_live(&a.source));
     match fewer {

@@ -65,6 +65,16 @@ impl Sensor {
         Self::with(sensor_mode_of(rig), rig.imu.is_some())
     }
 
+    /// Whether a rig has them.
+    pub fn is_in(self, rig: &Rig) -> bool {
+        let has_mode = match self.mode() {
+            SensorMode::Mono => true,
+            SensorMode::Stereo => rig.cameras.len() > 1,
+            SensorMode::Rgbd => rig.depth.is_some(),
+        };
+        has_mode && (rig.imu.is_some() || !self.has_imu())
+    }
+
     /// What of a rig a live source is opened with: nothing that these sensors do not use.
     pub fn live_rig(self, rig: Rig) -> Rig {
         let rig = self.only(&rig).unwrap_or(rig);
