@@ -4,7 +4,7 @@ use crate::subproblem::Subproblem;
 use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{
-    Bias, BiasPrior, Gravity, ImuFactors, ImuLink, Motion, MotionFreedom, Preintegrated, ZeroVelocity,
+    Bias, BiasPrior, Gravity, ImuFactors, ImuLink, MotionFreedom, Preintegrated, SpeedAndBias, ZeroVelocity,
 };
 use cairn_sensor::ImuNoise;
 use cairn_solve::Freedom;
@@ -56,7 +56,7 @@ pub fn factors(
     let counts = |a: usize, b: usize| known(a) && known(b) && a.min(b) < subproblem.moving;
     let mut imu = ImuFactors::new(model.imu_from_camera, Gravity::level(), Vec::new());
     for (to, (id, freedom)) in subproblem.key_frames.iter().zip(motions).enumerate() {
-        let mut state = Motion { velocity: Vec3::zeros(), bias: Bias::default(), freedom: *freedom };
+        let mut state = SpeedAndBias { velocity: Vec3::zeros(), bias: Bias::default(), freedom: *freedom };
         if let Some((k, motion)) = snapshot.key_frame(*id).and_then(|k| Some((k, k.motion.as_ref()?))) {
             (state.velocity, state.bias) = (k.world_from_camera.rotation * motion.velocity, motion.bias);
             let factor = motion.imu_factor.as_ref();
@@ -95,4 +95,30 @@ fn bias_priors(imu: &ImuFactors) -> Vec<BiasPrior> {
         _ => BiasPrior { frame, bias: Bias::default(), sigmas: BIAS_AT_ALL },
     };
     begins.into_iter().map(prior).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bias_priors_stand_where_chains_of_links_begin() {
+        let noise = ImuNoise { gyro: 1e-3, gyro_walk: 1e-4, accel: 1e-2, accel_walk: 1e-3 };
+        let bias = Bias { gyro: Vec3::x() * 0.01, accel: Vec3::y() * 0.1 };
+        let motion = |freedom| SpeedAndBias { velocity: Vec3::zeros(), bias, freedom };
+        let motions = [MotionFreedom::Biases, MotionFreedom::Free, MotionFreedom::Free, MotionFreedom::Free];
+        let mut imu = ImuFactors::new(Se3::identity(), Gravity::level(), motions.map(motion).to_vec());
+        let sum = Preintegrated::of(noise, bias, Vec::new());
+        let link = |from, to| ImuLink { from, to, sum: sum.clone() };
+        // One chain goes on from a key frame whose velocity stays, another begins at one that is free.
+        imu.links = vec![link(0, 1), link(2, 3)];
+        let priors = bias_priors(&imu);
+        let expected = [
+            BiasPrior { frame: 0, bias, sigmas: BIAS_BEFORE },
+            BiasPrior { frame: 2, bias: Bias::default(), sigmas: BIAS_AT_ALL },
+        ];
+        assert_eq!(priors, expected);
+        imu.links.push(link(1, 2));
+        assert_eq!(bias_priors(&imu), expected[..1]);
+    }
 }

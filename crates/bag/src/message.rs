@@ -255,6 +255,29 @@ pub fn transform(format: WireFormat, bytes: &[u8]) -> Result<Se3, DecodeError> {
     pose(&mut Wire::new(format, bytes)?)
 }
 
+/// The pose of a `geometry_msgs/PoseStamped`, `PoseWithCovarianceStamped` or `TransformStamped`, or a `nav_msgs/Odometry`: parent
+/// from child, with the time of the header in nanoseconds.
+///
+/// # Errors
+/// When the type is another, the message is truncated, its encoding is not supported, or the rotation is invalid.
+pub fn stamped_pose(kind: &str, format: WireFormat, bytes: &[u8]) -> Result<(i64, Se3), DecodeError> {
+    let mut wire = Wire::new(format, bytes)?;
+    let header = wire.header()?;
+    match kind {
+        "geometry_msgs/PoseStamped" | "geometry_msgs/PoseWithCovarianceStamped" => {}
+        "geometry_msgs/TransformStamped" | "nav_msgs/Odometry" => {
+            wire.string()?; // the child's name
+        }
+        other => {
+            return Err(DecodeError::new(format!(
+                "{other} is no pose that is read; known are geometry_msgs PoseStamped, PoseWithCovarianceStamped and \
+                 TransformStamped, and nav_msgs Odometry"
+            )));
+        }
+    }
+    Ok((header.stamp_ns, pose(&mut wire)?))
+}
+
 fn pose(wire: &mut Wire) -> Result<Se3, DecodeError> {
     let [tx, ty, tz] = wire.f64s::<3>()?;
     let [x, y, z, w] = wire.f64s::<4>()?;

@@ -1,7 +1,7 @@
 //! Converts the pixels of `sensor_msgs/Image` to luminance, and to depth in millimetres.
 //!
 //! Encodings are those of `sensor_msgs/image_encodings` and of the RealSense SDK. The luminance of colour is weighted
-//! as in BT.601 (0.299, 0.587, 0.114); of 16-bit gray the high byte is used.
+//! as in BT.601 (0.299, 0.587, 0.114); of 16-bit pixels the high byte is used. Bayer mosaics are interpolated bilinearly.
 
 use crate::error::DecodeError;
 use crate::message::ImageMessage;
@@ -36,6 +36,10 @@ impl ImageMessage<'_> {
     /// When the encoding is not supported, or the data does not have the stated size.
     pub fn gray(&self) -> Result<GrayImage, DecodeError> {
         let (w, h) = (self.width as usize, self.height as usize);
+        if let Some(mosaic) = Mosaic::of(&self.encoding) {
+            return GrayImage::from_vec(w, h, self.mosaic(mosaic)?)
+                .ok_or_else(|| DecodeError::new("rows are missing"));
+        }
         let mut out: Vec<u8> = Vec::new();
         // Offsets of red, green and blue in a pixel, and bytes per pixel.
         let colour = match self.encoding.as_str() {
@@ -63,7 +67,7 @@ impl ImageMessage<'_> {
             other => {
                 return Err(DecodeError::new(format!(
                     "images of encoding \"{other}\" are not read; known are mono8, mono16, rgb8, bgr8, rgba8, bgra8, \
-                     yuv422 and yuv422_yuy2"
+                     yuv422, yuv422_yuy2, and Bayer patterns of 8 and 16 bits"
                 )));
             }
         };
@@ -73,6 +77,47 @@ impl ImageMessage<'_> {
             });
         }
         GrayImage::from_vec(w, h, out).ok_or_else(|| DecodeError::new("rows are missing"))
+    }
+
+    /// Luminance of a mosaic: the two colours that a pixel lacks are the means of its neighbours that have them. At the border
+    /// neighbours are mirrored, which keeps their colours.
+    fn mosaic(&self, mosaic: Mosaic) -> Result<Vec<u8>, DecodeError> {
+        let (w, h) = (self.width as usize, self.height as usize);
+        let bytes = if mosaic.is_wide { 2 } else { 1 };
+        let high = if self.big_endian { 0 } else { bytes - 1 };
+        let rows: Vec<&[u8]> = self.rows(bytes)?.collect();
+        if w < 2 || h < 2 || rows.len() < h {
+            return Err(DecodeError::new(format!("{w}x{h} pixels are no Bayer pattern")));
+        }
+        // A row with a mirrored pixel at each end.
+        let padded = |y: usize| {
+            let mut out: Vec<u32> = Vec::with_capacity(w + 2);
+            out.push(0);
+            out.extend(rows[y].chunks_exact(bytes).map(|p| u32::from(p[high])));
+            out.push(out[w - 1]);
+            out[0] = out[2];
+            out
+        };
+        let mut out = Vec::with_capacity(w * h);
+        let (mut up, mut middle) = (padded(1), padded(0));
+        for y in 0..h {
+            let down = padded(if y + 1 < h { y + 1 } else { h - 2 });
+            for x in 0..w {
+                let [a, b, c] = [&up[x..x + 3], &middle[x..x + 3], &down[x..x + 3]];
+                let (own, beside, above) = (4 * b[1], b[0] + b[2], a[1] + c[1]);
+                let across = a[0] + a[2] + c[0] + c[2];
+                let (row_has_red, is_green) = (y % 2 == mosaic.red_row, (x + y) % 2 == mosaic.green);
+                let (red, green, blue) = match (is_green, row_has_red) {
+                    (true, true) => (2 * beside, own, 2 * above),
+                    (true, false) => (2 * above, own, 2 * beside),
+                    (false, true) => (own, beside + above, across),
+                    (false, false) => (across, beside + above, own),
+                };
+                out.push(((red * RED + green * GREEN + blue * BLUE + (1 << 17)) >> 18) as u8);
+            }
+            (up, middle) = (middle, down);
+        }
+        Ok(out)
     }
 
     /// Depth image. 16-bit pixels are kept, in the unit of the sensor (millimetres by REP 118); 32-bit metres are
@@ -110,6 +155,89 @@ impl ImageMessage<'_> {
     }
 }
 
+/// Weights of the colours in the luminance, in 1/65536.
+const RED: u32 = 19595;
+const GREEN: u32 = 38470;
+const BLUE: u32 = 7471;
+
 fn luminance(r: u8, g: u8, b: u8) -> u8 {
-    ((u32::from(r) * 19595 + u32::from(g) * 38470 + u32::from(b) * 7471 + 32768) >> 16) as u8
+    ((u32::from(r) * RED + u32::from(g) * GREEN + u32::from(b) * BLUE + 32768) >> 16) as u8
+}
+
+/// A Bayer pattern.
+#[derive(Clone, Copy)]
+struct Mosaic {
+    /// Parity of the rows that have red pixels.
+    red_row: usize,
+    /// Parity of column plus row of the green pixels.
+    green: usize,
+    /// Whether pixels have 16 bits.
+    is_wide: bool,
+}
+
+impl Mosaic {
+    /// Of an encoding such as `bayer_rggb8`: the colours of the first four pixels, row by row.
+    fn of(encoding: &str) -> Option<Self> {
+        let (pattern, bits) = encoding.strip_prefix("bayer_")?.split_at_checked(4)?;
+        let (red_row, green) = match pattern {
+            "rggb" => (0, 1),
+            "grbg" => (0, 0),
+            "gbrg" => (1, 0),
+            "bggr" => (1, 1),
+            _ => return None,
+        };
+        let is_wide = match bits {
+            "8" => false,
+            "16" => true,
+            _ => return None,
+        };
+        Some(Self { red_row, green, is_wide })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message<'a>(encoding: &str, [width, height]: [u32; 2], step: u32, data: &'a [u8]) -> ImageMessage<'a> {
+        let header = crate::wire::Header { stamp_ns: 0, frame_id: String::new() };
+        ImageMessage { header, height, width, encoding: encoding.into(), big_endian: false, step, data }
+    }
+
+    /// A picture whose colours change evenly over it, as the sensor of each pattern sees it: bilinear interpolation is exact
+    /// inside.
+    #[test]
+    fn mosaics_have_the_luminance_of_their_colours() {
+        let (w, h) = (12usize, 9usize);
+        let colour = |x: usize, y: usize| [40 + 4 * x + 2 * y, 200 - 6 * x + 4 * y, 10 + 2 * x + 8 * y];
+        let patterns =
+            [("rggb", [0, 1, 1, 2]), ("grbg", [1, 0, 2, 1]), ("gbrg", [1, 2, 0, 1]), ("bggr", [2, 1, 1, 0])];
+        for ((pattern, first), bytes) in patterns.into_iter().flat_map(|p| [(p, 1usize), (p, 2)]) {
+            let step = w * bytes + 3;
+            let mut data = vec![99; step * h];
+            for (x, y) in (0..w * h).map(|i| (i % w, i / w)) {
+                data[y * step + x * bytes + bytes - 1] = colour(x, y)[first[2 * (y % 2) + x % 2]] as u8;
+            }
+            let encoding = format!("bayer_{pattern}{}", 8 * bytes);
+            let gray = message(&encoding, [w as u32, h as u32], step as u32, &data).gray().unwrap();
+            for (x, y) in (0..w * h).map(|i| (i % w, i / w)) {
+                let [r, g, b] = colour(x, y).map(|v| v as u8);
+                let off = i32::from(gray.data()[y * w + x]) - i32::from(luminance(r, g, b));
+                // At the border the missing colours are those of a column or row farther in.
+                let inside = (1..w - 1).contains(&x) && (1..h - 1).contains(&y);
+                assert!(off.abs() <= if inside { 0 } else { 6 }, "{encoding} at {x}, {y}: {off}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_mosaic_is_refused() {
+        for encoding in ["bayer_rggb12", "bayer_rgbg8", "bayer_", "bayer_rgg\u{e4}8"] {
+            let refused = message(encoding, [2, 2], 2, &[0; 4]).gray().unwrap_err().to_string();
+            assert!(refused.contains("are not read"), "{refused}");
+        }
+        assert!(message("bayer_rggb8", [1, 4], 1, &[0; 4]).gray().is_err());
+        assert!(message("bayer_rggb8", [4, 4], 4, &[0; 15]).gray().is_err());
+        assert_eq!(message("bayer_bggr16", [2, 2], 4, &[0; 8]).gray().unwrap().data(), [0; 4]);
+    }
 }

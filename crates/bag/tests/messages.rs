@@ -30,7 +30,7 @@ fn pixels_become_luminance() {
     assert_eq!(gray("bgra8", &[0, 0, 255, 9, 255, 0, 0, 9]).unwrap(), [76, 29]);
     assert_eq!(gray("yuv422", &[9, 3, 9, 250]).unwrap(), [3, 250]);
     assert_eq!(gray("yuv422_yuy2", &[3, 9, 250, 9]).unwrap(), [3, 250]);
-    assert!(gray("bayer_rggb8", &[1, 2]).unwrap_err().contains("\"bayer_rggb8\" are not read"));
+    assert!(gray("bayer_rggb10", &[1, 2]).unwrap_err().contains("\"bayer_rggb10\" are not read"));
     assert!(gray("rgb8", &[1, 2]).unwrap_err().contains("need 6 bytes"));
 }
 

@@ -4,9 +4,9 @@
 use crate::Sensor;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_geometry::{Se3, Sim3, So3, Vec3, umeyama};
+use cairn_random::Random;
 use cairn_sensor::{Source, SourceError, Stamp};
 use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
-use cairn_solve::ransac::Rng;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -148,7 +148,7 @@ impl Day {
 /// # Errors
 /// As [`Day::start`].
 pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<Start>, String> {
-    let mut rng = Rng::with_stream(seed, 77);
+    let mut rng = Random::stream(seed, 77);
     let mut found = Vec::new();
     let mut go = |beside: f64, aside: f64, wanted: usize| -> Result<(), String> {
         let mut done = 0;
@@ -158,7 +158,7 @@ pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<
                 break;
             }
             let side = if rng.unit() < 0.5 { -1.0 } else { 1.0 };
-            let (share, gamma) = (rng.unit(), (0.35 * rng.range(-1.0, 1.0)).exp());
+            let (share, gamma) = (rng.unit(), (0.35 * rng.uniform(-1.0, 1.0)).exp());
             if let Some(start) =
                 day.start(share, side * beside, aside * if rng.unit() < 0.5 { -1.0 } else { 1.0 }, gamma)?
             {

@@ -7,6 +7,7 @@ use cairn_eval::EvalError;
 use cairn_geometry::TrajectoryError;
 use cairn_guide::RouteError;
 use cairn_sensor::{RigError, SourceError, Stamp};
+use cairn_session::Refused;
 
 /// Why something outside could not be used. A lost pose or a rejected loop is no error but a value in
 /// [`crate::Output`].
@@ -52,8 +53,8 @@ pub enum Error {
     #[error(transparent)]
     Route(#[from] RouteError),
     /// Recording or guidance could not do what was asked for; the words are those that the walker hears.
-    #[error("{0}")]
-    Refused(String),
+    #[error(transparent)]
+    Refused(#[from] Refused),
     /// Poses with equal times or numbers that are not finite.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),

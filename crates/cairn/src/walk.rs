@@ -5,7 +5,7 @@
 use crate::{Error, Slam};
 use cairn_guide::{Facing, GuideState, Route};
 use cairn_sensor::{Live, Stamp};
-use cairn_session::{Command, Event, Which};
+use cairn_session::{Command, Event, Refused, Which};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ impl Slam {
     /// # Errors
     /// [`Error::Refused`] while a recording is in progress.
     pub fn record(&mut self, path: impl AsRef<Path>) -> Result<String, Error> {
-        self.session.record_to(path.as_ref()).map_err(Error::Refused)
+        Ok(self.session.record_to(path.as_ref())?)
     }
 
     /// Ends the recording; returns the route, which can be walked from now on.
@@ -25,7 +25,8 @@ impl Slam {
     /// [`Error::Refused`] when nothing is or was recorded, or the file does not hold all of the route.
     pub fn stop_recording(&mut self) -> Result<&Route, Error> {
         self.command(&Command::Stop)?;
-        self.route().ok_or_else(|| Error::Refused("Nothing was recorded.".into()))
+        let language = self.session.config().phrases.language;
+        self.session.route().ok_or_else(|| Refused::new(language, "walk-nothing-recorded", &[]).into())
     }
 
     /// Loads a recorded route. Guidance along it needs the map it was recorded in: this one, or one given to
@@ -97,6 +98,6 @@ impl Slam {
     }
 
     fn command(&mut self, command: &Command) -> Result<String, Error> {
-        self.session.command(command).map_err(Error::Refused)
+        Ok(self.session.command(command)?)
     }
 }

@@ -8,7 +8,7 @@ use std::fmt::Write;
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Start here", &["demo", "run", "doctor"]),
     ("Maps and routes", &["map", "route", "mesh", "plan", "fleet"]),
-    ("A phone or another screen", &["serve"]),
+    ("A phone, a robot", &["serve", "ros"]),
     ("Recordings, cameras, figures", &["rig", "eval", "bench", "sim", "config", "vocab"]),
     ("Solvers and filters", &["solve", "team", "ekf"]),
 ];

@@ -57,6 +57,7 @@ enum Command {
     Config(commands::config::Arguments),
     Doctor(commands::doctor::Arguments),
     Serve(Box<commands::serve::Arguments>),
+    Ros(commands::ros::Arguments),
     Completions(commands::completions::Completions),
     #[command(hide = true)]
     Man(commands::completions::Man),
@@ -103,6 +104,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Config(arguments) => commands::config::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
         Command::Serve(arguments) => commands::serve::run(&arguments, output),
+        Command::Ros(arguments) => commands::ros::run(&arguments),
         Command::Completions(arguments) => commands::completions::completions(&arguments),
         Command::Man(arguments) => commands::completions::man(&arguments, output),
     }

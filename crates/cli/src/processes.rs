@@ -1,8 +1,16 @@
-//! What `--isolated` runs and serves have in common: where processes share memory, how they are started, and what is said of
-//! them.
+//! Other processes: the programs that come with this one; and what `--isolated` runs and serves have in common: where processes
+//! share memory, how they are started, and what is said of them.
 
 use crate::output::note;
-use std::path::Path;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// A program that comes with this one: beside it, else the one in PATH.
+pub fn beside_or_in_path(program: &str) -> OsString {
+    let file = format!("{program}{}", std::env::consts::EXE_SUFFIX);
+    let beside = std::env::current_exe().ok().map(|p| p.with_file_name(file)).filter(|p| p.is_file());
+    beside.map_or_else(|| OsString::from(program), PathBuf::into_os_string)
+}
 
 /// Where the processes share memory.
 pub const SHARED_MEMORY: &str = "/dev/shm";

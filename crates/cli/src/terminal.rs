@@ -86,7 +86,7 @@ fn spawn(work: impl FnOnce() + Send + 'static) {
 
 fn read_lines(input: impl BufRead, sender: &Sender<Result<Command, String>>) {
     for line in input.lines().map_while(Result::ok).filter(|l| !l.trim().is_empty()) {
-        if sender.send(Command::parse(&line)).is_err() {
+        if sender.send(Command::parse(&line).map_err(|e| e.to_string())).is_err() {
             return;
         }
     }

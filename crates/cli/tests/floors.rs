@@ -10,8 +10,8 @@ use std::process::Command;
 
 /// Each floor with its packages; ARCHITECTURE.md has the same table.
 const FLOORS: &[(u8, &[&str])] = &[
-    (0, &["cairn-settings-derive"]),
-    (1, &["cairn-files", "cairn-geometry", "cairn-phrases", "cairn-random", "cairn-rerun", "cairn-settings"]),
+    (0, &["cairn-random", "cairn-settings-derive"]),
+    (1, &["cairn-files", "cairn-geometry", "cairn-phrases", "cairn-rerun", "cairn-settings"]),
     (2, &["cairn-solve", "cairn-sensor", "cairn-eval"]),
     (3, &["cairn-vision", "cairn-sim", "cairn-inertial", "cairn-bag"]),
     (4, &["cairn-sources", "cairn-atlas", "cairn-filter"]),

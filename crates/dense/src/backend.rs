@@ -5,7 +5,7 @@
 pub enum Backend {
     /// Plain Rust.
     Scalar,
-    /// Eight lanes.
+    /// Eight lanes, and instructions for bits.
     Avx2,
     /// Sixteen lanes.
     Avx512,
@@ -20,10 +20,16 @@ impl Backend {
         match self {
             Self::Scalar => true,
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => is_x86_feature_detected!("avx2"),
+            Self::Avx2 => {
+                is_x86_feature_detected!("avx2")
+                    && is_x86_feature_detected!("bmi1")
+                    && is_x86_feature_detected!("bmi2")
+                    && is_x86_feature_detected!("popcnt")
+            }
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
-                is_x86_feature_detected!("avx512f")
+                Self::Avx2.available()
+                    && is_x86_feature_detected!("avx512f")
                     && is_x86_feature_detected!("avx512bw")
                     && is_x86_feature_detected!("avx512vl")
                     && is_x86_feature_detected!("avx512dq")
@@ -52,11 +58,11 @@ macro_rules! dispatch {
     ($backend:expr, $f:ident($($a:ident: $t:ty),* $(,)?) -> $r:ty) => {{
         #[cfg(target_arch = "x86_64")]
         {
-            #[target_feature(enable = "avx2")]
+            #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
             fn avx2($($a: $t),*) -> $r {
                 $f($($a),*)
             }
-            #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512dq")]
+            #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512dq,bmi1,bmi2,popcnt")]
             fn avx512($($a: $t),*) -> $r {
                 $f($($a),*)
             }

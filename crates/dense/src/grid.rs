@@ -40,7 +40,8 @@ impl<'a> BlockGrid<'a> {
     pub fn slot(&self, key: BlockKey) -> Option<u32> {
         match self {
             Self::Dense { low, size, slots } => {
-                let [x, y, z]: [u32; 3] = std::array::from_fn(|i| key.0[i].wrapping_sub(low[i]) as u32);
+                let along = |i: usize| key.0[i].wrapping_sub(low[i]) as u32;
+                let (x, y, z) = (along(0), along(1), along(2));
                 if x as usize >= size[0] || y as usize >= size[1] || z as usize >= size[2] {
                     return None;
                 }

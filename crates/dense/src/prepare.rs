@@ -2,9 +2,9 @@
 
 use crate::backend::dispatch;
 use crate::frame::DepthFrame;
-use crate::pixel::WEIGHT_BITS;
+use crate::pixel::{WEIGHT_BITS, depth_of};
 use crate::pyramid::DepthPyramid;
-use crate::submap::PackedDepth;
+use crate::submap::{PackedDepth, Rows, broken};
 use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::Vec2;
 use cairn_sensor::{Camera, DepthImage, Distortion, Image};
@@ -42,10 +42,10 @@ pub struct DepthPreparer {
     metres_per_unit: f64,
     /// For each pixel of the pinhole the pixel of the image, or `u32::MAX`; empty when the two cameras are the same.
     remap: Vec<u32>,
-    /// Three rows of depths, see [`pack`].
-    rows: Vec<f32>,
-    /// The pixels of the packed image that was prepared last.
-    unpacked: Vec<u16>,
+    /// Three rows of pixels, see [`pack`].
+    rows: Vec<u32>,
+    /// The pixel of each number of the packed image that was prepared last, see [`Rows`].
+    by_number: Option<Box<[u32; 1 << 16]>>,
     frame: DepthFrame,
     backend: Backend,
 }
@@ -71,7 +71,7 @@ impl DepthPreparer {
         }
         let pinhole = Camera { distortion: Distortion::None, ..camera };
         let remap = if camera.distortion == Distortion::None { Vec::new() } else { remap(&camera, &pinhole) };
-        let rows = vec![0.0; 3 * (camera.width + 2)];
+        let rows = vec![0; 3 * (camera.width + 2)];
         let pixels = vec![0; camera.width * camera.height];
         let frame = DepthFrame { camera: pinhole, pixels, pyramid: DepthPyramid::default(), valid: 0 };
         Ok(Self {
@@ -80,7 +80,7 @@ impl DepthPreparer {
             metres_per_unit,
             remap,
             rows,
-            unpacked: Vec::new(),
+            by_number: None,
             frame,
             backend: Backend::best(),
         })
@@ -118,18 +118,34 @@ impl DepthPreparer {
     /// As [`Self::prepare`]; bytes that do not decode to an image.
     pub fn prepare_packed(&mut self, image: &PackedDepth) -> Result<&DepthFrame, DenseError> {
         self.check(image.size())?;
-        let mut units = std::mem::take(&mut self.unpacked);
-        let unpacked = image.unpack_to(self.backend, &mut units);
-        let prepared = unpacked.and_then(|()| self.prepare_units(&units).map(|_| ()));
-        self.unpacked = units;
-        prepared.map(|()| &self.frame)
+        let rows = if self.remap.is_empty() { image.rows()? } else { None };
+        let Some(mut packed) = rows else { return self.prepare_units(image.unpack()?.data()) };
+        let words = Words::new(&self.config);
+        let scale = self.metres_per_unit as f32;
+        let mut by_number = self.by_number.take().unwrap_or_else(|| Box::new([0; 1 << 16]));
+        by_number.iter_mut().zip(packed.values()).for_each(|(pixel, v)| *pixel = words.of(v.metres(scale)));
+        let (config, table, packed) = (&self.config, &*by_number, &mut packed);
+        let (rows, pixels) = (&mut self.rows[..], &mut self.frame.pixels[..]);
+        let valid = dispatch!(self.backend, from_packed(config: &DepthConfig, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32]) -> Option<usize>);
+        self.by_number = Some(by_number);
+        let least = self.least_valid();
+        match valid {
+            Some(valid) if valid >= least => Ok(self.finish(valid)),
+            Some(_) => self.prepare_units(image.unpack()?.data()),
+            None => {
+                // Half of it is here: of no image that there is.
+                self.frame.pixels.fill(0);
+                self.finish(0);
+                Err(broken())
+            }
+        }
     }
 
     fn prepare_units(&mut self, data: &[u16]) -> Result<&DepthFrame, DenseError> {
         let (config, scale) = (&self.config, self.metres_per_unit as f32);
         let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_units(config: &DepthConfig, scale: f32, data: &[u16], remap: &[u32], rows: &mut [f32], pixels: &mut [u32]) -> usize);
-        self.finish(valid, data, |v| f32::from(v) * scale)
+        let valid = dispatch!(self.backend, from_units(config: &DepthConfig, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        self.finish_or_refuse(valid, data, |v| f32::from(v) * scale)
     }
 
     /// The frame that was prepared last; without any depth before the first.
@@ -145,24 +161,33 @@ impl DepthPreparer {
         self.check([image.width(), image.height()])?;
         let (config, data) = (&self.config, image.data());
         let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_metres(config: &DepthConfig, data: &[f32], remap: &[u32], rows: &mut [f32], pixels: &mut [u32]) -> usize);
-        self.finish(valid, data, |v| if v.is_finite() { v } else { 0.0 })
+        let valid = dispatch!(self.backend, from_metres(config: &DepthConfig, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        self.finish_or_refuse(valid, data, |v| if v.is_finite() { v } else { 0.0 })
     }
 
-    /// The pyramid of what was packed; refused with fewer than enough valid pixels.
-    fn finish<T: Copy>(
+    /// The frame of what was packed; refused with fewer than enough valid pixels.
+    fn finish_or_refuse<T: Copy>(
         &mut self,
         valid: usize,
         data: &[T],
         metres: impl Fn(T) -> f32,
     ) -> Result<&DepthFrame, DenseError> {
-        let Camera { width, height, .. } = self.source;
-        if valid < (width * height / LEAST_VALID).max(1) {
+        if valid < self.least_valid() {
             return Err(self.no_depth(valid, data.iter().map(|&v| metres(v))));
         }
+        Ok(self.finish(valid))
+    }
+
+    /// With fewer valid pixels a frame is refused.
+    fn least_valid(&self) -> usize {
+        (self.source.width * self.source.height / LEAST_VALID).max(1)
+    }
+
+    fn finish(&mut self, valid: usize) -> &DepthFrame {
+        let Camera { width, height, .. } = self.source;
         self.frame.valid = valid;
         self.frame.pyramid.build(&self.frame.pixels, width, height, self.backend);
-        Ok(&self.frame)
+        &self.frame
     }
 
     /// Refuses an image of another size.
@@ -213,17 +238,117 @@ fn remap(source: &Camera, pinhole: &Camera) -> Vec<u32> {
     table
 }
 
+/// What a pixel of an image says.
+trait Measured: Copy {
+    /// Metres, with `scale` metres a unit; 0 for none.
+    fn metres(self, scale: f32) -> f32;
+}
+
+impl Measured for u16 {
+    #[inline(always)]
+    fn metres(self, scale: f32) -> f32 {
+        // 65535 means no depth, however short the unit.
+        if self == u16::MAX { 0.0 } else { f32::from(self) * scale }
+    }
+}
+
+impl Measured for f32 {
+    #[inline(always)]
+    fn metres(self, _: f32) -> f32 {
+        self
+    }
+}
+
+/// From metres to pixels with a weight.
+#[derive(Clone, Copy)]
+struct Words {
+    range: [f32; 2],
+    floor: f32,
+    growth: f32,
+    from: f32,
+}
+
+impl Words {
+    #[inline(always)]
+    fn new(config: &DepthConfig) -> Self {
+        let noise = &config.noise;
+        Self {
+            range: [config.nearest_m as f32, config.farthest_m as f32],
+            floor: noise.floor_m as f32,
+            growth: noise.growth as f32,
+            from: noise.nearest_m as f32,
+        }
+    }
+
+    /// The pixel of a depth, with its weight; 0 for one out of range.
+    #[inline(always)]
+    fn of(&self, z: f32) -> u32 {
+        let past = z - self.from;
+        let ratio = self.floor / (self.floor + self.growth * (past * past));
+        // Weights go down to 1/31 of the greatest; adding 2^23 rounds and leaves the integer in the lowest bits.
+        let weight = (31.0 * (ratio * ratio)).max(1.0) + 8_388_608.0;
+        let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);
+        // False for NaN.
+        if (z >= self.range[0]) & (z <= self.range[1]) { pixel } else { 0 }
+    }
+}
+
+/// Gives the pixels of an image row by row.
+trait RowSource {
+    /// The next row, which is the `y`-th; `None` where there is none.
+    fn next_row(&mut self, y: usize, out: &mut [u32]) -> Option<()>;
+}
+
+struct ImageRows<'a, T> {
+    words: Words,
+    scale: f32,
+    data: &'a [T],
+    remap: &'a [u32],
+}
+
+impl<T: Measured> RowSource for ImageRows<'_, T> {
+    #[inline(always)]
+    fn next_row(&mut self, y: usize, out: &mut [u32]) -> Option<()> {
+        let Self { words, scale, data, remap } = *self;
+        let width = out.len();
+        if remap.is_empty() {
+            for (o, v) in out.iter_mut().zip(&data[y * width..]) {
+                *o = words.of(v.metres(scale));
+            }
+        } else {
+            for (o, &i) in out.iter_mut().zip(&remap[y * width..]) {
+                *o = data.get(i as usize).map_or(0, |v| words.of(v.metres(scale)));
+            }
+        }
+        Some(())
+    }
+}
+
+struct PackedRows<'a, 'b> {
+    packed: &'a mut Rows<'b>,
+    table: &'a [u32; 1 << 16],
+}
+
+impl RowSource for PackedRows<'_, '_> {
+    #[inline(always)]
+    fn next_row(&mut self, _: usize, out: &mut [u32]) -> Option<()> {
+        self.packed.next()?;
+        self.packed.look_up(out, self.table, 0);
+        Some(())
+    }
+}
+
 #[inline(always)]
 fn from_units(
     config: &DepthConfig,
     scale: f32,
     data: &[u16],
     remap: &[u32],
-    rows: &mut [f32],
+    rows: &mut [u32],
     pixels: &mut [u32],
 ) -> usize {
-    // 65535 means no depth, however short the unit.
-    pack(config, data, remap, rows, pixels, |v| if v == u16::MAX { 0.0 } else { f32::from(v) * scale })
+    let source = ImageRows { words: Words::new(config), scale, data, remap };
+    pack(config, rows, pixels, source).unwrap_or(0)
 }
 
 #[inline(always)]
@@ -231,88 +356,70 @@ fn from_metres(
     config: &DepthConfig,
     data: &[f32],
     remap: &[u32],
-    rows: &mut [f32],
+    rows: &mut [u32],
     pixels: &mut [u32],
 ) -> usize {
-    pack(config, data, remap, rows, pixels, |v| v)
+    let source = ImageRows { words: Words::new(config), scale: 1.0, data, remap };
+    pack(config, rows, pixels, source).unwrap_or(0)
 }
 
-/// Packs the pixels of an image, and counts the valid ones. `rows` holds three rows of depths in metres with a pixel of border at
-/// both ends: the row above the one that is packed, that row, and the one below.
 #[inline(always)]
-fn pack<T: Copy>(
+fn from_packed(
     config: &DepthConfig,
-    data: &[T],
-    remap: &[u32],
-    rows: &mut [f32],
+    packed: &mut Rows,
+    table: &[u32; 1 << 16],
+    rows: &mut [u32],
     pixels: &mut [u32],
-    metres: impl Fn(T) -> f32 + Copy,
-) -> usize {
+) -> Option<usize> {
+    let valid = pack(config, rows, pixels, PackedRows { packed: &mut *packed, table })?;
+    packed.end().map(|()| valid)
+}
+
+/// Drops the edges of an image, which comes row by row, and counts the valid pixels; `None` where a row does not come. `rows` holds
+/// three rows with a pixel of border at both ends: the row above the one that is looked at, that row, and the one below.
+#[inline(always)]
+fn pack(
+    config: &DepthConfig,
+    rows: &mut [u32],
+    pixels: &mut [u32],
+    mut source: impl RowSource,
+) -> Option<usize> {
     let stride = rows.len() / 3;
     let width = stride - 2;
-    let height = data.len() / width;
-    rows.fill(0.0);
+    let height = pixels.len() / width;
+    rows.fill(0);
     let mut valid = 0;
     for y in 0..=height {
         let below = &mut rows[y % 3 * stride..][..stride][1..=width];
         if y < height {
-            let of_row = if remap.is_empty() { remap } else { &remap[y * width..][..width] };
-            to_metres(config, data, y, of_row, below, metres);
+            source.next_row(y, below)?;
         } else {
-            below.fill(0.0);
+            below.fill(0);
         }
         if y > 0 {
-            let row = |i: usize| &rows[(y + i) % 3 * stride..][..stride];
-            valid += pack_row(config, [row(1), row(2), row(0)], &mut pixels[(y - 1) * width..][..width]);
+            let [up, here, down] = [1, 2, 0].map(|i| (y + i) % 3 * stride);
+            let rows = [&rows[up..][..stride], &rows[here..][..stride], &rows[down..][..stride]];
+            valid += pack_row(config, rows, &mut pixels[(y - 1) * width..][..width]);
         }
     }
-    valid
-}
-
-/// Depths of a row in metres, 0 for those out of range.
-#[inline(always)]
-fn to_metres<T: Copy>(
-    config: &DepthConfig,
-    data: &[T],
-    y: usize,
-    remap: &[u32],
-    out: &mut [f32],
-    metres: impl Fn(T) -> f32,
-) {
-    let [near, far] = [config.nearest_m as f32, config.farthest_m as f32];
-    // False for NaN.
-    let in_range = |z: f32| if (z >= near) & (z <= far) { z } else { 0.0 };
-    if remap.is_empty() {
-        data[y * out.len()..].iter().zip(out).for_each(|(&v, o)| *o = in_range(metres(v)));
-    } else {
-        for (&i, o) in remap.iter().zip(out) {
-            *o = data.get(i as usize).map_or(0.0, |&v| in_range(metres(v)));
-        }
-    }
+    Some(valid)
 }
 
 #[inline(always)]
-fn pack_row(config: &DepthConfig, [up, here, down]: [&[f32]; 3], out: &mut [u32]) -> usize {
+fn pack_row(config: &DepthConfig, [up, here, down]: [&[u32]; 3], out: &mut [u32]) -> usize {
     let [share, least] = [config.edge_share as f32, config.edge_m as f32];
-    let noise = &config.noise;
-    let [floor, growth, from] = [noise.floor_m as f32, noise.growth as f32, noise.nearest_m as f32];
     let width = out.len();
     let (left, right, here) = (&here[..width], &here[2..][..width], &here[1..][..width]);
     let (up, down) = (&up[1..][..width], &down[1..][..width]);
     let mut count = 0;
     for x in 0..width {
-        let z = here[x];
+        let z = depth_of(here[x]);
         let limit = (share * z).max(least);
         // A neighbour without depth does not make an edge.
-        let far = |n: f32| (n > 0.0) & ((n - z).abs() > limit);
+        let far = |n: u32| (n > 0) & ((depth_of(n) - z).abs() > limit);
         let edge = far(left[x]) | far(right[x]) | far(up[x]) | far(down[x]);
-        let past = z - from;
-        let ratio = floor / (floor + growth * (past * past));
-        // Weights go down to 1/31 of the greatest; adding 2^23 rounds and leaves the integer in the lowest bits.
-        let weight = (31.0 * (ratio * ratio)).max(1.0) + 8_388_608.0;
-        let keep = (z > 0.0) & !edge;
-        let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);
-        out[x] = if keep { pixel } else { 0 };
+        let keep = (here[x] > 0) & !edge;
+        out[x] = if keep { here[x] } else { 0 };
         count += u32::from(keep);
     }
     count as usize

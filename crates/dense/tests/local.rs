@@ -25,17 +25,10 @@ fn depth(scene: &Scene, pose: &Se3, seed: u64) -> DepthImage {
 
 fn depth_by(camera: &Camera, scene: &Scene, pose: &Se3, seed: u64) -> DepthImage {
     let exact = scene.depth(camera, pose);
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-    let mut uniform = || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-    };
+    let mut random = cairn_random::Random::new(seed);
     let mut noisy = |z: f32| {
         let z = f64::from(z);
-        let normal = (0..4).map(|_| uniform()).sum::<f64>() * 1.73;
-        ((z + 0.002 * z * z * normal) * 1000.0).max(0.0) as u16
+        ((z + 0.002 * z * z * random.standard_normal()) * 1000.0).max(0.0) as u16
     };
     DepthImage::from_vec(exact.width(), exact.height(), exact.data().iter().map(|&z| noisy(z)).collect())
         .expect("all pixels")

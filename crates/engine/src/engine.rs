@@ -15,6 +15,7 @@ use cairn_mapping::{Closer, Mapper, ScaleVerdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, MeasuredMotion, Odometry, State, Tracked, Tracker};
 use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
+use nalgebra::SMatrix;
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -261,6 +262,7 @@ impl Engine {
             attempt: done.attempt,
             scale_check: done.scale_check,
             anchored: tracked.pose,
+            covariance: tracked.covariance,
             evidence: tracked.evidence,
             key_frame_requested,
             extract_ms,
@@ -292,6 +294,7 @@ impl Engine {
         let snapshot = self.mapping.after_start(done);
         self.tracker.map_created(&snapshot, id);
         tracked.pose = at_key_frame(&snapshot, id);
+        tracked.covariance = Some(SMatrix::zeros());
         tracked.state = State::Tracking;
         let root = snapshot.key_frame(id).and_then(|k| at_key_frame(&snapshot, k.map.root()));
         if let (Some(first), Some(anchored)) = (earlier, root) {

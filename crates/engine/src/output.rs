@@ -8,6 +8,7 @@ use cairn_mapping::{ScaleCheck, Verdict};
 use cairn_sensor::Stamp;
 use cairn_tracking::{AnchoredPose, Evidence, Odometry, State};
 use cairn_vision::Frame;
+use nalgebra::SMatrix;
 use std::sync::Arc;
 
 /// The result of one packet.
@@ -26,6 +27,9 @@ pub struct Output {
     pub odometry: Option<Odometry>,
     /// The camera pose (not the body's), anchored to a key frame.
     pub anchored: Option<AnchoredPose>,
+    /// Covariance of `anchored.world_from_camera`, of its right perturbation: translation and rotation of the camera. The
+    /// landmarks count as exact: what the map itself is off is not in it. Zero where the frame began the map.
+    pub covariance: Option<SMatrix<f64, 6, 6>>,
     /// Whether lengths are metres in the map of the pose: always with depth, else once the IMU has been
     /// initialised.
     pub metric: bool,

@@ -2,7 +2,7 @@
 
 use crate::{Config, Engine, Runner, SensorMode};
 use cairn_atlas::Snapshot;
-use cairn_atlas::store::{About, MapFile};
+use cairn_atlas::store::{About, MapFile, Misfit};
 use cairn_sensor::{Rig, RigError};
 use cairn_vision::FrontEnd;
 use std::collections::BTreeMap;
@@ -13,9 +13,20 @@ pub enum OpenMapError {
     /// The rig cannot serve the mode.
     #[error(transparent)]
     Rig(#[from] RigError),
-    /// The map was made with another camera or other sensors, and cannot serve this one; described with the numbers of both.
+    /// The map was made with another camera or other sensors.
+    #[error(transparent)]
+    Camera(#[from] Misfit),
+    /// It was, and cannot serve this one either.
+    #[error("{misfit}; {why}")]
+    OtherCamera {
+        /// In what they differ.
+        misfit: Misfit,
+        /// What another camera would need.
+        why: &'static str,
+    },
+    /// Where the engine is another process: it could not be begun there.
     #[error("{0}")]
-    Camera(String),
+    Process(String),
 }
 
 impl Engine {
@@ -36,10 +47,7 @@ impl Engine {
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
         let file = file.with_depth_weighed_for(front_end.model());
-        let notes = file
-            .about
-            .fits(file.snapshot.octaves(), mode, front_end.model(), front_end.octaves())
-            .map_err(OpenMapError::Camera)?;
+        let notes = file.about.fits(file.snapshot.octaves(), mode, front_end.model(), front_end.octaves())?;
         Ok((Self::around(front_end, file.snapshot.clone(), rig, mode, rate_hz, runner, config), notes))
     }
 
@@ -65,7 +73,7 @@ impl Engine {
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
         let has_imu = rig.imu.is_some() && config.inertial.enabled;
         let (snapshot, continues) = for_other_camera(file, mode, &front_end, has_imu)
-            .map_err(|why| OpenMapError::Camera(format!("{different}; {why}")))?;
+            .map_err(|why| OpenMapError::OtherCamera { misfit: different.clone(), why })?;
         let engine = Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config);
         let (engine, how) = match continues {
             true => (engine, "its key frames keep their camera, new ones have this one"),

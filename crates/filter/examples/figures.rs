@@ -1,12 +1,12 @@
 //! Prints the figures of the filter: real logs compared with smoothing and surveys, consistency over simulated runs,
 //! speed.
 //!
-//! `cargo run --release -p cairn-filter --example figures [mrclam|victoria|plaza|consistency|speed]`; logs are read
-//! from `$CAIRN_DATA`, else `../shared/data`.
+//! `cargo run --release -p cairn-filter --example figures [mrclam|victoria|plaza|consistency|speed] [--write]`; logs are read
+//! from `$CAIRN_DATA`, else `../shared/data`. `--write` puts what is printed into `docs/ekf.md`.
 
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::chi2;
-use cairn_filter::ekf::{Association, EkfConfig, EkfSlam, Linearisation};
+use cairn_filter::ekf::{Association, EkfConfig, EkfSlam, Linearisation, Verdict};
 use cairn_filter::log::{Log, load};
 use cairn_filter::run::{align, position_rmse, run};
 use cairn_filter::simulate::World;
@@ -14,147 +14,170 @@ use cairn_geometry::Se2;
 use cairn_random::Random;
 use nalgebra::{Matrix3, Vector3};
 use std::error::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::Instant;
 
+/// A section of the page: its lines, in Markdown.
+type Figures = Result<Vec<String>, Box<dyn Error>>;
+
 fn main() -> Result<(), Box<dyn Error>> {
-    let only = std::env::args().nth(1);
-    let wanted = |name: &str| only.as_deref().is_none_or(|o| o == name);
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let write = arguments.iter().any(|a| a == "--write");
+    let only = arguments.iter().find(|a| !a.starts_with("--"));
     let data = std::env::var_os("CAIRN_DATA")
         .map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from)
         .join("ekf");
-    if wanted("mrclam") {
-        mrclam(&data)?;
-    }
-    if wanted("victoria") {
-        victoria(&data)?;
-    }
-    if wanted("plaza") {
-        plaza(&data)?;
-    }
-    if wanted("consistency") {
-        consistency(50);
-    }
-    if wanted("speed") {
-        for landmarks in [200, 1000, 5000] {
-            speed(landmarks);
+    let measure = |name: &str| match name {
+        "mrclam" => mrclam(&data),
+        "victoria" => victoria(&data),
+        "plaza" => plaza(&data),
+        "consistency" => Ok(consistency(50)),
+        _ => Ok(speeds(&[200, 1000, 5000])),
+    };
+    for name in ["mrclam", "victoria", "plaza", "consistency", "speed"] {
+        if only.is_some_and(|o| o != name) {
+            continue;
+        }
+        let lines = measure(name)?;
+        println!("{}\n", lines.join("\n"));
+        if write {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/ekf.md");
+            let page = with_figures(&std::fs::read_to_string(&path)?, name, &lines)?;
+            std::fs::write(&path, page)?;
         }
     }
     Ok(())
 }
 
-fn mrclam(data: &std::path::Path) -> Result<(), Box<dyn Error>> {
-    println!(
-        "MRCLAM data set 1: landmark RMSE against the survey / live position RMSE against smoothing, in cm"
-    );
+/// The page with these lines between the comments of this name, and under them where and with which build they were measured.
+fn with_figures(page: &str, name: &str, lines: &[String]) -> Result<String, Box<dyn Error>> {
+    let (begin, end) = (format!("<!-- figures: {name} -->"), "<!-- end of figures -->");
+    let parts = page.split_once(&begin).and_then(|(a, rest)| Some((a, rest.split_once(end)?.1)));
+    let (before, after) = parts.ok_or_else(|| format!("the page has no comments for {name}"))?;
+    let cpu = cairn_eval::process::cpu_model().unwrap_or_else(|| "an unknown processor".into());
+    let git = Command::new("git")
+        .args(["-C", env!("CARGO_MANIFEST_DIR"), "rev-parse", "--short", "HEAD"])
+        .output()?;
+    let commit = String::from_utf8_lossy(&git.stdout).trim().to_owned();
+    let lines = lines.join("\n");
+    Ok(format!("{before}{begin}\n{lines}\n\nMeasured on: {cpu}, at commit {commit}.\n{end}{after}"))
+}
+
+fn mrclam(data: &Path) -> Figures {
     let folder = data.join("mrclam1");
     let logs: Vec<Log> = (1..=3).map(|r| load(&folder, Some(r)).map(|l| l.1)).collect::<Result<_, _>>()?;
     let smoothed: Vec<_> = logs
         .iter()
-        .map(|log| {
-            let found = run(log, 0, &EkfConfig::default())?;
-            let began = Instant::now();
-            let smoothed = found.smoothed(log, 0, &BatchConfig::default())?.0;
-            Ok((smoothed, began.elapsed().as_secs_f64() * 1e3))
-        })
+        .map(|log| Ok(run(log, 0, &EkfConfig::default())?.smoothed(log, 0, &BatchConfig::default())?.0))
         .collect::<Result<_, cairn_filter::run::RunError>>()?;
-    let row = |name: &str, config: EkfConfig| -> Result<(), Box<dyn Error>> {
-        let (mut line, mut sums) = (format!("{name:<34}"), [0.0; 2]);
-        for (log, (smooth, _)) in logs.iter().zip(&smoothed) {
-            let mut r = run(log, 0, &config)?;
-            // The minimum over several runs, since other programs share the machine.
-            for _ in 0..if config.association == Association::Known { 5 } else { 0 } {
-                r.filter_ms = r.filter_ms.min(run(log, 0, &config)?.filter_ms);
+    let mut lines = vec![
+        "| | robot 1 | robot 2 | robot 3 | mean | longest, ms |".to_owned(),
+        "|---|---|---|---|---|---|".to_owned(),
+    ];
+    let mut row = |name: &str, config: EkfConfig| -> Result<(), Box<dyn Error>> {
+        let (mut line, mut sums, mut longest_ms) = (format!("| {name} |"), [0.0; 2], 0f64);
+        for (log, smooth) in logs.iter().zip(&smoothed) {
+            let clock = Instant::now();
+            let mut least_ms = f64::INFINITY;
+            // The least of some runs, of processor time: other programs share the machine.
+            let mut found = None;
+            for _ in 0..5 {
+                let began_ms = thread_ms(&clock);
+                found = Some(run(log, 0, &config)?);
+                least_ms = least_ms.min(thread_ms(&clock) - began_ms);
             }
-            let Some((transform, rmse, _)) = align(&log.surveyed, &r.named()) else {
+            let Some(r) = found else { continue };
+            let (survey, of_smooth) =
+                (align(&log.surveyed, &r.named()), align(&log.surveyed, &smooth.landmarks));
+            let (Some((to, rmse, _)), Some((smooth_to, ..))) = (survey, of_smooth) else {
                 return Err("no alignment".into());
             };
-            let Some((smooth_to, ..)) = align(&log.surveyed, &smooth.landmarks) else {
-                return Err("no alignment".into());
-            };
-            let position = position_rmse(&r.poses, &transform, &smooth.poses[0], &smooth_to);
+            let position = position_rmse(&r.poses, &to, &smooth.poses[0], &smooth_to);
             sums = [sums[0] + rmse / 3.0, sums[1] + position / 3.0];
+            longest_ms = longest_ms.max(least_ms);
             let wrong =
-                r.wrong_associations.map_or_else(String::new, |w| format!(" wrong {:4.1} %", 100.0 * w));
-            line +=
-                &format!("| {:5.1} / {:5.1} {:3.0} ms{wrong} ", 100.0 * rmse, 100.0 * position, r.filter_ms);
+                r.wrong_associations.map_or_else(String::new, |w| format!(", {:.1} % wrong", 100.0 * w));
+            line += &format!(" {:.1} / {:.1}{wrong} |", 100.0 * rmse, 100.0 * position);
         }
-        println!("{line}| mean {:5.1} / {:5.1}", 100.0 * sums[0], 100.0 * sums[1]);
+        lines.push(format!("{line} {:.1} / {:.1} | {longest_ms:.0} |", 100.0 * sums[0], 100.0 * sums[1]));
         Ok(())
     };
     let known = EkfConfig::default();
-    row("known, 99.9 % gate (default)", known)?;
+    row("labels, gate 13.8 (99.9 %, default)", known)?;
     for gate in [3.0, 4.0, 5.99, 8.0, 10.0, 12.0, 14.0] {
-        row(&format!("known, gate {gate}"), known.with_gate_of_two(gate))?;
+        row(&format!("labels, gate {gate}"), known.with_gate_of_two(gate))?;
     }
     let textbook = EkfConfig { linearisation: Linearisation::Latest, recovery_fraction: 2.0, ..known };
-    row("textbook, no gate", EkfConfig { gate_probability: 1.0, ..textbook })?;
-    row("textbook, gate 5.99", textbook.with_gate_of_two(5.99))?;
-    row("textbook, gate 3", textbook.with_gate_of_two(3.0))?;
-    row("nearest neighbour", EkfConfig { association: Association::Nearest, ..known })?;
-    row("joint compatibility", EkfConfig { association: Association::Joint, ..known })?;
-    let mut line = format!("{:<34}", "smoothed");
-    let mut sum = 0.0;
-    for (log, (smooth, ms)) in logs.iter().zip(&smoothed) {
-        if let Some((_, rmse, _)) = align(&log.surveyed, &smooth.landmarks) {
-            sum += rmse / 3.0;
-            line += &format!("| {:5.1}         {ms:3.0} ms ", 100.0 * rmse);
-        }
+    row("textbook filter, no gate", EkfConfig { gate_probability: 1.0, ..textbook })?;
+    row("textbook filter, gate 5.99", textbook.with_gate_of_two(5.99))?;
+    row("textbook filter, gate 3", textbook.with_gate_of_two(3.0))?;
+    row("no labels, nearest neighbour", EkfConfig { association: Association::Nearest, ..known })?;
+    row("no labels, joint compatibility", EkfConfig { association: Association::Joint, ..known })?;
+    let (mut line, mut sum) = ("| smoothed, landmarks only |".to_owned(), 0.0);
+    for (log, smooth) in logs.iter().zip(&smoothed) {
+        let Some((_, rmse, _)) = align(&log.surveyed, &smooth.landmarks) else {
+            return Err("no alignment".into());
+        };
+        sum += rmse / 3.0;
+        line += &format!(" {:.1} |", 100.0 * rmse);
     }
-    println!("{line}| mean {:5.1}\n", 100.0 * sum);
-    Ok(())
+    lines.push(format!("{line} {:.1} | |", 100.0 * sum));
+    Ok(lines)
 }
 
-fn against_batch(name: &str, log: &Log, config: &EkfConfig) -> Result<(), Box<dyn Error>> {
+const AGAINST_SMOOTHING: [&str; 2] = [
+    "| | poses | landmarks | sightings taken / rejected | NIS a degree of freedom | within 95 % | map off smoothing, RMS, m | live positions off smoothing, RMS, m | filter, ms |",
+    "|---|---|---|---|---|---|---|---|---|",
+];
+
+fn against_smoothing(name: &str, log: &Log, config: &EkfConfig) -> Result<String, Box<dyn Error>> {
+    let clock = Instant::now();
     let r = run(log, 0, config)?;
-    let began = Instant::now();
-    let (smooth, report) = r.smoothed(log, 0, &BatchConfig::default())?;
-    let ms = began.elapsed().as_secs_f64() * 1e3;
+    let ms = thread_ms(&clock);
+    let began_ms = thread_ms(&clock);
+    let again = run(log, 0, config)?;
+    let ms = ms.min(thread_ms(&clock) - began_ms);
+    let (smooth, report) = again.smoothed(log, 0, &BatchConfig::default())?;
+    if !report.converged {
+        return Err(format!("{name}: smoothing did not converge").into());
+    }
     let named = r.named();
     let Some((onto, landmarks, _)) = align(&smooth.landmarks, &named) else {
         return Err("too few landmarks".into());
     };
     let position = position_rmse(&r.poses, &onto, &smooth.poses[0], &Se2::identity());
-    println!(
-        "{name}: {} poses, {} landmarks, {} taken, {} rejected, {} recoveries, NIS a degree of freedom {:.2}, {:.1} % within 95 %, filter {:.0} ms",
+    Ok(format!(
+        "| {name} | {} | {} | {} / {} | {:.2} | {:.1} % | {landmarks:.3} | {position:.3} | {ms:.0} |",
         r.poses.len(),
         named.len(),
         r.counts.taken,
         r.counts.rejected,
-        r.recoveries,
         r.nis_per_dof,
         100.0 * r.nis_within_95,
-        r.filter_ms
-    );
-    println!(
-        "  laid onto smoothing ({} steps, {:.0} ms, converged {}): landmarks RMSE {landmarks:.3} m, live positions {position:.3} m",
-        report.iterations, ms, report.converged
-    );
-    Ok(())
+    ))
 }
 
-fn victoria(data: &std::path::Path) -> Result<(), Box<dyn Error>> {
+fn victoria(data: &Path) -> Figures {
     let (_, log) = load(&data.join("victoria_park.txt"), None)?;
     let config = EkfConfig { gate_probability: log.gate_probability, ..EkfConfig::default() };
-    against_batch("Victoria Park, all active", &log, &config)?;
-    against_batch(
-        "Victoria Park, local within 60 m",
-        &log,
-        &EkfConfig { local_radius_m: Some(60.0), ..config },
-    )?;
-    println!();
-    Ok(())
+    let local = EkfConfig { local_radius_m: Some(60.0), ..config };
+    let mut lines = AGAINST_SMOOTHING.map(str::to_owned).to_vec();
+    lines.push(against_smoothing("Victoria Park, everything active", &log, &config)?);
+    lines.push(against_smoothing("Victoria Park, local within 60 m", &log, &local)?);
+    Ok(lines)
 }
 
-fn plaza(data: &std::path::Path) -> Result<(), Box<dyn Error>> {
+fn plaza(data: &Path) -> Figures {
     let (_, log) = load(&data.join("Plaza1_DR.txt"), None)?;
-    against_batch("Plaza 1, ranges only", &log, &EkfConfig::default())?;
-    println!();
-    Ok(())
+    let mut lines = AGAINST_SMOOTHING.map(str::to_owned).to_vec();
+    lines.push(against_smoothing("Plaza 1, ranges only", &log, &EkfConfig::default())?);
+    Ok(lines)
 }
 
-/// Normalised estimation error squared of the pose at every step.
-fn nees(world: &World, seed: u64, config: EkfConfig) -> Vec<f64> {
+/// Normalised estimation error squared of the pose at every step, and the sum of the normalised innovations squared with their
+/// degrees of freedom.
+fn errors(world: &World, seed: u64, config: EkfConfig) -> (Vec<f64>, [f64; 2]) {
     let simulated = world.drive(seed);
     let mut filter = EkfSlam::new(config);
     // The initial pose has errors of 5 cm and 2 degrees (standard deviation), drawn at random.
@@ -166,28 +189,42 @@ fn nees(world: &World, seed: u64, config: EkfConfig) -> Vec<f64> {
         0.035 * random.standard_normal(),
     );
     let covariance = Matrix3::from_diagonal(&deviations.component_mul(&deviations));
-    let Ok(id) = filter.add_robot(&start, &covariance) else { return Vec::new() };
-    let mut values = Vec::with_capacity(simulated.steps.len());
+    let (mut values, mut nis) = (Vec::with_capacity(simulated.steps.len()), [0.0; 2]);
+    let Ok(id) = filter.add_robot(&start, &covariance) else { return (values, nis) };
     for (step, truth) in simulated.steps.iter().zip(&simulated.truth) {
         let done = filter.predict(id, &step.motion).and_then(|()| filter.observe(id, &step.sightings));
-        let (Ok(_), Some((pose, covariance))) = (done, filter.pose(id)) else { return values };
+        let (Ok(verdicts), Some((pose, covariance))) = (done, filter.pose(id)) else { break };
+        for verdict in verdicts {
+            if let Verdict::Taken { nis: n, dof, .. } = verdict {
+                nis = [nis[0] + n, nis[1] + dof as f64];
+            }
+        }
         let mut error: Vector3<f64> = pose - truth;
         error.z = cairn_filter::angle::wrap(error.z);
         values.push(covariance.cholesky().map_or(f64::INFINITY, |c| error.dot(&c.solve(&error))));
     }
-    values
+    (values, nis)
 }
 
-fn consistency(runs: u64) {
+fn consistency(runs: u64) -> Vec<String> {
     let world = World::default();
     let (low, high) = chi2::mean_bounds(0.95, 3, runs as usize);
-    println!(
-        "Consistency: {} landmarks, {} s, {runs} runs; NEES of the pose (3 degrees of freedom), 95 % band of the mean {low:.2} to {high:.2}",
-        world.landmarks, world.duration_s
-    );
+    let minutes = (world.duration_s / 60.0) as usize;
+    let numbers: String = (1..=minutes).map(|m| format!(" {m} |")).collect();
+    let mut lines = vec![
+        format!(
+            "{} landmarks, {} s, {runs} runs. Mean NEES of the pose (3 degrees of freedom) by minute; 95 % band of the mean over the runs: {low:.2} to {high:.2}.",
+            world.landmarks, world.duration_s
+        ),
+        String::new(),
+        format!(
+            "| filter |{numbers} in the band, part of the time | NIS a degree of freedom | its 95 % band |"
+        ),
+        format!("|---|{}---|---|---|", "---|".repeat(minutes)),
+    ];
     for (name, linearisation) in [
         ("plain EKF", Linearisation::Latest),
-        ("first estimates", Linearisation::First),
+        ("first estimates (default)", Linearisation::First),
         ("invariant", Linearisation::Invariant),
     ] {
         let config = EkfConfig {
@@ -196,22 +233,24 @@ fn consistency(runs: u64) {
             local_radius_m: Some(20.0),
             ..EkfConfig::default()
         };
-        let all: Vec<Vec<f64>> = (0..runs).map(|seed| nees(&world, seed, config)).collect();
-        let steps = all.iter().map(Vec::len).min().unwrap_or(0);
+        let all: Vec<(Vec<f64>, [f64; 2])> = (0..runs).map(|seed| errors(&world, seed, config)).collect();
+        let steps = all.iter().map(|(nees, _)| nees.len()).min().unwrap_or(0);
         let mean: Vec<f64> =
-            (0..steps).map(|k| all.iter().map(|r| r[k]).sum::<f64>() / runs as f64).collect();
+            (0..steps).map(|k| all.iter().map(|(nees, _)| nees[k]).sum::<f64>() / runs as f64).collect();
         let within = mean.iter().filter(|m| (low..=high).contains(*m)).count() as f64 / steps.max(1) as f64;
-        let minutes: Vec<String> = mean
+        let by_minute: String = mean
             .chunks((60.0 * world.rate_hz) as usize)
-            .map(|c| format!("{:.2}", c.iter().sum::<f64>() / c.len() as f64))
+            .map(|c| format!(" {:.2} |", c.iter().sum::<f64>() / c.len() as f64))
             .collect();
-        println!(
-            "  {name:<16} mean NEES by minute {}; in the band {:.0} % of the time",
-            minutes.join(" "),
-            100.0 * within
-        );
+        let [nis, dof] = all.iter().fold([0.0; 2], |sum, (_, n)| [sum[0] + n[0], sum[1] + n[1]]);
+        let (nis_low, nis_high) = chi2::mean_bounds(0.95, 1, dof as usize);
+        lines.push(format!(
+            "| {name} |{by_minute} {:.0} % | {:.4} | {nis_low:.4} to {nis_high:.4} |",
+            100.0 * within,
+            nis / dof.max(1.0)
+        ));
     }
-    println!();
+    lines
 }
 
 /// CPU time of this thread in milliseconds; wall-clock time where the system does not report it (Linux does).
@@ -221,7 +260,16 @@ fn thread_ms(clock: &Instant) -> f64 {
     own.map_or_else(|| clock.elapsed().as_secs_f64() * 1e3, |ns| ns * 1e-6)
 }
 
-fn speed(landmarks: usize) {
+fn speeds(counts: &[usize]) -> Vec<String> {
+    let mut lines = vec![
+        "| landmarks mapped | active | sightings an update | processor time an update, mean, ms | passed in the second half: mean / median / 99 %, ms | active state |".to_owned(),
+        "|---|---|---|---|---|---|".to_owned(),
+    ];
+    lines.extend(counts.iter().flat_map(|n| speed(*n)));
+    lines
+}
+
+fn speed(landmarks: usize) -> Vec<String> {
     let clock = Instant::now();
     // A ring that is long enough for this many landmarks at constant density, driven slightly more than once around at
     // 10 Hz.
@@ -229,13 +277,14 @@ fn speed(landmarks: usize) {
     let duration_s = 1.1 * std::f64::consts::TAU * radius_m;
     let world = World { landmarks, radius_m, duration_s, rate_hz: 10.0, ..World::default() };
     let simulated = world.drive(1);
+    let mut lines = Vec::new();
     for local_radius_m in [Some(20.0), None] {
         if local_radius_m.is_none() && landmarks > 1000 {
             continue;
         }
         let config = EkfConfig { local_radius_m, gate_probability: 0.999, ..EkfConfig::default() };
         let mut filter = EkfSlam::new(config);
-        let Ok(id) = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12)) else { return };
+        let Ok(id) = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12)) else { continue };
         let mut ms = Vec::new();
         let own_began = thread_ms(&clock);
         let last =
@@ -244,26 +293,27 @@ fn speed(landmarks: usize) {
             let began = Instant::now();
             let done = filter.predict(id, &step.motion).and_then(|()| filter.observe(id, &step.sightings));
             if done.is_err() {
-                return;
+                break;
             }
             ms.push(began.elapsed().as_secs_f64() * 1e3);
         }
-        let own_ms = (thread_ms(&clock) - own_began) / ms.len() as f64;
+        let own_ms = (thread_ms(&clock) - own_began) / ms.len().max(1) as f64;
         // The second half of the run, when the map is large; the loop is closed in it.
         let mut late = ms.split_off(ms.len() / 2);
         late.sort_by(f64::total_cmp);
-        let at = |p: f64| late[((late.len() - 1) as f64 * p) as usize];
-        println!(
-            "Speed, {:>4} landmarks mapped, {:<16} {:.1} sightings an update: mean {own_ms:.2} ms of processor time; passed in the second half: mean {:.2} ms, median {:.2}, 99 % {:.2}, max {:.2} (active state {})",
+        let at =
+            |p: f64| late.get(((late.len().max(1) - 1) as f64 * p) as usize).copied().unwrap_or_default();
+        lines.push(format!(
+            "| {} | {} | {:.1} | {own_ms:.2} | {:.2} / {:.2} / {:.2} | {} |",
             filter.landmarks().len(),
-            local_radius_m.map_or("all active,".into(), |r| format!("within {r} m,")),
+            local_radius_m.map_or("all".into(), |r| format!("within {r} m")),
             simulated.steps.iter().map(|s| s.sightings.len()).sum::<usize>() as f64
                 / simulated.steps.len() as f64,
-            late.iter().sum::<f64>() / late.len() as f64,
+            late.iter().sum::<f64>() / late.len().max(1) as f64,
             at(0.5),
             at(0.99),
-            at(1.0),
             filter.active_size()
-        );
+        ));
     }
+    lines
 }

@@ -61,11 +61,16 @@ impl From<Digest> for String {
     }
 }
 
-impl TryFrom<String> for Digest {
-    type Error = String;
+/// A text that is not 64 hexadecimal digits.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("\"{0}\" is no digest")]
+pub struct NotADigest(String);
 
-    fn try_from(text: String) -> Result<Self, String> {
-        let wrong = || format!("\"{text}\" is no digest");
+impl TryFrom<String> for Digest {
+    type Error = NotADigest;
+
+    fn try_from(text: String) -> Result<Self, NotADigest> {
+        let wrong = || NotADigest(text.clone());
         let mut digest = [0; 32];
         if text.len() != 64 || !text.is_ascii() {
             return Err(wrong());

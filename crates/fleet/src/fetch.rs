@@ -75,8 +75,9 @@ pub fn query_of(address: &str) -> Result<Query, FleetError> {
     let image = path.is_file() && ["png", "jpg", "jpeg"].contains(&ending.as_str());
     let mut extractor = OrbExtractor::new(OrbConfig::default());
     let images = if image {
-        let image = cairn::sources::read_gray(path)
-            .map_err(|e| FleetError::new(address, e, "give a PNG or JPEG image, or a recording"))?;
+        let image = cairn::sources::read_gray(path).map_err(|e| {
+            FleetError::new(address, e.to_string(), "give a PNG or JPEG image, or a recording")
+        })?;
         vec![words(&mut extractor, &image)]
     } else {
         let unread = |e: &dyn std::fmt::Display| FleetError::new(address, e, "give an image or a recording");

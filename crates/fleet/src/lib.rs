@@ -16,7 +16,7 @@ mod task;
 mod words;
 
 pub use build::{Build, Cost, Report};
-pub use digest::Digest;
+pub use digest::{Digest, NotADigest};
 pub use error::FleetError;
 pub use fetch::{Fetched, Found, Query, fetch, find, query_of};
 pub use job::Job;

@@ -148,14 +148,12 @@ fn any_perpendicular(v: &Vec3) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cairn_random::Random;
 
-    /// A fixed pseudo-random point cloud (linear congruential generator) with the given extent.
+    /// A pseudo-random point cloud with the given extent.
     fn cloud(n: usize, seed: u64, spread: Vec3) -> Vec<Vec3> {
-        let mut state = seed;
-        let mut next = move || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-        };
+        let mut random = Random::new(seed);
+        let mut next = move || random.uniform(-0.5, 0.5);
         (0..n).map(|_| Vec3::new(next(), next(), next()).component_mul(&spread)).collect()
     }
 

@@ -5,9 +5,9 @@
 //! memory.
 
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_inertial::{Bias, Gravity, ImuFactors, ImuLink, Motion, MotionFreedom, Preintegrated};
+use cairn_inertial::{Bias, Gravity, ImuFactors, ImuLink, MotionFreedom, Preintegrated, SpeedAndBias};
+use cairn_random::Random;
 use cairn_sensor::{ImuNoise, ImuSample, Stamp};
-use cairn_solve::ransac::Rng;
 use cairn_solve::{Bundle, BundleConfig, Freedom, NoFactors, Observation, Pinhole, RightOffset};
 use std::time::Instant;
 
@@ -89,7 +89,7 @@ fn imu_from_camera() -> Se3 {
 /// A map without error but half a pixel of noise.
 fn map(course: &Course, baseline_fx: f64) -> Map {
     let key_frames = course.key_frames;
-    let mut rng = Rng::new(7);
+    let mut rng = Random::new(7);
     let camera = Pinhole { fx: 450.0, fy: 450.0, cx: 320.0, cy: 240.0, baseline_fx };
     let truth: Vec<Se3> =
         (0..key_frames).map(|k| course.world_from_imu(k as f64 * STEP_S) * imu_from_camera()).collect();
@@ -107,11 +107,11 @@ fn map(course: &Course, baseline_fx: f64) -> Map {
     // Points are met on the lap they are made on, and a share of them on the others.
     for first in 0..key_frames {
         for _ in 0..60 {
-            let ahead = Vec3::new(rng.range(-2.5, 2.5), rng.range(-1.2, 1.2), rng.range(2.0, 9.0));
+            let ahead = Vec3::new(rng.uniform(-2.5, 2.5), rng.uniform(-1.2, 1.2), rng.uniform(2.0, 9.0));
             let point = truth[first] * ahead;
             let begin = bundle.observations.len();
             for k in (first % lap..key_frames).step_by(lap) {
-                if k == first || rng.range(0.0, 1.0) < MET_AGAIN {
+                if k == first || rng.uniform(0.0, 1.0) < MET_AGAIN {
                     for frame in k.saturating_sub(6)..(k + 12).min(key_frames) {
                         observe(&mut bundle, &truth[frame], frame, point, &mut left[frame], &mut rng);
                     }
@@ -127,14 +127,14 @@ fn map(course: &Course, baseline_fx: f64) -> Map {
     Map { bundle, truth }
 }
 
-fn observe(bundle: &mut Bundle, pose: &Se3, frame: usize, point: Vec3, left: &mut usize, rng: &mut Rng) {
+fn observe(bundle: &mut Bundle, pose: &Se3, frame: usize, point: Vec3, left: &mut usize, rng: &mut Random) {
     let (c, q) = (bundle.camera, pose.inverse() * point);
     let (u, v) = (c.fx * q.x / q.z + c.cx, c.fy * q.y / q.z + c.cy);
     if *left == 0 || q.z < 0.5 || q.z > 12.0 || !(0.0..640.0).contains(&u) || !(0.0..480.0).contains(&v) {
         return;
     }
     *left -= 1;
-    let mut noise = || 0.5 * rng.normal();
+    let mut noise = || 0.5 * rng.standard_normal();
     let (u, v) = (u + noise(), v + noise());
     let right = if c.baseline_fx > 0.0 { u - c.baseline_fx / q.z + noise() } else { f64::NAN };
     let pixel = [u, v, right];
@@ -144,23 +144,23 @@ fn observe(bundle: &mut Bundle, pose: &Se3, frame: usize, point: Vec3, left: &mu
 
 /// Links between all neighbours, from the true motion's readings with white noise.
 fn imu_factors(course: &Course) -> ImuFactors {
-    let mut rng = Rng::new(8);
+    let mut rng = Random::new(8);
     let at = |t: f64| course.world_from_imu(t);
     let velocity = |t: f64| (at(t + 1e-3).translation - at(t - 1e-3).translation) / 2e-3;
     let gravity = Gravity::level();
-    let reading = |i: i64, rng: &mut Rng| {
+    let reading = |i: i64, rng: &mut Random| {
         let (t, h) = (i as f64 / IMU_HZ, 1e-3);
         let back = at(t).rotation.inverse();
         let gyro = (at(t - h).rotation.inverse() * at(t + h).rotation).log() / (2.0 * h);
         let accel = back * ((velocity(t + h) - velocity(t - h)) / (2.0 * h) - gravity.vector());
         let mut white = |density: f64| {
             let sigma = density * IMU_HZ.sqrt();
-            Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma
+            Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * sigma
         };
         let stamp = Stamp((i as f64 / IMU_HZ * 1e9).round() as i64);
         ImuSample::new(stamp, gyro + white(NOISE.gyro), accel + white(NOISE.accel))
     };
-    let motions = (0..course.key_frames).map(|k| Motion {
+    let motions = (0..course.key_frames).map(|k| SpeedAndBias {
         velocity: velocity(k as f64 * STEP_S),
         bias: Bias::default(),
         freedom: MotionFreedom::Free,
@@ -178,8 +178,9 @@ fn imu_factors(course: &Course) -> ImuFactors {
 
 /// Moves everything off: a slow drift of poses as odometry has it, points and velocities at random.
 fn disturb(bundle: &mut Bundle, imu: Option<&mut ImuFactors>) {
-    let mut rng = Rng::new(9);
-    let mut random = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
+    let mut rng = Random::new(9);
+    let mut random =
+        |sigma: f64| Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * sigma;
     let mut drift = Se3::identity();
     let before = bundle.poses.clone();
     for pose in bundle.poses.iter_mut().skip(1) {

@@ -222,8 +222,8 @@ fn symmetric(m: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
 mod tests {
     use super::*;
     use cairn_geometry::So3;
+    use cairn_random::Random;
     use cairn_sensor::{ImuNoise, ImuSample, Stamp};
-    use cairn_solve::ransac::Rng;
 
     const NOISE: ImuNoise = ImuNoise { gyro: 2e-3, gyro_walk: 1e-4, accel: 2e-2, accel_walk: 1e-3 };
     const LEVEL: Level = Level { bias: 0.1, bias_along: 0.05, tilt: 0.01 };
@@ -234,10 +234,12 @@ mod tests {
     }
 
     /// Half a second of swinging motion, measured with noise at 200 Hz; the true state at its end.
-    fn integrated(from: &NavState, gravity: &Gravity, rng: &mut Rng) -> (Preintegrated, NavState) {
+    fn integrated(from: &NavState, gravity: &Gravity, rng: &mut Random) -> (Preintegrated, NavState) {
         let (mut state, mut bias, mut samples) = (*from, from.bias, Vec::new());
         let dt = 0.005_f64;
-        let mut draw = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
+        let mut draw = |sigma: f64| {
+            Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * sigma
+        };
         let readings = |i: usize| {
             let t = i as f64 * dt;
             (Vec3::new((3.0 * t).sin(), 0.5, (2.0 * t).cos()), Vec3::new(t.cos(), 2.0 * (5.0 * t).sin(), 9.8))
@@ -265,11 +267,13 @@ mod tests {
     /// Predicted and corrected: the error agrees with the covariance, in the mean over 300 runs.
     #[test]
     fn errors_agree_with_the_covariance() {
-        let mut rng = Rng::new(5);
+        let mut rng = Random::new(5);
         let arm = imu_from_camera();
         let mut sums = [0.0; 2];
         for _ in 0..300 {
-            let mut draw = |sigma: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma;
+            let mut draw = |sigma: f64| {
+                Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * sigma
+            };
             let prior = NavEstimate::new(
                 Se3::new(So3::exp(&Vec3::new(0.3, 1.0, -0.4)), Vec3::new(1.0, 2.0, 0.5)),
                 Vec3::new(0.5, -0.3, 0.1),

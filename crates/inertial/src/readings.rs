@@ -224,8 +224,8 @@ fn turn_ratio(samples: &[ImuSample]) -> Option<f64> {
 mod tests {
     use super::*;
     use cairn_geometry::{Se3, So3};
+    use cairn_random::Random;
     use cairn_sensor::{ImuNoise, Stamp};
-    use cairn_solve::ransac::Rng;
 
     fn sensor() -> ImuSensor {
         let noise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
@@ -234,7 +234,7 @@ mod tests {
 
     /// Two seconds at rest, then eight of nodding and turning.
     fn samples(rate: f64, change: impl Fn(&mut ImuSample)) -> Vec<ImuSample> {
-        let mut rng = Rng::new(1);
+        let mut rng = Random::new(1);
         let rotation = |t: f64| {
             let t = (t - 2.0).max(0.0);
             So3::exp(&(Vec3::z() * (0.9 * t))) * So3::exp(&(Vec3::x() * (0.6 * (1.9 * t).sin())))
@@ -242,7 +242,9 @@ mod tests {
         (0..(10.0 * rate) as usize)
             .map(|i| {
                 let t = i as f64 / rate;
-                let mut vector = |s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+                let mut vector = |s: f64| {
+                    Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * s
+                };
                 let gyro = (rotation(t - 5e-5).inverse() * rotation(t + 5e-5)).log() / 1e-4;
                 let accel =
                     rotation(t).inverse() * Vec3::new(0.5 * (3.0 * (t - 2.0).max(0.0)).sin(), 0.0, 9.81);

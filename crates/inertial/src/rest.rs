@@ -179,14 +179,15 @@ fn over(found: f64, most: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cairn_random::Random;
     use cairn_sensor::Stamp;
-    use cairn_solve::ransac::Rng;
 
     const NOISE: ImuNoise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
 
     fn samples(n: usize, mut change: impl FnMut(f64, &mut ImuSample)) -> Vec<ImuSample> {
-        let mut rng = Rng::new(2);
-        let mut vector = move |s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+        let mut rng = Random::new(2);
+        let mut vector =
+            move |s: f64| Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * s;
         let root = 200f64.sqrt();
         (0..n)
             .map(|i| {

@@ -1,7 +1,7 @@
 //! IMU factors of a bundle of key frames: velocities and biases as variables, preintegrated readings and bias priors as
 //! factors. They are solved by [`Bundle::solve_with`](cairn_solve::Bundle::solve_with).
 //!
-//! A key frame has its pose in the bundle (the camera, as everywhere in a map) and here a [`Motion`] of nine unknowns:
+//! A key frame has its pose in the bundle (the camera, as everywhere in a map) and here a [`SpeedAndBias`] of nine unknowns:
 //! velocity, gyro bias, accel bias. A link couples the poses and motions of its two ends only. The IMU is one constant
 //! transform away from the camera, and Jacobians go through the adjoint of that transform. The world is in metres with
 //! gravity as given.
@@ -34,7 +34,7 @@ pub enum MotionFreedom {
 
 /// Velocity and biases at a key frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct SpeedAndBias {
     /// Velocity of the IMU in the world, m/s.
     pub velocity: Vec3,
     /// Biases of the IMU.
@@ -43,7 +43,7 @@ pub struct Motion {
     pub freedom: MotionFreedom,
 }
 
-impl Motion {
+impl SpeedAndBias {
     fn moved(&self, d: &[f64]) -> Self {
         let part = |i: usize| Vec3::new(d[i], d[i + 1], d[i + 2]);
         let bias = Bias { gyro: self.bias.gyro + part(3), accel: self.bias.accel + part(6) };
@@ -93,7 +93,7 @@ pub struct ZeroVelocity {
 }
 
 impl ZeroVelocity {
-    fn residual(&self, of: &Motion) -> SVector<f64, 3> {
+    fn residual(&self, of: &SpeedAndBias) -> SVector<f64, 3> {
         of.velocity / self.sigma
     }
 }
@@ -106,19 +106,19 @@ pub struct ImuFactors {
     /// Gravity in the world.
     pub gravity: Gravity,
     /// One for each pose of the bundle.
-    pub motions: Vec<Motion>,
+    pub motions: Vec<SpeedAndBias>,
     /// Preintegrated readings between key frames.
     pub links: Vec<ImuLink>,
     /// Priors on biases.
     pub bias_priors: Vec<BiasPrior>,
     /// Key frames at which it does not move.
     pub zero_velocities: Vec<ZeroVelocity>,
-    trial: Vec<Motion>,
+    trial: Vec<SpeedAndBias>,
 }
 
 impl ImuFactors {
     /// Factors over `motions.len()` key frames, of which none is linked yet.
-    pub fn new(imu_from_camera: Se3, gravity: Gravity, motions: Vec<Motion>) -> Self {
+    pub fn new(imu_from_camera: Se3, gravity: Gravity, motions: Vec<SpeedAndBias>) -> Self {
         Self {
             imu_from_camera,
             gravity,
@@ -138,17 +138,22 @@ impl ImuFactors {
     }
 
     /// State of the IMU at a key frame.
-    fn nav(&self, frame: usize, poses: &[Se3], motions: &[Motion]) -> NavState {
+    fn nav(&self, frame: usize, poses: &[Se3], motions: &[SpeedAndBias]) -> NavState {
         let world_from_imu = poses[frame] * self.imu_from_camera.inverse();
         NavState { world_from_imu, velocity: motions[frame].velocity, bias: motions[frame].bias }
     }
 
-    fn whitened(&self, link: &ImuLink, poses: &[Se3], motions: &[Motion]) -> Option<SVector<f64, ROWS>> {
+    fn whitened(
+        &self,
+        link: &ImuLink,
+        poses: &[Se3],
+        motions: &[SpeedAndBias],
+    ) -> Option<SVector<f64, ROWS>> {
         let nav = |i: usize| self.nav(i, poses, motions);
         Some(link.sum.whitening()? * link.sum.residual(&nav(link.from), &nav(link.to), &self.gravity))
     }
 
-    fn cost(&self, poses: &[Se3], motions: &[Motion]) -> f64 {
+    fn cost(&self, poses: &[Se3], motions: &[SpeedAndBias]) -> f64 {
         let mut cost = 0.0;
         for link in &self.links {
             cost += self.whitened(link, poses, motions).map_or(f64::INFINITY, |r| 0.5 * r.norm_squared());
@@ -256,7 +261,7 @@ impl Factors for ImuFactors {
     }
 
     fn attempt(&mut self, poses: &[Se3], step: &[f64]) -> f64 {
-        let moved = |(motion, own): (&Motion, Option<usize>)| match own {
+        let moved = |(motion, own): (&SpeedAndBias, Option<usize>)| match own {
             Some(own) => motion.moved(&step[own * MOTION..(own + 1) * MOTION]),
             None => *motion,
         };
@@ -288,7 +293,7 @@ mod tests {
         let camera = Se3::new(So3::exp(&Vec3::new(1.2, -1.1, 1.3)), Vec3::new(0.07, -0.02, 0.05));
         let pose = |k: f64| Se3::new(So3::exp(&Vec3::new(0.1 * k, 0.2, -0.3)), Vec3::new(k, 0.5, -0.2 * k));
         let poses = [pose(1.0), pose(1.4)];
-        let motion = |k: f64| Motion {
+        let motion = |k: f64| SpeedAndBias {
             velocity: Vec3::new(1.0, k, 0.2),
             bias: Bias { gyro: Vec3::new(0.001, 0.0, 0.002 * k), accel: Vec3::new(0.02, 0.01 * k, 0.0) },
             freedom: MotionFreedom::Free,

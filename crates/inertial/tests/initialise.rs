@@ -7,8 +7,8 @@ use cairn_inertial::{
     Attempt, Bias, GateKind, Gravity, ImuBuffer, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose,
     initialise,
 };
+use cairn_random::Random;
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
-use cairn_solve::ransac::Rng;
 use common::{Motion, NOISE, noisy, samples, some_bias, vector};
 
 const MAP_UNIT_M: f64 = 2.7;
@@ -32,7 +32,7 @@ struct Case {
 
 /// Key frames along a motion given as the sensor's pose by time.
 fn case(
-    rng: &mut Rng,
+    rng: &mut Random,
     readings: Vec<ImuSample>,
     pose: impl Fn(f64) -> Se3,
     from: f64,
@@ -67,8 +67,8 @@ fn attempt(case: &Case, scale: Scale) -> Attempt {
 }
 
 fn in_motion(seed: u64, key_frames: usize, unit: f64) -> Case {
-    let mut rng = Rng::new(seed);
-    let from = rng.range(0.0, 8.0);
+    let mut rng = Random::new(seed);
+    let from = rng.uniform(0.0, 8.0);
     let (readings, _) = noisy(&mut rng, samples(from, 0.25 * key_frames as f64, 200.0), some_bias());
     case(&mut rng, readings, |t| Se3::new(Motion::rotation(t), Motion::position(t)), from, key_frames, unit)
 }
@@ -106,7 +106,7 @@ fn scale_gravity_and_biases_are_found_and_as_good_as_told() {
 }
 
 fn found_time(seed: u64) -> f64 {
-    Rng::new(seed).range(0.0, 8.0)
+    Random::new(seed).uniform(0.0, 8.0)
 }
 
 #[test]
@@ -145,8 +145,8 @@ fn known_scale_stays_and_needs_no_motion() {
 
 /// The poses of a motion, stamped so late, and the readings of the same time.
 fn stamped_late(seed: u64, key_frames: usize, late_s: f64) -> Case {
-    let mut rng = Rng::new(seed);
-    let from = rng.range(0.0, 8.0);
+    let mut rng = Random::new(seed);
+    let from = rng.uniform(0.0, 8.0);
     let (readings, _) = noisy(&mut rng, samples(from, 0.25 * key_frames as f64, 200.0), some_bias());
     let pose = |t: f64| Se3::new(Motion::rotation(t - late_s), Motion::position(t - late_s));
     case(&mut rng, readings, pose, from, key_frames, MAP_UNIT_M)
@@ -198,7 +198,7 @@ fn noise_of_the_poses_is_fitted_where_it_is_overstated() {
 }
 
 fn standing(seed: u64) -> (Case, Vec<ImuSample>) {
-    let mut rng = Rng::new(seed);
+    let mut rng = Random::new(seed);
     let still = |i: i64| ImuSample::new(Stamp(i * 5_000_000), Vec3::zeros(), -Gravity::level().vector());
     let (readings, _) = noisy(&mut rng, (0..=1000).map(still).collect(), some_bias());
     (case(&mut rng, readings.clone(), |_| Se3::identity(), 0.0, 16, 1.0), readings)
@@ -217,7 +217,7 @@ fn each_gate_stops_what_it_is_there_for() {
     );
     assert!(still.gates.iter().any(|g| g.kind == GateKind::Excitation && g.value < 0.05));
     // Constant velocity without a turn: the same readings, but the camera moves.
-    let mut rng = Rng::new(3);
+    let mut rng = Random::new(3);
     let readings = standing(3).1;
     let straight = |t: f64| Se3::new(So3::identity(), Vec3::x() * t);
     let straight = attempt(&case(&mut rng, readings, straight, 0.0, 16, 1.0), Scale::Free);
@@ -236,7 +236,7 @@ fn each_gate_stops_what_it_is_there_for() {
     let empty = Case { poses: vec![], links: vec![], position_sigma: 0.1 };
     assert!(!failed(&attempt(&empty, Scale::Free)).is_empty());
     // An accelerometer in units of its own, and poses that are none.
-    let mut rng = Rng::new(6);
+    let mut rng = Random::new(6);
     let (mut readings, _) = noisy(&mut rng, samples(0.0, 6.0, 200.0), Bias::default());
     readings.iter_mut().for_each(|s| s.accel *= 1.3);
     let pose = |t: f64| Se3::new(Motion::rotation(t), Motion::position(t));

@@ -4,8 +4,8 @@ mod common;
 
 use cairn_geometry::{So3, Vec3};
 use cairn_inertial::{OffsetConfig, OffsetUnknown, TimeOffset, time_offset};
+use cairn_random::Random;
 use cairn_sensor::{ImuSample, Stamp};
-use cairn_solve::ransac::Rng;
 use common::{Motion, noisy, samples, some_bias, vector};
 
 fn imu_from_camera() -> So3 {
@@ -25,7 +25,7 @@ fn adjusted(
     motion: fn(f64) -> So3,
     map: fn(f64) -> So3,
 ) -> Result<TimeOffset, OffsetUnknown> {
-    let mut rng = Rng::new(seed);
+    let mut rng = Random::new(seed);
     let mut readings = samples(0.0, 10.0, 200.0);
     if motion(1.0) != Motion::rotation(1.0) {
         for s in &mut readings {
@@ -67,11 +67,19 @@ fn a_map_that_is_adjusted_does_not_shift_the_offset() {
         let closed = if t > 6.4 { Vec3::new(0.0, 0.01, -0.02) } else { Vec3::zeros() };
         So3::exp(&(gravity_alignments + closed + Vec3::new(0.0, 0.0, 4e-4 * t)))
     };
-    for (seed, offset) in [-0.02, 0.0, 0.02].into_iter().enumerate() {
-        let found = adjusted(seed as u64, offset, So3::identity(), Motion::rotation, map).unwrap();
-        let plain = run(seed as u64, offset, So3::identity(), Motion::rotation).unwrap();
-        assert!((found.offset_s - offset).abs() < 1e-3, "{offset}: {found:?}");
-        assert!(found.sigma_s < 1.2 * plain.sigma_s, "{found:?}, without {plain:?}");
+    for offset in [-0.02, 0.0, 0.02] {
+        let mut ratios: Vec<f64> = (0..9)
+            .map(|seed| {
+                let found = adjusted(seed, offset, So3::identity(), Motion::rotation, map).unwrap();
+                let plain = run(seed, offset, So3::identity(), Motion::rotation).unwrap();
+                assert!((found.offset_s - offset).abs() < 1e-3, "{offset}: {found:?}");
+                found.sigma_s / plain.sigma_s
+            })
+            .collect();
+        ratios.sort_by(f64::total_cmp);
+        println!("offset {offset} s: deviation by that without adjustments {ratios:.2?}");
+        // Where noise hides a step of the map, the deviation is larger, and says so.
+        assert!(ratios[4] < 1.2, "{ratios:.2?}");
     }
 }
 

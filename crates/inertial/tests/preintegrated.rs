@@ -4,8 +4,8 @@ mod common;
 
 use cairn_geometry::{Manifold, So3, Vec3};
 use cairn_inertial::{Bias, Gravity, NavState, Preintegrated};
+use cairn_random::Random;
 use cairn_sensor::ImuNoise;
-use cairn_solve::ransac::Rng;
 use common::{Motion, NOISE, noisy, samples, some_bias};
 use nalgebra::{SMatrix, SVector, Vector2};
 
@@ -65,8 +65,8 @@ fn pieces_joined_are_the_whole() {
 fn every_jacobian_matches_differences() {
     let near = Bias { gyro: some_bias().gyro * 0.8, accel: some_bias().accel * 0.5 };
     let sum = Preintegrated::of(NOISE, near, samples(0.2, 0.6, 200.0));
-    let mut rng = Rng::new(4);
-    let mut random = |scale: f64| SVector::<f64, 15>::from_fn(|_, _| scale * rng.normal());
+    let mut rng = Random::new(4);
+    let mut random = |scale: f64| SVector::<f64, 15>::from_fn(|_, _| scale * rng.standard_normal());
     let from = Motion::state(0.2, some_bias()).retract(&random(0.05));
     let to = Motion::state(0.8, some_bias()).retract(&random(0.05));
     let gravity = Gravity::along(&Vec3::new(0.4, -0.3, -9.0), 9.81).unwrap();
@@ -114,7 +114,7 @@ fn every_jacobian_matches_differences() {
 }
 
 /// A run of noisy readings with wandering biases: the squared error of the propagated state, whitened by its covariance.
-fn nees(rng: &mut Rng, seconds: f64, rate: f64) -> f64 {
+fn nees(rng: &mut Random, seconds: f64, rate: f64) -> f64 {
     let (readings, bias) = noisy(rng, samples(0.1, seconds, rate), some_bias());
     let sum = Preintegrated::of(NOISE, some_bias(), readings);
     let truth = Motion::state(0.1 + seconds, bias);
@@ -126,7 +126,7 @@ fn nees(rng: &mut Rng, seconds: f64, rate: f64) -> f64 {
 #[test]
 fn propagated_states_are_consistent_over_a_hundred_runs() {
     for (seed, seconds) in [(1, 0.5), (2, 2.0), (3, 5.0)] {
-        let mut rng = Rng::new(seed);
+        let mut rng = Random::new(seed);
         let mean = (0..100).map(|_| nees(&mut rng, seconds, 200.0)).sum::<f64>() / 100.0;
         println!("NEES over 100 runs of {seconds} s: {mean:.2} (15 expected)");
         assert!((mean - 15.0).abs() < 1.96 * (2.0f64 * 15.0 / 100.0).sqrt(), "{seconds} s: {mean}");
@@ -137,12 +137,13 @@ fn propagated_states_are_consistent_over_a_hundred_runs() {
 #[test]
 fn the_covariance_is_that_of_the_errors() {
     let sum = Preintegrated::of(NOISE, Bias::default(), samples(0.0, 1.0, 100.0));
-    let mut rng = Rng::new(9);
+    let mut rng = Random::new(9);
     let mut found = SMatrix::<f64, 9, 9>::zeros();
     let runs = 2000;
     for _ in 0..runs {
         let mut noisy = samples(0.0, 1.0, 100.0);
-        let mut vector = |s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+        let mut vector =
+            |s: f64| Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * s;
         for s in &mut noisy {
             s.gyro += vector(NOISE.gyro * 10.0);
             s.accel += vector(NOISE.accel * 10.0);

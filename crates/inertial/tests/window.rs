@@ -4,11 +4,12 @@ mod common;
 
 use cairn_geometry::{Manifold, Se3, So3, Vec3};
 use cairn_inertial::{
-    Bias, BiasPrior, Gravity, ImuBuffer, ImuFactors, ImuLink, Motion as ImuMotion, MotionFreedom, NavState,
-    Preintegrated, ZeroVelocity,
+    Bias, BiasPrior, Gravity, ImuBuffer, ImuFactors, ImuLink, MotionFreedom, NavState, Preintegrated,
+    SpeedAndBias, ZeroVelocity,
 };
+use cairn_random::Random;
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
-use cairn_solve::{Bundle, BundleConfig, Freedom, Observation, Pinhole, Report, RightOffset, ransac::Rng};
+use cairn_solve::{Bundle, BundleConfig, Freedom, Observation, Pinhole, Report, RightOffset};
 use common::{Motion, NOISE, noisy, samples, some_bias, vector};
 
 const CAMERA: Pinhole = Pinhole { fx: 400.0, fy: 400.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
@@ -39,20 +40,20 @@ fn truth(k: usize) -> NavState {
 
 /// `n` key frames with points all around, one camera, half a pixel of noise; states as they are.
 fn window(n: usize, seed: u64) -> Window {
-    let mut rng = Rng::new(seed);
+    let mut rng = Random::new(seed);
     let poses: Vec<Se3> = (0..n).map(|k| truth(k).world_from_imu * imu_from_camera()).collect();
     let motion =
-        |k| ImuMotion { velocity: truth(k).velocity, bias: truth(k).bias, freedom: MotionFreedom::Free };
+        |k| SpeedAndBias { velocity: truth(k).velocity, bias: truth(k).bias, freedom: MotionFreedom::Free };
     let mut imu = ImuFactors::new(imu_from_camera(), Gravity::level(), (0..n).map(motion).collect());
     let (mut points, mut observations) = (Vec::new(), Vec::new());
     while points.len() < 250 {
-        let p = vector(&mut rng, 1.0).normalize() * rng.range(3.0, 7.0);
+        let p = vector(&mut rng, 1.0).normalize() * rng.uniform(3.0, 7.0);
         let mut seen = Vec::new();
         for (k, pose) in poses.iter().enumerate() {
             let q = pose.inverse() * p;
             let (u, v) = (CAMERA.fx * q.x / q.z + CAMERA.cx, CAMERA.fy * q.y / q.z + CAMERA.cy);
             if q.z > 0.5 && (0.0..640.0).contains(&u) && (0.0..480.0).contains(&v) {
-                let pixel = [u + 0.5 * rng.normal(), v + 0.5 * rng.normal(), f64::NAN];
+                let pixel = [u + 0.5 * rng.standard_normal(), v + 0.5 * rng.standard_normal(), f64::NAN];
                 seen.push(Observation { pose: k as u32, point: points.len() as u32, pixel, weight: 4.0 });
             }
         }
@@ -89,7 +90,7 @@ fn window(n: usize, seed: u64) -> Window {
 }
 
 /// Away from the truth: everything a tenth too large about the first camera, no bias, wrong velocities.
-fn disturb(w: &mut Window, rng: &mut Rng) {
+fn disturb(w: &mut Window, rng: &mut Random) {
     let centre = w.bundle.poses[0].translation;
     for pose in w.bundle.poses.iter_mut().skip(1) {
         pose.translation = centre + (pose.translation - centre) * 1.1;
@@ -112,7 +113,7 @@ fn thorough() -> BundleConfig {
 fn imu_factors_determine_scale_velocity_and_biases() {
     let mut w = window(12, 1);
     w.fix_first_pose();
-    disturb(&mut w, &mut Rng::new(2));
+    disturb(&mut w, &mut Random::new(2));
     let report = w.solve(&thorough());
     assert!(report.cost_after < 0.05 * report.cost_before, "{report:?}");
     let length = |of: &dyn Fn(usize) -> Vec3| (0..11).map(|k| (of(k + 1) - of(k)).norm()).sum::<f64>();
@@ -140,10 +141,10 @@ fn solution_does_not_depend_on_the_start() {
     w.solve(&thorough());
     let (poses, motions) = (w.bundle.poses.clone(), w.imu.motions.clone());
     for seed in 0..3 {
-        disturb(&mut w, &mut Rng::new(seed));
+        disturb(&mut w, &mut Random::new(seed));
         w.solve(&thorough());
         assert!(w.bundle.poses.iter().zip(&poses).all(|(a, b)| a.local(b).norm() < 1e-4), "{seed}");
-        let same = |(a, b): (&ImuMotion, &ImuMotion)| (a.velocity - b.velocity).norm() < 1e-3;
+        let same = |(a, b): (&SpeedAndBias, &SpeedAndBias)| (a.velocity - b.velocity).norm() < 1e-3;
         assert!(w.imu.motions.iter().zip(&motions).all(same), "{seed}");
     }
 }
@@ -174,8 +175,9 @@ fn gone(still_sigma: Option<f64>) -> f64 {
     let force = pose.rotation.inverse() * -Gravity::level().vector();
     let exact = (0..=2100).map(|i| ImuSample::new(Stamp(i * 5_000_000), Vec3::zeros(), force)).collect();
     let bias = Bias { gyro: Vec3::new(1e-3, 0.0, -1e-3), accel: Vec3::new(0.05, -0.04, 0.03) };
-    let (readings, _) = noisy(&mut Rng::new(8), exact, bias);
-    let motion = ImuMotion { velocity: Vec3::zeros(), bias: Bias::default(), freedom: MotionFreedom::Free };
+    let (readings, _) = noisy(&mut Random::new(8), exact, bias);
+    let motion =
+        SpeedAndBias { velocity: Vec3::zeros(), bias: Bias::default(), freedom: MotionFreedom::Free };
     let mut w = window(2, 1);
     w.bundle.poses = vec![pose * imu_from_camera(); n];
     w.bundle.freedom = vec![Freedom::Free; n];

@@ -139,6 +139,7 @@ impl Clocks {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::imu_walk::{STEP_S, ToAndFro};
     use cairn_geometry::{Se3, Vec3};
     use cairn_inertial::Gravity;
     use cairn_sensor::ImuNoise;
@@ -234,5 +235,34 @@ mod tests {
         assert_eq!(clocks.adopt(0.012, 0.001, 0.0), Some(0.012));
         assert_eq!(clocks.adopt(0.0125, 0.001, 0.012), None);
         assert!(clocks.is_decided() && clocks.sigma_s() == 0.001);
+    }
+
+    #[test]
+    fn clear_rotations_forgets_what_was_to_be_compared() {
+        let mut clocks = clocks();
+        (0..6).for_each(|n| clocks.take(&segment(0.5 * f64::from(n), 0.5 * f64::from(n + 1))));
+        clocks.clear_rotations();
+        assert_eq!(clocks.estimate(&So3::identity(), 0.0), None);
+        clocks.take(&segment(3.0, 3.5));
+        assert!(clocks.rotations.iter().all(|(at, _)| *at >= Stamp::from_seconds(3.0)));
+    }
+
+    #[test]
+    fn recompute_factors_spans_consecutive_key_frames_of_which_there_are_readings() {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.5, tilt_rad: 0.0, factor: 1.0 }.map(6);
+        let mut clocks = clocks();
+        clocks.take(&segment(0.4, 2.0));
+        let changes = clocks.recompute_factors(atlas.latest(), &ids, OFFSET_S);
+        // Key frames stand at multiples of 0.25 s, and the readings begin at 0.4 s.
+        let of = |change: &Change| match change {
+            Change::ImuFactor(id, factor) => (*id, factor.since, factor.sum.seconds()),
+            other => panic!("{other:?}"),
+        };
+        let found: Vec<_> = changes.iter().map(of).collect();
+        assert_eq!(
+            found.iter().map(|f| (f.0, f.1)).collect::<Vec<_>>(),
+            [(ids[3], ids[2]), (ids[4], ids[3]), (ids[5], ids[4])]
+        );
+        assert!(found.iter().all(|f| (f.2 - STEP_S).abs() < 1e-6), "{found:?}");
     }
 }

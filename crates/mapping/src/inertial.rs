@@ -276,7 +276,7 @@ fn chain(snapshot: &Snapshot, last: KeyFrameId) -> Vec<KeyFrameId> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::imu_walk::{NOISE, ToAndFro};
+    use crate::imu_walk::{NOISE, STEP_S, ToAndFro, position};
     use crate::synthetic::mono;
 
     /// The tilt of a map that was made `tilt_rad` from level, of a walk that turns so far to either side, after every key frame
@@ -320,5 +320,136 @@ mod tests {
     fn an_old_map_whose_level_is_known_is_left_alone() {
         let left = tilt_after(0.8, 0.02, Refined::default());
         assert!((left - 0.02).abs() < 1e-9, "{left} rad of 0.02");
+    }
+
+    fn inertial() -> Inertial {
+        let sensor =
+            ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
+        let config = InertialConfig { enabled: true, ..InertialConfig::default() };
+        Inertial::new(&sensor, Se3::identity(), config)
+    }
+
+    #[test]
+    fn window_and_whole_have_imu_factors_in_a_gravity_aligned_map_alone() {
+        let walk = ToAndFro { turn_rad: 0.5, tilt_rad: 0.0, factor: 1.0 };
+        let (inertial, config) = (inertial(), WindowConfig::default());
+        let (aligned, ids) = walk.map(12);
+        let window = inertial.window(aligned.latest(), &mono(), ids[11], &config).expect("a window");
+        assert!(window.links() > 5, "{}", window.links());
+        let map = MapId(ids[0]);
+        assert!(inertial.whole(aligned.latest(), &mono(), map, &config, || false).is_some());
+        let (vision, ids) = walk.map_of_vision(12);
+        assert!(inertial.window(vision.latest(), &mono(), ids[11], &config).is_none());
+        assert!(inertial.whole(vision.latest(), &mono(), map, &config, || false).is_none());
+        let few = InertialConfig { whole_key_frames: 11, ..inertial.config };
+        let few = Inertial { config: few, ..inertial };
+        assert!(few.whole(aligned.latest(), &mono(), map, &config, || false).is_none(), "it is too large");
+    }
+
+    #[test]
+    fn whole_puts_a_key_frame_back_to_where_its_readings_say() {
+        let (mut atlas, ids) = ToAndFro { turn_rad: 0.5, tilt_rad: 0.0, factor: 1.0 }.map(12);
+        let truth = atlas.latest().key_frame(ids[6]).unwrap().world_from_camera;
+        let wrong = Se3::new(truth.rotation, truth.translation + Vec3::new(0.03, -0.02, 0.02));
+        atlas.commit(vec![Change::MoveKeyFrame(ids[6], wrong)]);
+        let config = WindowConfig { iterations: [20, 10], tolerance: 1e-6, ..WindowConfig::default() };
+        let result = inertial().whole(atlas.latest(), &mono(), MapId(ids[0]), &config, || false).unwrap();
+        atlas.commit(result.changes.changes);
+        let off = (atlas.latest().key_frame(ids[6]).unwrap().world_from_camera.translation
+            - truth.translation)
+            .norm();
+        assert!(off < 2e-3, "{off} m");
+    }
+
+    #[test]
+    fn align_or_refine_gives_a_map_of_vision_metres_and_gravity_and_its_motions_velocities() {
+        let (mut atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad: 0.0, factor: 2.0 }.map_of_vision(60);
+        let mut inertial = inertial();
+        inertial.clocks.adopt(0.0, 1e-4, 0.0);
+        let root = MapId(ids[0]);
+        let mut aligned_with = None;
+        for n in 2..ids.len() {
+            inertial.align_or_refine(&mut atlas, &mono(), ids[n], &WindowConfig::default());
+            if atlas.latest().is_gravity_aligned(root) {
+                aligned_with = Some(n);
+                break;
+            }
+        }
+        let n = aligned_with.expect("never aligned");
+        let k = |i: usize| atlas.latest().key_frame(ids[i]).unwrap();
+        let far = |i: usize| (k(i).world_from_camera.translation - k(0).world_from_camera.translation).norm();
+        let truth = (position(STEP_S * 8.0) - position(0.0)).norm();
+        assert!((far(8) / truth - 1.0).abs() < 0.03, "{} m of {truth}", far(8));
+        // y of the camera is down.
+        let down = k(0).world_from_camera.rotation * Vec3::y();
+        assert!(down.angle(&-Vec3::z()) < 0.01, "{down:?}");
+        let t = STEP_S * n as f64;
+        let speed = (position(t + 1e-3) - position(t - 1e-3)).norm() / 2e-3;
+        let found = k(n).motion.as_ref().unwrap().velocity.norm();
+        assert!((found - speed).abs() < 0.05, "{found} m/s of {speed}");
+    }
+
+    #[test]
+    fn align_gravity_turns_and_scales_about_the_fixed_point() {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad: 0.0, factor: 2.0 }.map_of_vision(48);
+        let inertial = inertial();
+        let of = CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: 0.0 };
+        let found = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
+        let (map, centre) = (MapId(ids[0]), Vec3::new(0.5, -0.2, 1.0));
+        for metric in [false, true] {
+            let changes = inertial.align_gravity(atlas.latest(), map, &ids, &found, metric, centre);
+            let Change::AlignGravity(of, turn) = &changes[0] else { panic!("{:?}", changes[0]) };
+            assert_eq!(*of, map);
+            assert!((*turn * centre - centre).norm() < 1e-9);
+            let scale = if metric { 1.0 } else { 0.5 };
+            assert!((turn.scale / scale - 1.0).abs() < 0.02, "{}", turn.scale);
+            assert!((turn.rotation * Vec3::y()).angle(&-Vec3::z()) < 0.01);
+            assert_eq!(changes.len(), 1 + ids.len(), "and a velocity for each key frame");
+        }
+    }
+
+    #[test]
+    fn chain_is_what_factors_link_up_to_a_key_frame() {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.5, tilt_rad: 0.0, factor: 1.0 }.map(6);
+        assert_eq!(chain(atlas.latest(), ids[4]), ids[..=4]);
+        assert_eq!(chain(atlas.latest(), ids[0]), [ids[0]]);
+    }
+
+    #[test]
+    fn update_time_offset_finds_late_readings_and_makes_the_factors_anew() {
+        let walk = ToAndFro { turn_rad: 0.8, tilt_rad: 0.0, factor: 1.0 };
+        let (mut atlas, ids) = walk.map_of_vision(40);
+        let mut inertial = inertial();
+        let before = atlas.latest().clone();
+        for n in 1..ids.len() {
+            inertial.clocks.take(&walk.segment(n, -0.02));
+            inertial.update_time_offset(&mut atlas, ids[n]);
+        }
+        let offset = atlas.latest().imu_offset();
+        assert!((offset - 0.02).abs() < 2e-3, "{offset} s");
+        let sum = |s: &Snapshot| {
+            s.key_frame(ids[4]).unwrap().motion.as_ref().unwrap().imu_factor.clone().unwrap().sum
+        };
+        assert!(!Arc::ptr_eq(&sum(&before), &sum(atlas.latest())), "factors from before it was known");
+    }
+
+    #[test]
+    fn settle_clocks_takes_over_an_offset_that_was_found_with_the_scale() {
+        let walk = ToAndFro { turn_rad: 0.8, tilt_rad: 0.0, factor: 1.0 };
+        let (atlas, ids) = walk.map_of_vision(40);
+        let mut inertial = inertial();
+        (1..ids.len()).for_each(|n| inertial.clocks.take(&walk.segment(n, 0.0)));
+        let of = CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: 0.0 };
+        let found = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
+        let exact = Initial { offset_s: 0.0, offset_sigma_s: 1e-3, ..found.clone() };
+        assert!(inertial.settle_clocks(atlas.latest(), &ids, &exact).is_empty());
+        let late = Initial { offset_s: 0.01, offset_sigma_s: 1e-3, ..found };
+        let changes = inertial.settle_clocks(atlas.latest(), &ids, &late);
+        assert!(
+            matches!(changes[0], Change::ImuOffset(offset) if (offset - 0.01).abs() < 1e-12),
+            "{:?}",
+            changes[0]
+        );
+        assert!(changes.len() > 30 && changes[1..].iter().all(|c| matches!(c, Change::ImuFactor(..))));
     }
 }

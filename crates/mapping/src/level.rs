@@ -164,6 +164,11 @@ fn heading(k: &KeyFrame) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::imu_walk::{NOISE, ToAndFro};
+    use crate::synthetic::mono;
+    use cairn_adjust::ImuModel;
+    use cairn_atlas::Atlas;
+    use cairn_geometry::Se3;
 
     #[test]
     fn after_a_turn_the_level_is_looked_at_until_it_is_told_or_the_turn_is_too_old() {
@@ -184,5 +189,58 @@ mod tests {
         assert_eq!(looks(&mut level, 0.8, 10.0, 13.0, false), 6, "each half second");
         assert_eq!(looks(&mut level, 0.8, 13.0, 20.0, true), 1, "until it is told");
         assert_eq!(looks(&mut level, 1.6, 20.0, 60.0, false), 41, "or the turn is too old");
+    }
+
+    /// What the readings tell of a map that was made so far from level.
+    fn told(tilt_rad: f64) -> (Atlas, Vec<KeyFrameId>, Option<Initial>) {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad, factor: 1.0 }.map(60);
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
+        let found = told_level(&of, atlas.latest(), &ids);
+        (atlas, ids, found)
+    }
+
+    #[test]
+    fn is_better_level_only_where_gravity_lies_otherwise() {
+        let found = |tilt_rad| told(tilt_rad).2.expect("a level");
+        assert!(is_better_level(&found(0.02)) && !is_better_level(&found(0.0)));
+    }
+
+    #[test]
+    fn levelled_turns_the_map_about_the_fixed_point_and_gives_the_velocities_found() {
+        let (mut atlas, ids, found) = told(0.02);
+        let before = atlas.latest().clone();
+        let centre = before.key_frame(ids[7]).unwrap().world_from_camera.translation;
+        let found = found.expect("a level");
+        assert_eq!(atlas.commit(levelled(&before, MapId(ids[0]), &ids, &found, centre)).dropped, 0);
+        let (was, is) = (before.key_frame(ids[7]).unwrap(), atlas.latest().key_frame(ids[7]).unwrap());
+        assert!((is.world_from_camera.translation - centre).norm() < 1e-9);
+        let turned = (is.world_from_camera.rotation * was.world_from_camera.rotation.inverse()).log();
+        assert!((turned - Vec3::x() * -0.02).norm() < 0.002, "{turned:?}");
+        let velocity = |k: &KeyFrame| k.motion.as_ref().unwrap().velocity;
+        assert!((velocity(is) - velocity(was)).norm() < 0.02, "{:?} {:?}", velocity(is), velocity(was));
+        assert!(
+            ids.iter()
+                .all(|id| atlas.latest().key_frame(*id).unwrap().motion.as_ref().unwrap().bias == found.bias)
+        );
+    }
+
+    #[test]
+    fn looked_ends_the_looks_at_a_map_once_the_level_was_told() {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad: 0.0, factor: 1.0 }.map(60);
+        let due = |told: bool| {
+            let mut refined = Refined::of_age(70.0);
+            let frames = ids.iter().filter_map(|id| atlas.latest().key_frame(*id));
+            let due = |k: &&KeyFrame| {
+                let due = refined.due(k, 70.0).is_some();
+                if due {
+                    refined.looked(k, told);
+                }
+                due
+            };
+            frames.filter(due).count()
+        };
+        assert_eq!(due(true), 1);
+        assert!(due(false) > 3, "{}", due(false));
     }
 }

@@ -13,6 +13,8 @@ mod initialisation;
 mod insert;
 mod level;
 mod mapper;
+#[cfg(test)]
+mod mapper_tests;
 mod rotation_only;
 mod scale_check;
 #[cfg(test)]

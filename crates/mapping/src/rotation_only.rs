@@ -125,3 +125,18 @@ fn match_by_rotation(
     matches.sort_unstable();
     matches
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_nearby_is_the_median_of_the_three_nearest() {
+        let at = |x: f32, z: f64| ([x, 0.0], z);
+        let depths = [at(0.0, 9.0), at(1.0, 2.0), at(2.0, 3.0), at(3.0, 4.0), at(50.0, 1.0)];
+        assert_eq!(depth_nearby(&depths, [2.0, 0.0]), Some(3.0));
+        assert_eq!(depth_nearby(&depths, [0.0, 0.0]), Some(3.0));
+        assert_eq!(depth_nearby(&depths, [60.0, 0.0]), Some(3.0));
+        assert_eq!(depth_nearby(&depths[..2], [0.0, 0.0]), None);
+    }
+}

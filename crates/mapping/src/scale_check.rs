@@ -337,4 +337,82 @@ mod tests {
         assert_eq!((told, corrected), (None, None));
         assert!((scale - 1.0).abs() < 1e-6, "{scale}");
     }
+
+    /// A map in which a metre has so many units, and what the readings of its last seconds say.
+    fn measured(factor: f64) -> (Atlas, Vec<KeyFrameId>, Initial) {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor }.map(33);
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
+        let found = measured_over(atlas.latest(), &of, &ids, CHECK_S).expect("a scale");
+        (atlas, ids, found)
+    }
+
+    #[test]
+    fn agree_is_said_of_estimates_within_three_standard_deviations() {
+        let (.., found) = measured(1.0);
+        let other = |scale, scale_sigma| Initial { scale, scale_sigma, ..found.clone() };
+        assert!(agree(&other(1.0, 0.01), &other(1.04, 0.01)));
+        assert!(!agree(&other(1.0, 0.01), &other(1.05, 0.01)));
+        assert!(!agree(&other(2.0, 0.1), &other(1.0, 0.1)));
+    }
+
+    #[test]
+    fn scaled_scales_the_last_key_frames_about_the_first_of_them_with_their_landmarks() {
+        let (mut atlas, ids, found) = measured(2.0);
+        let before = atlas.latest().clone();
+        let last = stretch(&ids, &found);
+        assert!(last.len() < ids.len() && (found.scale - 0.5).abs() < 0.02, "{}", found.scale);
+        assert_eq!(atlas.commit(scaled(&before, stretch(&ids, &found), &ids, &found)).dropped, 0);
+        let place = |s: &Snapshot, id: KeyFrameId| s.key_frame(id).unwrap().world_from_camera.translation;
+        let centre = place(&before, last[0]);
+        for id in &ids {
+            let expected = match last.contains(id) {
+                true => centre + (place(&before, *id) - centre) * found.scale,
+                false => place(&before, *id),
+            };
+            assert!((place(atlas.latest(), *id) - expected).norm() < 1e-9);
+        }
+        let (mut moved, mut held) = (0, 0);
+        for l in before.landmarks() {
+            let own = l.observations.iter().all(|o| o.key_frame >= last[0]);
+            let expected = if own { centre + (l.position - centre) * found.scale } else { l.position };
+            assert!((atlas.latest().landmark(l.id).unwrap().position - expected).norm() < 1e-9);
+            if own { moved += 1 } else { held += 1 }
+        }
+        assert!(moved > 20 && held > 20, "{moved} {held}");
+    }
+
+    #[test]
+    fn velocities_are_those_found_along_the_axes_of_each_camera() {
+        let (atlas, ids, found) = measured(2.0);
+        let changes = velocities(atlas.latest(), &ids, &found);
+        assert_eq!(changes.len(), found.states.len());
+        for change in &changes {
+            let Change::InertialState(id, velocity, _) = change else { panic!("{change:?}") };
+            let t = STEP_S * ids.iter().position(|i| i == id).unwrap() as f64;
+            let speed = (position(t + 1e-3) - position(t - 1e-3)).norm() / 2e-3;
+            assert!((velocity.norm() - speed).abs() < 0.03, "{} m/s of {speed}", velocity.norm());
+        }
+    }
+
+    #[test]
+    fn adjust_recent_puts_a_late_key_frame_back_and_leaves_early_ones_alone() {
+        let (mut atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.0 }.map(70);
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
+        let truth = atlas.latest().clone();
+        let aside = |id: KeyFrameId| {
+            let pose = truth.key_frame(id).unwrap().world_from_camera;
+            Change::MoveKeyFrame(id, Se3::new(pose.rotation, pose.translation + Vec3::new(0.03, 0.0, 0.02)))
+        };
+        let [early, late] = [ids[3], ids[65]];
+        atlas.commit(vec![aside(early), aside(late)]);
+        let now = truth.key_frame(ids[69]).unwrap().stamp;
+        adjust_recent(&mut atlas, &of, &ids, now, &WindowConfig::default());
+        let off = |id: KeyFrameId| {
+            let place = |s: &Snapshot| s.key_frame(id).unwrap().world_from_camera.translation;
+            (place(atlas.latest()) - place(&truth)).norm()
+        };
+        assert!(off(late) < 3e-3 && off(early) > 0.03, "{} {}", off(late), off(early));
+    }
 }

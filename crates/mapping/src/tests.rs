@@ -2,19 +2,23 @@
 
 use crate::cull::{RecentLandmarks, redundant};
 use crate::fuse::{around, fuse_into};
+use crate::imu_walk::NOISE;
 use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
 use crate::rotation_only::landmarks_by_rotation;
-use crate::synthetic::{View, World, mono, off, pose, sideways, stereo};
+use crate::synthetic::{World, mono, pose, sideways, stereo};
 use crate::triangulation::create_landmarks;
-use crate::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};
 use cairn_atlas::store::{About, MapFile};
-use cairn_atlas::{Atlas, Change, KeyFrameId, LandmarkId, MapId, MapPrior, Observation, Snapshot};
+use cairn_atlas::{
+    Atlas, Change, ImuFactor, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, Observation, Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_inertial::{Bias, Preintegrated};
+use cairn_sensor::ImuSample;
 use cairn_vision::{RectifiedCamera, SensorMode};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Asserts that every landmark lies at the true point it shows, and shows that point alone.
-fn assert_exact(world: &World, snapshot: &Snapshot, world_from_map: &Sim3, metres: f64) {
+pub(crate) fn assert_exact(world: &World, snapshot: &Snapshot, world_from_map: &Sim3, metres: f64) {
     snapshot.check().expect("a sound map");
     for l in snapshot.landmarks() {
         let truth = world.point_of(snapshot, l.id).expect("a point");
@@ -29,7 +33,7 @@ fn assert_exact(world: &World, snapshot: &Snapshot, world_from_map: &Sim3, metre
 }
 
 /// Removes the landmarks that fulfil the condition.
-fn remove(atlas: &mut Atlas, which: impl Fn(LandmarkId) -> bool) {
+pub(crate) fn remove(atlas: &mut Atlas, which: impl Fn(LandmarkId) -> bool) {
     let ids: Vec<LandmarkId> = atlas.latest().landmarks().map(|l| l.id).filter(|id| which(*id)).collect();
     atlas.commit(ids.into_iter().map(Change::RemoveLandmark).collect());
 }
@@ -172,7 +176,7 @@ fn create_landmarks_triangulates_nothing_without_a_baseline() {
 }
 
 /// One map in which each place was visited twice, with separate landmarks each time.
-fn visited_twice(world: &World, map_from_world: &Sim3) -> (Atlas, [Vec<KeyFrameId>; 2]) {
+pub(crate) fn visited_twice(world: &World, map_from_world: &Sim3) -> (Atlas, [Vec<KeyFrameId>; 2]) {
     let path = sideways(3, 0.2);
     let (mut atlas, first) = world.exact_map(&path);
     let views = world.walk(&path, 10.0, 0.5);
@@ -321,197 +325,78 @@ fn landmarks_by_rotation_are_not_made_of_views_with_a_baseline() {
     assert!(landmarks_by_rotation(atlas.latest(), &world.camera, ids[3], &mut new).is_empty());
 }
 
-/// Submits a view as tracking does: its true matches, at a pose with an error.
-fn submit(
-    mapper: &mut Mapper,
-    atlas: &mut Atlas,
-    world: &World,
-    view: &View,
-    at: &Se3,
-    change: impl FnOnce(&mut KeyFrameInput),
-) -> Mapped {
-    let landmarks = world.matches(atlas.latest(), view);
-    let reference = atlas.latest().newest_key_frame().expect("a map").id;
-    let reference_from_camera = atlas.latest().anchor(reference, at).expect("there");
-    let mut submitted = KeyFrameInput {
-        frame: &view.frame,
-        landmarks: &landmarks,
-        reference,
-        reference_from_camera,
-        imu: None,
-        orientation_only: false,
-        rescale: None,
-    };
-    change(&mut submitted);
-    mapper.step(atlas, &submitted, || false).expect("a key frame")
-}
-
-#[test]
-fn mapper_builds_an_exact_map_from_poses_that_are_off() {
-    let world = World::around(stereo(), 61);
-    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
+/// The key frames of an exact map again, each with readings from the one before.
+fn with_factors(seen: &Snapshot, ids: &[KeyFrameId]) -> Atlas {
+    let mut changes = Vec::new();
+    for (n, id) in ids.iter().enumerate() {
+        let k = seen.key_frame(*id).expect("there");
+        let imu_factor = n.checked_sub(1).map(|before| {
+            let since = seen.key_frame(ids[before]).expect("there");
+            let reading = |i: i64| {
+                let stamp = since.stamp.plus_seconds(i as f64 * (k.stamp - since.stamp) / 10.0);
+                ImuSample::new(stamp, Vec3::zeros(), Vec3::y() * -9.8)
+            };
+            let sum = Preintegrated::of(NOISE, Bias::default(), (0..=10).map(reading).collect());
+            ImuFactor { since: since.id, sum: sum.into() }
+        });
+        let mut again = KeyFrame::new(k.id, k.frame.shared(), k.world_from_camera, k.parent);
+        again.motion = Some(InertialState {
+            velocity: Vec3::zeros(),
+            bias: Bias::default(),
+            still_sigma: None,
+            imu_factor,
+        });
+        changes.push(Change::AddKeyFrame(Box::new(again)));
+    }
+    for l in seen.landmarks() {
+        changes.push(Change::AddLandmark(l.id, l.position));
+        changes.extend(l.observations.iter().map(|o| Change::Observe(l.id, o.key_frame, o.feature)));
+    }
     let mut atlas = Atlas::new(Snapshot::new());
-    let path: Vec<Se3> = (0..10).map(|n| pose(0.15 * f64::from(n), 0.0, 0.04 * f64::from(n))).collect();
-    let views = world.walk(&path, 0.0, 0.5);
-    let root = mapper.start(&mut atlas, &views[0].frame, &MapStart::default());
-    assert_eq!(atlas.latest().landmark_count(), views[0].frame.len());
-    let mut worst: f64 = 0.0;
-    for (n, view) in views.iter().enumerate().skip(1) {
-        let wrong = path[n] * pose(0.02, -0.01, 0.005);
-        let mapped = submit(&mut mapper, &mut atlas, &world, view, &wrong, |_| ());
-        assert!(mapped.created > 0, "each view shows something new");
-        assert_eq!(mapped.adjustment.is_some(), n >= 2, "a window takes three key frames");
-        if n >= 2 {
-            let k = atlas.latest().key_frame(mapped.key_frame).expect("the newest stays");
-            worst = worst.max(off(&k.world_from_camera, &path[n]).0);
-        }
-    }
-    assert!(worst < 5e-3, "{worst} m");
-    let before = atlas.latest().version();
-    mapper.final_adjustment(&mut atlas, || true);
-    assert_eq!(atlas.latest().version(), before, "one that is stopped changes nothing");
-    mapper.final_adjustment(&mut atlas, || false);
-    for k in atlas.latest().key_frames() {
-        let n = views.iter().position(|v| k.frame.is(&v.frame)).expect("a view");
-        let (metres, radians) = off(&k.world_from_camera, &path[n]);
-        assert!(metres < 1e-3 && radians < 5e-4, "view {n}: {metres} m, {radians} rad");
-    }
-    assert!(atlas.latest().key_frame(root).is_some());
-    assert_exact(&world, atlas.latest(), &Sim3::identity(), 0.02);
+    assert_eq!(atlas.commit(changes).dropped, 0);
+    atlas
 }
 
 #[test]
-fn mapper_starts_from_a_pair_and_goes_on_in_its_unit() {
-    let world = World::around(mono(), 62);
-    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
-    let mut atlas = Atlas::new(Snapshot::new());
-    let path = sideways(6, 0.25);
-    let views = world.walk(&path, 0.0, 0.5);
-    // The points seen in both, with a baseline of unit length.
-    let mut points = Vec::new();
-    for (i, point) in views[0].points.iter().enumerate() {
-        if let Ok(j) = views[1].points.binary_search(point) {
-            points.push((i as u16, j as u16, world.points[*point] * 4.0));
-        }
-    }
-    let first_from_second = pose(1.0, 0.0, 0.0);
-    let [first, second] = [&views[0].frame, &views[1].frame];
-    let none = mapper.start_pair(&mut atlas, first, second, first_from_second, &[], &MapStart::default());
-    assert!(none.is_none() && atlas.latest().key_frame_count() == 0, "no point, no map");
-    // The assumed speed is one unit a second: the baseline, walked in half a second, is half a unit.
-    let start = MapStart { speed: Some(1.0), ..MapStart::default() };
-    let b = mapper.start_pair(&mut atlas, first, second, first_from_second, &points, &start);
-    let b = b.expect("a map");
-    let at = atlas.latest().key_frame(b).expect("there").world_from_camera;
-    assert!((at.translation - Vec3::new(0.5, 0.0, 0.0)).norm() < 1e-4, "{at:?}");
-    let world_from_map = Sim3 { scale: 0.5, ..Sim3::identity() };
-    assert_exact(&world, atlas.latest(), &world_from_map, 2e-3);
-    for (n, view) in views.iter().enumerate().skip(2) {
-        let truth = world_from_map.inverse().transform_pose(&path[n]);
-        let mapped =
-            submit(&mut mapper, &mut atlas, &world, view, &(truth * pose(0.01, 0.01, 0.003)), |_| ());
-        let k = atlas.latest().key_frame(mapped.key_frame).expect("the newest stays");
-        // Rotation does not depend on the unit of length, which images alone do not determine: it follows the
-        // guesses.
-        let (units, radians) = off(&k.world_from_camera, &truth);
-        assert!(units < 0.03 && radians < 1e-4, "view {n}: {units}, {radians} rad");
-    }
-    let last = atlas.latest().newest_key_frame().expect("there").world_from_camera;
-    let world_from_map = Sim3 { scale: path[5].translation.x / last.translation.x, ..Sim3::identity() };
-    assert!((world_from_map.scale - 0.5).abs() < 0.01, "{}", world_from_map.scale);
-    assert_exact(&world, atlas.latest(), &world_from_map, 0.01);
-}
-
-/// Points seen in both views, in the camera frame of the first (at the origin, not turned), in baselines.
-fn points_in_both(world: &World, views: [&View; 2], baseline: f64) -> Vec<(u16, u16, Vec3)> {
-    let second = |point| views[1].points.binary_search(point).ok();
-    let both = views[0].points.iter().enumerate().filter_map(|(i, point)| Some((i, second(point)?, *point)));
-    both.map(|(i, j, point)| (i as u16, j as u16, world.points[point] / baseline)).collect()
+fn redundant_key_frame_stays_where_it_keeps_imu_factors_short() {
+    let world = World::around(stereo(), 66);
+    let (seen, ids) = world.exact_map(&sideways(6, 0.02));
+    assert!(redundant(seen.latest(), &world.camera, ids[5], 0.9).is_some());
+    // Half a second from key frame to key frame: without one of them a factor would span a second, which is too long before
+    // gravity is known.
+    let atlas = with_factors(seen.latest(), &ids);
+    assert!(redundant(atlas.latest(), &world.camera, ids[5], 0.9).is_none());
 }
 
 #[test]
-fn a_map_that_begins_after_assumed_depths_removes_the_key_frames_that_rest_on_them() {
-    let world = World::around(mono(), 65);
-    let path = sideways(6, 0.2);
-    let (mut atlas, ids) = world.exact_map(&path);
-    let before = atlas.latest().clone();
-    let views = world.walk(&path, 10.0, 0.5);
-    let points = points_in_both(&world, [&views[0], &views[1]], 0.2);
-    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
-    let to_from_root = Se3::identity();
-    let prior = MapPrior { to: ids[5], to_from_root, sigma: 1.0, sigma_rad: 0.1, sigma_log_scale: 2.0 };
-    let start = MapStart { map_prior: Some(prior), assumed_since: Some(ids[4]), ..MapStart::default() };
-    let [first, second] = [&views[0].frame, &views[1].frame];
-    let newest = mapper
-        .start_pair(&mut atlas, first, second, pose(1.0, 0.0, 0.0), &points, &start)
-        .expect("a map of its own");
-    let after = atlas.latest();
-    after.check().unwrap();
-    let alive = |id: &KeyFrameId| after.key_frame(*id).is_some();
-    assert!(ids[..4].iter().all(alive) && !ids[4..].iter().any(alive) && alive(&newest));
-    // What was anchored to them stays where it was.
-    let moved = after.resolve(ids[5], &Se3::identity()).map(|at| off(&at, &path[5]).0);
-    assert!(moved.is_some_and(|m| m < 1e-9), "{moved:?}");
-    // No landmark is known by them any more, and those of the other key frames are untouched.
-    let observed = |id: &KeyFrameId| after.landmarks().any(|l| l.feature_in(*id).is_some());
-    assert!(!ids[4..].iter().any(observed));
-    let held = |s: &Snapshot| s.key_frame(ids[1]).map_or(0, |k| k.landmarks.iter().flatten().count());
-    assert_eq!(held(after), held(&before));
-    let (_, prior) = after.maps().last().expect("the new map");
-    assert!(prior.is_some(), "the new map knows where it began");
-}
-
-#[test]
-fn a_rescale_request_changes_the_lengths_of_its_map_alone() {
-    let world = World::around(mono(), 63);
-    let path = sideways(4, 0.2);
-    let (mut atlas, first) = world.exact_map(&path);
-    let views = world.walk(&path, 10.0, 0.5);
-    let second = world.map(&mut atlas, &views, &path, None, |_| Sim3::identity());
-    let map = MapId(second[0]);
-    let prior = MapPrior {
-        to: first[3],
-        to_from_root: Se3::identity(),
-        sigma: 1.0,
-        sigma_rad: 0.1,
-        sigma_log_scale: 0.5,
+fn create_landmarks_with_key_frames_that_only_readings_link() {
+    let world = World::around(mono(), 67);
+    let path = sideways(4, 0.3);
+    let (seen, ids) = world.exact_map(&path);
+    let mut atlas = with_factors(seen.latest(), &ids);
+    // Nothing is shared any more.
+    remove(&mut atlas, |_| true);
+    let created = |atlas: &Atlas| {
+        let mut new = NewLandmarks::after(atlas.latest());
+        create_landmarks(atlas.latest(), &world.camera, ids[3], 10, &mut new, || false);
+        new.ids.len()
     };
-    atlas.commit(vec![Change::MapPrior(map, prior)]);
-    let before = atlas.latest().clone();
-    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
-    let view = world.see(&pose(0.65, 0.0, 0.0), 12.0);
-    let at = pose(0.65, 0.0, 0.0);
-    submit(&mut mapper, &mut atlas, &world, &view, &at, |s| {
-        (s.orientation_only, s.rescale) = (true, Some((2.0, 0.2)));
-    });
-    let x = |s: &Snapshot, id: KeyFrameId| s.key_frame(id).expect("there").world_from_camera.translation.x;
-    for (n, id) in second.iter().enumerate() {
-        assert!((x(atlas.latest(), *id) - 0.4 * n as f64).abs() < 1e-9);
-    }
-    assert!(first.iter().all(|id| x(atlas.latest(), *id) == x(&before, *id)));
-    let newest = atlas.latest().newest_key_frame().expect("there").id;
-    assert!((x(atlas.latest(), newest) - 1.3).abs() < 1e-9, "the new key frame too");
-    for l in before.landmarks() {
-        let own = before.key_frame(l.observations[0].key_frame).expect("there").map == map;
-        let factor = if own { 2.0 } else { 1.0 };
-        let now = atlas.latest().landmark(l.id).map(|l| l.position);
-        assert!(now.is_none_or(|now| (now - l.position * factor).norm() < 1e-9));
-    }
-    let (_, prior) = atlas.latest().maps().find(|(id, _)| *id == map).expect("there");
-    assert_eq!(prior.map(|p| p.sigma_log_scale), Some(0.2));
+    assert_eq!(created(&atlas), 0, "without gravity, nothing tells the baseline");
+    atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3::identity())]);
+    assert!(created(&atlas) > 50, "{}", created(&atlas));
 }
 
 #[test]
-fn a_key_frame_for_orientation_only_triangulates_and_adjusts_nothing() {
-    let world = World::around(mono(), 64);
-    let (mut atlas, _) = world.exact_map(&sideways(3, 0.3));
-    remove(&mut atlas, |id| id.index() % 2 == 0);
-    let mut mapper = Mapper::new(world.camera, MapperConfig::default());
-    let at = pose(0.9, 0.0, 0.0);
-    let view = world.see(&at, 3.0);
-    let mut other = Atlas::new((**atlas.latest()).clone());
-    let only = submit(&mut mapper, &mut other, &world, &view, &at, |s| s.orientation_only = true);
-    assert!(only.created == 0 && only.adjustment.is_none(), "{only:?}");
-    let usual = submit(&mut mapper, &mut atlas, &world, &view, &at, |_| ());
-    assert!(usual.created > 20 && usual.adjustment.is_some(), "{usual:?}");
+fn create_landmarks_takes_no_stereo_pair_nearer_than_its_own_baseline() {
+    let world = World::around(stereo(), 68);
+    let created = |step: f64| {
+        let (mut atlas, ids) = world.exact_map(&sideways(2, step));
+        remove(&mut atlas, |id| id.index() % 2 == 0);
+        let mut new = NewLandmarks::after(atlas.latest());
+        create_landmarks(atlas.latest(), &world.camera, ids[1], 10, &mut new, || false);
+        new.ids.len()
+    };
+    let own = world.camera.baseline_fx / world.camera.fx;
+    assert_eq!(created(0.9 * own), 0);
+    assert!(created(1.5 * own) > 50);
 }

@@ -1,7 +1,8 @@
 //! Giving way: two who stand before each other in a door or a corridor both wait for ever. The robot drives to a place beside the
 //! line on which it met the other, where nobody was seen to walk, and waits there until the other has passed.
 //!
-//! In: where the robot may drive, where it is, where the other stands, and where others walked. Out: the place, if there is one.
+//! In: where the robot may drive, where it is, where the other stands, and where others walked. Out: the place, if there is one; and
+//! whether someone is still on the robot's way, or went out of sight on it: into a dead end, from which he comes back.
 
 use crate::costmap::{DynamicLayer, Track};
 use crate::frontier::drive_lengths;
@@ -9,7 +10,7 @@ use crate::grid::Cell;
 use crate::passable::Passable;
 use crate::search::STRAIGHT;
 use cairn_geometry::Vec2;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// How far the robot goes out of the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,6 +63,41 @@ impl Trails {
 
 fn trail_cell(at: Vec2) -> [i32; 2] {
     [at.x, at.y].map(|v| (v / TRAIL_M).floor() as i32)
+}
+
+/// Who went out of sight is remembered for this time, in seconds.
+const REMEMBERED_S: f64 = 20.0;
+/// Whoever is seen anew so soon, in seconds, and no farther than so many metres a second from there, is one who went out of sight.
+const SEEN_AGAIN_S: f64 = 3.0;
+const COMES: f64 = 1.0;
+
+/// Where those who walk about were last seen.
+#[derive(Clone, Debug, Default)]
+pub struct LastSeen {
+    /// Place and time (metres, seconds) by track.
+    walkers: BTreeMap<u64, (Vec2, f64)>,
+}
+
+impl LastSeen {
+    /// Takes what moves now, at a time in seconds.
+    pub fn learn(&mut self, time_s: f64, moving: &DynamicLayer) {
+        for track in moving.tracks().iter().filter(|t| t.seen >= TRUSTED) {
+            let is_new = self.walkers.insert(track.id, (track.position, track.last_seen_s)).is_none();
+            if is_new {
+                let is_he = |(at, gone_s): &(Vec2, f64)| {
+                    let away_s = track.last_seen_s - gone_s;
+                    away_s < SEEN_AGAIN_S && (at - track.position).norm() <= COMES * away_s
+                };
+                self.walkers.retain(|id, last| *id >= track.id || !is_he(last));
+            }
+        }
+        self.walkers.retain(|_, (_, seen_s)| time_s - *seen_s <= REMEMBERED_S);
+    }
+
+    /// The place on a way (points in metres) near which somebody is, or went out of sight.
+    pub fn on_the_way(&self, way: &[Vec2], within_m: f64) -> Option<Vec2> {
+        way.iter().copied().find(|p| self.walkers.values().any(|(at, _)| (at - p).norm() < within_m))
+    }
 }
 
 /// The place with the shortest drive that is far enough beside the line on which robot and other met, and beside all trails; where
@@ -161,6 +197,35 @@ mod tests {
         );
         let far = GiveWayConfig { drive_m: 0.5, ..config };
         assert_eq!(place_beside(&passable, from, Vec2::new(4.0, 1.5), &none, &far), None);
+    }
+
+    #[test]
+    fn who_went_out_of_sight_on_the_way_is_waited_for_until_he_is_seen_elsewhere_or_forgotten() {
+        let walk = |y: f64, back: bool| {
+            let (mut moving, mut last) = (DynamicLayer::new(DynamicConfig::default()), LastSeen::default());
+            let seen = |position| [Detection { position, radius_m: 0.25 }];
+            for k in 0..20 {
+                moving.observe(0.1 * f64::from(k), &seen(Vec2::new(0.07 * f64::from(k), y)));
+                last.learn(0.1 * f64::from(k), &moving);
+            }
+            // Out of sight for 2 s; then he, or somebody who cannot be he, walks beside the way.
+            for k in 20..60 {
+                let at = Vec2::new(if back { 1.4 } else { 9.0 }, 1.4 + 0.05 * f64::from(k - 40));
+                let detections: Vec<Detection> = seen(at).into_iter().filter(|_| k >= 40).collect();
+                moving.observe(0.1 * f64::from(k), &detections);
+                last.learn(0.1 * f64::from(k), &moving);
+            }
+            (moving, last)
+        };
+        let way: Vec<Vec2> = (0..40).map(|k| Vec2::new(0.1 * f64::from(k), 0.0)).collect();
+        let (moving, mut last) = walk(0.3, false);
+        let at = last.on_the_way(&way, 0.8).expect("he went out of sight on it");
+        assert!(at.x > 0.4 && at.x < 1.4, "{at}");
+        assert_eq!(last.on_the_way(&way[..3], 0.8), None, "on another part of it");
+        last.learn(23.0, &moving);
+        assert_eq!(last.on_the_way(&way, 0.8), None, "forgotten");
+        assert_eq!(walk(1.5, false).1.on_the_way(&way, 0.8), None, "beside it");
+        assert_eq!(walk(0.3, true).1.on_the_way(&way, 0.8), None, "seen elsewhere");
     }
 
     #[test]

@@ -17,6 +17,7 @@ pub mod picture;
 pub mod route;
 pub mod search;
 pub mod smooth;
+pub mod sparse;
 pub mod walked;
 
 pub use costmap::{CostConfig, Costmap};

@@ -224,6 +224,40 @@ fn someone_who_stops_in_the_door_and_leaves_is_waited_for() {
     assert!(least > -1e-6, "backed up: {least} m/s");
 }
 
+/// Someone steps to and fro before the body, which creeps up to him each time: it does not wait anew for ever.
+#[test]
+fn someone_who_steps_to_and_fro_uses_up_the_patience() {
+    let costs = costs(hall(12.0, 1.4, &[]));
+    let seconds_before_giving_up = |patience_s: f64| {
+        let mut layer = DynamicLayer::new(DynamicConfig::default());
+        let mut body = body(1.0, 0.7, 0.0, 6);
+        let config = NavigatorConfig { patience_s, ..*navigator().config() };
+        let mut navigator = Navigator::new(config);
+        navigator.set_goal(Vec2::new(11.0, 0.7));
+        let (mut time_s, mut met_s) = (0.0, None);
+        while time_s < 60.0 {
+            // He steps back for a second, and comes again as near as people do.
+            let away_m = if time_s % 3.5 > 2.5 { 0.4 } else { 0.0 };
+            let near_m = (body.truth.translation.x + 0.9).min(5.4);
+            let person = Vec2::new(f64::max(5.0 + away_m, near_m), 0.7);
+            people(&mut layer, time_s, &[person]);
+            let step = navigator.step(time_s, &body.odometry, body.motion, &costs, Some(&layer));
+            if step.state == State::Blocked {
+                met_s = met_s.or(Some(time_s));
+            }
+            if step.state == State::NoPath {
+                assert!(matches!(step.reason, Some(Reason::GivenUp(_))), "{step:?}");
+                return time_s - met_s.unwrap();
+            }
+            body.go(step.motion, 0.05, |_| ());
+            time_s += 0.05;
+        }
+        f64::INFINITY
+    };
+    let (short_s, long_s) = (seconds_before_giving_up(8.0), seconds_before_giving_up(60.0));
+    assert!(short_s < 10.0 && long_s > 20.0, "{short_s} and {long_s} s");
+}
+
 /// The way through the other door takes longer than has been waited: the body still waits at its own. Once it has waited as
 /// long, it goes round.
 #[test]
@@ -291,6 +325,40 @@ fn a_door_that_closes_means_another_way_or_none() {
         } else {
             assert!(matches!(last.reason, Some(Reason::NoPath(NoPath::Unreachable { .. }))), "{last:?}");
         }
+    }
+}
+
+/// A map that was laid again shows walls nearer than the body's radius, in front of it or beside it: it drives away from them first.
+#[test]
+fn a_body_too_near_to_a_wall_drives_out_and_on() {
+    for (x, y, heading, radius_m) in [
+        (5.85, 5.0, 0.0, 0.2),
+        (5.84, 5.0, 1.6, 0.2),
+        (0.14, 0.14, -2.3, 0.2),
+        (6.13, 3.0, 3.1, 0.2),
+        (5.85, 5.0, 0.0, 0.4),
+    ] {
+        let costs = Costmap::new(two_rooms(), CostConfig { radius_m, ..CostConfig::default() }).unwrap();
+        let mut body = body(x, y, heading, 11);
+        let to_wall = |at: Vec2| costs.field().distance_m(costs.frame().cell_at(at).unwrap()).unwrap();
+        let least = to_wall(Vec2::new(x, y));
+        assert!(least < 0.15, "{least} m");
+        let mut navigator = navigator();
+        navigator.set_goal(if radius_m > 0.3 { Vec2::new(2.0, 7.0) } else { Vec2::new(11.0, 8.0) });
+        let (mut time_s, mut plans) = (0.0, 0);
+        while navigator.state() != State::Reached {
+            let step = navigator.step(time_s, &body.odometry, body.motion, &costs, None);
+            plans += usize::from(step.state == State::Planning);
+            body.go(step.motion, 0.05, |truth| {
+                assert!(
+                    to_wall(truth.translation) > least - 1e-9,
+                    "from ({x}, {y}): nearer to the wall at {truth:?}"
+                );
+            });
+            time_s += 0.05;
+            assert!(time_s < 60.0 && navigator.state() != State::NoPath, "from ({x}, {y}): {step:?}");
+        }
+        assert!(plans <= 2, "from ({x}, {y}): {plans} plans");
     }
 }
 

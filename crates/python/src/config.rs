@@ -1,7 +1,8 @@
 //! The configuration of all stages, from a dictionary or TOML.
 
 use crate::errors::{ConfigError, raise};
-use pyo3::exceptions::{PyOSError, PyTypeError};
+use cairn::SensorMode;
+use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use std::path::PathBuf;
@@ -159,4 +160,23 @@ fn object<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
         }
         other => other.to_string().into_pyobject(py)?.into_any(),
     })
+}
+
+/// The sensors of a name: the cameras, and whether the IMU is used.
+pub fn sensors(name: &str, rig: &cairn::Rig) -> PyResult<(SensorMode, bool)> {
+    let (cameras, imu) = name.strip_suffix("-imu").map_or((name, false), |cameras| (cameras, true));
+    let mode = match cameras {
+        "mono" => SensorMode::Mono,
+        "stereo" => SensorMode::Stereo,
+        "rgbd" => SensorMode::Rgbd,
+        _ => {
+            return Err(PyValueError::new_err(format!(
+                "sensor must be \"mono\", \"stereo\" or \"rgbd\", or one of them with \"-imu\", not {name:?}"
+            )));
+        }
+    };
+    if imu && rig.imu.is_none() {
+        return Err(crate::errors::RigError::new_err(format!("sensor {name:?}: the rig has no IMU")));
+    }
+    Ok((mode, imu))
 }

@@ -5,6 +5,7 @@ use cairn::MapEvent;
 use cairn::geometry::Sim3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
+use std::sync::Mutex;
 
 /// Adds the classes to the module.
 pub fn add_to(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -13,7 +14,8 @@ pub fn add_to(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<LoopClosed>()?;
     module.add_class::<MapsMerged>()?;
     module.add_class::<ScaleChanged>()?;
-    module.add_class::<GravityAligned>()
+    module.add_class::<GravityAligned>()?;
+    module.add_class::<Events>()
 }
 
 /// A similarity: `p_after = scale * R @ p_before + t`.
@@ -223,4 +225,26 @@ pub fn object(py: Python<'_>, event: MapEvent) -> PyResult<Option<Py<PyAny>>> {
         }
         _ => return Ok(None),
     }))
+}
+
+/// Events that have happened, as an iterator.
+#[pyclass(frozen, module = "cairn")]
+pub struct Events(Mutex<std::vec::IntoIter<Py<PyAny>>>);
+
+impl Events {
+    /// These, in order.
+    pub fn new(objects: Vec<Py<PyAny>>) -> Self {
+        Self(Mutex::new(objects.into_iter()))
+    }
+}
+
+#[pymethods]
+impl Events {
+    fn __iter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    fn __next__(&self) -> Option<Py<PyAny>> {
+        self.0.lock().ok()?.next()
+    }
 }

@@ -37,7 +37,6 @@ fn _cairn(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<source::Source>()?;
     module.add_class::<source::Frame>()?;
     module.add_class::<slam::Slam>()?;
-    module.add_class::<slam::Events>()?;
     output::add_to(module)?;
     events::add_to(module)?;
     walk::add_to(module)?;

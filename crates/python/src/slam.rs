@@ -1,7 +1,7 @@
 //! SLAM: frames in; poses, the map and its events out; routes recorded and followed; saved and loaded.
 
 use crate::arrays::{Channels, depth, from_seconds, gray, stamp};
-use crate::config::Config;
+use crate::config::{Config, sensors};
 use crate::errors::{FrameError, MapError, raise};
 use crate::events;
 use crate::imu::ImuBatch;
@@ -12,7 +12,7 @@ use crate::rig::Rig;
 use crate::source::{Frame, Source};
 use crate::trajectory::{Evaluation, Trajectory, pairs};
 use crate::walk::{self, Route};
-use cairn::{Builder, MapEvents, SensorMode};
+use cairn::{Builder, MapEvents};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -67,25 +67,6 @@ impl Inner {
         let output = self.slam.track(packet)?;
         Ok((output, start.elapsed().as_secs_f64() * 1e3))
     }
-}
-
-/// The sensors of a name: the cameras, and whether the IMU is used.
-fn sensors(name: &str, rig: &cairn::Rig) -> PyResult<(SensorMode, bool)> {
-    let (cameras, imu) = name.strip_suffix("-imu").map_or((name, false), |cameras| (cameras, true));
-    let mode = match cameras {
-        "mono" => SensorMode::Mono,
-        "stereo" => SensorMode::Stereo,
-        "rgbd" => SensorMode::Rgbd,
-        _ => {
-            return Err(PyValueError::new_err(format!(
-                "sensor must be \"mono\", \"stereo\" or \"rgbd\", or one of them with \"-imu\", not {name:?}"
-            )));
-        }
-    };
-    if imu && rig.imu.is_none() {
-        return Err(crate::errors::RigError::new_err(format!("sensor {name:?}: the rig has no IMU")));
-    }
-    Ok((mode, imu))
 }
 
 /// Choices that both ways of building share.
@@ -332,13 +313,13 @@ impl Slam {
 
     /// What became of the maps since the last call, in order: `MapCreated`, `LoopClosed`, `MapsMerged`, `ScaleChanged`,
     /// `GravityAligned`.
-    fn events(&self, py: Python<'_>) -> PyResult<Events> {
+    fn events(&self, py: Python<'_>) -> PyResult<events::Events> {
         let events: Vec<_> = self.with(py, |inner| (&mut inner.events).collect())?;
         let mut objects = Vec::with_capacity(events.len());
         for event in events {
             objects.extend(events::object(py, event)?);
         }
-        Ok(Events(Mutex::new(objects.into_iter())))
+        Ok(events::Events::new(objects))
     }
 
     /// Poses `world_from_body` of all frames that were tracked, with all corrections of the map so far.
@@ -498,20 +479,5 @@ impl Slam {
     #[getter]
     fn has_arrived(&self, py: Python<'_>) -> PyResult<bool> {
         self.with(py, |inner| inner.slam.has_arrived())
-    }
-}
-
-/// Events that have happened, as an iterator.
-#[pyclass(frozen, module = "cairn")]
-pub struct Events(Mutex<std::vec::IntoIter<Py<PyAny>>>);
-
-#[pymethods]
-impl Events {
-    fn __iter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
-        this
-    }
-
-    fn __next__(&self) -> Option<Py<PyAny>> {
-        self.0.lock().ok()?.next()
     }
 }

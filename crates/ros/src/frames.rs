@@ -8,8 +8,20 @@
 //!
 //! A transform of tf has no scale. Where the map's unit of length has changed since the odometry began, motions are
 //! scaled to the map's unit, from then on.
+//!
+//! Covariances: that of a motion is that of the two poses it lies between, taken as independent; those of all motions add
+//! up in the odometry, which so grows a little faster than it drifts. Tracking takes the landmarks as exact; to the pose in
+//! the map is added what a map is usually off by. What is not known at all is [`UNKNOWN`].
 
 use cairn::geometry::{Se3, So3, Vec3};
+use nalgebra::{Matrix6, Vector6};
+
+/// What a map is off by near where it was seen, standard deviations in metres and radians: recordings with truth are tracked to
+/// 4 to 16 mm.
+const MAP_SIGMAS: [f64; 2] = [0.01, 0.005];
+
+/// Variance of what is not known, m^2 and rad^2.
+pub const UNKNOWN: f64 = 1e6;
 
 /// A pose as tracking gives it.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +38,8 @@ pub struct Tracked {
     pub metric: bool,
     /// The map's z axis is up.
     pub gravity_aligned: bool,
+    /// Covariance of `world_from_camera`, of its right perturbation: translation, rotation.
+    pub covariance: Matrix6<f64>,
 }
 
 /// The two transforms to publish.
@@ -37,6 +51,21 @@ pub struct Transforms {
     pub odom_from_base: Se3,
     /// The motion of the robot since the pose before, in its own frame; `None` where it is not known, and taken to be none.
     pub motion: Option<Se3>,
+    /// Covariance of `odom_from_base` about the axes of the odometry frame: translation, rotation.
+    pub odom_covariance: Matrix6<f64>,
+    /// Covariance of the robot in the map about the axes of the map.
+    pub map_covariance: Matrix6<f64>,
+    /// Covariance of the motion about the axes of the robot.
+    pub motion_covariance: Matrix6<f64>,
+}
+
+/// The pose before.
+#[derive(Clone, Copy, Debug)]
+struct Last {
+    segment: u32,
+    odom_from_camera: Se3,
+    /// Of the robot.
+    covariance: Matrix6<f64>,
 }
 
 /// Turns tracked poses into transforms.
@@ -44,7 +73,9 @@ pub struct Transforms {
 pub struct FrameTree {
     base_from_camera: Se3,
     odom_from_base: Se3,
-    last: Option<(u32, Se3)>,
+    /// Covariance of `odom_from_base`, of its right perturbation.
+    drift: Matrix6<f64>,
+    last: Option<Last>,
     /// From the map of tracking to the published one, and whether it was made for a map aligned with gravity.
     map_from_world: Option<(Se3, bool)>,
     /// The last pose of the robot in the published map.
@@ -61,6 +92,7 @@ impl FrameTree {
         Self {
             base_from_camera,
             odom_from_base: start,
+            drift: Matrix6::zeros(),
             last: None,
             map_from_world: None,
             map_from_base: start,
@@ -88,8 +120,8 @@ impl FrameTree {
     pub fn step(&mut self, tracked: &Tracked) -> Transforms {
         let base_from_camera = self.base_from_camera(tracked.metric);
         let motion = match self.last {
-            Some((segment, before)) if segment == tracked.segment => {
-                let mut motion = before.inverse() * tracked.odom_from_camera;
+            Some(before) if before.segment == tracked.segment => {
+                let mut motion = before.odom_from_camera.inverse() * tracked.odom_from_camera;
                 if tracked.metric {
                     motion.translation *= tracked.scale;
                 }
@@ -101,7 +133,10 @@ impl FrameTree {
             }
             None => None,
         };
-        self.last = Some((tracked.segment, tracked.odom_from_camera));
+        let covariance = seen_from(&base_from_camera, &tracked.covariance);
+        let motion_covariance = self.moved(motion.as_ref(), &covariance);
+        self.last =
+            Some(Last { segment: tracked.segment, odom_from_camera: tracked.odom_from_camera, covariance });
         self.odom_from_base = self.odom_from_base * motion.unwrap_or_else(Se3::identity);
         let world_from_base = tracked.world_from_camera * base_from_camera.inverse();
         let (map_from_world, aligned) = match self.map_from_world {
@@ -115,7 +150,26 @@ impl FrameTree {
             map_from_odom: self.map_from_base * self.odom_from_base.inverse(),
             odom_from_base: self.odom_from_base,
             motion,
+            odom_covariance: about_parent(&self.odom_from_base, &self.drift),
+            map_covariance: about_parent(&self.map_from_base, &covariance) + of_map(),
+            motion_covariance,
         }
+    }
+
+    /// Adds a motion to a pose of this covariance to the drift; its covariance.
+    fn moved(&mut self, motion: Option<&Se3>, now: &Matrix6<f64>) -> Matrix6<f64> {
+        let unknown = Matrix6::identity() * UNKNOWN;
+        let (back, of_motion) = match (motion, &self.last) {
+            (Some(motion), Some(last)) => {
+                let back = motion.inverse();
+                (back, seen_from(&back, &last.covariance) + now)
+            }
+            // The odometry begins here.
+            (_, None) if self.restarts == 0 => return unknown,
+            _ => (Se3::identity(), unknown),
+        };
+        self.drift = seen_from(&back, &self.drift) + of_motion;
+        of_motion
     }
 
     /// The published map for a map aligned with gravity: level, and the robot keeps heading and place.
@@ -129,6 +183,16 @@ impl FrameTree {
         Se3::new(rotation, expected.translation - rotation * world_from_base.translation)
     }
 
+    /// The robot in the published map at the last pose; `None` before the first.
+    pub fn map_from_base(&self) -> Option<Se3> {
+        self.map_from_world.map(|_| self.map_from_base)
+    }
+
+    /// The last pose in the odometry frame.
+    pub fn odom_from_base(&self) -> Se3 {
+        self.odom_from_base
+    }
+
     /// From the map of tracking to the published one; `None` before the first pose.
     pub fn map_from_world(&self) -> Option<Se3> {
         self.map_from_world.map(|(map, _)| map)
@@ -139,6 +203,23 @@ impl FrameTree {
         let arm = if metric { self.base_from_camera.translation } else { Vec3::zeros() };
         Se3::new(self.base_from_camera.rotation, arm)
     }
+}
+
+/// The covariance of `x_from_a` seen from another frame of the same body: that of `x_from_b`, for `b_from_a`. Both of right
+/// perturbations.
+fn seen_from(b_from_a: &Se3, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let adjoint = b_from_a.adjoint();
+    adjoint * covariance * adjoint.transpose()
+}
+
+/// Covariance of what a map is off by.
+fn of_map() -> Matrix6<f64> {
+    Matrix6::from_diagonal(&Vector6::from_fn(|i, _| MAP_SIGMAS[i / 3].powi(2)))
+}
+
+/// From the axes of a frame to those of its parent, about which messages state covariances.
+fn about_parent(parent_from_frame: &Se3, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    seen_from(&Se3::new(parent_from_frame.rotation, Vec3::zeros()), covariance)
 }
 
 /// The optical frame of a camera (z ahead, x right, y down) that looks ahead, at the robot's origin (x ahead, y left, z up).
@@ -189,6 +270,7 @@ mod tests {
             scale: 1.0,
             metric: true,
             gravity_aligned: false,
+            covariance: Matrix6::from_diagonal(&[1e-6, 4e-6, 9e-6, 1e-8, 1e-8, 1e-8].into()),
         }
     }
 
@@ -268,11 +350,55 @@ mod tests {
                 world_from_camera: along(if metric { metres } else { 0.5 * metres }),
                 scale: if metric { 2.0 } else { 1.0 },
                 metric,
-                gravity_aligned: false,
+                ..tracked(k)
             });
             path.push(out.odom_from_base.translation.x);
         }
         assert!((path[9] - 0.45).abs() < 1e-9 && (path[20] - path[9] - 1.1).abs() < 1e-9, "{path:?}");
+    }
+
+    #[test]
+    fn covariances_are_those_of_the_robot_about_the_axes_of_the_messages() {
+        // The camera 0.3 m before the robot's origin; it knows its pose to 1, 2, 3 mm right, down, ahead, and 1 mrad about down.
+        let arm = Se3::new(So3::identity(), Vec3::new(0.3, 0.0, 0.0)) * looking_ahead();
+        let of_camera = Matrix6::from_diagonal(&[1e-6, 4e-6, 9e-6, 0.0, 1e-6, 0.0].into());
+        // Of the robot: ahead, left (where it is farther from what turns it), up, and about up.
+        let of_robot = [9e-6, 1e-6 + 0.09e-6, 4e-6, 0.0, 0.0, 1e-6];
+        let mut tree = FrameTree::new(arm, None);
+        let mut out = None;
+        for k in 0..5 {
+            // It drives left of where it began, 0.1 m each time.
+            let robot = turned(0.0, 0.1 * k as f64, std::f64::consts::FRAC_PI_2);
+            let pose = arm.inverse() * turned(0.0, 0.0, -std::f64::consts::FRAC_PI_2) * robot * arm;
+            let tracked = Tracked {
+                odom_from_camera: pose,
+                world_from_camera: turned(0.0, 0.0, std::f64::consts::FRAC_PI_2) * pose,
+                covariance: of_camera,
+                ..tracked(0)
+            };
+            let now = tree.step(&tracked);
+            if k == 0 {
+                assert_eq!(now.odom_covariance, Matrix6::zeros());
+                assert_eq!(now.motion_covariance, Matrix6::identity() * UNKNOWN);
+            }
+            out = Some(now);
+        }
+        let out = out.unwrap();
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
+        for (i, expected) in of_robot.into_iter().enumerate() {
+            let expected = expected + MAP_SIGMAS[i / 3].powi(2);
+            assert!(near(out.map_covariance[(i, i)], expected), "{i}: {}", out.map_covariance);
+        }
+        // A motion lies between two poses. Each turns about its camera: the first one's was 0.2 m from where the motion ended.
+        let motion = &out.motion_covariance;
+        assert!(near(motion[(0, 0)], 18e-6) && near(motion[(5, 5)], 2e-6), "{motion}");
+        assert!(near(motion[(1, 1)], (2.0 + 0.04 + 0.09) * 1e-6), "{motion}");
+        // Four motions, straight on.
+        let odom = &out.odom_covariance;
+        assert!(near(odom[(0, 0)], 4.0 * 18e-6) && near(odom[(5, 5)], 4.0 * 2e-6), "{odom}");
+        // After motion that was not observed nobody knows where it is in the odometry, but in the map.
+        let lost = tree.step(&Tracked { segment: 1, covariance: of_camera, ..tracked(0) });
+        assert!(lost.odom_covariance[(0, 0)] >= UNKNOWN && lost.map_covariance[(0, 0)] < 2e-4);
     }
 
     #[test]

@@ -21,14 +21,20 @@ pub struct GroundGrid {
     scanner: DepthScanner,
     grid: AnchoredGrid<KeyFrameId>,
     last: Option<Se3>,
+    stood_m: f64,
 }
 
 impl GroundGrid {
-    /// For a depth sensor at this place of the robot.
+    /// For a depth sensor at this place of the robot; `stood_m` around where it has been is free.
     ///
     /// # Errors
     /// Why there is no grid: the sensor's lens is distorted, or its numbers are not usable.
-    pub fn new(depth: &DepthSensor, base_from_depth: Se3, max_range_m: f64) -> Result<Self, String> {
+    pub fn new(
+        depth: &DepthSensor,
+        base_from_depth: Se3,
+        max_range_m: f64,
+        stood_m: f64,
+    ) -> Result<Self, String> {
         let c = &depth.camera;
         if c.distortion != Distortion::None {
             return Err("no occupancy grid: depth images of a distorted lens are not laid into it".into());
@@ -44,7 +50,7 @@ impl GroundGrid {
         let scanner = DepthScanner::new(camera, scan)
             .ok_or("no occupancy grid: the depth camera's numbers are not usable")?;
         let grid = AnchoredGrid::new(CELL_M, OccupancyConfig { max_range_m, ..OccupancyConfig::default() });
-        Ok(Self { scanner, grid, last: None })
+        Ok(Self { scanner, grid, last: None, stood_m })
     }
 
     /// Takes a depth image seen at a pose of the robot, near a key frame: `map_from_key` is that key frame's camera.
@@ -69,7 +75,11 @@ impl GroundGrid {
         let rays = self.scanner.scan(depth.data());
         let (key_pose, base) = (flat(map_from_key), flat(map_from_base));
         let key_from_sensor = key_pose.inverse() * base * self.scanner.body_from_sensor();
-        self.grid.insert_scan(key, &key_pose, key_from_sensor, &rays).map(|_| ()).map_err(|e| e.to_string())
+        let scanned = self.grid.insert_scan(key, &key_pose, key_from_sensor, &rays);
+        // The camera does not see the ground below it.
+        let stood = scanned
+            .and_then(|_| self.grid.insert_step(key, &key_pose, key_pose.inverse() * base, self.stood_m));
+        stood.map_err(|e| e.to_string())
     }
 
     /// Lays the grid anew where key frames have moved.
@@ -81,9 +91,9 @@ impl GroundGrid {
         self.grid.set_poses(pose).map(|_| ()).map_err(|e| e.to_string())
     }
 
-    /// The message; `None` before the first scan.
-    pub fn message(&self, header: Header) -> Option<OccupancyGrid> {
-        self.grid.grid().map(|grid| message(header, &grid.to_map()))
+    /// 0 free, 100 occupied, -1 unknown; `None` before the first scan.
+    pub fn map(&self) -> Option<Grid<i8>> {
+        self.grid.grid().map(|grid| grid.to_map())
     }
 }
 
@@ -94,7 +104,8 @@ fn flat(pose: &Se3) -> Se2 {
     Se2::from_xy_angle(pose.translation.x, pose.translation.y, ahead.y.atan2(ahead.x))
 }
 
-fn message(header: Header, map: &Grid<i8>) -> OccupancyGrid {
+/// A map as a message.
+pub fn message(header: Header, map: &Grid<i8>) -> OccupancyGrid {
     let frame = map.frame();
     let corner = frame.world_from_grid();
     let half = 0.5 * corner.rotation.log();
@@ -130,7 +141,7 @@ mod tests {
             registered: true,
         };
         let base_from_depth = Se3::new(So3::identity(), Vec3::new(0.0, 0.0, 0.4)) * looking_ahead();
-        let mut grid = GroundGrid::new(&sensor, base_from_depth, 5.0).unwrap();
+        let mut grid = GroundGrid::new(&sensor, base_from_depth, 5.0, 0.3).unwrap();
         let wall = DepthImage::from_vec(64, 48, vec![2000; 64 * 48]).unwrap();
         let key = KeyFrameId::from_index(0).unwrap();
         // The robot looks along +y.
@@ -141,18 +152,21 @@ mod tests {
         for x in [-0.2, 0.0, 0.2] {
             grid.observe(&wall, key, &map_from_key, &at(x)).unwrap();
         }
-        let m = grid.message(Header::default()).unwrap();
+        let m = message(Header::default(), &grid.map().unwrap());
         let value = |x: f64, y: f64| {
             let (r, o) = (f64::from(m.info.resolution), &m.info.origin.position);
             let (i, j) = (((x - o.x) / r) as usize, ((y - o.y) / r) as usize);
             m.data[j * m.info.width as usize + i]
         };
         assert_eq!((value(0.0, 2.02), value(0.0, 1.0), value(0.0, 2.5)), (100, 0, -1));
+        assert_eq!((value(0.2, 0.0), value(-0.35, -0.1), value(0.2, -0.4)), (0, 0, -1), "where it stood");
         assert_eq!(m.data.len(), (m.info.width * m.info.height) as usize);
         // Standing still adds nothing.
         grid.observe(&wall, key, &map_from_key, &at(0.2)).unwrap();
-        assert_eq!(grid.message(Header::default()).unwrap(), m);
+        assert_eq!(message(Header::default(), &grid.map().unwrap()), m);
         let fisheye = Camera { distortion: Distortion::Equidistant([0.1; 4]), ..camera };
-        assert!(GroundGrid::new(&DepthSensor { camera: fisheye, ..sensor }, base_from_depth, 5.0).is_err());
+        assert!(
+            GroundGrid::new(&DepthSensor { camera: fisheye, ..sensor }, base_from_depth, 5.0, 0.3).is_err()
+        );
     }
 }

@@ -40,6 +40,8 @@ messages! {
     PoseStamped { header: Header, pose: Pose, }
     /// `geometry_msgs/PoseWithCovariance`.
     PoseWithCovariance { pose: Pose, covariance: Covariance6, }
+    /// `geometry_msgs/PoseWithCovarianceStamped`.
+    PoseWithCovarianceStamped { header: Header, pose: PoseWithCovariance, }
     /// `geometry_msgs/Twist`, m/s and rad/s.
     Twist { linear: Vector3, angular: Vector3, }
     /// `geometry_msgs/TwistWithCovariance`.
@@ -117,6 +119,38 @@ messages! {
         data: Vec<u8>,
         is_dense: bool,
     }
+    /// `rosgraph_msgs/Clock`.
+    Clock { clock: Time, }
+    /// `std_msgs/ColorRGBA`, 0 to 1.
+    Color { r: f32, g: f32, b: f32, a: f32, }
+    /// `visualization_msgs/UVCoordinate`.
+    UvCoordinate { u: f32, v: f32, }
+    /// `visualization_msgs/MeshFile`.
+    MeshFile { filename: String, data: Vec<u8>, }
+    /// `visualization_msgs/Marker` of Humble and later.
+    Marker {
+        header: Header,
+        ns: String,
+        id: i32,
+        kind: i32,
+        action: i32,
+        pose: Pose,
+        scale: Vector3,
+        color: Color,
+        lifetime: Time,
+        frame_locked: bool,
+        points: Vec<Point>,
+        colors: Vec<Color>,
+        texture_resource: String,
+        texture: CompressedImage,
+        uv_coordinates: Vec<UvCoordinate>,
+        text: String,
+        mesh_resource: String,
+        mesh_file: MeshFile,
+        mesh_use_embedded_materials: bool,
+    }
+    /// `visualization_msgs/MarkerArray`.
+    MarkerArray { markers: Vec<Marker>, }
     /// `diagnostic_msgs/KeyValue`.
     KeyValue { key: String, value: String, }
     /// `diagnostic_msgs/DiagnosticStatus`; the level is 0 OK, 1 WARN, 2 ERROR, 3 STALE.
@@ -188,12 +222,25 @@ impl From<&Se3> for Transform {
     }
 }
 
-impl Transform {
+impl Quaternion {
+    /// As a rotation; `None` where it is none.
+    fn so3(&self) -> Option<So3> {
+        let norm = (self.x * self.x + self.y * self.y + self.z * self.z + self.w * self.w).sqrt();
+        So3::from_xyzw(self.x, self.y, self.z, self.w).filter(|_| (norm - 1.0).abs() < 1e-2)
+    }
+}
+
+impl Pose {
     /// As a rigid transform; `None` where a number is not finite or the quaternion is not a rotation's.
     pub fn se3(&self) -> Option<Se3> {
-        let q = &self.rotation;
-        let norm = (q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w).sqrt();
-        let rotation = So3::from_xyzw(q.x, q.y, q.z, q.w).filter(|_| (norm - 1.0).abs() < 1e-2)?;
-        Some(Se3::new(rotation, self.translation.vector())).filter(Se3::is_finite)
+        let Point { x, y, z } = self.position;
+        Some(Se3::new(self.orientation.so3()?, Vec3::new(x, y, z))).filter(Se3::is_finite)
+    }
+}
+
+impl Transform {
+    /// As [`Pose::se3`].
+    pub fn se3(&self) -> Option<Se3> {
+        Some(Se3::new(self.rotation.so3()?, self.translation.vector())).filter(Se3::is_finite)
     }
 }

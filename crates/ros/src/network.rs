@@ -6,8 +6,9 @@
 
 use crate::faults::{Faults, Severity};
 use crate::messages::{
-    CameraInfo, CompressedImage, DiagnosticArray, Image, Imu, OccupancyGrid, Odometry, Path, PointCloud2,
-    PoseStamped, TFMessage, Text, TriggerRequest, TriggerResponse,
+    CameraInfo, Clock, CompressedImage, DiagnosticArray, Image, Imu, MarkerArray, OccupancyGrid, Odometry,
+    Path, PointCloud2, PoseStamped, PoseWithCovarianceStamped, TFMessage, Text, TriggerRequest,
+    TriggerResponse,
 };
 use crate::options::{Options, Rmw, Topics, transport};
 use crate::pictures::Picture;
@@ -41,6 +42,10 @@ pub enum Incoming {
     Imu(Imu),
     /// Transforms that stay.
     Static(TFMessage),
+    /// The time of a simulator or of a bag that is played.
+    Clock(Clock),
+    /// Where the robot is to go.
+    Goal(PoseStamped),
     /// A service was called.
     Asked(Service, RmwRequestId),
     /// A message that could not be read.
@@ -103,11 +108,15 @@ pub struct Network {
     /// Poses in the odometry frame, with the velocity.
     pub odometry: Output<Odometry>,
     /// Poses in the map.
-    pub pose: Output<PoseStamped>,
+    pub pose: Output<PoseWithCovarianceStamped>,
     /// The key frames of the map, in order of time.
     pub path: Output<Path>,
     /// The route that is recorded or followed.
     pub route: Output<Path>,
+    /// The path to the goal.
+    pub plan: Output<Path>,
+    /// Key frames, their edges and the goal, for a viewer.
+    pub markers: Output<MarkerArray>,
     /// The landmarks of the map.
     pub points: Output<PointCloud2>,
     /// The occupancy grid.
@@ -130,6 +139,8 @@ enum Input {
     Info(String, Role, Subscription<CameraInfo>),
     Imu(String, Subscription<Imu>),
     Static(String, Subscription<TFMessage>),
+    Clock(String, Subscription<Clock>),
+    Goal(String, Subscription<PoseStamped>),
 }
 
 /// A publisher with its name.
@@ -184,9 +195,11 @@ impl Network {
         let diagnostics = make.output("/diagnostics", ("diagnostic_msgs", "DiagnosticArray"), results(10))?;
         Ok(Self {
             odometry: make.output("odom", ("nav_msgs", "Odometry"), results(10))?,
-            pose: make.output("pose", ("geometry_msgs", "PoseStamped"), results(10))?,
+            pose: make.output("pose", ("geometry_msgs", "PoseWithCovarianceStamped"), results(10))?,
             path: make.output("path", ("nav_msgs", "Path"), results(1))?,
             route: make.output("route", ("nav_msgs", "Path"), latched.clone())?,
+            plan: make.output("plan", ("nav_msgs", "Path"), results(1))?,
+            markers: make.output("markers", ("visualization_msgs", "MarkerArray"), latched.clone())?,
             points: make.output("points", ("sensor_msgs", "PointCloud2"), results(1))?,
             grid: make.output("map", ("nav_msgs", "OccupancyGrid"), latched)?,
             tf: make.output("/tf", ("tf2_msgs", "TFMessage"), results(100))?,
@@ -245,7 +258,7 @@ impl Network {
                         "a publisher offers less than is asked for: best effort where --reliable asks for more"
                     }
                     DomainParticipantStatusEvent::RemoteReaderQosIncompatible { .. } => {
-                        "a subscriber asks for more than is offered: only map, route and rosout are latched"
+                        "a subscriber asks for more than is offered: only map, route, markers and rosout are latched"
                     }
                     _ => return futures::future::ready(()),
                 };
@@ -354,6 +367,12 @@ impl Maker<'_> {
         }
         let (name, s) = self.input("/tf_static", ("tf2_msgs", "TFMessage"), latched)?;
         inputs.push(Input::Static(name, s));
+        let (name, s) = self.input("goal_pose", ("geometry_msgs", "PoseStamped"), depth(1))?;
+        inputs.push(Input::Goal(name, s));
+        if self.options.use_sim_time {
+            let (name, s) = self.input("/clock", ("rosgraph_msgs", "Clock"), depth(1))?;
+            inputs.push(Input::Clock(name, s));
+        }
         Ok(inputs)
     }
 
@@ -385,6 +404,8 @@ impl Input {
             Self::Info(name, role, s) => messages(name, s, |m| Incoming::Info(*role, m)),
             Self::Imu(name, s) => messages(name, s, Incoming::Imu),
             Self::Static(name, s) => messages(name, s, Incoming::Static),
+            Self::Clock(name, s) => messages(name, s, Incoming::Clock),
+            Self::Goal(name, s) => messages(name, s, Incoming::Goal),
         }
     }
 }

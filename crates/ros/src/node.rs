@@ -1,26 +1,33 @@
 //! The node at work: messages become packets on one thread, packets become poses on another, results go out.
 
+mod diagnostics;
+mod goal;
+
 use crate::assemble::Clock;
 use crate::faults::{Faults, Severity};
 use crate::frames::{FrameTree, Transforms};
-use crate::grid::GroundGrid;
+use crate::grid::{self, GroundGrid};
+use crate::markers::markers;
 use crate::messages::{Header, Text};
 use crate::network::{MOST_WAITING, Network, Service};
 use crate::options::{Options, Topics};
+use crate::planner::Planner;
 use crate::results::{self, FrameNames};
 use crate::setup::{Found, Setup};
-use crate::worker::{Calls, Told, Worker};
+use crate::time::Time;
+use crate::worker::{Requests, Told, Worker};
 use cairn::atlas::MapId;
 use cairn::geometry::Se3;
 use cairn::guide::Facing;
 use cairn::sensor::{ClockReading, FramePacket, Live, SkipKind, Stamp};
 use cairn::session::{Event, Inbox, Item};
 use cairn::{Config, Output, Slam};
+use diagnostics::Counts;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
-use std::sync::{Arc, PoisonError};
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 /// How often the node looks around while no packet comes.
 const TICK: Duration = Duration::from_millis(50);
@@ -57,13 +64,15 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
     let (to, messages) = sync_channel(MOST_WAITING);
     network.listen(to, &faults).map_err(NodeError::Setup)?;
     network.watch_matches(&faults).map_err(NodeError::Setup)?;
-    let (inbox, calls) = (Inbox::new(), Calls::default());
+    let (inbox, requests) = (Inbox::new(), Requests::default());
+    let time = if options.use_sim_time { Time::simulated() } else { Time::wall() };
     let setup = Setup::new(options, &topics, rig);
     let (tell, told) = channel();
     let worker = Worker {
         messages,
         inbox: inbox.clone(),
-        calls: calls.clone(),
+        requests: requests.clone(),
+        time: time.clone(),
         faults: faults.clone(),
         pair_within_s: 1e-3
             * options.pair_within_ms.unwrap_or(if topics.depth.is_some() { 20.0 } else { 10.0 }),
@@ -75,7 +84,7 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
     for note in &found.notes {
         faults.say(Severity::Info, note);
     }
-    let mut node = Node::new(options, &topics, network, found, clock, config, faults, calls)?;
+    let mut node = Node::new(options, &topics, network, found, clock, config, faults, requests, time)?;
     let until = options.for_s.and_then(|s| Duration::try_from_secs_f64(s).ok()).map(|d| Instant::now() + d);
     while !stop.load(Ordering::Relaxed) && until.is_none_or(|until| Instant::now() < until) {
         match inbox.take(TICK) {
@@ -142,31 +151,26 @@ struct Node<'a> {
     clock: Clock,
     config: Config,
     faults: Faults,
-    calls: Calls,
+    requests: Requests,
+    time: Time,
     names: FrameNames,
     slam: Slam,
+    /// Whether the age of pictures is judged.
+    knows_age: bool,
     tree: FrameTree,
     grid: Option<GroundGrid>,
+    planner: Planner,
+    /// Why there was no path to the goal, as last said.
+    no_path: String,
     /// The map of the last pose, and the time of the last packet, in the packets' clock.
     map: Option<MapId>,
     last: Option<(Stamp, Instant)>,
     /// Points of the route as last published.
     route: Option<usize>,
+    /// What the markers as last published show: version of the map, its place, the goal.
+    marked: Option<(u64, Se3, Option<Se3>)>,
     slow: Instant,
     counts: Counts,
-}
-
-/// Numbers for the diagnostics.
-#[derive(Default)]
-struct Counts {
-    packets: usize,
-    tracked: usize,
-    dropped: usize,
-    /// Milliseconds of the last second: from the stamp to the published result, and of the step alone.
-    ages_ms: Vec<f64>,
-    steps_ms: Vec<f64>,
-    metric: bool,
-    scale: f64,
 }
 
 impl<'a> Node<'a> {
@@ -179,12 +183,14 @@ impl<'a> Node<'a> {
         clock: Clock,
         config: Config,
         faults: Faults,
-        calls: Calls,
+        requests: Requests,
+        time: Time,
     ) -> Result<Self, NodeError> {
         let map = options.map.as_deref().filter(|path| path.exists());
-        let slam = build(options, topics, &found, &config, map, &clock)?;
+        let slam = build(options, topics, &found, &config, map)?;
         let tree = tree(&slam, &found);
-        let grid = ground_grid(options, &found, &faults);
+        let planner = Planner::new(options.robot_radius_m);
+        let grid = ground_grid(options, &found, planner.stood_m(), &faults);
         let names = FrameNames {
             map: options.map_frame.clone(),
             odom: options.odom_frame.clone(),
@@ -205,14 +211,19 @@ impl<'a> Node<'a> {
             clock,
             config,
             faults,
-            calls,
+            requests,
+            time,
             names,
             slam,
+            knows_age: false,
             tree,
             grid,
+            planner,
+            no_path: String::new(),
             map: None,
             last: None,
             route: None,
+            marked: None,
             slow: Instant::now(),
             counts,
         })
@@ -222,6 +233,10 @@ impl<'a> Node<'a> {
         let started = Instant::now();
         self.counts.packets += 1;
         self.counts.dropped = dropped;
+        if !self.knows_age && self.time.now().is_some() {
+            self.slam.follow(Arc::new(HostClock(self.clock.clone(), self.time.clone())));
+            self.knows_age = true;
+        }
         let output = match self.slam.track(packet) {
             Ok(output) => output,
             Err(e) => {
@@ -254,8 +269,8 @@ impl<'a> Node<'a> {
                 self.faults.count(SkipKind::Other, line, &format!("at {stamp} s"));
             }
         }
-        if !self.options.use_sim_time {
-            self.counts.ages_ms.push((wall().0 - stamp.0) as f64 * 1e-6);
+        if let Some(now) = self.time.now() {
+            self.counts.ages_ms.push((now.0.saturating_sub(stamp.0)) as f64 * 1e-6);
         }
         self.counts.steps_ms.push(started.elapsed().as_secs_f64() * 1e3);
         if let Some(why) = &output.stage_failed {
@@ -280,9 +295,13 @@ impl<'a> Node<'a> {
 
     /// No packet has come for a moment.
     fn idle(&mut self) {
-        if let Some((stamp, at)) = self.last {
-            self.slam.tick(stamp.plus_seconds(at.elapsed().as_secs_f64()));
-        }
+        let Some((stamp, at)) = self.last else { return };
+        let now = match self.time.now().filter(|_| self.time.is_simulated()) {
+            // A simulator that stands still lets no time pass.
+            Some(now) => self.clock.of_packets(now).max(stamp),
+            None => stamp.plus_seconds(at.elapsed().as_secs_f64()),
+        };
+        self.slam.tick(now);
     }
 
     /// What is due after every packet and while none comes.
@@ -293,7 +312,7 @@ impl<'a> Node<'a> {
             }
         }
         loop {
-            let call = self.calls.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+            let call = self.requests.lock().calls.pop_front();
             let Some((service, id)) = call else { break };
             let result = self.serve(service);
             let line = match &result {
@@ -305,9 +324,14 @@ impl<'a> Node<'a> {
                 self.faults.count(SkipKind::Other, "an answer could not be sent", &why);
             }
         }
+        let goal = self.requests.lock().goal.take();
+        if let Some(goal) = goal {
+            self.take_goal(&goal);
+        }
         if self.slow.elapsed() >= SLOW {
             self.slow = Instant::now();
             self.publish_map();
+            self.plan();
             self.publish_diagnostics();
         }
         Ok(())
@@ -356,12 +380,13 @@ impl<'a> Node<'a> {
     }
 
     fn begin_anew(&mut self, map: Option<&Path>) -> Result<(), String> {
-        let built = build(self.options, self.topics, &self.found, &self.config, map, &self.clock);
+        let built = build(self.options, self.topics, &self.found, &self.config, map);
         let slam = built.map_err(|e| e.to_string())?;
-        self.slam = slam;
+        (self.slam, self.knows_age) = (slam, false);
         self.tree.begin_anew();
-        self.grid = ground_grid(self.options, &self.found, &self.faults);
-        (self.map, self.route) = (None, None);
+        self.grid = ground_grid(self.options, &self.found, self.planner.stood_m(), &self.faults);
+        self.planner.set_goal(None);
+        (self.map, self.route, self.marked) = (None, None, None);
         Ok(())
     }
 
@@ -371,6 +396,13 @@ impl<'a> Node<'a> {
         let time = |at: Stamp| self.clock.of_messages(at);
         self.network.path.publish(results::path(stamp, &self.names, &map, id, &self.tree, time));
         self.network.points.publish(results::points(stamp, &self.names, &map, id, &self.tree));
+        let place = self.tree.map_from_world().unwrap_or_else(Se3::identity);
+        let marked = Some((map.snapshot().version(), place, self.planner.goal().copied()));
+        if self.marked != marked {
+            self.marked = marked;
+            let goal = self.planner.goal();
+            self.network.markers.publish(markers(stamp, &self.names.map, &map, id, &self.tree, goal));
+        }
         if let Some(route) = results::route(stamp, &self.names, &self.slam, id, &self.tree)
             && self.route != Some(route.poses.len())
         {
@@ -381,63 +413,9 @@ impl<'a> Node<'a> {
         if let Err(why) = grid.follow(map.snapshot(), &map_from_world) {
             self.faults.count(SkipKind::Other, "the occupancy grid stays as it was", &why);
         }
-        if let Some(message) = grid.message(Header::new(stamp, &self.names.map)) {
-            self.network.grid.publish(message);
+        if let Some(map) = grid.map() {
+            self.network.grid.publish(grid::message(Header::new(stamp, &self.names.map), &map));
         }
-    }
-
-    fn publish_diagnostics(&mut self) {
-        let status = self.slam.status();
-        let silent = self.last.is_none_or(|(_, at)| at.elapsed() > SLOW);
-        let counts = std::mem::take(&mut self.counts);
-        let mut message = match (silent, status.phase) {
-            (true, _) => "no pictures".into(),
-            (false, phase) => phase.name().to_lowercase().replace('_', " "),
-        };
-        for wait in &status.waits {
-            message += &format!("; {wait}");
-        }
-        if counts.tracked > 0 && !counts.metric {
-            message += "; lengths are not metres (one camera without an IMU knows no scale)";
-        }
-        let good = !silent && status.valid && counts.metric;
-        let level = if status.error.is_some() { 2 } else { u8::from(!good) };
-        let map = self.slam.map();
-        let mut values: Vec<(String, String)> = vec![
-            ("frames".into(), counts.packets.to_string()),
-            ("frames with a pose".into(), counts.tracked.to_string()),
-            ("frames overtaken".into(), counts.dropped.to_string()),
-            ("metric".into(), counts.metric.to_string()),
-            ("map units in one of the odometry".into(), format!("{:.4}", counts.scale)),
-            ("odometry begun anew".into(), self.tree.restarts().to_string()),
-            ("key frames".into(), map.snapshot().key_frame_count().to_string()),
-            ("landmarks".into(), map.snapshot().landmark_count().to_string()),
-        ];
-        for (name, of) in [("step ms", &counts.steps_ms), ("age of results ms", &counts.ages_ms)] {
-            if let Some([median, max]) = median_and_max(of) {
-                values.push((format!("{name}, median"), format!("{median:.1}")));
-                values.push((format!("{name}, max"), format!("{max:.1}")));
-            }
-        }
-        if let Some(error) = &status.error {
-            values.push(("error".into(), error.clone()));
-        }
-        for skip in self.faults.counts().iter() {
-            values.push((skip.reason.clone(), skip.count.to_string()));
-        }
-        let stamp = if self.options.use_sim_time {
-            self.last.map_or(Stamp(0), |(at, _)| self.clock.of_messages(at))
-        } else {
-            wall()
-        };
-        self.network.diagnostics.publish(results::diagnostics(
-            stamp,
-            &self.options.name,
-            level,
-            message,
-            values,
-        ));
-        self.counts = Counts { ages_ms: Vec::new(), steps_ms: Vec::new(), ..counts };
     }
 
     /// Ends what is in progress.
@@ -458,19 +436,13 @@ fn build(
     found: &Found,
     config: &Config,
     map: Option<&Path>,
-    clock: &Clock,
 ) -> Result<Slam, NodeError> {
     let mut builder = Slam::builder(&found.rig).sensor(topics.mode()).config(config).threaded();
     if let Some(path) = map {
         let file = Slam::load_map(path)?;
         builder = if options.localize_only { builder.localize_in(file) } else { builder.map(file) };
     }
-    let mut slam = builder.build()?;
-    // Simulated time says nothing of the age of a picture.
-    if !options.use_sim_time {
-        slam.follow(Arc::new(HostClock(clock.clone())));
-    }
-    Ok(slam)
+    Ok(builder.build()?)
 }
 
 fn tree(slam: &Slam, found: &Found) -> FrameTree {
@@ -480,31 +452,20 @@ fn tree(slam: &Slam, found: &Found) -> FrameTree {
     FrameTree::new(base_from_rectified, found.up)
 }
 
-/// The time of this machine in the packets' clock: the age of a picture is what has passed since its stamp.
-struct HostClock(Clock);
+/// The time in the packets' clock: the age of a picture is what has passed since its stamp.
+struct HostClock(Clock, Time);
 
 impl Live for HostClock {
     fn clock(&self) -> Option<ClockReading> {
-        Some(ClockReading { now: self.0.of_packets(wall()), bound_s: 0.0, delivery_s: 0.0 })
+        Some(ClockReading { now: self.0.of_packets(self.1.now()?), bound_s: 0.0, delivery_s: 0.0 })
     }
 }
 
 /// The grid of a rig with depth; what speaks against it is said.
-fn ground_grid(options: &Options, found: &Found, faults: &Faults) -> Option<GroundGrid> {
+fn ground_grid(options: &Options, found: &Found, stood_m: f64, faults: &Faults) -> Option<GroundGrid> {
     let depth = found.rig.depth.as_ref()?;
     let body_from_cam0 = found.rig.cameras.first()?.body_from_camera;
     let base_from_depth = found.base_from_camera * body_from_cam0.inverse() * depth.body_from_depth;
-    let made = GroundGrid::new(depth, base_from_depth, options.grid_range_m);
+    let made = GroundGrid::new(depth, base_from_depth, options.grid_range_m, stood_m);
     made.inspect_err(|why| faults.say(Severity::Warn, why)).ok()
-}
-
-fn wall() -> Stamp {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    Stamp(i64::try_from(now.as_nanos()).unwrap_or(i64::MAX))
-}
-
-fn median_and_max(values: &[f64]) -> Option<[f64; 2]> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    Some([*sorted.get(sorted.len() / 2)?, *sorted.last()?])
 }

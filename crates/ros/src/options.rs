@@ -106,6 +106,9 @@ pub struct Options {
     /// Longest range of the occupancy grid, in metres (only with depth images).
     #[arg(long, value_name = "M", default_value_t = 5.0)]
     pub grid_range_m: f64,
+    /// Radius of the robot, in metres: plans keep this far from what is in the grid.
+    #[arg(long, value_name = "M", default_value_t = 0.25)]
+    pub robot_radius_m: f64,
 
     /// Name of the node.
     #[arg(long, default_value = "cairn")]
@@ -119,7 +122,7 @@ pub struct Options {
     /// Domain [default: $ROS_DOMAIN_ID, else 0].
     #[arg(long, value_name = "NUMBER")]
     pub domain: Option<u16>,
-    /// Time is that of the messages' stamps: for bags that are played and for simulators.
+    /// Time is that of /clock, or without it that of the messages' stamps: for bags that are played and for simulators.
     #[arg(long)]
     pub use_sim_time: bool,
     /// Asks for pictures to be sent again where they were lost: for drivers whose topics are reliable, over networks that
@@ -196,6 +199,9 @@ impl Options {
         }
         if !(self.grid_range_m.is_finite() && self.grid_range_m > 0.1) {
             return Err(wrong("--grid-range-m wants a range in metres".into()));
+        }
+        if !(self.robot_radius_m > 0.0 && self.robot_radius_m < 5.0) {
+            return Err(wrong("--robot-radius-m wants a radius below 5 metres".into()));
         }
         Ok(())
     }
@@ -388,7 +394,7 @@ mod tests {
         {
             assert!(options(line).is_err(), "{line}");
         }
-        assert!(options("--pair-within-ms nan").is_err());
+        assert!(options("--pair-within-ms nan").is_err() && options("--robot-radius-m nan").is_err());
         let base =
             options("--base-from-camera 0.1 0 0.2 -0.5 0.5 -0.5 0.5").unwrap().given_base_from_camera();
         assert!((base.unwrap().translation.z - 0.2).abs() < 1e-12);

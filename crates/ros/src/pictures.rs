@@ -29,7 +29,7 @@ impl Picture {
     pub fn gray(&self) -> Result<GrayImage, String> {
         match self {
             Self::Raw(image) => raw(image).gray().map_err(|e| e.to_string()),
-            Self::File(image) => decode_gray(&image.data),
+            Self::File(image) => decode_gray(&image.data).map_err(|e| e.to_string()),
         }
     }
 
@@ -44,7 +44,7 @@ impl Picture {
                 let header = cairn_bag::Header { stamp_ns: 0, frame_id: String::new() };
                 let message =
                     cairn_bag::CompressedImage { header, format: image.format.clone(), data: &image.data };
-                decode_depth(message.file().map_err(|e| e.to_string())?)
+                decode_depth(message.file().map_err(|e| e.to_string())?).map_err(|e| e.to_string())
             }
         }
     }

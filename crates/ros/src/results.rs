@@ -1,14 +1,16 @@
 //! From poses and maps to messages.
 
-use crate::frames::{FrameTree, Tracked, Transforms};
+use crate::frames::{FrameTree, Tracked, Transforms, UNKNOWN};
 use crate::messages::{
-    DiagnosticArray, DiagnosticStatus, Header, KeyValue, Odometry, Path, PointCloud2, PointField, Pose,
-    PoseStamped, PoseWithCovariance, TFMessage, TransformStamped, Twist, TwistWithCovariance, Vector3,
+    Covariance6, DiagnosticArray, DiagnosticStatus, Header, KeyValue, Odometry, Path, PointCloud2,
+    PointField, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped, TFMessage, TransformStamped,
+    Twist, TwistWithCovariance, Vector3,
 };
 use cairn::atlas::MapId;
 use cairn::geometry::{Camera, Pose as Framed, Se3, Vec3, World};
 use cairn::session::anchor_in_map;
 use cairn::{Map, Output, Slam, Stamp};
+use nalgebra::Matrix6;
 
 /// Names of the frames of REP 105.
 #[derive(Clone, Debug)]
@@ -34,6 +36,7 @@ pub fn tracked(output: &Output, gravity_aligned: bool) -> Option<Tracked> {
         scale: odometry.world_from_odom.sim3.scale,
         metric: output.metric,
         gravity_aligned,
+        covariance: output.covariance.unwrap_or_else(|| Matrix6::identity() * UNKNOWN),
     })
 }
 
@@ -51,11 +54,14 @@ pub fn tf(stamp: Stamp, names: &FrameNames, transforms: &Transforms, with_base: 
     TFMessage { transforms: out }
 }
 
-/// The pose in the odometry frame, with the velocity since the frame before (`dt_s` ago). Covariances are not estimated:
-/// they are 0, which says "unknown".
+/// The pose in the odometry frame, with the velocity since the frame before (`dt_s` ago) and the covariances of both.
 pub fn odometry(stamp: Stamp, names: &FrameNames, transforms: &Transforms, dt_s: f64) -> Odometry {
-    let rate = if dt_s > 1e-6 { 1.0 / dt_s } else { 0.0 };
-    let motion = transforms.motion.unwrap_or_else(Se3::identity);
+    let rate = 1.0 / dt_s;
+    let (motion, covariance) = match transforms.motion {
+        Some(motion) if rate.is_finite() => (motion, transforms.motion_covariance * rate * rate),
+        _ => (Se3::identity(), Matrix6::identity() * UNKNOWN),
+    };
+    let rate = if rate.is_finite() { rate } else { 0.0 };
     let twist = Twist {
         linear: Vector3::from(motion.translation * rate),
         angular: Vector3::from(motion.rotation.log() * rate),
@@ -63,15 +69,25 @@ pub fn odometry(stamp: Stamp, names: &FrameNames, transforms: &Transforms, dt_s:
     Odometry {
         header: Header::new(stamp, &names.odom),
         child_frame_id: names.base.clone(),
-        pose: PoseWithCovariance { pose: (&transforms.odom_from_base).into(), ..Default::default() },
-        twist: TwistWithCovariance { twist, ..Default::default() },
+        pose: with_covariance(&transforms.odom_from_base, &transforms.odom_covariance),
+        twist: TwistWithCovariance { twist, covariance: rows(&covariance) },
     }
 }
 
 /// The pose in the map.
-pub fn pose(stamp: Stamp, names: &FrameNames, transforms: &Transforms) -> PoseStamped {
+pub fn pose(stamp: Stamp, names: &FrameNames, transforms: &Transforms) -> PoseWithCovarianceStamped {
     let map_from_base = transforms.map_from_odom * transforms.odom_from_base;
-    PoseStamped { header: Header::new(stamp, &names.map), pose: Pose::from(&map_from_base) }
+    let pose = with_covariance(&map_from_base, &transforms.map_covariance);
+    PoseWithCovarianceStamped { header: Header::new(stamp, &names.map), pose }
+}
+
+fn with_covariance(pose: &Se3, covariance: &Matrix6<f64>) -> PoseWithCovariance {
+    PoseWithCovariance { pose: pose.into(), covariance: rows(covariance) }
+}
+
+/// Row by row.
+fn rows(covariance: &Matrix6<f64>) -> Covariance6 {
+    covariance.transpose().data.0
 }
 
 /// The key frames of a map in order of time, with all its corrections so far: as many poses as the map has key frames.
@@ -110,6 +126,13 @@ pub fn route(stamp: Stamp, names: &FrameNames, slam: &Slam, id: MapId, tree: &Fr
     });
     let poses = poses.collect();
     Some(Path { header, poses })
+}
+
+/// The path to a goal; empty where there is none.
+pub fn plan(stamp: Stamp, names: &FrameNames, path: &[Se3]) -> Path {
+    let header = Header::new(stamp, &names.map);
+    let poses = path.iter().map(|pose| PoseStamped { header: header.clone(), pose: pose.into() });
+    Path { poses: poses.collect(), header }
 }
 
 /// The landmarks of a map.

@@ -2,14 +2,16 @@
 
 use crate::assemble::{Assembler, Clock};
 use crate::faults::Faults;
+use crate::messages::PoseStamped;
 use crate::network::{Incoming, Service};
 use crate::setup::{Found, Setup};
+use crate::time::Time;
 use cairn::sensor::SkipKind;
 use cairn::session::Inbox;
 use ros2_client::RmwRequestId;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How often the setup is looked at while no message comes.
@@ -19,8 +21,25 @@ const BASE_WAIT: Duration = Duration::from_secs(2);
 /// How often it is said what is waited for.
 const REMIND: Duration = Duration::from_secs(5);
 
-/// Calls of services that wait for their answer.
-pub type Calls = Arc<Mutex<VecDeque<(Service, RmwRequestId)>>>;
+/// What the node was asked for and has not dealt with.
+#[derive(Default)]
+pub struct Asked {
+    /// Calls of services that wait for their answer.
+    pub calls: VecDeque<(Service, RmwRequestId)>,
+    /// The newest goal.
+    pub goal: Option<PoseStamped>,
+}
+
+/// The same for the worker and the node.
+#[derive(Clone, Default)]
+pub struct Requests(Arc<Mutex<Asked>>);
+
+impl Requests {
+    /// All so far, or what came since.
+    pub fn lock(&self) -> MutexGuard<'_, Asked> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
 
 /// What the worker tells while the node is set up.
 pub enum Told {
@@ -38,8 +57,10 @@ pub struct Worker {
     pub messages: Receiver<Incoming>,
     /// Where packets go.
     pub inbox: Arc<Inbox>,
-    /// Where calls of services go.
-    pub calls: Calls,
+    /// Where calls of services and goals go.
+    pub requests: Requests,
+    /// The present time.
+    pub time: Time,
     /// What is lost or refused.
     pub faults: Faults,
     /// What pictures of one instant differ by at most, seconds.
@@ -102,8 +123,10 @@ impl Worker {
     fn other(&self, incoming: Incoming) {
         match incoming {
             Incoming::Asked(service, id) => {
-                self.calls.lock().unwrap_or_else(PoisonError::into_inner).push_back((service, id));
+                self.requests.lock().calls.push_back((service, id));
             }
+            Incoming::Goal(goal) => self.requests.lock().goal = Some(goal),
+            Incoming::Clock(clock) => self.time.set(clock.clock.stamp()),
             Incoming::Unreadable(topic, why) => {
                 self.faults.count(SkipKind::Other, &format!("{topic}: a message cannot be read"), &why);
             }

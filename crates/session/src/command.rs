@@ -1,7 +1,7 @@
 //! The commands of a session, the same everywhere: keys on a terminal or the page, lines for screen readers and
 //! scripts.
 
-use crate::settings::{self, Setting};
+use crate::settings::{self, Setting, SettingError};
 use cairn_guide::{Facing, Side};
 use cairn_phrases::Language;
 use std::path::PathBuf;
@@ -62,6 +62,40 @@ pub enum Command {
     Set(Setting),
     /// End the session.
     Quit,
+}
+
+/// Why a line is not a command; the text is for the user.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum CommandError {
+    /// Nothing is written there.
+    #[error("an empty line is not a command")]
+    Empty,
+    /// There is no such command.
+    #[error("\"{0}\" is not a command; {help}", help = help(Language::English))]
+    Unknown(String),
+    /// Words follow that the command does not take.
+    #[error("unexpected \"{word}\" after \"{after}\"")]
+    Unexpected {
+        /// The first of them.
+        word: String,
+        /// The command.
+        after: String,
+    },
+    /// A route is to be named, and how is not written.
+    #[error("a name is missing: write rename 3 to the kitchen")]
+    NoName,
+    /// Where a route's number must be.
+    #[error("\"{0}\" is not the number of a route")]
+    NotANumber(String),
+    /// "take" without "me".
+    #[error("write take me to the name of a place, or take me to hear which there are")]
+    TakeMe,
+    /// A way of guidance that does not exist.
+    #[error("guide {0}: write guide home, back or backwards, and again")]
+    Guide(String),
+    /// A setting that does not exist, or its value.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
 }
 
 /// A key that gives a command.
@@ -127,10 +161,10 @@ impl Command {
     /// Parses a line: one of those that [`help`] lists, or a single key.
     ///
     /// # Errors
-    /// What is wrong with the line, for the user.
-    pub fn parse(line: &str) -> Result<Self, String> {
+    /// What is wrong with the line.
+    pub fn parse(line: &str) -> Result<Self, CommandError> {
         let mut words = line.split_whitespace();
-        let first = words.next().ok_or("an empty line is not a command")?.to_lowercase();
+        let first = words.next().ok_or(CommandError::Empty)?.to_lowercase();
         let rest: Vec<&str> = words.collect();
         let command = match first.as_str() {
             "record" => Self::Record,
@@ -154,14 +188,18 @@ impl Command {
             one => {
                 let mut letters = one.chars();
                 let key = letters.next().filter(|_| letters.next().is_none()).and_then(Self::of_key);
-                key.ok_or_else(|| format!("\"{one}\" is not a command; {}", help(Language::English)))?
+                key.ok_or_else(|| CommandError::Unknown(one.to_owned()))?
             }
         };
         match rest.first() {
             None => Ok(command),
-            Some(word) => Err(format!("unexpected \"{word}\" after \"{first}\"")),
+            Some(word) => Err(unexpected(word, &first)),
         }
     }
+}
+
+fn unexpected(word: &str, after: &str) -> CommandError {
+    CommandError::Unexpected { word: word.to_owned(), after: after.to_owned() }
 }
 
 /// What follows the first word of a line.
@@ -177,35 +215,35 @@ fn which(text: &str) -> Which {
     }
 }
 
-fn rename(text: &str) -> Result<Command, String> {
+fn rename(text: &str) -> Result<Command, CommandError> {
     let numbered = text.split_once(char::is_whitespace).and_then(|(n, name)| Some((n.parse().ok()?, name)));
     let (number, name) = match numbered {
         Some((number, name)) => (Some(number), name.trim()),
         None => (None, text),
     };
     match name.is_empty() || number.is_none() && name.parse::<u32>().is_ok() {
-        true => Err("a name is missing: write rename 3 to the kitchen".into()),
+        true => Err(CommandError::NoName),
         false => Ok(Command::Rename(number, name.to_owned())),
     }
 }
 
-fn delete(words: &[&str]) -> Result<Command, String> {
+fn delete(words: &[&str]) -> Result<Command, CommandError> {
     match words {
         [] => Ok(Command::Delete(None)),
         [number] => {
-            let number = number.parse().map_err(|_| format!("\"{number}\" is not the number of a route"))?;
+            let number = number.parse().map_err(|_| CommandError::NotANumber((*number).to_owned()))?;
             Ok(Command::Delete(Some(number)))
         }
-        [_, more, ..] => Err(format!("unexpected \"{more}\" after \"delete\"")),
+        [_, more, ..] => Err(unexpected(more, "delete")),
     }
 }
 
 /// "take me to the kitchen" and "take me kitchen"; "take me" alone asks for the places.
-fn take_me(text: &str) -> Result<Command, String> {
+fn take_me(text: &str) -> Result<Command, CommandError> {
     let (me, to) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     match me.eq_ignore_ascii_case("me") {
         true => Ok(Command::TakeMe(to.trim().to_owned())),
-        false => Err("write take me to the name of a place, or take me to hear which there are".into()),
+        false => Err(CommandError::TakeMe),
     }
 }
 
@@ -229,7 +267,7 @@ fn note(text: &str) -> Command {
     Command::Note { text: text.to_owned(), side: None }
 }
 
-fn guide(words: &[&str]) -> Result<Command, String> {
+fn guide(words: &[&str]) -> Result<Command, CommandError> {
     let (mut facing, mut again) = (None, false);
     for word in words {
         match word.to_lowercase().as_str() {
@@ -237,7 +275,7 @@ fn guide(words: &[&str]) -> Result<Command, String> {
             "back" => facing = Some(Facing::Back),
             "backwards" => facing = Some(Facing::Backwards),
             "again" => again = true,
-            other => return Err(format!("guide {other}: write guide home, back or backwards, and again")),
+            other => return Err(CommandError::Guide(other.to_owned())),
         }
     }
     Ok(Command::Guide { facing, again })

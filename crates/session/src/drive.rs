@@ -3,6 +3,7 @@
 use crate::command::Command;
 use crate::event::Event;
 use crate::inbox::{Inbox, Item};
+use crate::refused::Refused;
 use crate::script::Script;
 use crate::session::Session;
 use crate::slam::{NotTracked, Slam};
@@ -27,7 +28,7 @@ pub trait Observer<S = Engine> {
     ) {
     }
     /// A command was carried out, or the reason why it was not.
-    fn on_command(&mut self, _session: &Session<S>, _command: &Command, _done: &Result<String, String>) {}
+    fn on_command(&mut self, _session: &Session<S>, _command: &Command, _done: &Result<String, Refused>) {}
     /// Called after every packet and about twenty times a second.
     fn on_step(&mut self, _session: &mut Session<S>) {}
     /// Commands that have arrived meanwhile, for callers that drive without an inbox.

@@ -11,8 +11,8 @@ use cairn_guide::{
     Anchor, Announcer, AnnouncerConfig, Confidence, Facing, Ground, GuideState, PhraseConfig, Route,
     RouteConfig, RouteHeader, RoutePoint, Side, Stretch, Travel, camera_pose, wrap,
 };
+use cairn_random::Random;
 use cairn_sensor::Stamp;
-use cairn_solve::ransac::Rng;
 use cairn_tracking::{Tracker, TrackerConfig};
 use cairn_trial::{Walker, side_of};
 
@@ -34,9 +34,8 @@ fn path(step: f64, leg_m: f64) -> Vec<Se3> {
 /// Points on both sides of the corridor.
 fn corridor() -> World {
     let mut world = World::around(stereo(), 71);
-    let mut rng = Rng::new(72);
-    let mut within =
-        move |low: f64, high: f64| low + (high - low) * f64::from(rng.below(1 << 24)) / f64::from(1 << 24);
+    let mut random = Random::new(72);
+    let mut within = |low, high| random.uniform(low, high);
     for point in &mut world.points {
         *point = loop {
             let p = Vec3::new(within(-4.0, 34.0), within(-7.0, 27.0), within(0.0, 3.0));

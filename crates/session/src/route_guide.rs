@@ -8,6 +8,7 @@ use crate::event::Event;
 use crate::guidance::Guiding;
 use crate::place::Place;
 use crate::reference_path::is_reachable;
+use crate::refused::Refused;
 use crate::speech::{Clock, Speech};
 use cairn_atlas::Snapshot;
 use cairn_geometry::Odom;
@@ -125,13 +126,13 @@ impl RouteGuide {
     /// A frame was tracked at `stamp`; without a place its pose is not known.
     ///
     /// # Errors
-    /// In words, why the route cannot be walked.
+    /// Why the route cannot be walked.
     pub fn tracked(
         &mut self,
         map: &Snapshot,
         stamp: Stamp,
         place: Option<&TrackedPlace>,
-    ) -> Result<(), String> {
+    ) -> Result<(), Refused> {
         self.confidence = place.map_or(Confidence::Lost, |p| p.confidence);
         self.metric = place.map_or(self.metric, |p| p.metric);
         self.place = place.map(TrackedPlace::place).or(self.place);
@@ -142,11 +143,11 @@ impl RouteGuide {
     ///
     /// # Errors
     /// As [`RouteGuide::tracked`].
-    pub fn tick(&mut self, map: &Snapshot, now: Stamp, hazard: Option<StopReason>) -> Result<(), String> {
+    pub fn tick(&mut self, map: &Snapshot, now: Stamp, hazard: Option<StopReason>) -> Result<(), Refused> {
         self.step(map, now, hazard)
     }
 
-    fn step(&mut self, map: &Snapshot, now: Stamp, hazard: Option<StopReason>) -> Result<(), String> {
+    fn step(&mut self, map: &Snapshot, now: Stamp, hazard: Option<StopReason>) -> Result<(), Refused> {
         self.began.get_or_insert(now);
         self.now = self.now.max(now);
         if let Some(place) = self.place.filter(|_| !self.arrived) {
@@ -160,7 +161,7 @@ impl RouteGuide {
         Ok(())
     }
 
-    fn guide(&mut self, map: &Snapshot, place: &Place, hazard: Option<StopReason>) -> Result<(), String> {
+    fn guide(&mut self, map: &Snapshot, place: &Place, hazard: Option<StopReason>) -> Result<(), Refused> {
         if self.guiding.is_none() && is_reachable(map, &self.route, place.anchor) {
             let begun = Guiding::begin(
                 map,
@@ -171,7 +172,7 @@ impl RouteGuide {
                 self.now,
                 &self.config,
             );
-            self.guiding = Some(begun.map_err(|why| self.speech.text(why.id()))?);
+            self.guiding = Some(begun.map_err(|why| self.speech.refuse(why.id()))?);
         }
         let Some(guiding) = &mut self.guiding else { return Ok(()) };
         let elsewhere =

@@ -8,6 +8,7 @@ use crate::disk::OwnDisk;
 use crate::place::Place;
 use crate::recording::{About, Recording};
 use crate::route_guide::TrackedPlace;
+use crate::session::NotSaved;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Pose, Se3};
 use cairn_guide::{
@@ -102,10 +103,10 @@ impl RouteRecorder {
     /// Ends the recording: how many points it has.
     ///
     /// # Errors
-    /// Why the file does not hold all of them.
-    pub fn finish(self) -> Result<usize, String> {
+    /// [`NotSaved::Route`] when the file does not hold all of them.
+    pub fn finish(self) -> Result<usize, NotSaved> {
         let (route, _, whole) = self.recording.finish();
         let points = route.points.len();
-        whole.map(|()| points).map_err(|e| format!("{e}; {points} points were recorded"))
+        whole.map(|()| points).map_err(|e| NotSaved::Route(format!("{e}; {points} points were recorded")))
     }
 }

@@ -112,7 +112,7 @@ fn step(line: &str) -> Result<(When, Command), String> {
         "arrived" => When::Arrived,
         other => return Err(format!("\"{other}\" is not a condition: write at, near, tracked or arrived")),
     };
-    Ok((when, Command::parse(rest)?))
+    Ok((when, Command::parse(rest).map_err(|e| e.to_string())?))
 }
 
 #[cfg(test)]

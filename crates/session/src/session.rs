@@ -25,7 +25,7 @@ use crate::place::Place;
 use crate::recording::{Recording, tracked};
 use crate::slam::{NotTracked, Slam};
 use crate::speech::{Clock, Speech};
-use crate::status::Status;
+use crate::status::SessionStatus;
 use crate::way_ahead::WayAhead;
 use cairn_engine::{Engine, Output, Scale, record_input};
 use cairn_geometry::Vec3;
@@ -109,14 +109,14 @@ pub struct Session<S = Engine> {
     /// What is known of the lens, and what was told of it last.
     lens: Option<LensKnowledge>,
     lens_told: Option<LensKnowledge>,
-    status: Status,
+    status: SessionStatus,
 }
 
 impl<S: Slam> Session<S> {
     /// A session on a new engine (or one that has loaded its map).
     pub fn new(engine: S, config: SessionConfig) -> Self {
         let speech = Speech::new(config.phrases, config.announcer);
-        let status = Status { metric: engine.is_metric(), ..Status::default() };
+        let status = SessionStatus { metric: engine.is_metric(), ..SessionStatus::default() };
         let folder = RouteFolder::new(&config.folder);
         Self {
             engine,
@@ -350,7 +350,7 @@ impl<S: Slam> Session<S> {
         self.guiding = None;
         let recorded = self.close_recording();
         let kept = self.keeper.as_mut().map_or(Ok(()), |keeper| keeper.end(&self.engine));
-        recorded.map_err(NotSaved::Route)?;
+        recorded?;
         kept.map_err(NotSaved::Map)
     }
 
@@ -396,10 +396,11 @@ mod tests {
         session.command(&Command::parse("set language de").unwrap()).unwrap();
         session.command(&Command::parse("set speed 90").unwrap()).unwrap();
         assert!(session.events().is_empty() && session.language() == Language::German);
-        let answer = session.command(&Command::parse("guide").unwrap()).unwrap_err();
+        let refused = session.command(&Command::parse("guide").unwrap()).unwrap_err();
+        assert_eq!(refused.id, "walk-no-route");
         let Some(Event::Said(said)) = session.events().pop() else { panic!("nothing was said") };
         assert_eq!(said.text, "Es gibt noch keine Route. Erst eine aufnehmen oder laden.");
-        assert_eq!((said.text, said.language), (answer, Language::German));
+        assert_eq!((said.text, said.language), (refused.words, Language::German));
         assert_eq!(session.status().words, "Ich warte auf das erste Bild der Kamera.");
     }
 }

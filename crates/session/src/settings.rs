@@ -1,7 +1,7 @@
 //! How Cairn speaks to this walker: settings that the command line, the page and lines of text change alike.
 
 use cairn_guide::{DirectionStyle, Unit};
-use cairn_phrases::Language;
+use cairn_phrases::{Language, UnknownLanguage};
 
 /// A setting and its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,14 +24,35 @@ pub const STEPS_M: [f64; 2] = [0.2, 1.2];
 /// The range of the speed of a voice, words a minute.
 pub const WORDS_PER_MINUTE: [f64; 2] = [80.0, 360.0];
 
+/// Why words are not a setting; the text is for the user.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SettingError {
+    /// There is no such setting.
+    #[error("\"set {0}\" is not a setting; write {FORMS}")]
+    Unknown(String),
+    /// There are no sentences in the language.
+    #[error(transparent)]
+    Language(#[from] UnknownLanguage),
+    /// Not a number of its range.
+    #[error("\"{text}\" is not a number from {low} to {high}")]
+    Number {
+        /// What was written.
+        text: String,
+        /// The smallest that is taken.
+        low: f64,
+        /// The greatest.
+        high: f64,
+    },
+}
+
 impl Setting {
     /// Parses "language de", "unit steps 0.65", "directions clock" or "speed 200".
     ///
     /// # Errors
-    /// What is wrong with the words, for the user.
-    pub fn parse(words: &[&str]) -> Result<Self, String> {
+    /// What is wrong with the words.
+    pub fn parse(words: &[&str]) -> Result<Self, SettingError> {
         Ok(match words {
-            ["language", code] => Self::Language(code.parse().map_err(|e| format!("{e}"))?),
+            ["language", code] => Self::Language(code.parse()?),
             ["unit", "metres"] => Self::Unit(Unit::Metres),
             ["unit", "feet"] => Self::Unit(Unit::Feet),
             ["unit", "steps"] => Self::Unit(Unit::Steps(STEP_M)),
@@ -40,7 +61,7 @@ impl Setting {
             ["directions", "clock"] => Self::Directions(DirectionStyle::Clock),
             ["directions", "degrees"] => Self::Directions(DirectionStyle::Degrees),
             ["speed", words] => Self::WordsPerMinute(number(words, WORDS_PER_MINUTE)?),
-            _ => return Err(format!("\"set {}\" is not a setting; write {FORMS}", words.join(" "))),
+            _ => return Err(SettingError::Unknown(words.join(" "))),
         })
     }
 }
@@ -49,10 +70,10 @@ impl Setting {
 pub(crate) const FORMS: &str = "set language en|es|de, set unit metres|feet|steps [METRES], set directions \
                                 words|clock|degrees, set speed WORDS_PER_MINUTE";
 
-fn number(text: &str, [low, high]: [f64; 2]) -> Result<f64, String> {
+fn number(text: &str, [low, high]: [f64; 2]) -> Result<f64, SettingError> {
     match text.parse::<f64>() {
         Ok(v) if (low..=high).contains(&v) => Ok(v),
-        _ => Err(format!("\"{text}\" is not a number from {low} to {high}")),
+        _ => Err(SettingError::Number { text: text.to_owned(), low, high }),
     }
 }
 

@@ -51,6 +51,11 @@ pub trait Slam {
     /// The status after the last packet.
     fn status(&self) -> &Status;
 
+    /// Whether poses come from what the camera sees: then a route is ready only where it will see landmarks.
+    fn is_visual(&self) -> bool {
+        true
+    }
+
     /// The latest map with its provenance, for saving.
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile;
 
@@ -121,6 +126,10 @@ impl<S: Slam + ?Sized> Slam for Box<S> {
 
     fn status(&self) -> &Status {
         (**self).status()
+    }
+
+    fn is_visual(&self) -> bool {
+        (**self).is_visual()
     }
 
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {

@@ -3,6 +3,7 @@
 use crate::age::Ages;
 use crate::event::{Event, Said, Sound, rank, turn_of};
 use crate::place::Place;
+use crate::refused::Refused;
 use crate::settings::Setting;
 use cairn_guide::{Announcer, AnnouncerConfig, Cue, CueKind, PhraseConfig, Priority};
 use cairn_phrases::Language;
@@ -66,6 +67,16 @@ impl Speech {
 
     pub(crate) fn text(&self, id: &str) -> String {
         self.language().text(id)
+    }
+
+    /// The refusal of a command by a sentence.
+    pub(crate) fn refuse(&self, id: &'static str) -> Refused {
+        Refused::new(self.language(), id, &[])
+    }
+
+    /// The same with a reason in the sentence.
+    pub(crate) fn refuse_because(&self, id: &'static str, why: impl ToString) -> Refused {
+        Refused::new(self.language(), id, &[("why", (&why.to_string()).into())])
     }
 
     /// A sentence with a reason in it.

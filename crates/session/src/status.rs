@@ -7,7 +7,7 @@ use serde::Serialize;
 
 /// The status.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Status {
+pub struct SessionStatus {
     /// Seconds since the first packet.
     pub t_s: f64,
     /// The engine's phase; WAIT_FRAMES also when images no longer arrive.

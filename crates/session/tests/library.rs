@@ -114,7 +114,7 @@ impl Walk {
     fn ask(&mut self, line: &str) -> Result<String, String> {
         let done = self.session.command(&Command::parse(line).unwrap());
         self.hear();
-        done
+        done.map_err(|why| why.words)
     }
 
     /// What was said since the last call, line by line.

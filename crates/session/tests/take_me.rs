@@ -26,7 +26,9 @@ fn a_walker_is_taken_back_to_the_start_of_a_recorded_route() {
     let mut rig = LiveRig::new(&config).unwrap();
     let motion = config.walker.motion(&rig.world().routes()[0].points.clone());
 
-    let ask = |session: &mut Session, line: &str| session.command(&Command::parse(line).unwrap());
+    let ask = |session: &mut Session, line: &str| {
+        session.command(&Command::parse(line).unwrap()).map_err(|why| why.words)
+    };
     assert!(ask(&mut session, "take me").unwrap().contains("no route was recorded"));
     assert!(ask(&mut session, "take me to the kitchen").unwrap_err().contains("no route was recorded"));
     session.command(&Command::Record).unwrap();
@@ -110,7 +112,7 @@ fn a_place_that_is_not_recognised_is_not_guided_from() {
     // Another day: before the first image nothing is known of the place; then it is recognised, and the way is taken.
     let mut session = open();
     let to_start = Command::TakeMe("1 start".into());
-    assert_eq!(session.command(&to_start).unwrap_err(), "I do not know yet where you are.");
+    assert_eq!(session.command(&to_start).unwrap_err().words, "I do not know yet where you are.");
     walk(&mut session, 60..75, 100.0);
     let going = session.command(&to_start).unwrap();
     assert!(going.starts_with("Going to the start of route 1, "), "{going}");

@@ -112,7 +112,7 @@ impl Walk {
     fn ask(&mut self, line: &str) -> Result<String, String> {
         let done = self.session.command(&Command::parse(line).unwrap());
         self.hear();
-        done
+        done.map_err(|why| why.words)
     }
 
     /// When an utterance with this beginning was first given after a time.

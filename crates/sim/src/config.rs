@@ -2,7 +2,7 @@
 
 use crate::effects::Effects;
 use crate::walk::{ImuConfig, ImuTroubles, Walker};
-use crate::world::{WorldKind, WorldOptions};
+use crate::world::{UnknownWorld, WorldKind, WorldOptions};
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthSensor, ImuNoise, Rig, RigCamera, SourceError, Stamp};
 use std::path::PathBuf;
@@ -134,7 +134,8 @@ impl SimConfig {
             return Err(fail("does not begin with \"sim:\"".into(), "write sim:WORLD?key=value&...".into()));
         };
         let (name, query) = rest.split_once('?').unwrap_or((rest, ""));
-        let world: WorldKind = name.parse().map_err(|e| fail(e, "choose one of them".into()))?;
+        let world: WorldKind =
+            name.parse().map_err(|e: UnknownWorld| fail(e.to_string(), "choose one of them".into()))?;
         let mut config = Self::new(world, 1);
         for pair in query.split('&').filter(|p| !p.is_empty()) {
             let Some((key, value)) = pair.split_once('=') else {

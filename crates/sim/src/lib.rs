@@ -24,5 +24,5 @@ pub use source::SimSource;
 pub use walk::{
     Agreement, BodyState, ImuConfig, ImuTroubles, Motion, Stride, Walker, read_readings, read_tum,
 };
-pub use world::{Figure, NamedRoute, Passer, Thing, World, WorldKind, WorldOptions};
+pub use world::{Figure, NamedRoute, Passer, Thing, UnknownWorld, World, WorldKind, WorldOptions};
 pub use write::{write_euroc, write_tum};

@@ -81,7 +81,7 @@ impl BagReader {
     pub fn gray(&mut self, topic: usize, entry: &Entry) -> Result<GrayImage, String> {
         self.picture(topic, entry, |picture| match picture {
             Picture::Raw(image) => image.gray().map_err(|e| e.to_string()),
-            Picture::File(image) => decode::gray_in(image.data),
+            Picture::File(image) => decode::gray_in(image.data).map_err(|e| e.to_string()),
         })
     }
 
@@ -89,7 +89,10 @@ impl BagReader {
     pub fn depth(&mut self, topic: usize, entry: &Entry) -> Result<DepthImage, String> {
         self.picture(topic, entry, |picture| match picture {
             Picture::Raw(image) => image.depth().map_err(|e| e.to_string()),
-            Picture::File(image) => decode::depth_in(image.file().map_err(|e| e.to_string())?),
+            Picture::File(image) => {
+                let file = image.file().map_err(|e| e.to_string())?;
+                decode::depth_in(file).map_err(|e| e.to_string())
+            }
         })
     }
 
@@ -97,7 +100,10 @@ impl BagReader {
     pub fn size(&mut self, topic: usize, entry: &Entry) -> Result<[usize; 2], String> {
         self.picture(topic, entry, |picture| match picture {
             Picture::Raw(image) => Ok([image.width as usize, image.height as usize]),
-            Picture::File(image) => decode::size_in(image.file().map_err(|e| e.to_string())?),
+            Picture::File(image) => {
+                let file = image.file().map_err(|e| e.to_string())?;
+                decode::size_in(file).map_err(|e| e.to_string())
+            }
         })
     }
 

@@ -18,24 +18,66 @@ const MAX_PIXELS: usize = 64 << 20;
 /// Largest image file, bytes.
 const MAX_BYTES: u64 = 512 * cairn_files::MIB;
 
+/// Why an image could not be read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ImageError {
+    /// The file cannot be read.
+    #[error(transparent)]
+    Read(#[from] std::io::Error),
+    /// Not a file of a kind that holds such an image.
+    #[error("{0}")]
+    Kind(&'static str),
+    /// A depth image of other samples than 16 bits.
+    #[error("depth must be 16-bit gray, this PNG has {channels} channel(s) of {bits} bits")]
+    NotDepth {
+        /// Samples of a pixel.
+        channels: usize,
+        /// Bits of each.
+        bits: usize,
+    },
+    /// No pixels, or more than are read.
+    #[error("{0}x{1} pixels is not a supported image size")]
+    Size(usize, usize),
+    /// What the decoder says of damaged data.
+    #[error("{0}")]
+    Damaged(String),
+    /// The same of a file with this name.
+    #[error("{name}: {why}")]
+    InFile {
+        /// Its name.
+        name: String,
+        /// What is wrong with it.
+        why: Box<ImageError>,
+    },
+}
+
+fn jpeg_error(e: impl std::fmt::Display) -> ImageError {
+    ImageError::Damaged(format!("JPEG: {e}"))
+}
+
+fn png_error(e: impl std::fmt::Display) -> ImageError {
+    ImageError::Damaged(format!("PNG: {e}"))
+}
+
 /// Luminance of an image file.
 ///
 /// # Errors
 ///
-/// A description when the file cannot be read or decoded.
-pub fn gray(path: &Path) -> Result<GrayImage, String> {
+/// [`ImageError`] when the file cannot be read or decoded.
+pub fn gray(path: &Path) -> Result<GrayImage, ImageError> {
     in_file(path, gray_of)
 }
 
 /// Luminance of a JPEG or PNG in memory; a panic of the decoder becomes an error.
 ///
 /// # Errors
-/// A description when it cannot be decoded.
-pub fn gray_in(bytes: &[u8]) -> Result<GrayImage, String> {
+/// [`ImageError`] when it cannot be decoded.
+pub fn gray_in(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     guarded(|| gray_of(bytes))
 }
 
-fn gray_of(bytes: &[u8]) -> Result<GrayImage, String> {
+fn gray_of(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
         Kind::Png => png_gray(bytes),
@@ -43,53 +85,52 @@ fn gray_of(bytes: &[u8]) -> Result<GrayImage, String> {
 }
 
 /// Luminance of a JPEG in memory, as a phone's page sends it; a panic of the decoder becomes an error.
-pub fn gray_jpeg(bytes: &[u8]) -> Result<GrayImage, String> {
+pub fn gray_jpeg(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     guarded(|| match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
-        Kind::Png => Err("not a JPEG".into()),
+        Kind::Png => Err(ImageError::Kind("not a JPEG")),
     })
 }
 
-/// A depth image in the file's own units, or a description of the error.
-pub fn depth(path: &Path) -> Result<DepthImage, String> {
+/// A depth image in the file's own units.
+pub fn depth(path: &Path) -> Result<DepthImage, ImageError> {
     in_file(path, depth_of)
 }
 
 /// A depth image in memory.
 ///
 /// # Errors
-/// A description when it cannot be decoded.
-pub fn depth_in(bytes: &[u8]) -> Result<DepthImage, String> {
+/// [`ImageError`] when it cannot be decoded.
+pub fn depth_in(bytes: &[u8]) -> Result<DepthImage, ImageError> {
     guarded(|| depth_of(bytes))
 }
 
-fn depth_of(bytes: &[u8]) -> Result<DepthImage, String> {
+fn depth_of(bytes: &[u8]) -> Result<DepthImage, ImageError> {
     match kind(bytes)? {
-        Kind::Jpeg => Err("a JPEG cannot store 16-bit depth".into()),
+        Kind::Jpeg => Err(ImageError::Kind("a JPEG cannot store 16-bit depth")),
         Kind::Png => png_depth(bytes),
     }
 }
 
 /// Width and height from the file's header.
-pub fn size(path: &Path) -> Result<[usize; 2], String> {
+pub fn size(path: &Path) -> Result<[usize; 2], ImageError> {
     in_file(path, size_of)
 }
 
 /// Width and height of a file in memory.
-pub fn size_in(bytes: &[u8]) -> Result<[usize; 2], String> {
+pub fn size_in(bytes: &[u8]) -> Result<[usize; 2], ImageError> {
     guarded(|| size_of(bytes))
 }
 
-fn size_of(bytes: &[u8]) -> Result<[usize; 2], String> {
+fn size_of(bytes: &[u8]) -> Result<[usize; 2], ImageError> {
     match kind(bytes)? {
         Kind::Jpeg => {
             let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), jpeg_options());
-            decoder.decode_headers().map_err(|e| format!("JPEG: {e}"))?;
-            decoder.dimensions().map(|(w, h)| [w, h]).ok_or_else(|| "JPEG without a size".into())
+            decoder.decode_headers().map_err(jpeg_error)?;
+            decoder.dimensions().map(|(w, h)| [w, h]).ok_or_else(|| jpeg_error("no size is stated"))
         }
         Kind::Png => {
-            let reader =
-                png::Decoder::new(Cursor::new(bytes)).read_info().map_err(|e| format!("PNG: {e}"))?;
+            let reader = png::Decoder::new(Cursor::new(bytes)).read_info().map_err(png_error)?;
             let info = reader.info();
             Ok([info.width as usize, info.height as usize])
         }
@@ -101,45 +142,47 @@ enum Kind {
     Png,
 }
 
-fn kind(bytes: &[u8]) -> Result<Kind, String> {
+fn kind(bytes: &[u8]) -> Result<Kind, ImageError> {
     match bytes {
         [0xff, 0xd8, 0xff, ..] => Ok(Kind::Jpeg),
         [0x89, b'P', b'N', b'G', ..] => Ok(Kind::Png),
-        [] => Err("the file is empty".into()),
-        _ => Err("neither JPEG nor PNG".into()),
+        [] => Err(ImageError::Kind("the file is empty")),
+        _ => Err(ImageError::Kind("neither JPEG nor PNG")),
     }
 }
 
 /// Reads the file and decodes it.
-fn in_file<T>(path: &Path, decode: impl Fn(&[u8]) -> Result<T, String>) -> Result<T, String> {
+fn in_file<T>(path: &Path, decode: impl Fn(&[u8]) -> Result<T, ImageError>) -> Result<T, ImageError> {
     let name = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
-    let bytes = cairn_files::read(path, MAX_BYTES).map_err(|e| format!("{name}: {e}"))?;
-    guarded(|| decode(&bytes)).map_err(|e| format!("{name}: {e}"))
+    let read = cairn_files::read(path, MAX_BYTES).map_err(ImageError::from);
+    let decoded = read.and_then(|bytes| guarded(|| decode(&bytes)));
+    decoded.map_err(|why| ImageError::InFile { name: name.into_owned(), why: Box::new(why) })
 }
 
 /// A panic of a decoder on broken data becomes an error.
-fn guarded<T>(decode: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+fn guarded<T>(decode: impl FnOnce() -> Result<T, ImageError>) -> Result<T, ImageError> {
     let decoded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode));
-    decoded.unwrap_or_else(|_| Err("the decoder failed".into()))
+    decoded.unwrap_or_else(|_| Err(ImageError::Damaged("the decoder failed".into())))
 }
 
 fn jpeg_options() -> DecoderOptions {
     DecoderOptions::default().jpeg_set_out_colorspace(ColorSpace::Luma)
 }
 
-fn jpeg_gray(bytes: &[u8]) -> Result<GrayImage, String> {
+fn jpeg_gray(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     // The decoder fills in missing data; coded data never contains an end marker, so its absence reveals
     // truncation.
     let end = bytes.windows(2).rposition(|w| w == [0xff, 0xd9]);
     if end.is_none_or(|at| at < bytes.len() / 2) {
-        return Err("JPEG: truncated (no end marker)".into());
+        return Err(jpeg_error("truncated (no end marker)"));
     }
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), jpeg_options());
-    decoder.decode_headers().map_err(|e| format!("JPEG: {e}"))?;
-    let (w, h) = decoder.dimensions().ok_or("JPEG without a size")?;
+    decoder.decode_headers().map_err(jpeg_error)?;
+    let (w, h) = decoder.dimensions().ok_or_else(|| jpeg_error("no size is stated"))?;
     check_size(w, h)?;
-    let pixels = decoder.decode().map_err(|e| format!("JPEG: {e}"))?;
-    GrayImage::from_vec(w, h, pixels).ok_or_else(|| format!("JPEG: {w}x{h} expected, other length decoded"))
+    let pixels = decoder.decode().map_err(jpeg_error)?;
+    GrayImage::from_vec(w, h, pixels)
+        .ok_or_else(|| jpeg_error(format!("{w}x{h} expected, other length decoded")))
 }
 
 /// Pixels of a PNG as transformed samples: 8 or 16 bits big-endian, `channels` per pixel.
@@ -151,15 +194,14 @@ struct Raw {
     data: Vec<u8>,
 }
 
-fn png_raw(bytes: &[u8]) -> Result<Raw, String> {
-    let text = |e: png::DecodingError| format!("PNG: {e}");
+fn png_raw(bytes: &[u8]) -> Result<Raw, ImageError> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::EXPAND);
-    let mut reader = decoder.read_info().map_err(text)?;
+    let mut reader = decoder.read_info().map_err(png_error)?;
     check_size(reader.info().width as usize, reader.info().height as usize)?;
-    let length = reader.output_buffer_size().ok_or("PNG: too large")?;
+    let length = reader.output_buffer_size().ok_or_else(|| png_error("too large"))?;
     let mut data = vec![0; length];
-    let info = reader.next_frame(&mut data).map_err(text)?;
+    let info = reader.next_frame(&mut data).map_err(png_error)?;
     data.truncate(info.buffer_size());
     let channels = match info.color_type {
         ColorType::Grayscale | ColorType::Indexed => 1,
@@ -171,7 +213,7 @@ fn png_raw(bytes: &[u8]) -> Result<Raw, String> {
     Ok(Raw { width: info.width as usize, height: info.height as usize, channels, bytes_per_sample, data })
 }
 
-fn png_gray(bytes: &[u8]) -> Result<GrayImage, String> {
+fn png_gray(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     let raw = png_raw(bytes)?;
     let step = raw.channels * raw.bytes_per_sample;
     let s = raw.bytes_per_sample; // the high byte of each sample comes first
@@ -180,29 +222,25 @@ fn png_gray(bytes: &[u8]) -> Result<GrayImage, String> {
         (1 | 2, _) => raw.data.chunks_exact(step).map(|p| p[0]).collect(),
         _ => raw.data.chunks_exact(step).map(|p| luminance(p[0], p[s], p[2 * s])).collect(),
     };
-    GrayImage::from_vec(raw.width, raw.height, data).ok_or_else(|| "PNG: rows are missing".into())
+    GrayImage::from_vec(raw.width, raw.height, data).ok_or_else(|| png_error("rows are missing"))
 }
 
-fn png_depth(bytes: &[u8]) -> Result<DepthImage, String> {
+fn png_depth(bytes: &[u8]) -> Result<DepthImage, ImageError> {
     let raw = png_raw(bytes)?;
     if raw.channels != 1 || raw.bytes_per_sample != 2 {
-        return Err(format!(
-            "depth must be 16-bit gray, this PNG has {} channel(s) of {} bits",
-            raw.channels,
-            8 * raw.bytes_per_sample
-        ));
+        return Err(ImageError::NotDepth { channels: raw.channels, bits: 8 * raw.bytes_per_sample });
     }
     let data = raw.data.chunks_exact(2).map(|p| u16::from_be_bytes([p[0], p[1]])).collect();
-    DepthImage::from_vec(raw.width, raw.height, data).ok_or_else(|| "PNG: rows are missing".into())
+    DepthImage::from_vec(raw.width, raw.height, data).ok_or_else(|| png_error("rows are missing"))
 }
 
 fn luminance(r: u8, g: u8, b: u8) -> u8 {
     ((u32::from(r) * 19595 + u32::from(g) * 38470 + u32::from(b) * 7471 + 32768) >> 16) as u8
 }
 
-fn check_size(w: usize, h: usize) -> Result<(), String> {
+fn check_size(w: usize, h: usize) -> Result<(), ImageError> {
     if w == 0 || h == 0 || w.saturating_mul(h) > MAX_PIXELS {
-        return Err(format!("{w}x{h} pixels is not a supported image size"));
+        return Err(ImageError::Size(w, h));
     }
     Ok(())
 }

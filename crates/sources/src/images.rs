@@ -40,7 +40,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         (None, Some(path)) => (rig::read_rig(path)?, None),
         (None, None) => {
             let [width, height] = files.iter().find_map(|path| decode::size(path).ok()).ok_or_else(|| {
-                let why = decode::size(first).err().unwrap_or_default();
+                let why = decode::size(first).err().map(|e| e.to_string()).unwrap_or_default();
                 SourceError::new(
                     &shown,
                     format!("not a single image can be read ({why})"),

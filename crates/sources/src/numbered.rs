@@ -36,7 +36,7 @@ pub fn image_size(folder: &Path, camera: usize) -> Result<[usize; 2], String> {
     for file in files {
         match decode::size(&file.path) {
             Ok(size) => return Ok(size),
-            Err(e) => problem = e,
+            Err(e) => problem = e.to_string(),
         }
     }
     Err(problem)

@@ -169,7 +169,7 @@ impl Player {
         let mut images = Vec::with_capacity(instant.images.len());
         for (at, c) in instant.images.iter().zip(&self.rig.cameras) {
             let image = match (at, &mut self.bag) {
-                (ImageAt::File(path), _) => decode::gray(path)?,
+                (ImageAt::File(path), _) => decode::gray(path).map_err(text)?,
                 (ImageAt::Message(topic, entry), Some(bag)) => bag.gray(*topic, entry)?,
                 (ImageAt::Message(..), None) => return Err(NO_BAG.into()),
             };
@@ -179,7 +179,7 @@ impl Player {
         let depth = match (&instant.depth, &self.rig.depth) {
             (Some(at), Some(sensor)) => {
                 let mut image = match (at, &mut self.bag) {
-                    (ImageAt::File(path), _) => decode::depth(path)?,
+                    (ImageAt::File(path), _) => decode::depth(path).map_err(text)?,
                     (ImageAt::Message(topic, entry), Some(bag)) => bag.depth(*topic, entry)?,
                     (ImageAt::Message(..), None) => return Err(NO_BAG.into()),
                 };
@@ -228,12 +228,16 @@ impl Source for Player {
     }
 }
 
+fn text(e: decode::ImageError) -> String {
+    e.to_string()
+}
+
 const NO_BAG: &str = "the bag of this message is not open";
 
 /// Width and height of an image.
 fn size(at: &ImageAt, bag: &mut Option<BagReader>) -> Result<[usize; 2], String> {
     match (at, bag) {
-        (ImageAt::File(path), _) => decode::size(path),
+        (ImageAt::File(path), _) => decode::size(path).map_err(text),
         (ImageAt::Message(topic, entry), Some(bag)) => bag.size(*topic, entry),
         (ImageAt::Message(..), None) => Err(NO_BAG.into()),
     }

@@ -5,7 +5,7 @@ mod bags;
 
 use bags::{
     Info, Message, Temporary, camera_info, compressed, float32, image, imu, mcap, rosbag1, tf_static,
-    transform,
+    transform, truth,
 };
 use cairn_geometry::Vec3;
 use cairn_sensor::{Distortion, FramePacket, Rig, Source, SourceError};
@@ -104,6 +104,48 @@ fn a_stereo_pair_with_imu_is_found_by_its_types() {
         let z: Vec<f64> = packets.iter().flat_map(|p| &p.imu).map(|s| s.gyro.z).collect();
         assert!(z.windows(2).all(|w| w[1] == w[0] + 1.0), "{name}: a sample is missing or twice");
     }
+}
+
+/// Poses by another system, in each type that is read; the order of writing does not matter, and what is none is counted.
+#[test]
+fn poses_of_a_named_topic_are_the_truth() {
+    let at = |i: i64| [0.1 * i as f64, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8];
+    for kind in [
+        "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "geometry_msgs/msg/TransformStamped",
+        "nav_msgs/msg/Odometry",
+    ] {
+        for ros1 in [true, false] {
+            let mut messages = stereo(ros1);
+            for i in [3, 0, 1, 2] {
+                messages.push(truth(ros1, "/vicon/body", kind, T0 + i * STEP, at(i)));
+            }
+            messages.push(truth(ros1, "/vicon/body", kind, T0 + 4 * STEP, [0.0; 7]));
+            let bytes = if ros1 { rosbag1(&messages, "", 20) } else { mcap(&messages, "cdr", "", 20) };
+            let file = Temporary::new(&format!("truth-{}-{ros1}", kind.len()), &bytes);
+            let (source, packets) = play(&file, named(&["truth=/vicon/body"])).unwrap();
+            assert_eq!(packets.len(), 10, "{kind}: the sensors are found as before");
+            let found = &source.info().truth;
+            assert_eq!(found.len(), 4, "{kind}");
+            for (i, (stamp, pose)) in (0..).zip(found) {
+                assert_eq!(stamp.0, T0 + i * STEP, "{kind}");
+                assert_eq!(pose.translation, Vec3::new(0.1 * i as f64, 2.0, 3.0), "{kind}");
+                assert!((pose.rotation.log().z - 2.0 * 0.6f64.atan2(0.8)).abs() < 1e-9, "{kind}");
+            }
+            assert!(
+                source.skipped().iter().any(|s| s.contains("quaternion")),
+                "{kind}: {:?}",
+                source.skipped()
+            );
+            let (without, _) = play(&file, OpenOptions::default()).unwrap();
+            assert!(without.info().truth.is_empty(), "{kind}: nobody asked");
+        }
+    }
+    let nowhere = refused(&stereo(false), named(&["truth=/nowhere"]), "truth-nowhere.mcap");
+    assert!(nowhere.contains("no messages on \"/nowhere\""), "{nowhere}");
+    let images = refused(&stereo(false), named(&["truth=/stereo/left/image_raw"]), "truth-images.mcap");
+    assert!(images.contains("is no pose that is read"), "{images}");
 }
 
 /// A bag whose topics were written one after the other, and whose chunks are not in order, gives the same packets.

@@ -1,6 +1,7 @@
 //! Peers that share what they published: whatever the network does, all have the same in the end, and nothing is
 //! believed that its robot did not sign.
 
+use cairn_random::Random;
 use cairn_team::peer::{
     BLOCK_BYTES, Complaints, Identity, MAX_PEER_MESSAGE_BYTES, MAX_WORDS_PART_BYTES, Outgoing, Peer, TeamKey,
     To, Wanted,
@@ -372,7 +373,7 @@ fn loss_delay_a_minute_apart_garbage_replays_and_a_claimed_number_cost_nothing()
     for version in 0..9 {
         liar.publish(&map(7, version, 5000)).unwrap();
     }
-    let (mut complaints, mut said, mut noise) = (Complaints::default(), Vec::new(), 1u64);
+    let (mut complaints, mut said, mut noise) = (Complaints::default(), Vec::new(), Random::new(1));
     let mut played: Vec<Arc<Vec<u8>>> = Vec::new();
     let mut most = 0;
     for second in 0..90 {
@@ -385,10 +386,7 @@ fn loss_delay_a_minute_apart_garbage_replays_and_a_claimed_number_cost_nothing()
         for robot in robots {
             let peer = team.peers.get_mut(&robot).unwrap();
             let own = peer.tick();
-            let garbage = (0..200).map(|_| {
-                noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                (noise >> 56) as u8
-            });
+            let garbage = (0..200).map(|_| noise.below(256) as u8);
             let mut attack = vec![Arc::new(garbage.collect::<Vec<u8>>())];
             attack.extend(liar.receive(&own[0].bytes).into_iter().flatten().map(|m| m.bytes));
             attack.extend(played.iter().filter(|_| robot == 3).cloned());

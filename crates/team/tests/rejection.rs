@@ -1,30 +1,16 @@
 //! Loops that are wrong by construction, among robots with known ground truth: none of them is accepted.
 
 use cairn_geometry::{LieGroup, Manifold, Se3, So3};
+use cairn_random::Random;
 use cairn_solve::Loss;
 use cairn_solve::graph::PoseGraph;
-use cairn_solve::ransac::Rng;
 use cairn_team::{Exchange, JudgeConfig, LoopId, Measurement, NetworkConfig, PoseId, RobotGraph, RobotId};
 use nalgebra::{SMatrix, SVector};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Random numbers.
-struct Dice(Rng);
-
-impl Dice {
-    fn roll(&mut self) -> f64 {
-        f64::from(self.0.next_u32()) / 2f64.powi(32)
-    }
-    /// A normally distributed number (Box and Muller 1958).
-    fn normal(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.roll()).ln()).sqrt() * (std::f64::consts::TAU * self.roll()).cos()
-    }
-    fn noise(&mut self) -> SVector<f64, 6> {
-        SVector::from_fn(|k, _| self.normal() * if k < 3 { 0.05 } else { 0.01 })
-    }
-    fn below(&mut self, n: usize) -> usize {
-        self.0.below(n as u32) as usize
-    }
+/// Noise of a measurement.
+fn noise(dice: &mut Random) -> SVector<f64, 6> {
+    SVector::from_fn(|k, _| dice.standard_normal() * if k < 3 { 0.05 } else { 0.01 })
 }
 
 fn information() -> SMatrix<f64, 6, 6> {
@@ -51,13 +37,16 @@ fn team(
     shares: bool,
     seed: u64,
 ) -> (Vec<RobotGraph<Se3, 6>>, BTreeSet<LoopId>) {
-    let mut dice = Dice(Rng::new(seed));
+    let mut dice = Random::new(seed);
     let mut ways: Vec<Vec<Se3>> = Vec::new();
     for r in 0..robots {
         let mut way = vec![Se3::new(So3::exp(&[0.0, 0.0, r as f64].into()), [r as f64, 0.0, 0.0].into())];
         for k in 1..STEPS {
-            let turn = 0.3 * (k as f64 * 0.11 + r as f64).sin() + 0.1 * dice.normal();
-            let step = Se3::new(So3::exp(&[0.0, 0.0, turn].into()), [0.5, 0.0, 0.02 * dice.normal()].into());
+            let turn = 0.3 * (k as f64 * 0.11 + r as f64).sin() + 0.1 * dice.standard_normal();
+            let step = Se3::new(
+                So3::exp(&[0.0, 0.0, turn].into()),
+                [0.5, 0.0, 0.02 * dice.standard_normal()].into(),
+            );
             way.push(way[k - 1] * step);
         }
         ways.push(way);
@@ -70,7 +59,7 @@ fn team(
         let mut pose = Se3::identity();
         graphs[r].poses.insert(0, pose);
         for k in 1..STEPS {
-            let a_from_b = (way[k - 1].inverse() * way[k]).retract(&dice.noise());
+            let a_from_b = (way[k - 1].inverse() * way[k]).retract(&noise(&mut dice));
             pose = pose * a_from_b;
             graphs[r].poses.insert(k as u32, pose);
             let (a, b) = (id(r, k - 1), id(r, k));
@@ -84,7 +73,7 @@ fn team(
             let right = if shares { 14 } else { 0 };
             for _ in 0..right {
                 let (a, b) = (dice.below(STEPS), dice.below(STEPS));
-                let measured = (ways[s][a].inverse() * ways[r][b]).retract(&dice.noise());
+                let measured = (ways[s][a].inverse() * ways[r][b]).retract(&noise(&mut dice));
                 if seen.insert((a, b)) {
                     add(&mut graphs, id(s, a), id(r, b), measured);
                 }
@@ -94,8 +83,12 @@ fn team(
             while left > 0 {
                 let (a, b) = (dice.below(STEPS - 8), dice.below(STEPS - 8));
                 let offset = Se3::new(
-                    So3::exp(&[dice.normal(), dice.normal(), 2.0 * dice.normal()].into()),
-                    [6.0 * dice.normal(), 6.0 * dice.normal(), dice.normal()].into(),
+                    So3::exp(
+                        &[dice.standard_normal(), dice.standard_normal(), 2.0 * dice.standard_normal()]
+                            .into(),
+                    ),
+                    [6.0 * dice.standard_normal(), 6.0 * dice.standard_normal(), dice.standard_normal()]
+                        .into(),
                 );
                 let run = match kind {
                     Wrong::Scattered => 1,
@@ -104,7 +97,8 @@ fn team(
                 for k in 0..run {
                     // What would be measured if the second robot were somewhere else.
                     let there = ways[s][a].compose(&offset) * ways[r][b].inverse();
-                    let measured = (ways[s][a + k].inverse() * there * ways[r][b + k]).retract(&dice.noise());
+                    let measured =
+                        (ways[s][a + k].inverse() * there * ways[r][b + k]).retract(&noise(&mut dice));
                     if seen.insert((a + k, b + k)) {
                         add(&mut graphs, id(s, a + k), id(r, b + k), measured);
                         false_ones.insert((id(s, a + k), id(r, b + k)));

@@ -1,10 +1,10 @@
 //! The inertial filter on synthetic maps: what it says of its own uncertainty while the readings carry the pose.
 
 use crate::imu::InertialFilter;
-use crate::state::{AnchoredPose, Last, anchored_at};
-use crate::synthetic::{World, pose, sideways, stereo};
-use crate::tests::tracker;
-use crate::{State, Tracked};
+use crate::state::{AnchoredPose, Last, State, anchored_at};
+use crate::synthetic::{FEATURES, RATE_HZ, World, pose, sideways, stereo};
+use crate::tests::tracker as new_tracker;
+use crate::{Tracked, Tracker, TrackerConfig};
 use cairn_atlas::{Atlas, Change, InertialState, KeyFrame, KeyFrameId, MapId};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
@@ -127,6 +127,217 @@ fn a_place_found_again_after_seconds_does_not_keep_the_speed_to_which_readings_a
     assert!(off < 0.1 && off < 3.0 * next.position_sigma(), "{off} m +- {}", next.position_sigma());
 }
 
+/// A gravity-aligned map whose newest key frame, at 2 s, mapping has adjusted; a filter with readings of four seconds from
+/// there, which has begun from it; and that key frame.
+fn begun(readings: &[ImuSample]) -> (World, Atlas, InertialFilter, KeyFrameId) {
+    let world = World::around(stereo(), 31);
+    let (mut atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up(), ..Sim3::identity() })]);
+    let id = atlas.latest().next_key_frame_id();
+    atlas.commit(key_frame(&world, &atlas, id, 2.0));
+    let mut filter = filter();
+    filter.take(readings, atlas.latest());
+    filter.refresh(atlas.latest());
+    (world, atlas, filter, id)
+}
+
+/// The rotation that makes z point up.
+fn up() -> So3 {
+    So3::exp(&(Vec3::x() * -FRAC_PI_2))
+}
+
+fn truth(t: f64) -> Se3 {
+    Se3::new(up(), Vec3::zeros()) * at(t)
+}
+
+fn seconds(t: f64) -> Stamp {
+    Stamp::from_seconds(t)
+}
+
+#[test]
+fn moved_is_the_motion_since_the_last_frame_and_since_no_other() {
+    let (_, _, filter, _) = begun(&readings(2.0, 6.0));
+    let moved = filter.moved(seconds(2.0), seconds(2.5)).expect("readings");
+    assert!((moved.translation - Vec3::x() * 0.5 * SPEED).norm() < 1e-3, "{moved:?}");
+    assert!(filter.moved(seconds(2.1), seconds(2.5)).is_none());
+    assert!(filter.moved(seconds(2.0), seconds(9.0)).is_none(), "no readings");
+}
+
+#[test]
+fn a_key_frame_adjusted_since_tells_the_speed_of_a_frame_tracked_after_it() {
+    let sigma_after = |is_adjusted: bool| {
+        let (world, mut atlas, mut filter, id) = begun(&readings(2.0, 6.0));
+        // Tracked without a prediction: the speed is not known.
+        let anchored = anchored_at(atlas.latest(), id, truth(2.5)).unwrap();
+        let known = nalgebra::SMatrix::<f64, 6, 6>::identity() * 1e5;
+        filter.update(atlas.latest(), seconds(2.5), &anchored, None, &known);
+        if is_adjusted {
+            let id = atlas.latest().next_key_frame_id();
+            atlas.commit(key_frame(&world, &atlas, id, 2.4));
+        }
+        filter.refresh(atlas.latest());
+        filter.predict(seconds(3.0)).unwrap().position_sigma()
+    };
+    let (known, unknown) = (sigma_after(true), sigma_after(false));
+    assert!(known < 0.1 && unknown > 0.3, "{known} m, {unknown} m");
+}
+
+#[test]
+fn on_the_spot_takes_a_speed_that_is_not_known_to_zero() {
+    let (_, atlas, mut filter, id) = begun(&readings(2.0, 6.0));
+    let predicted = filter.predict(seconds(2.5)).unwrap();
+    assert!((predicted.velocity.norm() - SPEED).abs() < 0.01);
+    let anchored = anchored_at(atlas.latest(), id, truth(2.5)).unwrap();
+    let known = nalgebra::SMatrix::<f64, 6, 6>::identity() * 1e5;
+    filter.update(atlas.latest(), seconds(2.5), &anchored, None, &known);
+    let unsure = filter.predict(seconds(2.6)).unwrap();
+    let held = InertialFilter::on_the_spot(&unsure).expect("a state");
+    assert!(held.velocity.norm() < 0.2 * unsure.velocity.norm(), "{} m/s", held.velocity.norm());
+}
+
+#[test]
+fn carried_s_counts_seconds_without_a_pose_but_not_where_the_camera_is_held_or_rests() {
+    let coasted = |is_held: bool| {
+        let (_, atlas, mut filter, id) = begun(&readings(2.0, 6.0));
+        for n in 1..=10 {
+            let now = seconds(2.0 + 0.1 * f64::from(n));
+            let predicted = filter.predict(now).unwrap();
+            let anchored = anchored_at(atlas.latest(), id, predicted.world_from_camera).unwrap();
+            filter.coast(now, &anchored, predicted, is_held);
+        }
+        let carried = filter.carried_s(seconds(3.1));
+        let anchored = anchored_at(atlas.latest(), id, truth(3.1)).unwrap();
+        let known = nalgebra::SMatrix::<f64, 6, 6>::identity() * 1e5;
+        let predicted = filter.predict(seconds(3.1));
+        filter.update(atlas.latest(), seconds(3.1), &anchored, predicted.as_ref(), &known);
+        assert!(filter.carried_s(seconds(3.1)) < 1e-9, "tracked again");
+        carried
+    };
+    let (carried, held) = (coasted(false), coasted(true));
+    assert!((carried - 1.1).abs() < 1e-6 && (held - 0.1).abs() < 1e-6, "{carried} s, {held} s");
+}
+
+#[test]
+fn is_stationary_where_the_readings_rest_and_the_estimate_does() {
+    let stands = |shaken: f64, tracked_before: bool| {
+        let shake = |(n, s): (usize, ImuSample)| {
+            let side = if n % 2 == 0 { shaken } else { -shaken };
+            ImuSample { accel: s.accel + Vec3::z() * side, gyro: Vec3::x() * 0.2 * side, ..s }
+        };
+        let samples: Vec<ImuSample> = readings(2.0, 6.0).into_iter().enumerate().map(shake).collect();
+        let (_, atlas, mut filter, id) = begun(&samples);
+        let predicted = tracked_before.then(|| filter.predict(seconds(3.0)).unwrap());
+        if !tracked_before {
+            filter.forget();
+        }
+        let anchored = anchored_at(atlas.latest(), id, truth(3.0)).unwrap();
+        let known = nalgebra::SMatrix::<f64, 6, 6>::identity() * 1e5;
+        filter.update(atlas.latest(), seconds(3.0), &anchored, predicted.as_ref(), &known);
+        filter.is_stationary(seconds(3.0))
+    };
+    assert!(stands(0.0, false));
+    assert!(!stands(1.0, false), "it is shaken");
+    assert!(!stands(0.0, true), "at constant speed the readings rest too");
+}
+
+#[test]
+fn forget_leaves_nothing_to_predict_from() {
+    let (_, _, mut filter, _) = begun(&readings(2.0, 6.0));
+    assert!(filter.predict(seconds(2.5)).is_some());
+    filter.forget();
+    assert!(filter.predict(seconds(2.5)).is_none());
+}
+
+#[test]
+fn rotations_are_wanted_for_a_while_and_go_with_the_next_segment() {
+    let (_, _, mut filter, _) = begun(&readings(2.0, 6.0));
+    assert!(filter.wants_rotations(seconds(2.0)));
+    filter.add_rotation(seconds(2.0), up());
+    assert_eq!(filter.take_segment(seconds(2.1)).turns, [(seconds(2.0), up())]);
+    assert!(filter.take_segment(seconds(2.2)).turns.is_empty());
+    assert!(filter.wants_rotations(seconds(17.0)) && !filter.wants_rotations(seconds(19.0)));
+}
+
+#[test]
+fn take_segment_has_the_readings_since_the_last_one_or_since_the_map_was_created() {
+    let (_, atlas, mut filter, id) = begun(&readings(2.0, 6.0));
+    assert_eq!(filter.seconds_since_request(seconds(3.0)), None);
+    filter.map_created(atlas.latest().key_frame(id).expect("there"));
+    assert!(filter.predict(seconds(2.5)).is_none(), "it begins anew");
+    filter.refresh(atlas.latest());
+    assert!(filter.predict(seconds(2.5)).is_some());
+    let ends = |s: &[ImuSample]| [s[0].stamp, s[s.len() - 1].stamp];
+    let segment = filter.take_segment(seconds(3.0));
+    assert_eq!(ends(&segment.samples), [seconds(2.0), seconds(3.0)]);
+    assert!((segment.velocity - Vec3::x() * SPEED).norm() < 0.01, "{:?}", segment.velocity);
+    // y of the camera points down.
+    assert!((segment.up.expect("readings") + Vec3::y()).norm() < 1e-6);
+    assert_eq!(ends(&filter.take_segment(seconds(3.5)).samples), [seconds(3.0), seconds(3.5)]);
+    assert!(filter.seconds_since_request(seconds(3.9)).is_some_and(|s| (s - 0.4).abs() < 1e-9));
+    assert_eq!(filter.seconds_since_request(seconds(8.0)), None, "the sensor has fallen silent");
+}
+
+#[test]
+fn turning_is_the_angular_velocity_about_an_instant() {
+    let turning = |s: ImuSample| ImuSample { gyro: Vec3::new(0.1, -0.4, 0.2), ..s };
+    let samples: Vec<ImuSample> = readings(2.0, 3.0).into_iter().map(turning).collect();
+    let (_, _, filter, _) = begun(&samples);
+    let found = filter.turning(seconds(2.5)).expect("readings");
+    assert!((found - Vec3::new(0.1, -0.4, 0.2)).norm() < 1e-9, "{found:?}");
+    assert!(filter.turning(seconds(4.0)).is_none());
+}
+
+/// A tracker with the IMU at the end of the walk, whose view goes dark: the states that follow, frame by frame, and how far off
+/// the pose is at each.
+fn into_the_dark(coast_s: f64) -> Vec<(State, Option<f64>)> {
+    let (world, atlas, _, id) = begun(&[]);
+    let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
+    let config = TrackerConfig { coast_s, ..TrackerConfig::default() };
+    let mut tracker =
+        Tracker::new(world.camera, FEATURES, RATE_HZ, config).with_imu(&sensor, Se3::identity(), 5.0);
+    tracker.map_created(atlas.latest(), id);
+    let dark = World::empty(stereo());
+    let mut states = Vec::new();
+    for n in 1..=40 {
+        let t = 2.0 + 0.05 * f64::from(n);
+        let seen = if n <= 10 { &world } else { &dark };
+        let samples = readings(t - 0.05, t);
+        let samples = if n == 1 { &samples[..] } else { &samples[1..] };
+        let tracked = tracker.step(seen.see(&at(t), t).frame, samples, atlas.latest(), true, true);
+        let metres = tracked.pose.map(|p| (p.world_from_camera.translation - truth(t).translation).norm());
+        states.push((tracked.state, metres));
+    }
+    states
+}
+
+#[test]
+fn a_dark_view_is_carried_by_the_readings_for_as_long_as_they_may() {
+    let states = into_the_dark(6.0);
+    assert!(states[..10].iter().all(|(s, m)| *s == State::Tracking && m.unwrap() < 2e-3), "{states:?}");
+    let coasts = |(s, m): &(State, Option<f64>)| matches!(s, State::Coasting { .. }) && m.unwrap() < 0.05;
+    assert!(states[10..].iter().all(coasts), "{states:?}");
+    let states = into_the_dark(0.6);
+    assert!(states[10..20].iter().all(coasts), "{states:?}");
+    assert!(!states[30..].iter().any(coasts), "{states:?}");
+}
+
+#[test]
+fn up_is_told_by_an_imu_in_a_map_that_is_aligned_with_gravity() {
+    let (world, atlas, _, id) = begun(&[]);
+    let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
+    let tracker = || Tracker::new(world.camera, FEATURES, RATE_HZ, TrackerConfig::default());
+    let up_after = |mut tracker: Tracker| {
+        tracker.map_created(atlas.latest(), id);
+        let view = world.see(&at(2.05), 2.05);
+        tracker.step(view.frame, &readings(2.0, 2.1), atlas.latest(), true, true);
+        tracker.up(seconds(2.1))
+    };
+    // y of the camera points down.
+    let up = up_after(tracker().with_imu(&sensor, Se3::identity(), 5.0)).expect("a direction");
+    assert!((up + Vec3::y()).norm() < 0.01, "{up:?}");
+    assert_eq!(up_after(tracker()), None);
+}
+
 /// A sensor whose stated noise hides a gentle start: a walker who has stood sets out with 0.6 m/s^2.
 #[test]
 fn one_who_sets_out_gently_is_not_held_where_he_stood() {
@@ -197,7 +408,7 @@ fn after_a_turn(off_m: f64, is_old: bool) -> (Tracked, f64) {
     atlas.commit(changes);
 
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
-    let mut tracker = tracker(world.camera).with_imu(&sensor, Se3::identity(), 5.0);
+    let mut tracker = new_tracker(world.camera).with_imu(&sensor, Se3::identity(), 5.0);
     tracker.map_created(atlas.latest(), id);
     let rate = PI / 2.0;
     let turning = |s: ImuSample| match s.stamp.seconds() {

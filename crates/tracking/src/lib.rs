@@ -2,6 +2,8 @@
 
 mod decide;
 mod dense;
+#[cfg(test)]
+mod dense_tests;
 mod imu;
 #[cfg(test)]
 mod imu_tests;

@@ -142,3 +142,29 @@ fn one_feature_each(landmarks: &mut [Option<LandmarkId>]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn id(n: usize) -> Option<LandmarkId> {
+        LandmarkId::from_index(n)
+    }
+
+    #[test]
+    fn drop_outliers_takes_landmarks_and_plain_points() {
+        let extra = vec![(3, Vec3::x()), (4, Vec3::y())];
+        let mut matches = Matches { landmarks: vec![id(7), id(8), None, None, None], extra };
+        matches.drop_outliers(&[1, 3]);
+        assert_eq!(matches.landmarks, [id(7), None, None, None, None]);
+        assert_eq!(matches.extra, [(4, Vec3::y())]);
+        assert_eq!(matches.count(), 2);
+    }
+
+    #[test]
+    fn one_feature_each_leaves_the_first_of_a_landmark() {
+        let mut landmarks = [id(3), None, id(5), id(3), id(5), id(4)];
+        one_feature_each(&mut landmarks);
+        assert_eq!(landmarks, [id(3), None, id(5), None, None, id(4)]);
+    }
+}

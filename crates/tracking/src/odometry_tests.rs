@@ -4,7 +4,7 @@ use crate::synthetic::{FEATURES, RATE_HZ, World, mono, off, pose, sideways, ster
 use crate::{MotionSource, Odometry, State, Tracked, Tracker, TrackerConfig};
 use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
-use cairn_solve::ransac::Rng;
+use cairn_random::Random;
 use cairn_vision::RectifiedCamera;
 
 const STEP_S: f64 = 1.0 / RATE_HZ;
@@ -199,8 +199,8 @@ fn a_merge_makes_no_step_in_odom() {
 fn no_correction_makes_a_step_in_odom() {
     // Property: random corrections, each moving landmarks up to 5 cm relative to the key frames, at random frames.
     for seed in 0..6 {
-        let mut rng = Rng::new(seed);
-        let mut unit = move || 2.0 * f64::from(rng.below(1 << 24)) / f64::from(1 << 24) - 1.0;
+        let mut random = Random::new(seed);
+        let mut unit = move || random.uniform(-1.0, 1.0);
         let mut walk = Walk::new(if seed % 2 == 0 { stereo() } else { mono() }, 50 + seed);
         let mut vector = |length: f64| Vec3::new(unit(), unit(), unit()) * length;
         let (mut corrections, mut jumped) = (0, 0);

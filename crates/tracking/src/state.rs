@@ -4,6 +4,7 @@ use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
+use nalgebra::Matrix6;
 use std::sync::Arc;
 
 /// The state of tracking, with the numbers behind it.
@@ -150,6 +151,10 @@ pub struct Tracked {
     pub state: State,
     /// The pose, when it is known.
     pub pose: Option<AnchoredPose>,
+    /// Covariance of `pose.world_from_camera` in its map: of the right perturbation, translation and rotation of the camera.
+    /// It is that of matches, IMU and measured motion; the landmarks count as exact, so what the map itself is off is not in
+    /// it. Zero where the frame began the map.
+    pub covariance: Option<Matrix6<f64>>,
     /// The evidence for it.
     pub evidence: Evidence,
     /// A request to mapping, when this frame should become a key frame or start a map.

@@ -1,9 +1,17 @@
-//! Runs robots with several seeds and prints a row for each: `robot [FIRST [COUNT]]`.
+//! Runs robots with several seeds and prints a row for each: `robot [FIRST [COUNT]] [--write]`. `--write` puts the row of each seed into
+//! the table of `docs/plan.md`, with the build it is of.
 
-use cairn_trial::robot::{RobotConfig, Trial};
+use cairn_trial::robot::{End, RobotConfig, Trial};
+use std::path::Path;
+use std::process::Command;
+
+/// The table on the page.
+const BEGIN: &str = "<!-- figures: robot -->";
+const END: &str = "<!-- end of figures -->";
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut arguments = std::env::args().skip(1).map(|a| a.parse::<u64>());
+    let write = std::env::args().any(|a| a == "--write");
+    let mut arguments = std::env::args().skip(1).filter(|a| !a.starts_with("--")).map(|a| a.parse::<u64>());
     let first = arguments.next().transpose()?.unwrap_or(1);
     let count = arguments.next().transpose()?.unwrap_or(1);
     for seed in first..first + count {
@@ -40,6 +48,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             end.plans,
             began.elapsed().as_secs_f64()
         );
+        if write {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/plan.md");
+            let page = with_row(&std::fs::read_to_string(&path)?, seed, &row(seed, &end)?)?;
+            std::fs::write(&path, page)?;
+        }
         if count == 1 {
             for (t, at, cells) in &end.targets {
                 println!("target {t:.1} {:.2} {:.2} {cells}", at.x, at.y);
@@ -77,4 +90,67 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     Ok(())
+}
+
+/// The row of a seed.
+fn row(seed: u64, end: &End) -> Result<String, std::io::Error> {
+    let git = ["-C", env!("CARGO_MANIFEST_DIR"), "rev-parse", "--short", "HEAD"];
+    let build = String::from_utf8_lossy(&Command::new("git").args(git).output()?.stdout).trim().to_owned();
+    let reached = end.goals.iter().filter(|g| g.reached).count();
+    let seconds: Vec<String> = end.goals.iter().map(|g| format!("{:.0}", g.seconds)).collect();
+    let missed = end.goals.iter().filter(|g| !g.reached).map(|g| {
+        let why = g.reason.as_deref().unwrap_or("");
+        format!(
+            "{}: {}, {:.2} m away{}{why}",
+            g.name,
+            g.state,
+            g.error_m,
+            if why.is_empty() { "" } else { ", " }
+        )
+    });
+    let again = end
+        .goals
+        .iter()
+        .filter(|g| g.reached && g.tries > 1)
+        .map(|g| format!("{} in its second try", g.name));
+    let touched = end.collisions.iter().map(|c| format!("touched a {:?} after {:.0} s", c.with, c.t_s));
+    let remarks: Vec<String> = missed.chain(again).chain(touched).collect();
+    let [wall_m, person_m] = end.clearance_m;
+    let [rms_m, max_m] = end.position_error_m;
+    Ok(format!(
+        "| {seed} | {reached} of {} | {wall_m:.2} / {person_m:.2} | {:.0} m | {rms_m:.3} / {max_m:.3} | {} / {} | {:.0} | {} | {} | {build} |",
+        end.goals.len(),
+        end.driven_m,
+        end.lost,
+        end.refused,
+        end.seconds,
+        seconds.join(", "),
+        remarks.join("; ")
+    ))
+}
+
+/// The page with the row of this seed, and the sums under the table.
+fn with_row(page: &str, seed: u64, row: &str) -> Result<String, Box<dyn std::error::Error>> {
+    let (before, rest) = page.split_once(BEGIN).ok_or("the page has no table of robots")?;
+    let (table, after) = rest.split_once(END).ok_or("the table of robots has no end")?;
+    let lines: Vec<&str> = table.lines().filter(|l| l.starts_with('|')).collect();
+    let number = |line: &str| {
+        line.trim_start_matches('|').split('|').next().and_then(|v| v.trim().parse::<u64>().ok())
+    };
+    let mut rows: Vec<(u64, &str)> = lines.iter().filter_map(|l| Some((number(l)?, *l))).collect();
+    rows.retain(|(of, _)| *of != seed);
+    rows.push((seed, row));
+    rows.sort_unstable();
+    let sum = |word: &str| rows.iter().filter(|(_, l)| l.contains(word)).count();
+    let rooms: usize = (1..=3).map(|n| n * sum(&format!("| {n} of 3 |"))).sum();
+    let sums = format!(
+        "{rooms} of {} rooms, all three in {} of {} apartments, something touched in {}.",
+        3 * rows.len(),
+        sum("| 3 of 3 |"),
+        rows.len(),
+        sum("touched a ")
+    );
+    let head: Vec<&str> = lines.iter().copied().filter(|l| number(l).is_none()).collect();
+    let body: Vec<&str> = rows.iter().map(|(_, l)| *l).collect();
+    Ok(format!("{before}{BEGIN}\n{}\n{}\n\n{sums}\n{END}{after}", head.join("\n"), body.join("\n")))
 }

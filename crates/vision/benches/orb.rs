@@ -107,11 +107,8 @@ fn time_distances() {
 
 /// Overlapping boxes of random brightness with noise: about as many corners as an indoor photograph.
 fn boxes(w: usize, h: usize) -> GrayImage {
-    let mut state = 1u64;
-    let mut below = |n: usize| {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 33) as usize % n
-    };
+    let mut random = cairn_random::Random::new(1);
+    let mut below = |n: usize| random.below(n);
     let mut image = GrayImage::new(w, h);
     for i in 0..600 {
         let side = if i < 60 { 120 } else { 30 };

@@ -110,20 +110,22 @@ fn triad(p: &[Vec3; 3]) -> Option<Mat3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
 
     #[test]
     fn true_pose_is_among_the_solutions() {
-        let mut rng = Rng::new(41);
+        let mut rng = Random::new(41);
         let mut missed = 0;
         for trial in 0..2000 {
-            let v = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+            let v = |rng: &mut Random, s: f64| {
+                Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * s
+            };
             let turn = v(&mut rng, 1.0);
             let truth = Se3::new(So3::exp(&turn), v(&mut rng, 3.0));
             let in_camera: [Vec3; 3] = std::array::from_fn(|_| {
                 // Every other set at a single depth, which makes the distances nearly equal.
-                let z = if trial % 2 == 0 { rng.range(1.0, 8.0) } else { 4.0 };
-                Vec3::new(rng.range(-0.7, 0.7), rng.range(-0.5, 0.5), 1.0) * z
+                let z = if trial % 2 == 0 { rng.uniform(1.0, 8.0) } else { 4.0 };
+                Vec3::new(rng.uniform(-0.7, 0.7), rng.uniform(-0.5, 0.5), 1.0) * z
             });
             let points = in_camera.map(|p| truth.inverse() * p);
             let mut best = f64::INFINITY;

@@ -3,7 +3,8 @@
 
 use crate::p3p::p3p;
 use cairn_geometry::{Se3, Vec3, hat};
-use cairn_solve::ransac::{Rng, iterations};
+use cairn_random::Random;
+use cairn_solve::ransac::iterations;
 use nalgebra::{SMatrix, SVector};
 use std::fmt;
 
@@ -77,7 +78,7 @@ pub fn pnp_ransac(
         return Err(rejected);
     }
     let bound = (2.0 * (0.5 * config.threshold_rad).sin()).powi(2);
-    let mut rng = Rng::with_stream(seed, 3);
+    let mut rng = Random::stream(seed, 3);
     let mut best: Option<(f64, Se3)> = None;
     let (mut done, mut limit) = (0, config.iterations.max(1));
     while done < limit {
@@ -186,19 +187,21 @@ mod tests {
     /// `n` points 2 to 9 m away and their bearings with one pixel of noise at f = 460; a fraction `outliers` of the
     /// bearings is random.
     fn simulated_matches(
-        rng: &mut Rng,
+        rng: &mut Random,
         n: usize,
         outliers: f64,
         flat: bool,
     ) -> (Se3, Vec<Vec3>, Vec<Vec3>, Vec<bool>) {
-        let v = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+        let v = |rng: &mut Random, s: f64| {
+            Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * s
+        };
         let turn = v(rng, 0.8);
         let truth = Se3::new(So3::exp(&turn), v(rng, 4.0));
         let (mut points, mut bearings, mut good) = (vec![], vec![], vec![]);
         for _ in 0..n {
-            let mut ray = || Vec3::new(rng.range(-0.8, 0.8), rng.range(-0.5, 0.5), 1.0);
+            let mut ray = || Vec3::new(rng.uniform(-0.8, 0.8), rng.uniform(-0.5, 0.5), 1.0);
             let (at, random_ray) = (ray(), ray());
-            let z = if flat { 5.0 + at.x } else { rng.range(2.0, 9.0) };
+            let z = if flat { 5.0 + at.x } else { rng.uniform(2.0, 9.0) };
             points.push(truth.inverse() * (at * z));
             let outlier = rng.unit() < outliers;
             let noise = v(rng, 1.0 / 460.0);
@@ -215,7 +218,7 @@ mod tests {
                 let (mut found, mut angles, mut shifts, mut drawn) = (0, vec![], vec![], 0);
                 let mut ms = f64::INFINITY;
                 for seed in 0..100 {
-                    let mut rng = Rng::with_stream(seed, 9);
+                    let mut rng = Random::stream(seed, 9);
                     let (truth, points, bearings, good) = simulated_matches(&mut rng, n, outliers, flat);
                     let start = std::time::Instant::now();
                     let result = pnp_ransac(&points, &bearings, &PnpConfig::default(), seed);
@@ -249,8 +252,8 @@ mod tests {
     #[test]
     fn random_matches_are_rejected_with_counts() {
         let config = PnpConfig::default();
-        let mut rng = Rng::new(10);
-        let mut v = || Vec3::new(rng.normal(), rng.normal(), rng.normal());
+        let mut rng = Random::new(10);
+        let mut v = || Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal());
         let points: Vec<Vec3> = (0..60).map(|_| v()).collect();
         let bearings: Vec<Vec3> = (0..60).map(|_| v().normalize()).collect();
         let e = pnp_ransac(&points, &bearings, &config, 1).unwrap_err();
@@ -262,7 +265,7 @@ mod tests {
 
     #[test]
     fn same_seed_gives_the_same_pose() {
-        let (_, points, bearings, _) = simulated_matches(&mut Rng::new(12), 60, 0.4, false);
+        let (_, points, bearings, _) = simulated_matches(&mut Random::new(12), 60, 0.4, false);
         let run = || pnp_ransac(&points, &bearings, &PnpConfig::default(), 5).unwrap();
         assert_eq!(run(), run());
     }

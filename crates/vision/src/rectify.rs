@@ -241,8 +241,8 @@ pub fn rectify_pair(left: &RigCamera, right: &RigCamera) -> Result<RectifiedPair
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cairn_random::Random;
     use cairn_sensor::Distortion;
-    use cairn_solve::ransac::Rng;
 
     fn euroc() -> [RigCamera; 2] {
         let camera = |f: [f64; 4], d: [f64; 4]| Camera {
@@ -279,11 +279,11 @@ mod tests {
     fn table_matches_the_exact_mapping() {
         let [left, right] = euroc();
         let pair = rectify_pair(&left, &right).unwrap();
-        let mut rng = Rng::new(1);
+        let mut rng = Random::new(1);
         let mut worst: f32 = 0.0;
         for map in [&pair.left, &pair.right] {
             for _ in 0..20_000 {
-                let raw = [rng.range(0.0, 751.0) as f32, rng.range(0.0, 479.0) as f32];
+                let raw = [rng.uniform(0.0, 751.0) as f32, rng.uniform(0.0, 479.0) as f32];
                 let (a, b) = (map.rectify(raw).unwrap(), map.rectify_exactly(raw).unwrap());
                 worst = worst.max((a[0] - b[0]).abs()).max((a[1] - b[1]).abs());
                 let back = map.raw(b.map(f64::from)).unwrap();
@@ -304,11 +304,11 @@ mod tests {
         for (a, b) in [(&left, &right), (&right, &left), (&left, &rolled)] {
             let pair = rectify_pair(a, b).unwrap();
             assert!((pair.baseline - 0.1101).abs() < 1e-3);
-            let mut rng = Rng::new(2);
+            let mut rng = Random::new(2);
             let mut visible = 0;
             for _ in 0..2000 {
-                let depth = rng.range(0.5, 30.0);
-                let raw = Vec2::new(rng.range(0.0, 751.0), rng.range(0.0, 479.0));
+                let depth = rng.uniform(0.5, 30.0);
+                let raw = Vec2::new(rng.uniform(0.0, 751.0), rng.uniform(0.0, 479.0));
                 let body = a.body_from_camera * (a.camera.unproject(&raw).unwrap() * depth);
                 let Some(raw_right) = b.camera.project(&(b.body_from_camera.inverse() * body)) else {
                     continue;

@@ -177,7 +177,7 @@ pub(crate) fn null_space<const R: usize, const C: usize, const K: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
 
     fn from_roots(roots: &[f64]) -> Vec<f64> {
         let mut c = vec![1.0];
@@ -194,12 +194,12 @@ mod tests {
 
     #[test]
     fn finds_every_root() {
-        let mut rng = Rng::new(4);
+        let mut rng = Random::new(4);
         for _ in 0..500 {
-            let n = 1 + rng.below(10) as usize;
+            let n = 1 + rng.below(10);
             let mut roots: Vec<f64> = Vec::new();
             while roots.len() < n {
-                let r = rng.range(-1.0, 1.0) * 10f64.powf(rng.range(-1.0, 1.0));
+                let r = rng.uniform(-1.0, 1.0) * 10f64.powf(rng.uniform(-1.0, 1.0));
                 if roots.iter().all(|o: &f64| (o - r).abs() > 0.08 * r.abs().max(1.0)) {
                     roots.push(r);
                 }
@@ -225,9 +225,9 @@ mod tests {
 
     #[test]
     fn null_space_is_orthonormal_and_in_the_kernel() {
-        let mut rng = Rng::new(9);
+        let mut rng = Random::new(9);
         for _ in 0..100 {
-            let a: [[f64; 9]; 5] = std::array::from_fn(|_| std::array::from_fn(|_| rng.normal()));
+            let a: [[f64; 9]; 5] = std::array::from_fn(|_| std::array::from_fn(|_| rng.standard_normal()));
             let basis = null_space::<5, 9, 4>(a).unwrap();
             for (k, v) in basis.iter().enumerate() {
                 let dot = |u: &[f64; 9]| u.iter().zip(v).map(|(a, b)| a * b).sum::<f64>();

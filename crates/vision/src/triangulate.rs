@@ -155,7 +155,7 @@ pub fn triangulate_views(views: &[(Se3, Vec3)]) -> Option<Vec3> {
 mod tests {
     use super::*;
     use cairn_geometry::So3;
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
 
     fn camera() -> RectifiedCamera {
         RectifiedCamera {
@@ -170,20 +170,22 @@ mod tests {
         }
     }
 
-    fn motion(rng: &mut Rng) -> Se3 {
-        let small = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+    fn motion(rng: &mut Random) -> Se3 {
+        let small = |rng: &mut Random, s: f64| {
+            Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * s
+        };
         let w = small(rng, 0.08);
         Se3::new(So3::exp(&w), small(rng, 0.4))
     }
 
-    fn point(rng: &mut Rng) -> Vec3 {
-        let z = rng.range(2.0, 8.0);
-        Vec3::new(rng.range(-0.5, 0.5) * z, rng.range(-0.4, 0.4) * z, z)
+    fn point(rng: &mut Random) -> Vec3 {
+        let z = rng.uniform(2.0, 8.0);
+        Vec3::new(rng.uniform(-0.5, 0.5) * z, rng.uniform(-0.4, 0.4) * z, z)
     }
 
     #[test]
     fn exact_without_noise() {
-        let mut rng = Rng::new(1);
+        let mut rng = Random::new(1);
         for _ in 0..500 {
             let (t, p) = (motion(&mut rng), point(&mut rng));
             let q = t * p;
@@ -200,7 +202,7 @@ mod tests {
 
     #[test]
     fn correction_makes_rays_intersect_with_minimal_shift() {
-        let mut rng = Rng::new(2);
+        let mut rng = Random::new(2);
         let (mut cost, mut cost_midpoint) = (0.0, 0.0);
         for _ in 0..500 {
             let (t, p) = (motion(&mut rng), point(&mut rng));
@@ -208,7 +210,7 @@ mod tests {
             if q.z < 0.5 {
                 continue;
             }
-            let noise = |rng: &mut Rng| Vec2::new(rng.normal(), rng.normal()) / 450.0;
+            let noise = |rng: &mut Random| Vec2::new(rng.standard_normal(), rng.standard_normal()) / 450.0;
             let (a, b) = (p.xy() / p.z + noise(&mut rng), q.xy() / q.z + noise(&mut rng));
             let e = essential(&t);
             let [ca, cb] = correct(&e, &a, &b);

@@ -11,11 +11,8 @@ use std::sync::OnceLock;
 
 /// Images of descriptors clustered around a few hundred centres.
 fn images(count: usize, features: usize) -> Vec<Vec<Descriptor>> {
-    let mut state = 11u64;
-    let mut next = move || {
-        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        (state >> 33) as usize
-    };
+    let mut random = cairn_random::Random::new(11);
+    let mut next = move || random.below(1 << 32);
     let centres: Vec<Descriptor> = (0..300).map(|_| std::array::from_fn(|_| next() as u8)).collect();
     let mut feature = || {
         let mut d = centres[next() % centres.len()];

@@ -309,14 +309,14 @@ impl Client {
 
     /// Changes how the session speaks; also before its first picture.
     fn setting(&self, line: &str) -> Result<(), String> {
-        if let command @ Command::Set(_) = Command::parse(line)? {
+        if let command @ Command::Set(_) = Command::parse(line).map_err(|e| e.to_string())? {
             self.hub.inbox.command(command);
         }
         Ok(())
     }
 
     fn command(&self, line: &str) -> Result<(), String> {
-        let command = Command::parse(line)?;
+        let command = Command::parse(line).map_err(|e| e.to_string())?;
         let text = |id: &str| self.guest.language.text(id);
         match command {
             // Other files are chosen on the terminal, and the server is stopped there.

@@ -12,8 +12,8 @@ use cairn_dense::SubmapConfig;
 use cairn_engine::{Output, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
-    Command, Event, LensKnowledge, LibraryError, MapKeeper, NotTracked, Observer, RoutesLock, Script,
-    Session, Slam, WallClock, WallTime, drive_live, feed, routes_in,
+    Command, Event, LensKnowledge, LibraryError, MapKeeper, NotTracked, Observer, Refused, RoutesLock,
+    Script, Session, Slam, WallClock, WallTime, drive_live, feed, routes_in,
 };
 use cairn_sources::{PhoneSource, Validator};
 use std::path::{Path, PathBuf};
@@ -273,14 +273,14 @@ impl Observer<Box<dyn Slam>> for PageObserver {
         }
     }
 
-    fn on_command(&mut self, _: &Walk, command: &Command, done: &Result<String, String>) {
+    fn on_command(&mut self, _: &Walk, command: &Command, done: &Result<String, Refused>) {
         // A page that sets how it is spoken to, as it does whenever it connects, needs no answer.
         if matches!(command, Command::Set(_)) {
             return;
         }
         let (ok, text) = match done {
             Ok(text) => (true, text),
-            Err(text) => (false, text),
+            Err(why) => (false, &why.words),
         };
         self.hub.broadcast(&ToPage::Did { ok, text });
         // The map on the screens is updated at once.

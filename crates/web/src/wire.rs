@@ -1,8 +1,8 @@
 //! The messages of the web socket. Text is JSON with one key that names the kind; images are binary.
 
 use cairn_geometry::Vec3;
-use cairn_session::{Event, RouteListed, Status, earcon_name};
-use cairn_sources::Motion;
+use cairn_session::{Event, RouteListed, SessionStatus, earcon_name};
+use cairn_sources::MotionReading;
 use serde::{Deserialize, Serialize};
 
 /// Text messages from a page.
@@ -85,7 +85,7 @@ pub(crate) enum ToPage<'a> {
         frame_ms: Option<f64>,
         /// The status itself.
         #[serde(flatten)]
-        status: &'a Status,
+        status: &'a SessionStatus,
         /// Packets dropped.
         dropped: usize,
     },
@@ -123,8 +123,8 @@ pub(crate) fn event(event: &Event, pose_ms: Option<f64>) -> String {
 }
 
 /// Motion in the form that the port accepts.
-pub(crate) fn motion([ms, gx, gy, gz, ax, ay, az]: [f64; 7]) -> Motion {
-    Motion { ms, gyro: Vec3::new(gx, gy, gz), accel: Vec3::new(ax, ay, az) }
+pub(crate) fn motion([ms, gx, gy, gz, ax, ay, az]: [f64; 7]) -> MotionReading {
+    MotionReading { ms, gyro: Vec3::new(gx, gy, gz), accel: Vec3::new(ax, ay, az) }
 }
 
 /// An image from a page: the page's milliseconds as eight bytes (little-endian float), then a JPEG.

@@ -95,6 +95,14 @@ fn mono_session_returns_along_its_own_pictures() {
     println!("{said}");
 }
 
+/// Pictures of a page in both schemes: `NAME-light.png` and `NAME-dark.png`.
+fn pictures(browser: &mut Browser, tab: &Tab, name: &Path) {
+    for scheme in ["dark", "light"] {
+        browser.scheme(tab, scheme);
+        browser.picture(tab, Path::new(&format!("{}-{scheme}.png", name.display())));
+    }
+}
+
 #[test]
 #[ignore = "needs Chromium, and a minute: see .ci/run"]
 fn page_records_and_guides_home_in_a_browser() {
@@ -111,7 +119,7 @@ fn page_records_and_guides_home_in_a_browser() {
     let phone = browser.open(&url, [390, 844]);
     wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
     accessible(&mut browser, &phone, "before the walk");
-    browser.picture(&phone, &folder.join("phone-before.png"));
+    pictures(&mut browser, &phone, &folder.join("phone-before"));
     browser.front(&phone);
     browser.click(&phone, "#camera");
     let began = Instant::now();
@@ -125,7 +133,7 @@ fn page_records_and_guides_home_in_a_browser() {
     wait(&mut browser, &phone, "I know where we are.", "#s-tracking", 12.0);
     wait(&mut browser, &phone, "Recording.", "#state-now", 5.0);
     wait(&mut browser, &phone, " s old", "#age-now", 5.0);
-    browser.picture(&phone, &folder.join("phone-recording.png"));
+    pictures(&mut browser, &phone, &folder.join("phone-recording"));
     while began.elapsed().as_secs_f64() < OUT_S {
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -135,8 +143,8 @@ fn page_records_and_guides_home_in_a_browser() {
     wait(&mut browser, &phone, "back,", "#s-guiding", 8.0);
     wait(&mut browser, &phone, "Guiding", "#state-now", 8.0);
     std::thread::sleep(Duration::from_secs(3));
-    browser.picture(&phone, &folder.join("phone-guiding.png"));
-    browser.picture(&desk, &folder.join("desk-guiding.png"));
+    pictures(&mut browser, &phone, &folder.join("phone-guiding"));
+    pictures(&mut browser, &desk, &folder.join("desk-guiding"));
     accessible(&mut browser, &phone, "under guidance");
     accessible(&mut browser, &desk, "watching");
     // On a machine too busy to process every image, the walker is told to stop and passes a second time.
@@ -164,7 +172,7 @@ fn page_records_and_guides_home_in_a_browser() {
     browser.click(&phone, "#take");
     wait(&mut browser, &phone, "Take over this walk?", "#ask", 5.0);
     accessible(&mut browser, &phone, "asking");
-    browser.picture(&phone, &folder.join("phone-asking.png"));
+    pictures(&mut browser, &phone, &folder.join("phone-asking"));
     browser.click(&phone, "#over");
     wait(&mut browser, &phone, "You control this walk", "#control", 5.0);
     browser.click(&phone, "#camera");
@@ -176,12 +184,16 @@ fn page_records_and_guides_home_in_a_browser() {
     wait(&mut browser, &phone, "frames", "#s-tracking", 10.0);
     browser.key(&phone, "s");
     wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
+    wait(&mut browser, &phone, "2 routes", "#routes-count", 5.0);
     // The server stops: the page itself says so.
     drop(server);
     wait(&mut browser, &phone, "Stop. The connection is lost.", "#log", 5.0);
     wait(&mut browser, &phone, "Stop. The connection is lost.", "#state-now", 1.0);
     wait(&mut browser, &phone, "not known without a connection", "#s-tracking", 1.0);
-    browser.picture(&phone, &folder.join("phone-lost.png"));
+    let enabled = "[...document.querySelectorAll('[data-route], [data-command]')]
+        .filter((button) => button.getAttribute('aria-disabled') !== 'true').length";
+    assert_eq!(browser.eval(&phone, enabled), 0, "buttons that do nothing without a connection look enabled");
+    pictures(&mut browser, &phone, &folder.join("phone-lost"));
     accessible(&mut browser, &phone, "without a connection");
     std::thread::sleep(Duration::from_secs(4));
     let heard = browser.text(&phone, "#log");

@@ -10,7 +10,7 @@ use cairn_atlas::Snapshot;
 use cairn_guide::{Earcon, RecorderConfig, StopReason};
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
-use cairn_session::{Event, RouteGuide, RouteRecorder};
+use cairn_session::{Event, Refused, RouteGuide, RouteRecorder};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -94,7 +94,8 @@ impl Recording {
                 Ok(Some(Order::Missed(frame))) => drop(self.tracked(&frame)?),
                 Ok(Some(Order::Ping)) => reports.push(Report::Pong),
                 Ok(Some(Order::End)) => {
-                    reports.push(Report::Recorded(self.recorder.take().map_or(Ok(0), RouteRecorder::finish)));
+                    let ended = self.recorder.take().map_or(Ok(0), RouteRecorder::finish);
+                    reports.push(Report::Recorded(ended.map_err(|e| e.to_string())));
                 }
                 Ok(Some(_)) => {}
                 Ok(None) | Err(_) => return Ok(()),
@@ -210,7 +211,7 @@ fn follow(tail: &mut Option<Tail>, folder: &Path) -> Result<(), Failure> {
     }
 }
 
-fn cannot_guide(why: String) -> Failure {
+fn cannot_guide(why: Refused) -> Failure {
     Failure::new("the route", why, "give another route with --guide")
 }
 

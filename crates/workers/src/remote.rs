@@ -102,7 +102,7 @@ impl RemoteSlam {
     /// As `Engine::in_map`; also when the process cannot be started or says that it cannot go on.
     pub fn begin(setup: RemoteSetup, map: Option<&MapFile>) -> Result<(Self, Vec<String>), OpenMapError> {
         let RemoteSetup { folder, name, rig, mode, imu, rate_hz, config, command, tell } = setup;
-        let why = |e: &dyn std::fmt::Display| OpenMapError::Camera(e.to_string());
+        let why = |e: &dyn std::fmt::Display| OpenMapError::Process(e.to_string());
         let mut checked = config.clone();
         checked.inertial.enabled = imu;
         // An engine that tracks nothing: it says whether the map fits, and which camera the poses are of.
@@ -160,7 +160,7 @@ impl RemoteSlam {
             remote.look();
         }
         match remote.away.take().filter(|_| remote.given_up) {
-            Some(why) => Err(OpenMapError::Camera(why)),
+            Some(why) => Err(OpenMapError::Process(why)),
             None => Ok((remote, notes)),
         }
     }

@@ -1,7 +1,9 @@
 //! A gravity-aligned map with IMU readings for tests: a walk to and fro, exact but for what a test puts wrong.
 
 use crate::synthetic::{View, World, mono, pose};
-use cairn_atlas::{Atlas, Change, ImuFactor, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{
+    Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::{Bias, Preintegrated};
 use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, Stamp};
@@ -52,6 +54,38 @@ impl ToAndFro {
         Arc::new(Preintegrated::of(NOISE, Bias::default(), readings))
     }
 
+    /// What belongs to the n-th key frame: the readings since the one before, whose stamps are so late, and the orientations of
+    /// twenty frames a second.
+    pub fn segment(&self, n: usize, late_s: f64) -> ImuSegment {
+        let from_s = STEP_S * (n as f64 - 1.0);
+        let reading = |i: i32| {
+            let s = self.reading(from_s + STEP_S * f64::from(i) / 25.0);
+            ImuSample { stamp: s.stamp.plus_seconds(late_s), ..s }
+        };
+        let turn = |i: i32| {
+            let t = from_s + f64::from(i) / 20.0;
+            (Stamp::from_seconds(t), self.at(t).rotation)
+        };
+        ImuSegment {
+            velocity: Vec3::zeros(),
+            bias: Bias::default(),
+            still_sigma: None,
+            up: None,
+            samples: (0..=25).map(reading).collect(),
+            offset_s: 0.0,
+            turns: (0..5).map(turn).collect(),
+        }
+    }
+
+    /// The map of so many key frames as vision alone makes it: y is down, and lengths are in a unit of its own.
+    pub fn map_of_vision(&self, count: usize) -> (Atlas, Vec<KeyFrameId>) {
+        let unit = Sim3 { scale: self.factor, ..Sim3::identity() };
+        let (changes, ids) = self.seen(count, &unit, None);
+        let mut atlas = Atlas::new(Snapshot::new());
+        assert_eq!(atlas.commit(changes).dropped, 0);
+        (atlas, ids)
+    }
+
     /// A gravity-aligned map of so many key frames of the walk.
     pub fn map(&self, count: usize) -> (Atlas, Vec<KeyFrameId>) {
         self.map_but_for(count, None)
@@ -59,6 +93,22 @@ impl ToAndFro {
 
     /// The same where one key frame sees nothing: points that come into view again are new landmarks.
     pub fn map_but_for(&self, count: usize, unseen: Option<usize>) -> (Atlas, Vec<KeyFrameId>) {
+        let (mut changes, ids) = self.seen(count, &Sim3::identity(), unseen);
+        let up = So3::exp(&(Vec3::x() * (self.tilt_rad - FRAC_PI_2)));
+        changes.push(Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() }));
+        changes.push(Change::Rescale(MapId(ids[0]), self.factor));
+        let mut atlas = Atlas::new(Snapshot::new());
+        assert_eq!(atlas.commit(changes).dropped, 0);
+        (atlas, ids)
+    }
+
+    /// The changes that make a map of the key frames, which have their readings.
+    fn seen(
+        &self,
+        count: usize,
+        map_from_world: &Sim3,
+        unseen: Option<usize>,
+    ) -> (Vec<Change>, Vec<KeyFrameId>) {
         let world = World::around(mono(), 71);
         let path: Vec<Se3> = (0..count).map(|n| self.at(STEP_S * n as f64)).collect();
         let mut views = world.walk(&path, 0.0, STEP_S);
@@ -69,7 +119,7 @@ impl ToAndFro {
             views[n] = View { frame: Arc::new(frame), points: Vec::new() };
         }
         let mut seen = Atlas::new(Snapshot::new());
-        let ids = world.map(&mut seen, &views, &path, None, |_| Sim3::identity());
+        let ids = world.map(&mut seen, &views, &path, None, |_| *map_from_world);
         let (seen, mut changes) = (seen.latest().clone(), Vec::new());
         for (n, id) in ids.iter().enumerate() {
             let k = seen.key_frame(*id).unwrap();
@@ -85,11 +135,6 @@ impl ToAndFro {
             changes.push(Change::AddLandmark(l.id, l.position));
             changes.extend(l.observations.iter().map(|o| Change::Observe(l.id, o.key_frame, o.feature)));
         }
-        let up = So3::exp(&(Vec3::x() * (self.tilt_rad - FRAC_PI_2)));
-        changes.push(Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() }));
-        changes.push(Change::Rescale(MapId(ids[0]), self.factor));
-        let mut atlas = Atlas::new(Snapshot::new());
-        assert_eq!(atlas.commit(changes).dropped, 0);
-        (atlas, ids)
+        (changes, ids)
     }
 }

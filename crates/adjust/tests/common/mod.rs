@@ -6,8 +6,8 @@
 
 use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
+use cairn_random::Random;
 use cairn_sensor::Stamp;
-use cairn_solve::ransac::Rng;
 use cairn_vision::bow::Vocabulary;
 use cairn_vision::{Descriptor, Frame, Octaves, RectifiedCamera};
 use std::f64::consts::TAU;
@@ -70,16 +70,21 @@ impl World {
     /// Points 3 to 7 m from the origin, in all directions and up to 1.5 m above or below; about 250 in a view. Worlds of
     /// different seeds look different.
     pub fn around(camera: RectifiedCamera, seed: u64) -> Self {
-        let mut rng = Rng::new(seed);
-        let mut unit = || f64::from(rng.below(1 << 24)) / f64::from(1 << 24);
+        let mut random = Random::new(seed);
+        let mut unit = || random.unit();
         let points = (0..1200).map(|_| {
             let (heading, distance, y) = (TAU * unit(), 3.0 + 4.0 * unit(), 3.0 * unit() - 1.5);
             Vec3::new(distance * heading.sin(), y, distance * heading.cos())
         });
         let points: Vec<Vec3> = points.collect();
-        let look = |_: &Vec3| std::array::from_fn(|_| rng.below(256) as u8);
+        let look = |_: &Vec3| std::array::from_fn(|_| random.below(256) as u8);
         let descriptors = points.iter().map(look).collect();
         Self { camera, points, descriptors }
+    }
+
+    /// A world without anything in it.
+    pub fn empty(camera: RectifiedCamera) -> Self {
+        Self { camera, points: Vec::new(), descriptors: Vec::new() }
     }
 
     /// Leaves these points, by their numbers, and no others.

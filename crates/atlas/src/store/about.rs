@@ -22,49 +22,85 @@ pub struct About {
     pub camera: RectifiedCamera,
 }
 
+/// What keeps a run from going on in a map.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Misfit {
+    /// They use other sensors.
+    #[error("the map was made with {}, this run uses {}", sensor_name(*.map), sensor_name(*.run))]
+    Sensor {
+        /// Those of the map.
+        map: SensorMode,
+        /// Those of the run.
+        run: SensorMode,
+    },
+    /// Their pyramids differ.
+    #[error(
+        "the map has {} octaves of {}, this run {} of {}",
+        .map.levels, .map.factor, .run.levels, .run.factor
+    )]
+    Octaves {
+        /// That of the map.
+        map: Octaves,
+        /// That of the run.
+        run: Octaves,
+    },
+    /// Their cameras show the same ray at pixels too far apart.
+    #[error(
+        "the map was made with another camera: fx {:.2} fy {:.2} cx {:.2} cy {:.2} where this run has {:.2} {:.2} \
+         {:.2} {:.2}, up to {apart_px:.1} px apart",
+        .map.fx, .map.fy, .map.cx, .map.cy, .run.fx, .run.fy, .run.cx, .run.cy
+    )]
+    Camera {
+        /// That of the map.
+        map: Box<RectifiedCamera>,
+        /// That of the run.
+        run: Box<RectifiedCamera>,
+        /// How far, pixels.
+        apart_px: f64,
+    },
+    /// Their stereo baselines differ.
+    #[error("the map was made with a baseline of {map_m:.4} m, this run has {run_m:.4} m")]
+    Baseline {
+        /// That of the map, metres.
+        map_m: f64,
+        /// That of the run, metres.
+        run_m: f64,
+    },
+}
+
 impl About {
     /// Compares this with the camera and sensors that are to continue in the map; returns descriptions of
     /// small differences.
     ///
     /// # Errors
     ///
-    /// A description of a difference that would corrupt the map.
+    /// A difference that would corrupt the map.
     pub fn fits(
         &self,
         octaves: Octaves,
         sensor: SensorMode,
         camera: &RectifiedCamera,
         now: Octaves,
-    ) -> Result<Vec<String>, String> {
+    ) -> Result<Vec<String>, Misfit> {
         if self.sensor != sensor {
-            let (a, b) = (sensor_name(self.sensor), sensor_name(sensor));
-            return Err(format!("the map was made with {a}, this run uses {b}"));
+            return Err(Misfit::Sensor { map: self.sensor, run: sensor });
         }
         if octaves != now {
-            return Err(format!(
-                "the map has {} octaves of {}, this run {} of {}",
-                octaves.levels, octaves.factor, now.levels, now.factor
-            ));
+            return Err(Misfit::Octaves { map: octaves, run: now });
         }
         let apart = self.pixels_apart(camera);
         if apart > SAME_PX {
-            return Err(format!(
-                "the map was made with another camera: fx {:.2} fy {:.2} cx {:.2} cy {:.2} where this run has {:.2} \
-                 {:.2} {:.2} {:.2}, up to {apart:.1} px apart",
-                self.camera.fx,
-                self.camera.fy,
-                self.camera.cx,
-                self.camera.cy,
-                camera.fx,
-                camera.fy,
-                camera.cx,
-                camera.cy
-            ));
+            return Err(Misfit::Camera {
+                map: Box::new(self.camera),
+                run: Box::new(*camera),
+                apart_px: apart,
+            });
         }
         let baseline = |camera: &RectifiedCamera| camera.baseline_fx / camera.fx;
         let (a, b) = (baseline(&self.camera), baseline(camera));
         if (a - b).abs() > SAME_BASELINE * a.max(b) {
-            return Err(format!("the map was made with a baseline of {a:.4} m, this run has {b:.4} m"));
+            return Err(Misfit::Baseline { map_m: a, run_m: b });
         }
         let mut notes = Vec::new();
         if apart > 1e-6 || a != b {
@@ -203,16 +239,23 @@ pub(super) mod tests {
         camera.fx += 0.1;
         assert!(fits(&camera).unwrap()[0].contains("0.071 px"), "{:?}", fits(&camera));
         camera.fx += 10.0;
-        let message = fits(&camera).unwrap_err();
+        let message = fits(&camera).unwrap_err().to_string();
         assert!(
             message.contains("fx 450.00") && message.contains("460.10") && message.contains("7.2 px"),
             "{message}"
         );
         camera = about().camera;
         camera.baseline_fx = 54.0;
-        assert!(fits(&camera).unwrap_err().contains("0.1000 m, this run has 0.1200 m"));
-        assert!(a.fits(octaves, SensorMode::Mono, &a.camera, octaves).unwrap_err().contains("stereo"));
+        assert!(fits(&camera).unwrap_err().to_string().contains("0.1000 m, this run has 0.1200 m"));
+        assert!(
+            a.fits(octaves, SensorMode::Mono, &a.camera, octaves).unwrap_err().to_string().contains("stereo")
+        );
         let fewer = Octaves { levels: 4, factor: 1.2 };
-        assert!(a.fits(octaves, SensorMode::Stereo, &a.camera, fewer).unwrap_err().contains("octaves"));
+        assert!(
+            a.fits(octaves, SensorMode::Stereo, &a.camera, fewer)
+                .unwrap_err()
+                .to_string()
+                .contains("octaves")
+        );
     }
 }

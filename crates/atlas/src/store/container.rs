@@ -11,8 +11,12 @@
 //! parts, end to end until the end of the file
 //! ```
 
+mod write;
+
+pub(crate) use write::PartsWriter;
+
 use super::error::StoreError;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io::{self, Read};
 
 /// First bytes of a map file; the line ends reveal a transfer in text mode.
 pub const MAGIC: [u8; 8] = *b"\x8ccairn\r\n";
@@ -42,87 +46,6 @@ pub(crate) struct Entry {
     /// Bytes in the file.
     pub stored: u64,
     crc: u32,
-}
-
-/// Writes parts one by one in the announced order; header and table are written last, into the room reserved
-/// for them, so that an unfinished file has no header at all.
-pub(crate) struct PartsWriter<'a, W: Write + Seek> {
-    out: &'a mut W,
-    version: u32,
-    names: Vec<String>,
-    entries: Vec<Entry>,
-}
-
-impl<'a, W: Write + Seek> PartsWriter<'a, W> {
-    /// Reserves room for the header and a table with these names.
-    pub fn begin(out: &'a mut W, version: u32, names: Vec<String>) -> Result<Self, StoreError> {
-        for (i, name) in names.iter().enumerate() {
-            if name.is_empty() || name.len() > usize::from(u16::MAX) || names[..i].contains(name) {
-                return Err(StoreError::Unfit(format!("'{name}' cannot be the name of a part")));
-            }
-        }
-        let room = HEADER + names.iter().map(|n| ENTRY + n.len()).sum::<usize>();
-        out.write_all(&vec![0; room]).map_err(writing)?;
-        Ok(Self { out, version, names, entries: Vec::new() })
-    }
-
-    /// Writes the next part.
-    pub fn put(&mut self, plain: &[u8]) -> Result<(), StoreError> {
-        let Some(name) = self.names.get(self.entries.len()).cloned() else {
-            return Err(StoreError::Unfit("more parts than announced".into()));
-        };
-        if plain.len() as u64 > MAX_PLAIN_BYTES {
-            return Err(StoreError::Unfit(format!("part '{name}' has {} bytes", plain.len())));
-        }
-        let packed = lz4_flex::block::compress(plain);
-        let shrinks = packed.len() < plain.len() && plain.len() / MAX_RATIO <= packed.len();
-        let (codec, stored) = if shrinks { (Codec::Lz4, &packed[..]) } else { (Codec::Plain, plain) };
-        self.out.write_all(stored).map_err(writing)?;
-        self.entries.push(Entry {
-            name,
-            codec,
-            plain: plain.len() as u64,
-            stored: stored.len() as u64,
-            crc: crc32fast::hash(stored),
-        });
-        Ok(())
-    }
-
-    /// Writes header and table.
-    pub fn finish(self) -> Result<(), StoreError> {
-        if self.entries.len() != self.names.len() {
-            return Err(StoreError::Unfit("fewer parts than announced".into()));
-        }
-        let mut table = Vec::new();
-        for e in &self.entries {
-            table.extend((e.name.len() as u16).to_le_bytes());
-            table.extend(e.name.as_bytes());
-            table.push(match e.codec {
-                Codec::Plain => 0,
-                Codec::Lz4 => 1,
-            });
-            table.extend(e.plain.to_le_bytes());
-            table.extend(e.stored.to_le_bytes());
-            table.extend(e.crc.to_le_bytes());
-        }
-        let length = HEADER as u64 + table.len() as u64 + self.entries.iter().map(|e| e.stored).sum::<u64>();
-        let mut header = Vec::with_capacity(HEADER);
-        header.extend(MAGIC);
-        header.extend(self.version.to_le_bytes());
-        header.extend((table.len() as u32).to_le_bytes());
-        header.extend(length.to_le_bytes());
-        header.extend(crc32fast::hash(&table).to_le_bytes());
-        header.extend(crc32fast::hash(&header).to_le_bytes());
-        self.out.seek(SeekFrom::Start(0)).map_err(writing)?;
-        self.out.write_all(&header).map_err(writing)?;
-        self.out.write_all(&table).map_err(writing)?;
-        self.out.flush().map_err(writing)
-    }
-}
-
-/// An error of a writer that does not know its path; the caller fills it in.
-fn writing(source: io::Error) -> StoreError {
-    StoreError::File { path: Default::default(), doing: "cannot write", source }
 }
 
 /// A file's parts, found but not yet unpacked.
@@ -384,119 +307,4 @@ fn read_entry(bytes: &[u8]) -> Option<(Entry, &[u8])> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-    use std::io::Cursor;
-
-    fn written(parts: &[(&str, Vec<u8>)]) -> Vec<u8> {
-        let mut out = Cursor::new(Vec::new());
-        let names = parts.iter().map(|(n, _)| n.to_string()).collect();
-        let mut writer = PartsWriter::begin(&mut out, 1, names).unwrap();
-        parts.iter().for_each(|(_, bytes)| writer.put(bytes).unwrap());
-        writer.finish().unwrap();
-        out.into_inner()
-    }
-
-    /// Compresses to a third.
-    fn even() -> Vec<u8> {
-        (0..500u32).map(|i| (i / 8) as u8).collect()
-    }
-
-    fn sample() -> Vec<u8> {
-        let noise: Vec<u8> = (0..300u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
-        written(&[("even", even()), ("none", vec![]), ("zeros", vec![0; 900]), ("noise", noise)])
-    }
-
-    /// All parts unpacked, or the first error.
-    fn all(bytes: &[u8]) -> Result<Vec<Vec<u8>>, StoreError> {
-        let parts = Parts::open(bytes, 1)?;
-        parts.names().map(|n| parts.get(n)).collect()
-    }
-
-    #[test]
-    fn parts_round_trip_and_compress() {
-        let bytes = sample();
-        let parts = Parts::open(&bytes, 1).unwrap();
-        assert_eq!(parts.get("even").unwrap(), even());
-        assert_eq!(parts.get("zeros").unwrap(), vec![0; 900]);
-        assert_eq!(parts.get("none").unwrap(), Vec::<u8>::new());
-        assert_eq!(parts.get("noise").unwrap().len(), 300);
-        assert!(parts.get("other").unwrap_err().to_string().contains("part 'other': it is missing"));
-        let info = &parts.infos()[0];
-        assert_eq!(parts.infos()[2].stored_bytes, 900, "what would shrink too well is stored as it is");
-        assert!(
-            info.name == "even" && info.plain_bytes == 500 && (50..400).contains(&info.stored_bytes),
-            "{info:?}"
-        );
-    }
-
-    #[test]
-    fn every_flipped_bit_is_detected() {
-        let whole = sample();
-        for at in 0..whole.len() {
-            for bit in 0..8 {
-                let mut bytes = whole.clone();
-                bytes[at] ^= 1 << bit;
-                let message = all(&bytes).expect_err("a flipped bit was not detected").to_string();
-                assert!(message.contains("part '") || message.contains("not a map"), "{message}");
-            }
-        }
-    }
-
-    #[test]
-    fn truncation_names_the_part() {
-        let whole = sample();
-        let parts = Parts::open(&whole, 1).unwrap();
-        let sizes: Vec<usize> = parts.infos().iter().map(|i| i.stored_bytes as usize).collect();
-        let start = whole.len() - sizes.iter().sum::<usize>();
-        for cut in 0..whole.len() {
-            let message = Parts::open(&whole[..cut], 1).unwrap_err().to_string();
-            let expected = match cut {
-                0 => "not a map file: it is empty",
-                _ if cut < 32 => "part 'header'",
-                _ if cut < start => "part 'table'",
-                _ if cut < start + sizes[0] => "part 'even'",
-                _ if cut < start + sizes[0] + 900 => "part 'zeros'",
-                _ => "part 'noise'",
-            };
-            assert!(message.contains(expected), "cut at {cut}: {message}");
-        }
-        let longer = [&whole[..], b"more"].concat();
-        assert!(Parts::open(&longer, 1).unwrap_err().to_string().contains("promises"));
-    }
-
-    #[test]
-    fn newer_version_is_refused_with_both_numbers() {
-        let mut bytes = sample();
-        bytes[8] = 7;
-        let crc = crc32fast::hash(&bytes[..28]);
-        bytes[28..32].copy_from_slice(&crc.to_le_bytes());
-        let message = Parts::open(&bytes, 1).unwrap_err().to_string();
-        assert_eq!(message, "the map has format version 7, this program reads versions 1 to 1");
-    }
-
-    #[test]
-    fn impossible_length_is_refused_before_allocation() {
-        // 'even' promises to unpack to 2^30 bytes, with all checksums mended.
-        let mut bytes = sample();
-        let at = 32 + 2 + 4 + 1;
-        bytes[at..at + 8].copy_from_slice(&(1u64 << 30).to_le_bytes());
-        let table = u32::from_le_bytes(std::array::from_fn(|i| bytes[12 + i])) as usize;
-        let crc = crc32fast::hash(&bytes[32..32 + table]);
-        bytes[24..28].copy_from_slice(&crc.to_le_bytes());
-        let crc = crc32fast::hash(&bytes[..28]);
-        bytes[28..32].copy_from_slice(&crc.to_le_bytes());
-        let message = all(&bytes).unwrap_err().to_string();
-        assert!(message.contains("part 'even'") && message.contains("cannot unpack"), "{message}");
-    }
-
-    proptest! {
-        #[test]
-        fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), keep in 0usize..40) {
-            let mut mixed = sample()[..keep].to_vec();
-            mixed.extend(bytes);
-            prop_assert!(all(&mixed).is_err());
-        }
-    }
-}
+mod tests;

@@ -20,7 +20,7 @@ pub mod pieces;
 mod virtual_baseline;
 mod wire;
 
-pub use about::{About, sensor_name};
+pub use about::{About, Misfit, sensor_name};
 pub use changes::{COMMIT_VERSION, decode_commit, encode_commit};
 pub use container::{MAGIC, PartInfo};
 pub use depth::{DEPTH_PREFIX, DepthPart, Place, SavedDepth};

@@ -161,6 +161,23 @@ pub fn tf_static(ros1: bool, ns: i64, edges: &[(&str, &str, [f64; 7])]) -> Messa
     message("/tf_static", "tf2_msgs/msg/TFMessage", ns, f.end())
 }
 
+/// A pose by another system, with the covariance that its kind has.
+pub fn truth(ros1: bool, topic: &str, kind: &'static str, ns: i64, pose: [f64; 7]) -> Message {
+    let mut f = Fields::new(ros1);
+    f.header(ns, "world");
+    if kind.ends_with("TransformStamped") || kind.ends_with("Odometry") {
+        f.string("body");
+    }
+    f.f64s(&pose);
+    if kind.ends_with("PoseWithCovarianceStamped") || kind.ends_with("Odometry") {
+        f.f64s(&[0.5; 36]);
+    }
+    if kind.ends_with("Odometry") {
+        f.f64s(&[0.5; 42]);
+    }
+    message(topic, kind, ns, f.end())
+}
+
 pub fn transform(topic: &str, ns: i64, pose: [f64; 7]) -> Message {
     message(topic, "geometry_msgs/msg/Transform", ns, Fields::new(true).f64s(&pose).end())
 }

@@ -93,7 +93,7 @@ pub fn read(data: &Path, vocabulary: &Vocabulary) -> Result<Option<Walk>, String
     let mut views = Vec::new();
     let mut size = [0; 2];
     for i in 1..=truth.len() {
-        let image = read_gray(&folder.join(format!("samples/{i}.jpg")))?;
+        let image = read_gray(&folder.join(format!("samples/{i}.jpg"))).map_err(|e| e.to_string())?;
         size = [image.width(), image.height()];
         views.push(View::of(&mut extractor, &image, vocabulary));
     }

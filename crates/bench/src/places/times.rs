@@ -1,7 +1,7 @@
 //! Costs of place recognition: opening the vocabulary, computing bags of words, inserting into and querying the index.
 
 use cairn_atlas::{KeyFrameId, PlaceIndex};
-use cairn_solve::ransac::Rng;
+use cairn_random::Random;
 use cairn_vision::Descriptor;
 use cairn_vision::bow::{BagOfWords, Vocabulary};
 use serde::Serialize;
@@ -29,11 +29,11 @@ pub fn measure(frames: &[Vec<Descriptor>]) -> Times {
     let vocabulary = Vocabulary::embedded();
     let open_ms = minimum(20, || Vocabulary::open(vocabulary.bytes().to_vec()));
     let all: Vec<Descriptor> = frames.iter().flatten().copied().collect();
-    let mut rng = Rng::new(7);
+    let mut random = Random::new(7);
     // A thousand key frames that share words as frames of one building do: mixtures of real ones.
     let mut mixture = || -> Vec<Descriptor> {
-        let from = rng.below(all.len().max(1) as u32) as usize;
-        (0..1000).map(|k| all[(from + k + rng.below(300) as usize) % all.len()]).collect()
+        let from = random.below(all.len());
+        (0..1000).map(|k| all[(from + k + random.below(300)) % all.len()]).collect()
     };
     let Some(first) = (!all.is_empty()).then(&mut mixture) else {
         return Times { open_ms, bag_ms: 0.0, insert_ms: 0.0, query_ms: 0.0, similarity_ms: 0.0 };

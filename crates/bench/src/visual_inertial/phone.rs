@@ -6,9 +6,9 @@ use super::drawn::DrawnPhone;
 use super::ran::{Figures, LiveScale, RunOptions, run_in};
 use cairn_engine::{Delays, Runner};
 use cairn_geometry::Vec2;
+use cairn_random::Random;
 use cairn_sensor::{Camera, FramePacket, ImuNoise, ImuSample, Rig, Skips, Source, SourceError, SourceInfo};
 use cairn_sim::{CameraPath, ImuConfig, PhoneTraits, SimConfig, SimSource, Walker, WorldKind};
-use cairn_solve::ransac::Rng;
 use serde::Serialize;
 
 /// The noise that the rig of a phone states (`cairn_sources`, phones and bags without a calibration).
@@ -16,7 +16,7 @@ pub const STATED: ImuNoise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2
 /// Readings a second.
 const IMU_HZ: f64 = 60.0;
 /// One frame in so many is dropped in a delayed run.
-const DROPPED: u32 = 8;
+const DROPPED: usize = 8;
 
 /// Result of one walk.
 #[derive(Clone, Debug, Serialize)]
@@ -88,7 +88,7 @@ pub fn walk(
         _ => {}
     }
     let options = &options;
-    let drops = delays.map(|d| Rng::new(d.seed ^ 0xD0));
+    let drops = delays.map(|d| Random::new(d.seed ^ 0xD0));
     let inner: Box<dyn Source> = match noise {
         Noise::Overstated | Noise::AsStated => {
             config.route = CameraPath::Points(corners);
@@ -182,7 +182,7 @@ pub fn summary(walks: &[Walked]) -> String {
 struct Phone {
     inner: Box<dyn Source>,
     rig: Rig,
-    drops: Option<Rng>,
+    drops: Option<Random>,
     delivered: usize,
 }
 

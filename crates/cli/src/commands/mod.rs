@@ -13,6 +13,7 @@ pub mod map;
 pub mod mesh;
 pub mod plan;
 pub mod rig;
+pub mod ros;
 pub mod route;
 pub mod run;
 pub mod serve;

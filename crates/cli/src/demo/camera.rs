@@ -133,7 +133,7 @@ impl DemoCamera {
 
     /// Gives a command; returns the announcements that start now.
     pub fn ask(&mut self, command: &Command) -> Result<Vec<Said>, Failure> {
-        self.session.command(command).map_err(bug)?;
+        self.session.command(command).map_err(|why| bug(why.words))?;
         Ok(self.said())
     }
 

@@ -14,6 +14,7 @@ mod map;
 mod outputs;
 mod plan;
 mod rig;
+mod ros;
 mod route;
 mod run;
 mod sim;
@@ -68,7 +69,7 @@ fn every_listed_command_has_help_and_json() {
     for name in ["run", "demo", "doctor", "completions", "map", "ekf", "team", "fleet"] {
         assert!(names.contains(&name), "{name}: {help}");
     }
-    assert_eq!(names.len(), 19, "{help}");
+    assert_eq!(names.len(), 20, "{help}");
     for name in names.iter().filter(|name| **name != "help") {
         let output = cairn(&[name, "--help"]);
         assert_eq!(output.status.code(), Some(0), "{name}");

@@ -1,8 +1,10 @@
 //! The first cell of the surface on the ray of each pixel of a pinhole: where ray casts begin.
 
 use super::draw::{Corner, Raster, check};
-use super::{Mesher, Place, Sink, samples::Samples};
+use super::samples::{Samples, corner_number, corner_of};
+use super::{Mesher, Place, Sink, Triangles, corner_at, slots};
 use crate::block::BlockKey;
+use crate::grid::BlockGrid;
 use crate::view::Box2;
 use crate::{DenseError, TsdfVolume};
 use cairn_geometry::Se3;
@@ -65,15 +67,14 @@ impl Mesher {
         keys.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut out = FirstCells { cells: Vec::new(), nearest: vec![0; camera.width * camera.height] };
         let raster = Raster::new(camera, volume_from_camera);
-        let mut corners = Vec::new();
-        self.samples.begin();
+        let (mut corners, grid) = (Vec::new(), BlockGrid::new(volume));
         for (_, key) in keys {
             corners.clear();
             let place = Place::new(volume, key);
             let steps = [0.0; 8];
             let mut sink =
                 Draw { place, raster: &raster, corners: &mut corners, out: &mut out, cell: None, steps };
-            self.each_cell(volume, key, &mut sink);
+            self.each_cell(volume, slots(&grid, key), &mut sink);
         }
         Ok(out)
     }
@@ -91,15 +92,21 @@ struct Draw<'a> {
 }
 
 impl Sink for Draw<'_> {
-    fn cell(&mut self, cell: [usize; 3], steps: &[f32; 8]) {
-        (self.cell, self.steps) = (Some(cell), *steps);
-    }
-
     fn vertex(&mut self, _: &Samples, axis: usize, from: [usize; 3], part: f32) -> u32 {
         self.corners.push(self.raster.project(&self.place.position(axis, from, part)));
         (self.corners.len() - 1) as u32
     }
 
+    fn cell(&mut self, samples: &Samples, cell: usize, triangles: &Triangles, vertex: impl Fn(u16) -> u32) {
+        self.cell = Some(corner_of(cell));
+        self.steps = std::array::from_fn(|i| samples.step(cell + corner_number(corner_at(i))));
+        for corners in triangles.iter() {
+            self.triangle(corners.map(&vertex));
+        }
+    }
+}
+
+impl Draw<'_> {
     fn triangle(&mut self, corners: [u32; 3]) {
         let Self { raster, corners: known, out: FirstCells { cells, nearest }, .. } = self;
         let number = (cells.len() - usize::from(self.cell.is_none())) as u64;

@@ -3,6 +3,7 @@
 mod draw;
 mod first;
 mod overview;
+mod piece;
 mod samples;
 mod table;
 
@@ -11,8 +12,10 @@ pub(crate) use first::{Cell, FirstCells};
 pub use overview::overview;
 
 use crate::block::{BlockKey, KeyHasher, SIDE};
+use crate::grid::BlockGrid;
 use crate::tsdf::TsdfVolume;
-use samples::{CORNERS, JUMP, Samples, corner_index};
+use piece::{Buffers, Piece};
+use samples::{NUMBERS, Samples, corner_number, corner_of};
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 
@@ -21,7 +24,8 @@ use std::hash::BuildHasherDefault;
 pub struct Mesh {
     /// Positions in metres.
     pub positions: Vec<[f32; 3]>,
-    /// Unit normals, towards free space; one for each position.
+    /// Unit normals, towards free space; one for each position, or none: the mesh of a block has none, since those at its border
+    /// would be those of its own triangles alone.
     pub normals: Vec<[f32; 3]>,
     /// Red, green, blue of each position; empty without colours.
     pub colours: Vec<[u8; 3]>,
@@ -50,9 +54,6 @@ impl MeshConfig {
     }
 }
 
-/// No vertex yet.
-const NONE: u32 = u32::MAX;
-
 type EdgeTable = HashMap<([i32; 3], usize), u32, BuildHasherDefault<KeyHasher>>;
 
 /// Extracts meshes; reuses its memory from call to call.
@@ -60,49 +61,46 @@ type EdgeTable = HashMap<([i32; 3], usize), u32, BuildHasherDefault<KeyHasher>>;
 pub struct Mesher {
     config: MeshConfig,
     samples: Samples,
-    /// Vertex on each edge that starts at a corner, by axis.
-    vertices: Vec<[u32; 3]>,
-    /// Corners whose entry in `vertices` is set.
-    set: Vec<usize>,
+    /// The vertex on each of them, at three times the number of the edge, plus its axis.
+    vertices: Box<[u32; 4 * NUMBERS]>,
     /// Vertices on edges that two or more blocks share.
     shared: EdgeTable,
+    /// Room for the mesh of a block.
+    buffers: Option<Box<Buffers>>,
     cells: Cells,
 }
 
-/// An edge of a cell among the block's corners: its axis, the numbers of its ends from the cell's own corner on, and where it starts.
-#[derive(Clone, Copy)]
-struct CellEdge {
-    axis: usize,
-    from: usize,
-    to: usize,
-    start: [usize; 3],
+/// The triangles of cells, by the set of their inside corners.
+#[derive(Clone)]
+struct Cells(Vec<Triangles>);
+
+/// The triangles of a cell. For each corner its place among the vertices, from that of the cell on.
+#[derive(Clone, Default)]
+struct Triangles {
+    count: usize,
+    /// The first two; places of anything where there are not so many.
+    first: [[u16; 3]; 2],
+    rest: Vec<[u16; 3]>,
 }
 
-/// The corners and edges of a cell, and its triangles.
-#[derive(Clone)]
-struct Cells {
-    corners: [usize; 8],
-    edges: [CellEdge; 12],
-    triangles: &'static [Vec<[table::Edge; 3]>],
+impl Triangles {
+    fn iter(&self) -> impl Iterator<Item = &[u16; 3]> {
+        self.first.iter().chain(&self.rest).take(self.count)
+    }
 }
 
 impl Cells {
     fn new() -> Self {
-        let edge = |e: usize| {
-            let (axis, corner) = table::edge_start(e as table::Edge);
-            let start = corner_at(corner);
-            CellEdge {
-                axis,
-                from: corner_index(start),
-                to: corner_index(corner_at(corner | 1 << axis)),
-                start,
-            }
+        let place = |e: table::Edge| {
+            let (axis, corner) = table::edge_start(e);
+            (3 * corner_number(corner_at(corner)) + axis) as u16
         };
-        Self {
-            corners: std::array::from_fn(|i| corner_index(corner_at(i))),
-            edges: std::array::from_fn(edge),
-            triangles: &table::TRIANGLES,
-        }
+        let triangles = |of: &Vec<[table::Edge; 3]>| {
+            let mut all = of.iter().map(|t| t.map(place));
+            let mut first = || all.next().unwrap_or_default();
+            Triangles { count: of.len(), first: [first(), first()], rest: all.collect() }
+        };
+        Self(table::TRIANGLES.iter().map(triangles).collect())
     }
 }
 
@@ -114,9 +112,14 @@ fn corner_at(i: usize) -> [usize; 3] {
 impl Mesher {
     /// An extractor with empty memory.
     pub fn new(config: MeshConfig) -> Self {
-        let vertices = vec![[NONE; 3]; CORNERS * CORNERS * CORNERS];
-        let (samples, set, shared) = (Samples::default(), Vec::new(), EdgeTable::default());
-        Self { config, samples, vertices, set, shared, cells: Cells::new() }
+        Self {
+            config,
+            samples: Samples::default(),
+            vertices: Box::new([0; 4 * NUMBERS]),
+            shared: EdgeTable::default(),
+            buffers: None,
+            cells: Cells::new(),
+        }
     }
 
     /// The whole surface: vertices on block borders are shared, so that it is closed wherever it was seen.
@@ -126,39 +129,48 @@ impl Mesher {
 
     /// The surface in the cells of some blocks, welded.
     fn some(&mut self, volume: &TsdfVolume, keys: impl Iterator<Item = BlockKey>) -> Mesh {
-        let mut mesh = Mesh::default();
-        self.shared.clear();
-        self.samples.begin();
+        let (mut mesh, grid) = (Mesh::default(), BlockGrid::new(volume));
+        // Taken out for the call: the samples are lent at the same time.
+        let mut shared = std::mem::take(&mut self.shared);
+        shared.clear();
         for key in keys {
-            self.extract(volume, key, &mut mesh, true);
+            let place = Place::new(volume, key);
+            let mut build = Build { place, volume, mesh: &mut mesh, shared: &mut shared };
+            self.each_cell(volume, slots(&grid, key), &mut build);
         }
+        self.shared = shared;
         mesh.add_normals();
         mesh
     }
 
-    /// The surface in the cells of one block. Its border passes through the same points as the borders of its
+    /// The surface in the cells of one block, without normals. Its border passes through the same points as the borders of its
     /// neighbours.
     pub fn block(&mut self, volume: &TsdfVolume, key: BlockKey) -> Mesh {
-        self.samples.begin();
-        self.piece(volume, key)
+        self.piece(volume, key, slots(&BlockGrid::Sparse(volume), key))
     }
 
     /// The surface in the cells of each block that depends on what has changed since a revision of the field, as
-    /// [`Self::block`] gives it; empty where there is none any more.
+    /// [`Self::block`] gives it; empty where the surface passes through none of its cells.
     pub fn changed<'a>(
         &'a mut self,
         volume: &'a TsdfVolume,
         revision: u64,
     ) -> impl Iterator<Item = (BlockKey, Mesh)> + 'a {
-        self.samples.begin();
-        let keys = Self::affected(volume.changed_since(revision));
-        keys.into_iter().map(|key| (key, self.piece(volume, key)))
+        let grid = BlockGrid::new(volume);
+        volume.slots().filter_map(move |(key, _)| {
+            let slots = slots(&grid, key);
+            let has_changed = slots.iter().flatten().any(|&slot| volume.changed_at(slot) > revision);
+            has_changed.then(|| (key, self.piece(volume, key, slots)))
+        })
     }
 
-    fn piece(&mut self, volume: &TsdfVolume, key: BlockKey) -> Mesh {
-        let mut mesh = Mesh::default();
-        self.extract(volume, key, &mut mesh, false);
-        mesh.add_normals();
+    fn piece(&mut self, volume: &TsdfVolume, key: BlockKey, slots: [Option<u32>; 8]) -> Mesh {
+        // Taken out for the call: the samples are lent at the same time.
+        let mut buffers = self.buffers.take().unwrap_or_default();
+        let mut piece = Piece::new(Place::new(volume, key), volume, &mut buffers);
+        self.each_cell(volume, slots, &mut piece);
+        let mesh = piece.end();
+        self.buffers = Some(buffers);
         mesh
     }
 
@@ -173,67 +185,43 @@ impl Mesher {
         out
     }
 
-    fn extract(&mut self, volume: &TsdfVolume, key: BlockKey, mesh: &mut Mesh, weld: bool) {
-        // Taken out for the call: the corners' vertices are lent at the same time.
-        let mut shared = std::mem::take(&mut self.shared);
-        let place = Place::new(volume, key);
-        self.each_cell(volume, key, &mut Build { place, volume, mesh, shared: &mut shared, weld });
-        self.shared = shared;
-    }
-
-    /// Hands each cell of a block that the surface passes through to a sink, vertices before the triangles that use them.
-    fn each_cell(&mut self, volume: &TsdfVolume, key: BlockKey, sink: &mut impl Sink) {
-        if !self.samples.load(volume, key, self.config.least_weight) {
+    /// Hands each cell of a block that the surface passes through to a sink, all vertices of the block before.
+    fn each_cell(&mut self, volume: &TsdfVolume, slots: [Option<u32>; 8], sink: &mut impl Sink) {
+        let Self { samples, vertices, cells, .. } = self;
+        if slots[0].is_none() || !samples.load(volume, slots, self.config.least_weight) {
             return;
         }
-        let Self { samples, vertices, set, cells, .. } = self;
-        let cells: &Cells = cells;
-        samples.live_cells(|cell, case| {
-            let base = corner_index(cell);
-            let steps = |offset: usize| samples.steps[base + offset];
-            let edges = &cells.edges;
-            let triangles = &cells.triangles[case];
-            // Where all corners are about as far from the surface no edge is torn.
-            let corners = cells.corners.map(steps);
-            let (low, high) = corners.iter().fold((f32::MAX, f32::MIN), |(a, b), &v| (a.min(v), b.max(v)));
-            let is_torn = |&e: &table::Edge| {
-                let edge = &edges[e as usize];
-                (steps(edge.from) - steps(edge.to)).abs() > JUMP
-            };
-            if high - low > JUMP && triangles.iter().flatten().any(is_torn) {
-                return;
+        for (axis, edges) in samples.edges.iter().enumerate() {
+            for (edge, part) in edges.iter() {
+                vertices[(3 * edge + axis) % (4 * NUMBERS)] =
+                    sink.vertex(samples, axis, corner_of(edge), part);
             }
-            sink.cell(cell, &corners);
-            for triangle in triangles {
-                let corners = triangle.map(|e| {
-                    let edge = &edges[e as usize];
-                    let known = &mut vertices[base + edge.from][edge.axis];
-                    if *known == NONE {
-                        let part = steps(edge.from) / (steps(edge.from) - steps(edge.to));
-                        let from = std::array::from_fn(|k| cell[k] + edge.start[k]);
-                        *known = sink.vertex(samples, edge.axis, from, part);
-                        set.push(base + edge.from);
-                    }
-                    *known
-                });
-                sink.triangle(corners);
-            }
-        });
-        self.set.drain(..).for_each(|i| self.vertices[i] = [NONE; 3]);
+        }
+        for (cell, case) in samples.live_cells() {
+            let vertex = |place: u16| vertices[(3 * cell + usize::from(place)) % (4 * NUMBERS)];
+            sink.cell(samples, cell, &cells.0[case], vertex);
+        }
     }
 }
 
-/// Takes the surface in a block, cell by cell.
-trait Sink {
-    /// The next cell, by its lowest corner among the block's, with the distances at its corners in steps.
-    fn cell(&mut self, _cell: [usize; 3], _corners: &[f32; 8]) {}
+/// Slots of a block, and of those that come next along the axes: bit 0 of the index selects the next one along x, and so on.
+fn slots(grid: &BlockGrid, key: BlockKey) -> [Option<u32>; 8] {
+    let mut out = [None; 8];
+    for (i, slot) in out.iter_mut().enumerate() {
+        let [x, y, z] = corner_at(i);
+        *slot = grid.slot(BlockKey([key.0[0] + x as i32, key.0[1] + y as i32, key.0[2] + z as i32]));
+    }
+    out
+}
 
+/// Takes the surface in a block: vertices, then cells.
+trait Sink {
     /// Number of a vertex on an edge; `part` is its position between the two corners, from 0 to 1. Each edge of a block is asked
     /// for once.
     fn vertex(&mut self, samples: &Samples, axis: usize, from: [usize; 3], part: f32) -> u32;
 
-    /// A triangle of the last cell, by its vertices.
-    fn triangle(&mut self, corners: [u32; 3]);
+    /// A cell, by the number of its lowest corner, with its triangles: their corners by places, of which `vertex` gives the number.
+    fn cell(&mut self, samples: &Samples, cell: usize, triangles: &Triangles, vertex: impl Fn(u16) -> u32);
 }
 
 /// Where a block lies.
@@ -248,31 +236,37 @@ impl Place {
     }
 
     /// The voxel at a corner.
+    #[inline(always)]
     fn voxel(&self, corner: [usize; 3]) -> [i32; 3] {
-        std::array::from_fn(|i| self.key.0[i] * SIDE as i32 + corner[i] as i32)
+        let at = |i: usize| self.key.0[i] * SIDE as i32 + corner[i] as i32;
+        [at(0), at(1), at(2)]
     }
 
     /// Position of a vertex in metres: computed from the corner's whole number of voxels, so that neighbouring blocks agree on
     /// the borders to the last bit.
+    #[inline(always)]
     fn position(&self, axis: usize, from: [usize; 3], part: f32) -> [f32; 3] {
-        let whole = self.voxel(from);
-        std::array::from_fn(|i| (whole[i] as f32 + 0.5 + if i == axis { part } else { 0.0 }) * self.voxel_m)
+        let [x, y, z] = self.voxel(from);
+        let at = |whole: i32, along: usize| {
+            (whole as f32 + 0.5 + if along == axis { part } else { 0.0 }) * self.voxel_m
+        };
+        [at(x, 0), at(y, 1), at(z, 2)]
     }
 }
 
-/// Adds a block to a mesh.
+/// Adds a block to a mesh, welded to those before.
 struct Build<'a> {
     place: Place,
     volume: &'a TsdfVolume,
     mesh: &'a mut Mesh,
+    /// The vertices that blocks share.
     shared: &'a mut EdgeTable,
-    weld: bool,
 }
 
 impl Sink for Build<'_> {
     fn vertex(&mut self, samples: &Samples, axis: usize, from: [usize; 3], part: f32) -> u32 {
         let new = self.mesh.positions.len() as u32;
-        if self.weld && from.iter().any(|&c| c == 0 || c == SIDE) {
+        if from.iter().any(|&c| c == 0 || c == SIDE) {
             let known = *self.shared.entry((self.place.voxel(from), axis)).or_insert(new);
             if known != new {
                 return known;
@@ -280,38 +274,36 @@ impl Sink for Build<'_> {
         }
         self.mesh.positions.push(self.place.position(axis, from, part));
         if self.volume.config().colour {
-            let mut to = from;
-            to[axis] += 1;
-            self.mesh.colours.push(self.colour(samples, from, to, part));
+            self.mesh.colours.push(colour(self.volume, samples, axis, from, part));
         }
         new
     }
 
-    fn triangle(&mut self, corners: [u32; 3]) {
-        self.mesh.triangles.push(corners);
+    fn cell(&mut self, _: &Samples, _: usize, triangles: &Triangles, vertex: impl Fn(u16) -> u32) {
+        self.mesh.triangles.extend(triangles.iter().map(|&[a, b, c]| [vertex(a), vertex(b), vertex(c)]));
     }
 }
 
-impl Build<'_> {
-    /// Mean colour of the two voxels, weighted by nearness.
-    fn colour(&self, samples: &Samples, from: [usize; 3], to: [usize; 3], part: f32) -> [u8; 3] {
-        let mut sum = [0.0f32; 3];
-        let mut total = 0.0f32;
-        for (corner, share) in [(from, 1.0 - part), (to, part)] {
-            let next = corner.map(|c| c / SIDE);
-            let slot = samples.slots[next[0] | next[1] << 1 | next[2] << 2];
-            let Some(colours) = slot.and_then(|s| self.volume.colours(s)) else { continue };
-            let i = crate::block::index(corner.map(|c| c % SIDE));
-            let count = colours.planes[3][i];
-            if count > 0 {
-                // A voxel exactly at the surface still takes a little of the other's colour.
-                let share = (share + 1e-3) / count as f32;
-                (0..3).for_each(|k| sum[k] += share * colours.planes[k][i] as f32);
-                total += share * count as f32;
-            }
+/// Mean colour of the two voxels of an edge, weighted by nearness.
+fn colour(volume: &TsdfVolume, samples: &Samples, axis: usize, from: [usize; 3], part: f32) -> [u8; 3] {
+    let mut to = from;
+    to[axis] += 1;
+    let mut sum = [0.0f32; 3];
+    let mut total = 0.0f32;
+    for (corner, share) in [(from, 1.0 - part), (to, part)] {
+        let next = corner.map(|c| c / SIDE);
+        let slot = samples.slots[next[0] | next[1] << 1 | next[2] << 2];
+        let Some(colours) = slot.and_then(|s| volume.colours(s)) else { continue };
+        let i = crate::block::index(corner.map(|c| c % SIDE));
+        let count = colours.planes[3][i];
+        if count > 0 {
+            // A voxel exactly at the surface still takes a little of the other's colour.
+            let share = (share + 1e-3) / count as f32;
+            (0..3).for_each(|k| sum[k] += share * colours.planes[k][i] as f32);
+            total += share * count as f32;
         }
-        sum.map(|s| if total > 0.0 { (s / total + 0.5) as u8 } else { 128 })
     }
+    sum.map(|s| if total > 0.0 { (s / total + 0.5) as u8 } else { 128 })
 }
 
 impl Mesh {
@@ -334,3 +326,6 @@ impl Mesh {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -223,11 +223,8 @@ mod tests {
     /// All instruction sets find the same neighbours.
     #[test]
     fn all_backends_match_alike() {
-        let mut seed = 7u32;
-        let mut next = || {
-            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (seed >> 24) as u8
-        };
+        let mut random = cairn_random::Random::new(7);
+        let mut next = || random.below(256) as u8;
         let mut some = |n: usize| -> Vec<(Fpfh, f32)> {
             (0..n).map(|i| (std::array::from_fn(|_| next()), (i % 5) as f32 * 0.1)).collect()
         };

@@ -12,6 +12,7 @@ mod saved;
 mod tests;
 
 pub use codec::PackedDepth;
+pub(crate) use codec::{Rows, broken};
 pub use locate::{Followed, Located, Locator, Place};
 pub use refuse::Progress;
 pub use saved::{SavedFrame, SavedSubmap};

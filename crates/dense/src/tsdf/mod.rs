@@ -1,10 +1,12 @@
 //! A truncated signed distance field in sparse blocks, fused from depth images with known poses.
 
+mod bits;
 mod kernel;
 #[cfg(target_arch = "x86_64")]
 mod kernel_x86;
 mod window;
 
+pub(crate) use bits::Bits;
 pub(crate) use kernel::{Colours, Planes, STEPS};
 pub(crate) use window::Window;
 
@@ -46,6 +48,8 @@ pub struct TsdfVolume {
     /// Key of each slot; `None` where it is free.
     keys: Vec<Option<BlockKey>>,
     planes: Pages<Planes>,
+    /// By slot, where it is in use: its voxels that were seen, and those behind the surface.
+    bits: Vec<Bits>,
     colours: Pages<Colours>,
     /// For each slot, the revision of its last change.
     changed: Vec<u64>,
@@ -88,6 +92,7 @@ impl TsdfVolume {
             table: BlockTable::default(),
             keys: Vec::new(),
             planes: Pages::default(),
+            bits: Vec::new(),
             colours: Pages::default(),
             changed: Vec::new(),
             revision: 0,
@@ -202,9 +207,11 @@ impl TsdfVolume {
             fused.changed += 1;
             if self.changed.len() <= slot as usize {
                 self.changed.resize(slot as usize + 1, 0);
+                self.bits.resize(slot as usize + 1, Bits::default());
                 self.keys.resize(slot as usize + 1, None);
             }
             self.changed[slot as usize] = self.revision;
+            self.bits[slot as usize].read(self.planes.at(slot), self.backend);
             if known.is_none() {
                 fused.created += 1;
                 self.table.insert(key, slot);
@@ -274,7 +281,11 @@ impl TsdfVolume {
 
     /// Bytes of all planes, tables included.
     pub fn bytes(&self) -> usize {
-        self.planes.bytes() + self.colours.bytes() + self.table.capacity() * 17 + self.keys.capacity() * 24
+        self.planes.bytes()
+            + self.colours.bytes()
+            + self.table.capacity() * 17
+            + self.keys.capacity() * 24
+            + self.bits.capacity() * size_of::<Bits>()
     }
 
     /// Revision: incremented by every image fused or removed.
@@ -286,6 +297,11 @@ impl TsdfVolume {
     pub fn changed_since(&self, revision: u64) -> impl Iterator<Item = BlockKey> + '_ {
         let since = self.keys.iter().zip(&self.changed).filter(move |(_, at)| **at > revision);
         since.filter_map(|(key, _)| *key)
+    }
+
+    /// Revision of the last change of a slot.
+    pub(crate) fn changed_at(&self, slot: u32) -> u64 {
+        self.changed[slot as usize]
     }
 
     /// Blocks and their slots, in a fixed order.
@@ -301,6 +317,11 @@ impl TsdfVolume {
     /// Distances and weights of a slot.
     pub(crate) fn planes(&self, slot: u32) -> &Planes {
         self.planes.at(slot)
+    }
+
+    /// Which voxels of a slot were seen, and which lie behind the surface.
+    pub(crate) fn bits(&self, slot: u32) -> &Bits {
+        &self.bits[slot as usize]
     }
 
     /// Colours of a slot; `None` without colours.

@@ -12,7 +12,7 @@ use super::threaded::{Job, commit};
 use super::work::{take, text_of};
 use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_mapping::Closed;
-use cairn_solve::ransac::Rng;
+use cairn_random::Random;
 use cairn_tracking::KeyFrameRequest;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -48,7 +48,7 @@ pub(crate) struct Delayed {
     /// The snapshot that tracking sees.
     pub current: Arc<Snapshot>,
     delays: Delays,
-    rng: Rng,
+    random: Random,
     /// Frames so far.
     frame: u64,
     inputs: VecDeque<Input>,
@@ -71,7 +71,7 @@ impl Delayed {
             current: stages.atlas.latest().clone(),
             stages,
             delays,
-            rng: Rng::new(delays.seed),
+            random: Random::new(delays.seed),
             frame: 0,
             inputs: VecDeque::new(),
             free_at: 0,
@@ -157,10 +157,15 @@ impl Delayed {
         }
     }
 
+    /// A number from 0 to `n - 1`.
+    fn draw(&mut self, n: u32) -> u32 {
+        self.random.below(n as usize) as u32
+    }
+
     /// Processes a request; mapping is busy with it for a drawn number of frames.
     fn take_request(&mut self, request: &KeyFrameRequest, done: &mut Done) {
-        let latency = self.rng.below(self.delays.most_frames + 1);
-        let stop_after = (self.rng.below(STOPPED) == 0).then(|| self.rng.below(QUESTIONS));
+        let latency = self.draw(self.delays.most_frames + 1);
+        let stop_after = (self.draw(STOPPED) == 0).then(|| self.draw(QUESTIONS));
         let mut asked = 0;
         let stop = || {
             asked += 1;
@@ -184,7 +189,7 @@ impl Delayed {
     /// The versions committed since the last call become visible at drawn frames, the last one after all of them.
     fn show_within(&mut self, latency: u32) {
         let new = self.stages.atlas.kept_versions();
-        let mut at: Vec<u32> = new.iter().map(|_| self.rng.below(latency + 1)).collect();
+        let mut at: Vec<u32> = new.iter().map(|_| self.draw(latency + 1)).collect();
         at.sort_unstable();
         if let Some(last) = at.last_mut() {
             *last = latency;
@@ -218,7 +223,7 @@ impl Delayed {
         match outcome {
             Ok((snapshot, mut closed)) => {
                 done.verdicts.append(&mut closed.verdicts);
-                let latency = self.rng.below(CLOSING_TIMES * self.delays.most_frames + 1);
+                let latency = self.draw(CLOSING_TIMES * self.delays.most_frames + 1);
                 self.closing = Some((self.frame + u64::from(latency), snapshot, closed));
             }
             Err(cause) => done.stage_failed = Some(text_of(&cause).replace("mapping", "closing")),

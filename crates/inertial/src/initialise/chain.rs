@@ -124,21 +124,21 @@ fn log_diagonal<const N: usize>(lower: &SMatrix<f64, N, N>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
     use nalgebra::{DMatrix, DVector};
 
     #[test]
     fn agrees_with_a_dense_solver() {
         let n = 5;
-        let mut rng = Rng::new(1);
+        let mut rng = Random::new(1);
         let mut chain = Chain::new(n);
         let size = n * STATE + SHARED;
         let (mut h, mut b) = (DMatrix::<f64>::zeros(size, size), DVector::<f64>::zeros(size));
         for k in 0..n - 1 {
-            let by_first = SMatrix::<f64, 12, STATE>::from_fn(|_, _| rng.normal());
-            let by_second = SMatrix::<f64, 12, STATE>::from_fn(|_, _| rng.normal());
-            let by_shared = SMatrix::<f64, 12, SHARED>::from_fn(|_, _| rng.normal());
-            let residual = SVector::<f64, 12>::from_fn(|_, _| rng.normal());
+            let by_first = SMatrix::<f64, 12, STATE>::from_fn(|_, _| rng.standard_normal());
+            let by_second = SMatrix::<f64, 12, STATE>::from_fn(|_, _| rng.standard_normal());
+            let by_shared = SMatrix::<f64, 12, SHARED>::from_fn(|_, _| rng.standard_normal());
+            let residual = SVector::<f64, 12>::from_fn(|_, _| rng.standard_normal());
             chain.add(k, &by_first, &by_second, &by_shared, &residual);
             let mut row = DMatrix::<f64>::zeros(12, size);
             row.view_mut((0, k * STATE), (12, STATE)).copy_from(&by_first);

@@ -3,8 +3,8 @@
 
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{Bias, Gravity, NavState};
+use cairn_random::Random;
 use cairn_sensor::{ImuNoise, ImuSample, Stamp};
-use cairn_solve::ransac::Rng;
 
 pub const NOISE: ImuNoise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
 
@@ -56,7 +56,7 @@ pub fn some_bias() -> Bias {
 }
 
 /// Readings with white noise and wandering biases, and the biases at the end.
-pub fn noisy(rng: &mut Rng, mut samples: Vec<ImuSample>, mut bias: Bias) -> (Vec<ImuSample>, Bias) {
+pub fn noisy(rng: &mut Random, mut samples: Vec<ImuSample>, mut bias: Bias) -> (Vec<ImuSample>, Bias) {
     let rate = 1.0 / (samples[1].stamp - samples[0].stamp);
     let root = rate.sqrt();
     for s in &mut samples {
@@ -69,6 +69,6 @@ pub fn noisy(rng: &mut Rng, mut samples: Vec<ImuSample>, mut bias: Bias) -> (Vec
 }
 
 /// Three draws of a normal distribution.
-pub fn vector(rng: &mut Rng, sigma: f64) -> Vec3 {
-    Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma
+pub fn vector(rng: &mut Random, sigma: f64) -> Vec3 {
+    Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * sigma
 }

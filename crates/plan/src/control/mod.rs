@@ -10,6 +10,7 @@ mod pursuit;
 mod reference;
 mod step;
 pub mod trial;
+mod way_out;
 
 pub use ahead::{Ahead, Surroundings};
 pub use motion::{Limits, LimitsError, Motion, moved};
@@ -18,3 +19,4 @@ pub use navigator::{Navigator, NavigatorConfig};
 pub use pursuit::{Following, Pursuit, PursuitConfig};
 pub use reference::{Projection, ReferencePath};
 pub use step::{Reason, State, Step};
+pub use way_out::way_out;

@@ -14,6 +14,7 @@ use super::mppi::{Mppi, MppiConfig};
 use super::pursuit::{Following, Pursuit, PursuitConfig};
 use super::reference::ReferencePath;
 use super::step::{Reason, State, Step};
+use super::way_out::way_out;
 use crate::costmap::{Costmap, DynamicLayer};
 use crate::grid::Cell;
 use crate::search::{BLOCKED, NoPath, Place, WeightedAStar};
@@ -37,6 +38,9 @@ pub struct NavigatorConfig {
     /// Time to wait before the first recovery when what is in the way moves and may leave by itself, in seconds. A body that
     /// backs up before someone who waits for it brings him after it.
     pub passing_s: f64,
+    /// Time for which what moves may be in the way in all before the navigator gives up, in seconds: a body that creeps up to
+    /// someone each time he moves a little never comes to the end of its recoveries.
+    pub patience_s: f64,
     /// Longest distance to back up, in metres.
     pub back_up_m: f64,
     /// Rounds of recovery before the navigator gives up.
@@ -45,8 +49,9 @@ pub struct NavigatorConfig {
     pub jump_m: f64,
     /// A body farther than this from its path plans again, in metres.
     pub off_path_m: f64,
-    /// A start on blocked ground is accepted if free ground is this near, in metres: following is not exact.
-    pub start_slack_m: f64,
+    /// A start too near to an obstacle is accepted if free ground is this near, in metres: following is not exact. The path then
+    /// begins with the way out.
+    pub way_out_m: f64,
 }
 
 impl NavigatorConfig {
@@ -59,11 +64,12 @@ impl NavigatorConfig {
             room_m: 0.2,
             wait_s: 1.0,
             passing_s: 4.0,
+            patience_s: 60.0,
             back_up_m: 0.3,
             attempts: 3,
             jump_m: 0.4,
             off_path_m: 0.5,
-            start_slack_m: 0.2,
+            way_out_m: 0.6,
         }
     }
 }
@@ -277,7 +283,10 @@ impl Navigator {
             return Err(NoPath::NotFinite(Place::Goal));
         }
         let goal_cell = frame.cell_at(goal).ok_or(NoPath::Outside(Place::Goal))?;
-        let start = self.start_cell(pose.translation, costs)?;
+        let own = frame.cell_at(pose.translation).ok_or(NoPath::Outside(Place::Start))?;
+        let out = way_out(costs, own, self.config.way_out_m);
+        let out = out.ok_or(NoPath::Blocked { place: Place::Start, cell: own })?;
+        let start = out.last().copied().unwrap_or(own);
         let past = self.search.search(costs.costs(), start, goal_cell)?;
         let path = match moving.filter(|_| self.around) {
             Some(moving) => {
@@ -294,36 +303,14 @@ impl Navigator {
         let clearance_m = keep_m + self.config.room_m;
         let smoothing = SmoothConfig { radius_m: keep_m, clearance_m, ..self.config.smooth };
         let mut points = smooth(costs.field(), &path.cells, &smoothing).points;
-        // The path runs from where the body stands to the exact goal.
-        if let Some(first) = points.first_mut() {
-            *first = pose.translation;
-        }
+        // The path runs from where the body stands, over its way out, to the exact goal.
+        let out = out.iter().skip(1).map(|cell| frame.centre(*cell));
+        points.splice(..points.len().min(1), std::iter::once(pose.translation).chain(out));
         if points.len() > 1 {
             points.pop();
         }
         points.push(goal);
         ReferencePath::new(&points).ok_or(NoPath::NotFinite(Place::Start))
-    }
-
-    /// The cell of the body, or the nearest free one within the slack, unless the body is inside a wall.
-    fn start_cell(&self, at: Vec2, costs: &Costmap) -> Result<Cell, NoPath> {
-        let frame = costs.frame();
-        let cell = frame.cell_at(at).ok_or(NoPath::Outside(Place::Start))?;
-        let free = |c: &Cell| costs.costs().get(*c).is_some_and(|cost| cost != BLOCKED);
-        if free(&cell) {
-            return Ok(cell);
-        }
-        let blocked = NoPath::Blocked { place: Place::Start, cell };
-        if costs.field().distance_m(cell).unwrap_or(0.0) == 0.0 {
-            return Err(blocked);
-        }
-        let reach = (self.config.start_slack_m / frame.resolution_m()).ceil() as i32;
-        let near = (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dx, dy)));
-        let cells =
-            near.map(|(dx, dy)| Cell::new(cell.x.wrapping_add_signed(dx), cell.y.wrapping_add_signed(dy)));
-        let away = |c: &Cell| (frame.centre(*c) - at).norm();
-        let best = cells.filter(free).min_by(|a, b| away(a).total_cmp(&away(b)));
-        best.filter(|c| away(c) <= self.config.start_slack_m).ok_or(blocked)
     }
 
     fn follow(
@@ -377,7 +364,11 @@ impl Navigator {
             reason =
                 Some(if following.ahead.by_moving { Reason::Moving(free_m) } else { Reason::Wall(free_m) });
             self.by_moving = following.ahead.by_moving;
-            self.blocked.get_or_insert((time_s, pose.translation));
+            let (since_s, _) = *self.blocked.get_or_insert((time_s, pose.translation));
+            if self.by_moving && time_s - since_s > self.config.patience_s {
+                self.state = State::NoPath;
+                return self.stand(motion, Some(Reason::GivenUp(self.attempts)));
+            }
             if self.state != State::Blocked {
                 (self.state, self.recovery, self.since_s) = (State::Blocked, Recovery::Wait, time_s);
             }
@@ -449,14 +440,16 @@ impl Navigator {
     }
 }
 
-/// Distance in metres along the path to where a wall blocks it.
+/// Distance in metres along the path to where a wall blocks it. A way out of ground that is too near to a wall does not count.
 fn blocked_along(path: &ReferencePath, along_m: f64, around: &Surroundings) -> Option<f64> {
     let step_m = around.field.frame().resolution_m();
     // The end of the path and the first cell ahead of the body are left to the follower.
     let steps = ((path.length_m() - along_m) / step_m) as usize;
     let limit = -0.5 * step_m;
     let at = |k: usize| around.wall_clearance_m(path.at(along_m + step_m * k as f64).0);
-    (5..steps).step_by(2).find(|&k| at(k) < limit).map(|k| step_m * k as f64)
+    let here = at(0) - 1e-9;
+    let out = (0..steps).find(|&k| at(k) >= limit || at(k) < here).unwrap_or(steps);
+    (out.max(5)..steps).step_by(2).find(|&k| at(k) < limit).map(|k| step_m * k as f64)
 }
 
 /// Blocks the cells where something moves now; start and goal stay as they are, and a body that is too near already is not shut in.

@@ -13,7 +13,7 @@ FRAMES = 300
 
 def outputs(wire):
     kinds = {
-        "/odom": "nav_msgs/msg/Odometry", "/pose": "geometry_msgs/msg/PoseStamped", "/path": "nav_msgs/msg/Path",
+        "/odom": "nav_msgs/msg/Odometry", "/pose": "geometry_msgs/msg/PoseWithCovarianceStamped", "/path": "nav_msgs/msg/Path",
         "/points": "sensor_msgs/msg/PointCloud2", "/tf": "tf2_msgs/msg/TFMessage",
         "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     }  # fmt: skip
@@ -26,7 +26,7 @@ def seconds(header):
 
 def check(out, player, frames, most_m, scale=False, first=0):
     """What came back, against the truth."""
-    poses = [(seconds(m.header), pose(m.pose.position, m.pose.orientation)) for _, m in out["/pose"]]
+    poses = [(seconds(m.header), pose(m.pose.pose.position, m.pose.pose.orientation)) for _, m in out["/pose"]]
     # Before the recording began to play, its first picture was shown again and again.
     truth, begun = player.truth(), min(ns for ns, _ in player.sent.values()) * 1e-9 - 1e-3
     tree = [{(t.header.frame_id, t.child_frame_id): t for t in m.transforms} for _, m in out["/tf"]]
@@ -73,6 +73,7 @@ def check(out, player, frames, most_m, scale=False, first=0):
 
 def test_stereo(wire, node, euroc):
     player, out = Player(wire, euroc, imu=False), outputs(wire)
+    markers = wire.listen("/markers", "visualization_msgs/msg/MarkerArray", latched=True)
     child = node(*player.arguments())
     begin(player, child)
     player.play(FRAMES)
@@ -86,7 +87,59 @@ def test_stereo(wire, node, euroc):
     values = {v.key: v.value for v in status.values}
     print(status.message, values)
     assert values["metric"] == "true" and status.hardware_id == "cairn"
+    check_covariances(out, player)
+    check_markers(markers[-1][1].markers, out)
     assert child.end() == 0
+
+
+def check_covariances(out, player):
+    """What is stated fits what is wrong."""
+    truth, begun = player.truth(), min(ns for ns, _ in player.sent.values()) * 1e-9 - 1e-3
+    odom = [m for _, m in out["/odom"] if seconds(m.header) >= begun]
+    times = np.array([seconds(m.header) for m in odom])
+    there = np.stack([np.interp(times, truth[:, 0], truth[:, i]) for i in (1, 2, 3)], axis=1)
+    positions = np.array([[p.x, p.y, p.z] for p in (m.pose.pose.position for m in odom)])
+    matrices = [np.array(m.pose.covariance).reshape(6, 6) for m in odom]
+    twists = [np.array(m.twist.covariance).reshape(6, 6) for m in odom]
+    assert all(np.allclose(c, c.T, rtol=1e-6) and np.linalg.eigvalsh(c).min() > 0 for c in matrices + twists)
+    trace = np.array([np.trace(c[:3, :3]) for c in matrices])
+    # That of the position may shrink on the way back: it is a turn that was off, times the distance since.
+    assert (np.diff([np.trace(c[3:, 3:]) for c in matrices]) > 0).all() and trace[-1] > 3 * trace[9], "odometry drifts"
+    # How far it went in a second, against the truth; the motions in it are taken as independent.
+    variances = np.array([np.trace(c[:3, :3]) / 3 for c in twists[1:]]) * np.diff(times) ** 2
+    ratios = []
+    for i in range(len(times)):
+        j = int(np.searchsorted(times, times[i] + 1.0))
+        if j == len(times) or times[j] - times[i] > 1.2:
+            continue
+        went = np.linalg.norm(there[j] - there[i])
+        if went > 0.1:
+            ratios.append((np.linalg.norm(positions[j] - positions[i]) - went) / np.sqrt(variances[i:j].sum()))
+    ratios = np.array(ratios)
+    # The velocity against that of the truth.
+    speed = np.array([np.linalg.norm([v.x, v.y, v.z]) for v in (m.twist.twist.linear for m in odom)])
+    true_speed = np.linalg.norm(np.diff(there, axis=0), axis=1) / np.diff(times)
+    sigma = np.sqrt([np.trace(c[:3, :3]) / 3 for c in twists])
+    fast = np.abs(speed[1:] - true_speed) / sigma[1:]
+    of_map = np.array([np.sqrt(np.trace(np.array(m.pose.covariance).reshape(6, 6)[:3, :3]) / 3) for _, m in out["/pose"]][5:])
+    print(
+        f"length over 1 s: error over stated sigma {np.sqrt((ratios**2).mean()):.2f} rms of {len(ratios)}; speed: "
+        f"{np.sqrt((fast**2).mean()):.2f} rms; sigma of the odometry at the end {np.sqrt(trace[-1] / 3):.3f} m, of the pose in "
+        f"the map {1e3 * np.median(of_map):.1f} mm, of the velocity {1e3 * np.median(sigma):.0f} mm/s"
+    )
+    assert 0.2 < np.sqrt((ratios**2).mean()) < 5.0 and 0.2 < np.sqrt((fast**2).mean()) < 5.0
+    assert 0.005 < np.median(of_map) < 0.05
+
+
+def check_markers(markers, out):
+    """Key frames as cameras, and edges between them."""
+    named = {m.ns: m for m in markers}
+    assert set(named) == {"key_frames", "spanning_tree", "loops", "goal"}
+    cameras, tree = named["key_frames"], named["spanning_tree"]
+    assert cameras.type == tree.type == 5 and cameras.action == tree.action == 0 and named["goal"].action == 2
+    count = len(out["/path"][-1][1].poses)
+    assert abs(len(cameras.points) / 16 - count) <= 1 and abs(len(tree.points) / 2 - count) <= 2
+    assert cameras.header.frame_id == "map" and cameras.scale.x > 0 and cameras.color.a == 1
 
 
 def begin(player, child):

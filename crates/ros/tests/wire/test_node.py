@@ -1,10 +1,11 @@
 """What the node does beside tracking: services, another size, a clock that is set back, a name that is wrong."""
 
+import threading
 import time
 
 import numpy as np
 import pytest
-from messages import header, make
+from messages import header, make, stamp
 from player import Player
 from test_euroc import begin, outputs, seconds
 from wire import Wire, until
@@ -91,6 +92,57 @@ def test_clock_is_set_back_and_pictures_of_another_size(wire, node, euroc):
     assert until(lambda: child.said("another size"), 5)
     assert sum("another size" in line for line in child.lines) == 1, "said once"
     assert sum("went backwards" in line for line in child.lines) == 1
+    assert child.end() == 0
+
+
+def test_time_is_that_of_the_clock(wire, node, euroc):
+    """A bag that is played at half its speed: the time is that of /clock, and so is the age of pictures."""
+    player, out = Player(wire, euroc, imu=False), outputs(wire)
+    clock = wire.writer("/clock", "rosgraph_msgs/msg/Clock", depth=1)
+    ended = threading.Event()
+    # At wall time t the clock is at 1000 s + half of what has passed.
+    started = time.time()
+    now = lambda: 1000 * 10**9 + int((time.time() - started) * 0.5e9)  # noqa: E731
+
+    def tick():
+        while not ended.is_set():
+            clock(make("rosgraph_msgs/msg/Clock", clock=stamp(now())))
+            time.sleep(0.01)
+
+    def simulated(name, k, message):
+        message.header.stamp = stamp(now())
+        return [message]
+
+    child = node(*player.arguments(), "--use-sim-time")
+    begin(player, child)
+    until(lambda: out["/diagnostics"], 5)
+    without = {v.key for v in out["/diagnostics"][-1][1].status[0].values}
+    assert not any("age of results" in key for key in without), "without /clock nothing is known of it"
+    threading.Thread(target=tick, daemon=True).start()
+    player.play(80, meddle=simulated)
+    before = len(out["/diagnostics"])
+    assert until(lambda: len(out["/diagnostics"]) > before, 5)
+    ended.set()
+    at, last = out["/diagnostics"][-1]
+    told = seconds(last.header) - 1000
+    assert abs(told - 0.5 * (at - started)) < 0.3, (told, 0.5 * (at - started))
+    ages = [float(v.value) for _, m in out["/diagnostics"] for v in m.status[0].values if v.key == "age of results ms, median"]
+    print("age of results, ms:", ages)
+    assert ages and 0 <= np.median(ages) < 500
+    assert child.end() == 0
+
+
+def test_goals_without_a_grid_are_refused(wire, node, euroc):
+    player = Player(wire, euroc, imu=False)
+    goal = wire.writer("/goal_pose", "geometry_msgs/msg/PoseStamped", reliable=True)
+    child = node(*player.arguments())
+    begin(player, child)
+
+    def ask():
+        goal(make("geometry_msgs/msg/PoseStamped", header=header(0, "map")))
+        return until(lambda: child.said("a goal needs the occupancy grid"), 0.5)
+
+    assert until(ask, 5), child.lines
     assert child.end() == 0
 
 

@@ -57,7 +57,7 @@ impl From<OpenMapError> for LibraryError {
     fn from(e: OpenMapError) -> Self {
         match e {
             OpenMapError::Rig(e) => e.into(),
-            OpenMapError::Camera(why) => Self::Slam(why),
+            other => Self::Slam(other.to_string()),
         }
     }
 }
@@ -381,8 +381,8 @@ fn opened<S>(
                 notes.extend(small);
                 return Ok((id_of(&path).unwrap_or_default(), engine, notes));
             }
-            Err(OpenMapError::Rig(e)) => return Err(e.into()),
-            Err(OpenMapError::Camera(_)) => {}
+            Err(e @ (OpenMapError::Rig(_) | OpenMapError::Process(_))) => return Err(e.into()),
+            Err(OpenMapError::Camera(_) | OpenMapError::OtherCamera { .. }) => {}
         }
     }
     let (engine, _) = begin(None)?;

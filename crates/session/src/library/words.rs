@@ -1,6 +1,7 @@
 //! The sentences about kept routes, put together from the catalogue.
 
 use super::{RouteEntry, WallTime};
+use crate::refused::Refused;
 use cairn_guide::PhraseConfig;
 use cairn_phrases::{Arg, Language};
 
@@ -90,8 +91,8 @@ pub(crate) fn about(id: &str, route: &str, language: Language) -> String {
     language.say(id, &[("route", route.into())])
 }
 
-pub(crate) fn unknown(number: u32, language: Language) -> String {
-    language.say("walk-unknown-route", &[("number", (&number.to_string()).into())])
+pub(crate) fn unknown(number: u32, language: Language) -> Refused {
+    Refused::new(language, "walk-unknown-route", &[("number", (&number.to_string()).into())])
 }
 
 pub(crate) fn noted(text: &str, side: Option<cairn_guide::Side>, language: Language) -> String {

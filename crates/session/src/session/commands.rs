@@ -2,6 +2,7 @@
 
 use super::Session;
 use crate::command::Command;
+use crate::refused::Refused;
 use crate::slam::Slam;
 use cairn_guide::Priority;
 use std::path::Path;
@@ -10,8 +11,8 @@ impl<S: Slam> Session<S> {
     /// Carries out a command; returns the result in words, which are also said.
     ///
     /// # Errors
-    /// Why the command could not be carried out, in words, which are also said.
-    pub fn command(&mut self, command: &Command) -> Result<String, String> {
+    /// Why the command could not be carried out; its words are also said.
+    pub fn command(&mut self, command: &Command) -> Result<String, Refused> {
         // Whatever else is asked for, the question is no longer open.
         if !matches!(command, Command::Answer(_) | Command::Repeat | Command::Status) {
             self.asked = None;
@@ -35,7 +36,7 @@ impl<S: Slam> Session<S> {
                     self.speech.drop_waiting();
                     Ok(self.speech.text("walk-guidance-ended"))
                 }
-                None => Err(self.speech.text("walk-not-guiding")),
+                None => Err(self.speech.refuse("walk-not-guiding")),
             },
             Command::Repeat => {
                 self.speech.repeat(self.now);
@@ -60,15 +61,15 @@ impl<S: Slam> Session<S> {
     ///
     /// # Errors
     /// As [`Session::command`].
-    pub fn record_to(&mut self, path: &Path) -> Result<String, String> {
+    pub fn record_to(&mut self, path: &Path) -> Result<String, Refused> {
         let done = self.begin_recording(Some(path.to_owned()));
         self.answer(done)
     }
 
     /// Says the result of a command.
-    pub(super) fn answer(&mut self, done: Result<String, String>) -> Result<String, String> {
-        let (Ok(text) | Err(text)) = &done;
-        self.say(text, Priority::High);
+    pub(super) fn answer(&mut self, done: Result<String, Refused>) -> Result<String, Refused> {
+        let words = done.as_ref().unwrap_or_else(|why| &why.words).clone();
+        self.say(&words, Priority::High);
         self.speak();
         done
     }

@@ -2,6 +2,7 @@
 
 use super::Session;
 use crate::guidance::Guiding;
+use crate::refused::Refused;
 use crate::scale_basis::ScaleBasis;
 use crate::slam::Slam;
 use crate::way_ahead::WayAhead;
@@ -49,29 +50,29 @@ impl<S: Slam> Session<S> {
         self.way_ahead.as_ref().filter(|_| self.guiding.is_some()).map(|w| w.cost_ms)
     }
 
-    pub(super) fn begin_guiding(&mut self, facing: Facing, again: bool) -> Result<String, String> {
+    pub(super) fn begin_guiding(&mut self, facing: Facing, again: bool) -> Result<String, Refused> {
         if self.recording.is_some() {
             self.end_recording()?;
         }
         self.update_metric(self.status.metric);
-        let held = self.route.as_ref().ok_or_else(|| self.speech.text("walk-no-route"))?;
+        let held = self.route.as_ref().ok_or_else(|| self.speech.refuse("walk-no-route"))?;
         if !held.here {
-            return Err(self.speech.text("walk-other-map"));
+            return Err(self.speech.refuse("walk-other-map"));
         }
         let travel = if again { Travel::Again } else { Travel::Home };
         let (map, place) = (self.engine.snapshot(), self.place.as_ref());
         let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now, &self.config.route)
-            .map_err(|why| self.speech.text(why.id()))?;
+            .map_err(|why| self.speech.refuse(why.id()))?;
         // The guide's first words give the length and the first direction; before that, whether the map covers the
         // route is said.
         let camera = self.engine.camera();
         let ready = |facing| guiding.reference_path.readiness(&map, &held.route, camera, facing);
         let with_camera_back = (facing == Facing::Home).then(|| ready(Facing::Back));
-        let words = ready_words(
-            &ready(facing),
-            with_camera_back.as_deref(),
-            &self.speech.phrases_for(self.status.metric),
-        );
+        let phrases = self.speech.phrases_for(self.status.metric);
+        let words = match self.engine.is_visual() {
+            true => ready_words(&ready(facing), with_camera_back.as_deref(), &phrases),
+            false => self.speech.text("ready-all"),
+        };
         self.guiding = Some(guiding);
         self.arrived = false;
         Ok(words)

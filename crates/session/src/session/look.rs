@@ -5,7 +5,7 @@ use crate::age::Age;
 use crate::recording::Recording;
 use crate::reference_path::anchor_in_map;
 use crate::slam::Slam;
-use crate::status::{GuidingStatus, RecordingStatus, RouteStatus, Status, View};
+use crate::status::{GuidingStatus, RecordingStatus, RouteStatus, SessionStatus, View};
 use cairn_engine::Phase;
 use cairn_geometry::Vec3;
 use cairn_guide::{Facing, GuideState, StopReason, reason_words};
@@ -15,7 +15,7 @@ use std::path::PathBuf;
 
 impl<S: Slam> Session<S> {
     /// The current status.
-    pub fn status(&self) -> Status {
+    pub fn status(&self) -> SessionStatus {
         let mut s = self.status.clone();
         let name = |path: &Option<PathBuf>| {
             let name = path.as_ref().and_then(|p| p.file_name());

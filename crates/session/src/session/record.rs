@@ -1,10 +1,11 @@
 //! Recording: it begins, takes each pose and the notes that are given, and ends.
 
-use super::{RouteAtHand, Session};
+use super::{NotSaved, RouteAtHand, Session};
 use crate::lens::LensKnowledge;
 use crate::library::words;
 use crate::place::Place;
 use crate::recording::{About, Recording};
+use crate::refused::Refused;
 use crate::slam::Slam;
 use cairn_guide::{Confidence, PhraseConfig, Priority, RecordInput, Recorder, Route, Side};
 use cairn_phrases::Arg;
@@ -49,7 +50,7 @@ impl<S: Slam> Session<S> {
             self.auto_recorded = true;
             match self.begin_recording(None) {
                 Ok(words) => self.say(&words, Priority::Normal),
-                Err(words) => self.say(&words, Priority::High),
+                Err(why) => self.say(&why.words, Priority::High),
             }
             self.is_auto = self.recording.is_some();
         }
@@ -64,9 +65,9 @@ impl<S: Slam> Session<S> {
         }
     }
 
-    pub(super) fn begin_recording(&mut self, path: Option<PathBuf>) -> Result<String, String> {
+    pub(super) fn begin_recording(&mut self, path: Option<PathBuf>) -> Result<String, Refused> {
         if self.recording.is_some() {
-            return Err(self.speech.text("walk-already-recording"));
+            return Err(self.speech.refuse("walk-already-recording"));
         }
         (self.auto_recorded, self.is_auto) = (true, false);
         let named = path.or_else(|| self.config.record_to.take());
@@ -112,22 +113,22 @@ impl<S: Slam> Session<S> {
         }
     }
 
-    pub(super) fn end_recording(&mut self) -> Result<String, String> {
-        let recording = self.recording.take().ok_or_else(|| self.speech.text("walk-not-recording"))?;
+    pub(super) fn end_recording(&mut self) -> Result<String, Refused> {
+        let recording = self.recording.take().ok_or_else(|| self.speech.refuse("walk-not-recording"))?;
         let length = recording.length();
         let (route, path, whole) = recording.finish();
         if route.points.len() < 2 {
             self.folder.refresh(None);
-            return Err(self.speech.text("walk-nothing-recorded"));
+            return Err(self.speech.refuse("walk-nothing-recorded"));
         }
         self.add_recorded(&path, &route, whole.is_ok());
         self.route = Some(RouteAtHand { route, path, here: true });
-        whole.map_err(|e| self.speech.because("walk-file-incomplete", e))?;
+        whole.map_err(|e| self.speech.refuse_because("walk-file-incomplete", e))?;
         let phrases = PhraseConfig { metric: self.engine.is_metric(), ..*self.speech.phrases() };
         Ok(phrases.measured(["walk-recorded", "walk-recorded-unmeasured"], length, &[]))
     }
 
-    pub(super) fn close_recording(&mut self) -> Result<(), String> {
+    pub(super) fn close_recording(&mut self) -> Result<(), NotSaved> {
         self.drop_unasked();
         let Some(recording) = self.recording.take() else { return Ok(()) };
         let (route, path, whole) = recording.finish();
@@ -135,7 +136,7 @@ impl<S: Slam> Session<S> {
         let points = route.points.len();
         self.add_recorded(&path, &route, whole.is_ok());
         self.route = Some(RouteAtHand { route, path, here: true });
-        whole.map_err(|e| format!("{name}: {e}; {points} points were recorded"))
+        whole.map_err(|e| NotSaved::Route(format!("{name}: {e}; {points} points were recorded")))
     }
 
     pub(super) fn add_recorded(&mut self, path: &Option<PathBuf>, route: &Route, is_on_disk: bool) {
@@ -154,23 +155,24 @@ impl<S: Slam> Session<S> {
         self.folder.refresh(None);
     }
 
-    pub(super) fn mark(&mut self) -> Result<String, String> {
-        self.recording.as_ref().ok_or_else(|| self.speech.text("walk-note-no-recording"))?;
-        self.marked = Some(self.place_now().ok_or_else(|| self.speech.text("walk-note-no-place"))?);
+    pub(super) fn mark(&mut self) -> Result<String, Refused> {
+        self.recording.as_ref().ok_or_else(|| self.speech.refuse("walk-note-no-recording"))?;
+        self.marked = Some(self.place_now().ok_or_else(|| self.speech.refuse("walk-note-no-place"))?);
         Ok(self.speech.text("walk-marked"))
     }
 
-    pub(super) fn note(&mut self, text: &str, side: Option<Side>) -> Result<String, String> {
+    pub(super) fn note(&mut self, text: &str, side: Option<Side>) -> Result<String, Refused> {
         let here = self.place_now();
         let marked = self.marked.take().filter(|p| self.now - p.stamp <= MARKED_S);
         let language = self.speech.language();
-        let recording = self.recording.as_mut().ok_or_else(|| language.text("walk-note-no-recording"))?;
-        let place = marked.or(here).ok_or_else(|| language.text("walk-note-no-place"))?;
+        let recording =
+            self.recording.as_mut().ok_or_else(|| Refused::new(language, "walk-note-no-recording", &[]))?;
+        let place = marked.or(here).ok_or_else(|| Refused::new(language, "walk-note-no-place", &[]))?;
         let text = match text.trim() {
             "" => language.text("walk-landmark"),
             text => text.to_owned(),
         };
-        recording.note(&text, side, &place).map_err(|id| language.text(id))?;
+        recording.note(&text, side, &place).map_err(|id| Refused::new(language, id, &[]))?;
         Ok(words::noted(&text, side, language))
     }
 

@@ -4,6 +4,7 @@ use super::{Asked, RouteAtHand, Session};
 use crate::command::Which;
 use crate::library::words::WhyNot;
 use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, checked_name, words};
+use crate::refused::Refused;
 use crate::slam::Slam;
 use cairn_guide::{Priority, Route};
 use std::path::{Path, PathBuf};
@@ -70,19 +71,19 @@ impl<S: Slam> Session<S> {
         self.keeper.is_some() && (self.folder.entries().len() >= MOST_ROUTES || large())
     }
 
-    pub(super) fn load(&mut self, which: &Which) -> Result<String, String> {
+    pub(super) fn load(&mut self, which: &Which) -> Result<String, Refused> {
         if self.guiding.is_some() {
-            return Err(self.speech.text("walk-halt-first"));
+            return Err(self.speech.refuse("walk-halt-first"));
         }
         self.refresh();
         let path = self.path_of(which)?;
         let held = self.route.as_ref().filter(|w| w.path.as_deref() == Some(&path));
         let route = match held {
             Some(held) => held.route.clone(),
-            None => Route::load(&path).map_err(|e| self.speech.because("walk-route-unreadable", e))?,
+            None => Route::load(&path).map_err(|e| self.speech.refuse_because("walk-route-unreadable", e))?,
         };
         if route.points.len() < 2 {
-            return Err(self.speech.text("walk-route-empty"));
+            return Err(self.speech.refuse("walk-route-empty"));
         }
         // A recording in progress ends, complete: the route to be walked is another one from now on.
         self.drop_unasked();
@@ -97,12 +98,12 @@ impl<S: Slam> Session<S> {
         let text = words::loaded(&named, route.notes.len(), why_not, self.speech.language());
         self.route = Some(RouteAtHand { route, path: Some(path), here });
         Ok(match ended {
-            Some(Ok(ended) | Err(ended)) => format!("{ended} {text}"),
+            Some(ended) => format!("{} {text}", ended.unwrap_or_else(|why| why.words)),
             None => text,
         })
     }
 
-    fn path_of(&self, which: &Which) -> Result<PathBuf, String> {
+    fn path_of(&self, which: &Which) -> Result<PathBuf, Refused> {
         match which {
             Which::File(path) => Ok(path.clone()),
             Which::Number(number) => self
@@ -114,18 +115,18 @@ impl<S: Slam> Session<S> {
                 let newest = self.folder.newest_first().into_iter().find(|e| e.damage.is_none());
                 let newest = newest.map(|e| e.path.clone());
                 let other = || crate::library::latest(self.folder.path());
-                newest.or_else(other).ok_or_else(|| self.speech.text("walk-no-saved-route"))
+                newest.or_else(other).ok_or_else(|| self.speech.refuse("walk-no-saved-route"))
             }
         }
     }
 
     /// The number that is meant: this one, else that of the route at hand.
-    fn number(&mut self, number: Option<u32>) -> Result<u32, String> {
+    fn number(&mut self, number: Option<u32>) -> Result<u32, Refused> {
         self.refresh();
         if let Some(number) = number {
             let being = self.recording.as_ref().and_then(|r| r.path.as_deref());
             if being.is_some_and(|p| p == self.folder.path().join(format!("route-{number:04}.route"))) {
-                return Err(self.speech.text("walk-being-recorded"));
+                return Err(self.speech.refuse("walk-being-recorded"));
             }
             return self
                 .folder
@@ -135,14 +136,14 @@ impl<S: Slam> Session<S> {
         }
         let held = self.route.as_ref().and_then(|w| w.path.as_deref());
         let entry = held.and_then(|path| self.folder.by_path(path));
-        entry.map(|e| e.number).ok_or_else(|| self.speech.text("walk-no-route-at-hand"))
+        entry.map(|e| e.number).ok_or_else(|| self.speech.refuse("walk-no-route-at-hand"))
     }
 
-    pub(super) fn rename(&mut self, number: Option<u32>, name: &str) -> Result<String, String> {
+    pub(super) fn rename(&mut self, number: Option<u32>, name: &str) -> Result<String, Refused> {
         let number = self.number(number)?;
-        let name = checked_name(name).map_err(|id| self.speech.text(id))?;
+        let name = checked_name(name).map_err(|id| self.speech.refuse(id))?;
         let named = self.folder.rename(number, name, &*self.disk);
-        named.map_err(|why| self.speech.because("walk-rename-failed", why))?;
+        named.map_err(|why| self.speech.refuse_because("walk-rename-failed", why))?;
         self.refresh();
         let entry =
             self.folder.get(number).cloned().ok_or_else(|| words::unknown(number, self.speech.language()))?;
@@ -156,12 +157,12 @@ impl<S: Slam> Session<S> {
         ))
     }
 
-    pub(super) fn ask_delete(&mut self, number: Option<u32>) -> Result<String, String> {
+    pub(super) fn ask_delete(&mut self, number: Option<u32>) -> Result<String, Refused> {
         let number = self.number(number)?;
         let entry = self.folder.get(number).ok_or_else(|| words::unknown(number, self.speech.language()))?;
         let held = self.route.as_ref().and_then(|w| w.path.as_deref()) == Some(&entry.path);
         if held && self.guiding.is_some() {
-            return Err(self.speech.text("walk-halt-first"));
+            return Err(self.speech.refuse("walk-halt-first"));
         }
         let route = words::route(entry, (self.wall)(), self.speech.phrases());
         let words = words::about("walk-ask-delete", &route, self.speech.language());
@@ -169,15 +170,15 @@ impl<S: Slam> Session<S> {
         Ok(words)
     }
 
-    pub(super) fn take_answer(&mut self, yes: bool) -> Result<String, String> {
+    pub(super) fn take_answer(&mut self, yes: bool) -> Result<String, Refused> {
         let asked = self.asked.take().filter(|asked| self.now - asked.at <= ASKED_S);
-        let number = asked.ok_or_else(|| self.speech.text("walk-no-question"))?.number;
+        let number = asked.ok_or_else(|| self.speech.refuse("walk-no-question"))?.number;
         if !yes {
             return Ok(self.speech.text("walk-nothing-deleted"));
         }
         let entry =
             self.folder.get(number).cloned().ok_or_else(|| words::unknown(number, self.speech.language()))?;
-        self.folder.remove(number).map_err(|e| self.speech.because("walk-delete-failed", e))?;
+        self.folder.remove(number).map_err(|e| self.speech.refuse_because("walk-delete-failed", e))?;
         if self.route.as_ref().is_some_and(|w| w.path.as_deref() == Some(&entry.path)) {
             self.route = None;
         }

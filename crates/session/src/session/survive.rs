@@ -41,8 +41,8 @@ impl<S: Slam> Session<S> {
         }
         if let Some((facing, again)) = state.guiding {
             // What the map covers was said when it began.
-            if let Err(words) = self.begin_guiding(facing, again) {
-                self.say(&words, Priority::High);
+            if let Err(why) = self.begin_guiding(facing, again) {
+                self.say(&why.words, Priority::High);
             }
         }
     }

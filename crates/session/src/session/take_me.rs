@@ -6,6 +6,7 @@
 
 use super::{RouteAtHand, Session};
 use crate::library::{SPOKEN, number_of};
+use crate::refused::Refused;
 use crate::slam::Slam;
 use crate::take_me::{NoWay, WalkedRoutes};
 use cairn_guide::Route;
@@ -34,7 +35,7 @@ enum RouteEnd {
 impl<S: Slam> Session<S> {
     /// Plans the way over the known routes from here to a place, and starts guidance along it. A recording in progress
     /// belongs to them, and ends. Without a place: says which places there are.
-    pub(super) fn take_me(&mut self, to: &str) -> Result<String, String> {
+    pub(super) fn take_me(&mut self, to: &str) -> Result<String, Refused> {
         let to = said(to);
         let (known, language) = (self.known_routes(), self.speech.language());
         let snapshot = self.engine.snapshot();
@@ -43,20 +44,20 @@ impl<S: Slam> Session<S> {
             return Ok(language.say("walk-way-places", &places(&known, language).args()));
         }
         let found = found(&known, to, language);
-        let say = |id: &str, place: &str| language.say(id, &[("place", place.into())]);
+        let refused = |id, place: &str| Refused::new(language, id, &[("place", place.into())]);
         let (k, end) = match found[..] {
             [one] => one,
             [] => {
                 let places = places(&known, language);
                 let args = [&[("place", to.into())][..], &places.args()].concat();
-                return Err(language.say("walk-way-unknown", &args));
+                return Err(Refused::new(language, "walk-way-unknown", &args));
             }
-            _ => return Err(say("walk-way-ambiguous", to)),
+            _ => return Err(refused("walk-way-ambiguous", to)),
         };
         let here = self.place.as_ref().zip(self.scale);
-        let (place, scale) = here.ok_or_else(|| language.text("walk-way-here-unknown"))?;
+        let (place, scale) = here.ok_or_else(|| Refused::new(language, "walk-way-here-unknown", &[]))?;
         if walked.destinations().iter().all(|d| d.map != scale.map) {
-            return Err(language.text("walk-searching"));
+            return Err(Refused::new(language, "walk-searching", &[]));
         }
         let spoken = known[k].place(end, language);
         let [start, last] = walked.ends(k);
@@ -65,9 +66,9 @@ impl<S: Slam> Session<S> {
         let planned = to
             .ok_or(NoWay::NotWalked(NotWalked::NoRoute))
             .and_then(|to| walked.take_me(scale.map, from, &to))
-            .map_err(|why| say(sentence(&why), &spoken))?;
+            .map_err(|why| refused(sentence(&why), &spoken))?;
         if planned.route.points.len() < 2 || planned.path.length_m < THERE_M {
-            return Err(language.text("walk-way-there"));
+            return Err(Refused::new(language, "walk-way-there", &[]));
         }
         if self.recording.is_some() {
             self.end_recording()?;

@@ -20,7 +20,7 @@ mod thing;
 
 pub(crate) use face::Face;
 pub use figure::{Figure, Passer};
-pub use options::{WorldKind, WorldOptions};
+pub use options::{UnknownWorld, WorldKind, WorldOptions};
 pub use route::NamedRoute;
 pub use thing::Thing;
 

@@ -58,13 +58,15 @@ impl fmt::Display for WorldKind {
     }
 }
 
+/// A name that no world has.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("there is no world \"{0}\"; known are {known}", known = WorldKind::ALL.map(WorldKind::name).join(", "))]
+pub struct UnknownWorld(String);
+
 impl FromStr for WorldKind {
-    type Err = String;
-    fn from_str(s: &str) -> Result<Self, String> {
-        WorldKind::ALL.into_iter().find(|k| k.name() == s).ok_or_else(|| {
-            let known: Vec<&str> = WorldKind::ALL.iter().map(|k| k.name()).collect();
-            format!("there is no world \"{s}\"; known are {}", known.join(", "))
-        })
+    type Err = UnknownWorld;
+    fn from_str(s: &str) -> Result<Self, UnknownWorld> {
+        WorldKind::ALL.into_iter().find(|k| k.name() == s).ok_or_else(|| UnknownWorld(s.to_owned()))
     }
 }
 

@@ -10,11 +10,12 @@ mod rig;
 mod topics;
 
 pub use frames::Frames;
-pub use topics::{NamedTopic, TopicRole};
+pub use topics::{NamedTopic, NamedTopicError, TopicRole};
 
 use crate::bag_reader::{BagReader, ImuTopics, median_step_ns};
 use crate::recording::{ImageAt, ImuAt, Instant, Recording, forward_only, join_depth, pair};
-use cairn_bag::{Bag, BagError, MessageKind, Topic, is_bag};
+use cairn_bag::{Bag, BagError, MessageKind, Topic, is_bag, stamped_pose};
+use cairn_geometry::Se3;
 use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::Path;
 use topics::Chosen;
@@ -35,12 +36,17 @@ pub fn is(path: &Path) -> bool {
 /// Indexes the bag.
 pub fn index(path: &Path, mut given: Option<Rig>, named: &[NamedTopic]) -> Result<Recording, SourceError> {
     let shown = path.display().to_string();
-    let bag = Bag::open(path, &wanted).map_err(source_error)?;
+    let truth_topic = named.iter().rev().find(|n| n.role == TopicRole::Truth).map(|n| n.topic.as_str());
+    let bag = Bag::open(path, &|name, kind| match truth_topic == Some(name) {
+        true => usize::MAX,
+        false => wanted(name, kind),
+    });
+    let bag = bag.map_err(source_error)?;
     let mut skipped = bag.notes().to_vec();
     let mut reader = BagReader::new(bag);
     let recorder = realsense::Recorder::of(&reader);
     let mut chosen = match &recorder {
-        Some(recorder) if named.is_empty() => recorder.chosen(&mut reader),
+        Some(recorder) if named.iter().all(|n| n.role == TopicRole::Truth) => recorder.chosen(&mut reader),
         _ => topics::choose(&shown, &mut reader, named)?,
     };
     if let Some(rig) = &mut given {
@@ -53,17 +59,57 @@ pub fn index(path: &Path, mut given: Option<Rig>, named: &[NamedTopic]) -> Resul
     let other = |text: String| Skipped::new(SkipKind::Other, "told about the bag", text);
     let mut skipped: Vec<Skipped> = skipped.into_iter().map(other).collect();
     let instants = instants(&reader, &chosen, &mut skipped);
+    let truth =
+        truth_topic.map_or(Ok(Vec::new()), |topic| truth(&shown, &mut reader, topic, &mut skipped))?;
     Ok(Recording {
         name: format!("bag {shown} ({})", chosen.text(reader.topics())),
         imu: rig.imu.is_some().then(|| ImuAt::Messages(chosen.imu.clone())),
         rig,
         instants,
         bag: Some(reader),
-        truth: Vec::new(),
+        truth,
         no_depth: None,
         skipped,
         assumed: (!assumed.is_empty()).then(|| assumed.join("; ")),
     })
+}
+
+/// The poses of a topic in order of time, the first of each time. Those that cannot be read are counted.
+fn truth(
+    shown: &str,
+    reader: &mut BagReader,
+    topic: &str,
+    skipped: &mut Vec<Skipped>,
+) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+    let found = reader.topics().iter().position(|t| t.name == topic && !t.entries.is_empty());
+    let Some(found) = found else {
+        let why = format!("has no messages on \"{topic}\"");
+        return Err(SourceError::new(shown, why, "name a topic of poses: --topic truth=TOPIC"));
+    };
+    let Some(about) = reader.topics().get(found) else { return Ok(Vec::new()) };
+    let (kind, format, count) = (about.kind.clone(), about.format, about.entries.len());
+    let mut poses: Vec<(Stamp, Se3)> = Vec::with_capacity(count);
+    let mut first_fault = None;
+    for number in 0..count {
+        let message = reader.message(found, number);
+        match message.and_then(|bytes| stamped_pose(&kind, format, &bytes).map_err(|e| e.to_string())) {
+            Ok((ns, pose)) => poses.push((Stamp(ns), pose)),
+            Err(why) => {
+                skipped.push(Skipped::new(SkipKind::Other, "a pose of the truth", format!("{topic}: {why}")));
+                first_fault.get_or_insert(why);
+            }
+        }
+    }
+    if let (true, Some(why)) = (poses.is_empty(), first_fault) {
+        return Err(SourceError::new(
+            shown,
+            format!("no pose of {topic} can be read: {why}"),
+            "name another topic",
+        ));
+    }
+    poses.sort_by_key(|(stamp, _)| *stamp);
+    poses.dedup_by_key(|(stamp, _)| *stamp);
+    Ok(poses)
 }
 
 /// How many messages of a topic are indexed.

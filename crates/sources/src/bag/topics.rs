@@ -30,9 +30,11 @@ pub enum TopicRole {
     RightInfo,
     /// `camera_info` of the depth sensor.
     DepthInfo,
+    /// Poses of the body by another system, to compare with.
+    Truth,
 }
 
-const ROLES: [(&str, TopicRole); 9] = [
+const ROLES: [(&str, TopicRole); 10] = [
     ("left", TopicRole::Left),
     ("right", TopicRole::Right),
     ("depth", TopicRole::Depth),
@@ -42,6 +44,7 @@ const ROLES: [(&str, TopicRole); 9] = [
     ("left-info", TopicRole::LeftInfo),
     ("right-info", TopicRole::RightInfo),
     ("depth-info", TopicRole::DepthInfo),
+    ("truth", TopicRole::Truth),
 ];
 
 /// A topic named for a sensor, written `left=/cam0/image_raw`.
@@ -53,17 +56,33 @@ pub struct NamedTopic {
     pub topic: String,
 }
 
-impl FromStr for NamedTopic {
-    type Err = String;
+/// Why a text names no topic.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NamedTopicError {
+    /// It has another form.
+    #[error("write SENSOR=TOPIC; sensors are {}", roles())]
+    Form,
+    /// There is no such sensor.
+    #[error("\"{0}\" is no sensor; known are {known}", known = roles())]
+    Sensor(String),
+    /// Nothing follows the sensor.
+    #[error("the topic is empty")]
+    Empty,
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let known = || ROLES.map(|(name, _)| name).join(", ");
-        let (role, topic) =
-            text.split_once('=').ok_or_else(|| format!("write SENSOR=TOPIC; sensors are {}", known()))?;
+fn roles() -> String {
+    ROLES.map(|(name, _)| name).join(", ")
+}
+
+impl FromStr for NamedTopic {
+    type Err = NamedTopicError;
+
+    fn from_str(text: &str) -> Result<Self, NamedTopicError> {
+        let (role, topic) = text.split_once('=').ok_or(NamedTopicError::Form)?;
         let found = ROLES.iter().find(|(name, _)| *name == role);
-        let (_, role) = found.ok_or_else(|| format!("\"{role}\" is no sensor; known are {}", known()))?;
+        let (_, role) = found.ok_or_else(|| NamedTopicError::Sensor(role.to_owned()))?;
         if topic.is_empty() {
-            return Err("the topic is empty".into());
+            return Err(NamedTopicError::Empty);
         }
         Ok(Self { role: *role, topic: topic.to_owned() })
     }
@@ -325,7 +344,7 @@ mod tests {
     fn names_of_topics_are_checked() {
         let named: NamedTopic = "left=/cam0/image_raw".parse().unwrap();
         assert_eq!((named.role, named.topic.as_str()), (TopicRole::Left, "/cam0/image_raw"));
-        assert!("left".parse::<NamedTopic>().unwrap_err().contains("SENSOR=TOPIC"));
-        assert!("top=/a".parse::<NamedTopic>().unwrap_err().contains("left, right, depth"));
+        assert!("left".parse::<NamedTopic>().unwrap_err().to_string().contains("SENSOR=TOPIC"));
+        assert!("top=/a".parse::<NamedTopic>().unwrap_err().to_string().contains("left, right, depth"));
     }
 }

@@ -92,7 +92,7 @@ pub fn images(mode: &Mode, bytes: &[u8]) -> Result<Vec<GrayImage>, String> {
         PixelFormat::UYVY => Ok(vec![every_second(mode, bytes, 1)?]),
         PixelFormat::Y8I => Ok(vec![every_second(mode, bytes, 0)?, every_second(mode, bytes, 1)?]),
         PixelFormat::MJPG => {
-            let image = gray_jpeg(bytes)?;
+            let image = gray_jpeg(bytes).map_err(|e| e.to_string())?;
             if [image.width(), image.height()] != [mode.width, mode.height] {
                 return Err(format!("a JPEG of {}x{}, not {mode}", image.width(), image.height()));
             }

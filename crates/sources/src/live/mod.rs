@@ -15,7 +15,7 @@ mod stream;
 
 pub use address::waiting_for;
 pub use phone::{PhoneSource, phone_imu};
-pub use phone_port::{Motion, PhonePort};
+pub use phone_port::{MotionReading, PhonePort};
 
 use crate::options::OpenOptions;
 use address::Address;

@@ -144,11 +144,9 @@ mod tests {
     use super::*;
 
     /// Deterministic numbers within 0 and 1.
-    fn numbers(mut seed: u64) -> impl FnMut() -> f64 {
-        move || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 11) as f64 / (1u64 << 53) as f64
-        }
+    fn numbers(seed: u64) -> impl FnMut() -> f64 {
+        let mut random = cairn_random::Random::new(seed);
+        move || random.unit()
     }
 
     fn after(start: Instant, s: f64) -> Instant {

@@ -45,8 +45,8 @@ impl PhoneSource {
         const NAME: &str = "the page's camera";
         let first = port.wait();
         let first = first.ok_or_else(|| SourceError::new(NAME, "was never opened", "open the page again"))?;
-        let image =
-            gray_jpeg(&first.jpeg).map_err(|why| SourceError::new(NAME, why, "try another browser"))?;
+        let image = gray_jpeg(&first.jpeg)
+            .map_err(|why| SourceError::new(NAME, why.to_string(), "try another browser"))?;
         let given = rig.is_some();
         let (mut rig, mut assumed) = rig_for(NAME, [image.width(), image.height()], rig)?;
         // The motion sensor may come later than the camera, so it is always reckoned with.
@@ -214,7 +214,7 @@ impl Source for PhoneSource {
 
 #[cfg(test)]
 mod tests {
-    use super::super::phone_port::Motion;
+    use super::super::phone_port::MotionReading;
     use super::*;
     use cairn_geometry::Vec3;
 
@@ -245,8 +245,8 @@ mod tests {
         f
     }
 
-    fn sample(ms: f64) -> Motion {
-        Motion { ms, gyro: Vec3::zeros(), accel: Vec3::new(0.0, -9.8, 0.0) }
+    fn sample(ms: f64) -> MotionReading {
+        MotionReading { ms, gyro: Vec3::zeros(), accel: Vec3::new(0.0, -9.8, 0.0) }
     }
 
     #[test]

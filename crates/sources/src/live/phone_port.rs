@@ -24,7 +24,7 @@ const LATE_S: f64 = 1.0;
 
 /// One reading of a phone's motion sensors, in the axes of its image: x right, y down, z into the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
+pub struct MotionReading {
     /// The page's time in milliseconds, in the clock of its images.
     pub ms: f64,
     /// Angular rate in rad/s.
@@ -45,7 +45,7 @@ pub(super) struct Arrived {
 
 struct State {
     newest: Option<Arrived>,
-    motion: VecDeque<Motion>,
+    motion: VecDeque<MotionReading>,
     /// When motion data arrived last.
     moved: Option<Instant>,
     overtaken: usize,
@@ -162,9 +162,10 @@ impl PhonePort {
     }
 
     /// Takes readings of the motion sensors.
-    pub fn motion(&self, samples: impl IntoIterator<Item = Motion>) {
-        let finite =
-            |m: &Motion| m.ms.is_finite() && m.gyro.iter().chain(m.accel.iter()).all(|v| v.is_finite());
+    pub fn motion(&self, samples: impl IntoIterator<Item = MotionReading>) {
+        let finite = |m: &MotionReading| {
+            m.ms.is_finite() && m.gyro.iter().chain(m.accel.iter()).all(|v| v.is_finite())
+        };
         let mut s = self.lock();
         s.motion.extend(samples.into_iter().filter(finite));
         s.moved = Some(Instant::now());
@@ -176,7 +177,7 @@ impl PhonePort {
 
     /// The motion data of a page since the last call; waits for some until the given instant. Empty after that, when the port
     /// is closed, and once the data is another page's: its time is not known before its first image.
-    pub(super) fn motion_before(&self, page: u64, until: Instant) -> VecDeque<Motion> {
+    pub(super) fn motion_before(&self, page: u64, until: Instant) -> VecDeque<MotionReading> {
         let mut s = self.lock();
         loop {
             let left = until.saturating_duration_since(Instant::now());

@@ -16,8 +16,10 @@
 //! There is no clock, no thread and no chance here; a driver calls [`Peer::tick`] about once a second.
 
 mod complaints;
+mod exchange;
 mod message;
 mod part;
+mod publish;
 mod seal;
 mod traffic;
 
@@ -29,7 +31,7 @@ pub use seal::{Identity, IdentityError, TeamKey};
 pub use traffic::{Amount, Traffic};
 
 use crate::{MAX_ROBOTS, Refused, RobotId};
-use message::{Body, Layer, MAX_BLOCKS, Manifest, PeerMessage, Stamp, Topic};
+use message::{Body, Layer, PeerMessage, Stamp, Topic};
 use part::Part;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -165,72 +167,6 @@ impl Peer {
     /// Whose maps are fetched.
     pub fn wanted(&self) -> &Wanted {
         &self.wanted
-    }
-
-    /// Publishes this robot's map in place of the one before, and returns its version: the same one if it has not
-    /// changed.
-    ///
-    /// # Errors
-    /// When it is empty or too long ([`MAX_PART_BYTES`]).
-    pub fn publish(&mut self, bytes: &[u8]) -> Result<u32, Refused> {
-        self.publish_pieces(bytes, &[bytes.len()])
-    }
-
-    /// As [`Peer::publish`], for bytes made of pieces of these lengths, of which later versions have many in common: a
-    /// piece that others already have is not sent again.
-    ///
-    /// # Errors
-    /// As [`Peer::publish`], and when the pieces do not make up the bytes or are too many.
-    pub fn publish_pieces(&mut self, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {
-        if bytes.is_empty() || bytes.len() > MAX_PART_BYTES {
-            return Err(Refused::TooLong(bytes.len()));
-        }
-        self.publish_layer(Layer::Map, bytes, lengths)
-    }
-
-    /// As [`Peer::publish_pieces`], for the words of this robot's key frames, to be published before its map.
-    ///
-    /// # Errors
-    /// As [`Peer::publish_pieces`], with [`MAX_WORDS_PART_BYTES`].
-    pub fn publish_words(&mut self, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {
-        if bytes.is_empty() || bytes.len() > MAX_WORDS_PART_BYTES {
-            return Err(Refused::TooLong(bytes.len()));
-        }
-        self.publish_layer(Layer::Words, bytes, lengths)
-    }
-
-    fn publish_layer(&mut self, layer: Layer, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {
-        let mut blocks: Vec<&[u8]> = Vec::new();
-        let mut rest = bytes;
-        for length in lengths {
-            let (piece, after) = rest
-                .split_at_checked(*length)
-                .ok_or(Refused::Inconsistent("its pieces are longer than it"))?;
-            blocks.extend(piece.chunks(BLOCK_BYTES));
-            rest = after;
-        }
-        if !rest.is_empty() || blocks.len() > MAX_BLOCKS {
-            return Err(Refused::Inconsistent("its pieces do not make it up, or are too many"));
-        }
-        let topic = (self.robot(), layer);
-        let version = |part: Option<&Part>| part.map_or(0, |part| part.manifest.version);
-        let newest = version(self.parts.get(&topic)).max(version(self.coming.get(&topic)));
-        let same = self.parts.get(&topic).filter(|part| {
-            let m = Manifest::new(&self.identity, layer, part.manifest.version, &blocks);
-            part.manifest.version == newest && m.stamp() == part.stamp
-        });
-        if same.is_some() {
-            return Ok(newest);
-        }
-        Ok(self.publish_as(layer, newest.saturating_add(1), &blocks))
-    }
-
-    fn publish_as(&mut self, layer: Layer, version: u32, blocks: &[&[u8]]) -> u32 {
-        let part = Part::whole(Manifest::new(&self.identity, layer, version, blocks), blocks);
-        let topic = (self.robot(), layer);
-        self.coming.remove(&topic);
-        self.parts.insert(topic, part);
-        version
     }
 
     /// Messages that are due: what this peer has, and requests for what it misses. To be called about once a second.
@@ -386,117 +322,6 @@ impl Peer {
         // Encoding into memory cannot fail; an empty message would be refused by everyone.
         let body = postcard::to_stdvec(&message).unwrap_or_default();
         Outgoing { to, kind: message.kind(), bytes: Arc::new(self.team.seal(&body)) }
-    }
-
-    /// Sends the manifests of what another peer has not or has older: of words, and of the maps that it wants.
-    fn compare(&mut self, from: RobotId, has: Vec<(Topic, Stamp)>, wants: Wanted) -> Vec<Outgoing> {
-        let has: BTreeMap<Topic, Stamp> = has.into_iter().collect();
-        let goes = |(robot, layer): &Topic| *layer == Layer::Words || wants.includes(*robot);
-        let is_newer = |topic: &Topic, part: &Part| has.get(topic).is_none_or(|s| *s < part.stamp);
-        let newer = self.parts.iter().filter(|(topic, part)| goes(topic) && is_newer(topic, part));
-        let (now, offered) = (self.ticks, &mut self.offered);
-        let due = |(topic, part): &(&Topic, &Part)| {
-            let last = offered.insert((from, **topic), (part.stamp, now));
-            // A peer may still be fetching what it was offered.
-            let waits = last.filter(|(stamp, tick)| *stamp == part.stamp && now - tick < OFFER_TICKS);
-            waits.is_none_or(|last| {
-                offered.insert((from, **topic), last);
-                false
-            })
-        };
-        let manifests: Vec<Manifest> = newer.filter(due).map(|(_, part)| part.manifest.clone()).collect();
-        let heard = self.heard.entry(from).or_default();
-        (heard.has, heard.wants) = (has, wants);
-        manifests.into_iter().map(|m| self.message(To::Robot(from), Body::Manifest(m))).collect()
-    }
-
-    fn learn(&mut self, from: RobotId, manifest: Manifest) -> Result<Vec<Outgoing>, Refused> {
-        let (robot, topic, stamp) = (manifest.robot, manifest.topic(), manifest.stamp());
-        if self.parts.get(&topic).is_some_and(|part| part.stamp >= stamp) {
-            return Ok(Vec::new());
-        }
-        manifest.check()?;
-        match self.keys.get(&robot) {
-            Some(key) if *key != manifest.key => return Err(Refused::OtherKey(robot)),
-            None if self.keys.len() >= MAX_ROBOTS => return Err(Refused::TooManyRobots),
-            _ => {}
-        }
-        self.heard.entry(from).or_default().has.insert(topic, stamp);
-        let is_own = robot == self.robot();
-        if topic.1 == Layer::Map && !is_own && !self.wanted.includes(robot) {
-            return Ok(Vec::new());
-        }
-        // One that is newer still is waited for, unless everyone who had it has left.
-        let better = |part: &Part| {
-            part.stamp == stamp
-                || part.stamp > stamp && !holders(&self.heard, self.ticks, topic, part.stamp).is_empty()
-        };
-        if self.coming.get(&topic).is_some_and(better) {
-            return Ok(Vec::new());
-        }
-        let replaced = self.coming.get(&topic).map_or(0, |part| part.manifest.length());
-        if self.held_bytes() - replaced + manifest.length() > MAX_HELD_BYTES {
-            return Err(Refused::TooMuch(MAX_HELD_BYTES));
-        }
-        self.keys.insert(robot, manifest.key);
-        if is_own && let Some(own) = self.parts.get(&topic) {
-            // Published before this robot was started again: what it has now is newer.
-            let own = own.clone();
-            self.publish_as(topic.1, stamp.0.saturating_add(1), &own.blocks());
-            return Ok(Vec::new());
-        }
-        let before = [self.parts.get(&topic), self.coming.get(&topic)];
-        let before: Vec<&Part> = before.into_iter().flatten().collect();
-        let part = Part::new(manifest, &before);
-        self.coming.insert(topic, part);
-        Ok(self.go_on(from, topic))
-    }
-
-    fn serve(&self, to: RobotId, topic: Topic, stamp: Stamp, blocks: &[u16]) -> Vec<Outgoing> {
-        let Some(part) = self.parts.get(&topic).filter(|part| part.stamp == stamp) else { return Vec::new() };
-        let block = |index: &u16| {
-            let bytes = part.block(*index)?.to_vec();
-            Some(self.message(To::Robot(to), Body::Block { topic, stamp, index: *index, bytes }))
-        };
-        blocks.iter().filter_map(block).collect()
-    }
-
-    fn put(
-        &mut self,
-        from: RobotId,
-        topic: Topic,
-        stamp: Stamp,
-        index: u16,
-        bytes: Vec<u8>,
-    ) -> Result<Vec<Outgoing>, Refused> {
-        // A block of an older version, or one that came before, is late and no fault.
-        let Some(part) = self.coming.get_mut(&topic).filter(|part| part.stamp == stamp) else {
-            return Ok(Vec::new());
-        };
-        if !part.put(index, bytes) {
-            return Err(Refused::Inconsistent("a block is not the one that its robot signed"));
-        }
-        Ok(self.go_on(from, topic))
-    }
-
-    /// Takes a part over when it is complete; otherwise asks for the next blocks when those asked for have come.
-    fn go_on(&mut self, from: RobotId, topic: Topic) -> Vec<Outgoing> {
-        let Some(part) = self.coming.get_mut(&topic) else { return Vec::new() };
-        if part.is_complete() {
-            if let Some(part) = self.coming.remove(&topic) {
-                self.parts.insert(topic, part);
-                if topic.1 == Layer::Map {
-                    self.fetched.insert(topic.0, self.ticks);
-                }
-            }
-            return Vec::new();
-        }
-        let blocks = if part.has_room() { part.next(self.ticks) } else { Vec::new() };
-        if blocks.is_empty() {
-            return Vec::new();
-        }
-        let want = Body::Want { topic, stamp: part.stamp, blocks };
-        vec![self.message(To::Robot(from), want)]
     }
 }
 

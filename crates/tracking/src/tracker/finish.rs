@@ -64,6 +64,11 @@ impl Tracker {
         let Some(anchored) = self.anchor_nearest(snapshot, fallback, chosen) else {
             return self.lose(frame, inliers);
         };
+        let by_depth = self.dense.as_ref().filter(|_| is_front_end).and_then(|dense| dense.aligned());
+        let covariance = match by_depth {
+            Some(aligned) => Some(aligned.reckoned.covariance),
+            None => found.located.information.try_inverse(),
+        };
         self.tell_inertial(&frame, snapshot, &found.located, &anchored, prior.as_ref(), predicted.as_ref());
         self.settle(&frame, snapshot, &found.matches, anchored);
         let reference = self.local.reference.unwrap_or(fallback);
@@ -78,6 +83,7 @@ impl Tracker {
             stamp,
             state: State::Tracking,
             pose: Some(anchored),
+            covariance,
             evidence,
             request,
             earlier: Vec::new(),

@@ -51,11 +51,11 @@ impl Tracker {
         let (good, spot) = self.held_on_the_spot(&frame, good);
         let is_on_the_spot = spot != Spot::No;
         let reckoned = self.reckoned().filter(|r| good.is_none() && r.may_coast());
-        let carried = (good.as_ref().map(|b| (b.world_from_camera, b.position_sigma())))
-            .or(reckoned.map(|r| (r.world_from_camera, r.sigma()[0])));
-        let Some((anchored, sigma)) =
-            carried.and_then(|(pose, sigma)| Some((self.predicted_pose(snapshot, &pose)?, sigma)))
-        else {
+        let carried = (good.as_ref().map(|b| (b.world_from_camera, b.position_sigma(), b.pose_covariance())))
+            .or(reckoned.map(|r| (r.world_from_camera, r.sigma()[0], r.covariance)));
+        let Some((anchored, sigma, covariance)) = carried.and_then(|(pose, sigma, covariance)| {
+            Some((self.predicted_pose(snapshot, &pose)?, sigma, covariance))
+        }) else {
             let turned = self.track_rotation(&frame, snapshot);
             return turned.unwrap_or_else(|| self.lose(frame, inliers));
         };
@@ -93,6 +93,7 @@ impl Tracker {
             stamp: frame.stamp,
             state: State::Coasting { since_s, sigma },
             pose: Some(anchored),
+            covariance: Some(covariance),
             evidence: Evidence { features: frame.len(), inliers, ..Evidence::default() },
             request,
             earlier: Vec::new(),
@@ -306,6 +307,7 @@ impl Tracker {
             stamp: frame.stamp,
             state,
             pose: None,
+            covariance: None,
             evidence,
             request: None,
             earlier: Vec::new(),

@@ -20,7 +20,7 @@ const UNSUPPORTED: usize = 600;
 /// second.
 const ON_THE_SPOT_M: [f64; 2] = [0.3, 0.2];
 /// Standard deviation of an orientation carried forward by rotation alone, radians.
-const TURNED_RAD: f64 = 0.1;
+pub(super) const TURNED_RAD: f64 = 0.1;
 
 impl Tracker {
     /// Typical walking speed, in the map's unit per second.

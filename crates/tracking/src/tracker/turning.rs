@@ -1,12 +1,13 @@
 //! A monocular camera that turns on the spot and has lost its map: rotation carries the orientation from frame to frame.
 
 use super::Tracker;
+use super::scale::TURNED_RAD;
 use crate::rotation::{Between, SHARE, rotation_between};
-use crate::state::{AnchoredPose, Evidence, Last, State, Tracked, anchored_at};
+use crate::state::{Evidence, Last, State, Tracked, anchored_at};
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_vision::Frame;
-use nalgebra::SVector;
+use nalgebra::{Matrix6, SVector, Vector6};
 use std::sync::Arc;
 
 /// Seconds between two frames up to which one is tracked from the other.
@@ -64,26 +65,17 @@ impl Tracker {
         self.turned_until = Some(frame.stamp);
         self.keep_unsupported(frame.stamp, anchored);
         let sigma = self.on_the_spot_sigma(since_s);
-        Some(self.rotating(frame, anchored, State::RotationOnly { since_s, sigma }, inliers, matched))
-    }
-
-    fn rotating(
-        &self,
-        frame: &Frame,
-        anchored: AnchoredPose,
-        state: State,
-        inliers: usize,
-        matched: usize,
-    ) -> Tracked {
-        Tracked {
+        let variances = Vector6::from_fn(|i, _| [sigma, TURNED_RAD][i / 3].powi(2));
+        Some(Tracked {
             stamp: frame.stamp,
-            state,
+            state: State::RotationOnly { since_s, sigma },
             pose: Some(anchored),
+            covariance: Some(Matrix6::from_diagonal(&variances)),
             evidence: Evidence { features: frame.len(), expected: 0, matched, inliers },
             request: None,
             earlier: Vec::new(),
             scale_supported: false,
             seen: Vec::new(),
-        }
+        })
     }
 }

@@ -27,6 +27,7 @@ impl Tracker {
             stamp: frame.stamp,
             state,
             pose: None,
+            covariance: None,
             evidence,
             request,
             earlier: Vec::new(),

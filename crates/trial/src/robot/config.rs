@@ -83,8 +83,13 @@ impl RobotConfig {
                 settle_s: 5.0,
                 ..GroundConfig::default()
             },
-            // After two rounds before someone it gives way to him.
-            navigator: NavigatorConfig { room_m: 0.1, attempts: 1, ..NavigatorConfig::new(pursuit) },
+            // After two rounds before someone it gives way to him, and where it only creeps up to him after as long.
+            navigator: NavigatorConfig {
+                room_m: 0.1,
+                attempts: 1,
+                patience_s: 15.0,
+                ..NavigatorConfig::new(pursuit)
+            },
             frontier: FrontierConfig::default(),
             delay_s: 0.05,
             wheel_noise: 0.02,

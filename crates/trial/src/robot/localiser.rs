@@ -59,6 +59,8 @@ pub struct Localiser {
     /// The refused pose of the frame before, and for how many frames such poses have moved as the wheels did.
     refused_before: Option<Se2>,
     agreed: usize,
+    /// A loop or a merge was accepted with the frame before: its pose was not yet corrected, the next one is.
+    is_corrected: bool,
     /// Milliseconds from image to pose, frame by frame.
     pub step_ms: Vec<f64>,
     /// Frames that were not tracked.
@@ -89,6 +91,7 @@ impl Localiser {
             variance: [0.0; 2],
             refused_before: None,
             agreed: 0,
+            is_corrected: false,
             step_ms: Vec::new(),
             lost: 0,
             coasted: 0,
@@ -122,8 +125,9 @@ impl Localiser {
         let is_tracked = output.state == State::Tracking;
         match output.anchored {
             None => self.lost += 1,
-            Some(anchored) => self.take(&snapshot, &anchored, is_tracked, closed > 0, wheels),
+            Some(anchored) => self.take(&snapshot, &anchored, is_tracked, wheels),
         }
+        self.is_corrected = closed > 0;
         let key = self.anchor.and_then(|id| Some((id, self.pose_of(&snapshot, id)?)));
         Ok(Located {
             ground_from_body: self.ground_from_body,
@@ -134,14 +138,7 @@ impl Localiser {
     }
 
     /// Takes a pose of the engine, where it is where the wheels say.
-    fn take(
-        &mut self,
-        snapshot: &Snapshot,
-        anchored: &AnchoredPose,
-        is_tracked: bool,
-        closed: bool,
-        wheels: Se2,
-    ) {
+    fn take(&mut self, snapshot: &Snapshot, anchored: &AnchoredPose, is_tracked: bool, wheels: Se2) {
         let Some(map) = map_of(snapshot, anchored.reference) else { return };
         let camera = over_ground(&self.ground_from_body) * self.body_from_camera;
         let lies = self.ground_from_map.entry(map).or_insert(camera * anchored.world_from_camera.inverse());
@@ -154,7 +151,7 @@ impl Localiser {
         let sigmas = self.variance.map(f64::sqrt);
         let moved_alike = self.refused_before.is_some_and(|before| near(&(before * wheels), [0.0; 2]));
         self.agreed = if moved_alike && is_tracked { self.agreed + 1 } else { 0 };
-        if !closed && self.agreed < AGREED && !near(&self.ground_from_body, sigmas) {
+        if !self.is_corrected && self.agreed < AGREED && !near(&self.ground_from_body, sigmas) {
             self.refused += 1;
             self.refused_before = Some(pose);
             return;

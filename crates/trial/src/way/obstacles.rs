@@ -4,6 +4,7 @@
 //! is used to place them and to judge, never by the guide.
 
 use cairn_geometry::{Vec2, Vec3};
+use cairn_random::Random;
 use cairn_sim::{Thing, World};
 
 /// Radius of the body, metres: half the width of a person, the least distance to a wall.
@@ -47,21 +48,14 @@ impl Obstacles {
     /// Places things along the legs of a route (corners, metres), in turn a box on the floor, one at head height, and a
     /// barrier across the way.
     pub fn along(corners: &[Vec2], count: usize, seed: u64) -> Self {
-        let mut random = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-        let mut uniform = |low: f64, high: f64| {
-            // Xorshift (Marsaglia 2003).
-            random ^= random << 13;
-            random ^= random >> 7;
-            random ^= random << 17;
-            low + (high - low) * (random >> 11) as f64 / (1u64 << 53) as f64
-        };
+        let mut random = Random::new(seed);
         let mut places = Vec::new();
         for leg in corners.windows(2) {
             let (d, length) = (leg[1] - leg[0], (leg[1] - leg[0]).norm());
-            let mut along = FROM_CORNERS_M + uniform(0.0, 1.0);
+            let mut along = FROM_CORNERS_M + random.uniform(0.0, 1.0);
             while along < length - FROM_CORNERS_M {
                 places.push((leg[0] + d * (along / length), d / length));
-                along += APART_M + uniform(0.0, 1.0);
+                along += APART_M + random.uniform(0.0, 1.0);
             }
         }
         let mut things = Vec::new();
@@ -71,11 +65,16 @@ impl Obstacles {
             let left = Vec2::new(-along.y, along.x);
             let yaw = along.y.atan2(along.x);
             // Beside the middle, so that there is room on one side.
-            let side = if uniform(0.0, 1.0) < 0.5 { -1.0 } else { 1.0 };
-            let aside = left * side * uniform(0.15, 0.35);
+            let side = if random.uniform(0.0, 1.0) < 0.5 { -1.0 } else { 1.0 };
+            let aside = left * side * random.uniform(0.15, 0.35);
             let (thing, kind) = match k % 3 {
                 0 => (
-                    Thing { at: at + aside, base_m: 0.0, size: Vec3::new(0.4, 0.5, uniform(0.5, 1.1)), yaw },
+                    Thing {
+                        at: at + aside,
+                        base_m: 0.0,
+                        size: Vec3::new(0.4, 0.5, random.uniform(0.5, 1.1)),
+                        yaw,
+                    },
                     Kind::Stays,
                 ),
                 1 => {

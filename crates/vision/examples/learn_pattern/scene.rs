@@ -5,7 +5,8 @@
 //! value noise whose amplitude falls as its frequency rises (a 1/f spectrum). Only operations that round identically on
 //! every machine are used (no sine, no logarithm), so the images are the same everywhere.
 
-/// A small seeded generator (xorshift64*).
+/// A small seeded generator (xorshift64*, Vigna 2016). Not `cairn-random`: the pattern that was learned by its numbers is part
+/// of every saved map.
 pub struct Rng(u64);
 
 impl Rng {

@@ -62,12 +62,9 @@ mod tests {
     #[test]
     fn scores_match_the_definition() {
         let (w, h) = (70, 40);
-        let mut state = 3u32;
-        let mut next = |i: usize| {
-            state = state.wrapping_mul(1664525).wrapping_add(1013904223);
-            // Noise on blocks, so that many pixels are corners.
-            (((i % w / 5 + i / w / 5) % 2) as u32 * 150 + (state >> 24) % 90) as u8
-        };
+        let mut random = cairn_random::Random::new(3);
+        // Noise on blocks, so that many pixels are corners.
+        let mut next = |i: usize| ((i % w / 5 + i / w / 5) % 2 * 150 + random.below(90)) as u8;
         let image = GrayImage::from_vec(w, h, (0..w * h).map(&mut next).collect()).unwrap();
         let (mut corners, mut row) = (0, vec![0; w + 64]);
         for backend in Backend::every() {

@@ -38,12 +38,8 @@ mod tests {
     use super::*;
 
     fn descriptors(n: usize) -> Vec<Descriptor> {
-        let mut state = 7u64;
-        let mut byte = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 56) as u8
-        };
-        (0..n).map(|_| std::array::from_fn(|_| byte())).collect()
+        let mut random = cairn_random::Random::new(7);
+        (0..n).map(|_| std::array::from_fn(|_| random.below(256) as u8)).collect()
     }
 
     fn plain(a: &Descriptor, b: &Descriptor) -> u32 {

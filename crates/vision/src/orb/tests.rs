@@ -1,23 +1,12 @@
 //! Tests of the whole extractor on synthetic images.
 
 use super::*;
+use cairn_random::Random;
 use cairn_sensor::GrayImage;
 
-/// A small seeded generator (xorshift64*), so that every run uses the same images.
-struct Rng(u64);
-
-impl Rng {
-    fn next(&mut self) -> u32 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 32) as u32
-    }
-}
-
 fn noise(w: usize, h: usize, seed: u64) -> GrayImage {
-    let mut rng = Rng(seed);
-    GrayImage::from_vec(w, h, (0..w * h).map(|_| rng.next() as u8).collect()).unwrap()
+    let mut random = Random::new(seed);
+    GrayImage::from_vec(w, h, (0..w * h).map(|_| random.below(256) as u8).collect()).unwrap()
 }
 
 /// A continuous scene of overlapping boxes with soft edges; boxes are indexed by the cells they can cover.
@@ -28,8 +17,8 @@ const CELLS: usize = 40;
 
 impl Scene {
     fn new(seed: u64) -> Self {
-        let mut rng = Rng(seed);
-        let mut unit = || rng.next() as f64 / u32::MAX as f64;
+        let mut random = Random::new(seed);
+        let mut unit = || random.unit();
         let mut cells = vec![Vec::new(); CELLS * CELLS];
         for _ in 0..900 {
             let (s, c) = (unit() * 3.2).sin_cos();

@@ -55,15 +55,15 @@ fn sample_scalar(image: &GrayImage, l: &Lattice, out: &mut Patch) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
 
-    fn noise(rng: &mut Rng, w: usize, h: usize) -> GrayImage {
+    fn noise(rng: &mut Random, w: usize, h: usize) -> GrayImage {
         GrayImage::from_vec(w, h, (0..w * h).map(|_| rng.below(256) as u8).collect()).unwrap()
     }
 
     #[test]
     fn backends_are_bit_identical() {
-        let mut rng = Rng::new(51);
+        let mut rng = Random::new(51);
         if !Backend::Avx2.available() {
             println!("skipped: no AVX2 on this machine");
             return;
@@ -71,9 +71,9 @@ mod tests {
         let image = noise(&mut rng, 61, 47);
         let (mut inside, mut outside) = (0, 0);
         for _ in 0..20_000 {
-            let centre = [rng.range(-3.0, 64.0), rng.range(-3.0, 50.0)];
+            let centre = [rng.uniform(-3.0, 64.0), rng.uniform(-3.0, 50.0)];
             let affine = std::array::from_fn(|k| {
-                (rng.range(-0.6, 0.6) + if k == 0 || k == 3 { 1.0 } else { 0.0 }) as f32
+                (rng.uniform(-0.6, 0.6) + if k == 0 || k == 3 { 1.0 } else { 0.0 }) as f32
             });
             let (mut a, mut b) = ([0.0; PADDED], [1.0; PADDED]);
             let first = sample(&image, centre, &affine, &mut a, Backend::Scalar);

@@ -250,21 +250,23 @@ mod tests {
     use super::*;
     use crate::triangulate::essential;
     use cairn_geometry::{Se3, So3};
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
 
     #[test]
     fn true_motion_is_among_the_solutions() {
-        let mut rng = Rng::new(11);
+        let mut rng = Random::new(11);
         let (mut missed, mut solutions) = (0, 0);
         for trial in 0..500 {
             let t = Se3::new(
-                So3::exp(&(Vec3::new(rng.normal(), rng.normal(), rng.normal()) * 0.2)),
-                Vec3::new(rng.normal(), rng.normal(), rng.normal()).normalize(),
+                So3::exp(
+                    &(Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * 0.2),
+                ),
+                Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()).normalize(),
             );
             // Every other scene is a plane.
             let p: [Vec3; 5] = std::array::from_fn(|_| {
-                let (x, y) = (rng.range(-1.0, 1.0), rng.range(-1.0, 1.0));
-                let z = if trial % 2 == 0 { rng.range(3.0, 9.0) } else { 5.0 + 0.8 * x - 0.5 * y };
+                let (x, y) = (rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0));
+                let z = if trial % 2 == 0 { rng.uniform(3.0, 9.0) } else { 5.0 + 0.8 * x - 0.5 * y };
                 Vec3::new(x * 2.0, y * 2.0, z)
             });
             let first = p.map(|p| p.normalize());

@@ -63,13 +63,15 @@ pub fn motions(h: &Mat3) -> Option<[Se3; 4]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
 
     #[test]
     fn homography_of_a_plane_gives_the_motion() {
-        let mut rng = Rng::new(21);
+        let mut rng = Random::new(21);
         for _ in 0..300 {
-            let v = |rng: &mut Rng, s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+            let v = |rng: &mut Random, s: f64| {
+                Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * s
+            };
             let w = v(&mut rng, 0.15);
             let t = Se3::new(So3::exp(&w), v(&mut rng, 0.3));
             let normal = (Vec3::z() + v(&mut rng, 0.3)).normalize();
@@ -79,7 +81,7 @@ mod tests {
                 continue;
             }
             let first: [Vec2; 4] =
-                std::array::from_fn(|_| Vec2::new(rng.range(-0.6, 0.6), rng.range(-0.6, 0.6)));
+                std::array::from_fn(|_| Vec2::new(rng.uniform(-0.6, 0.6), rng.uniform(-0.6, 0.6)));
             let second = first.map(|p| {
                 let q = truth * p.push(1.0);
                 q.xy() / q.z

@@ -86,18 +86,23 @@ fn linearise(motion: &Se3, matches: &[Match], sigma: f64) -> DenseNormal<5> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
 
     #[test]
     fn gradient_matches_the_cost() {
-        let mut rng = Rng::new(31);
+        let mut rng = Random::new(31);
         let t = Se3::new(So3::exp(&Vec3::new(0.05, -0.1, 0.02)), Vec3::new(0.8, 0.1, -0.3).normalize());
         let matches: Vec<Match> = (0..40)
             .map(|_| {
-                let p = Vec3::new(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0), rng.range(3.0, 8.0));
+                let p = Vec3::new(rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0), rng.uniform(3.0, 8.0));
                 let q = t * p;
                 let n = || 0.001;
-                [p.x / p.z + n() * rng.normal(), p.y / p.z, q.x / q.z, q.y / q.z + n() * rng.normal()]
+                [
+                    p.x / p.z + n() * rng.standard_normal(),
+                    p.y / p.z,
+                    q.x / q.z,
+                    q.y / q.z + n() * rng.standard_normal(),
+                ]
             })
             .collect();
         let s = linearise(&t, &matches, 0.002);

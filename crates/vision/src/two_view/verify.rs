@@ -94,7 +94,7 @@ fn log10_false_alarms(n: usize, k: usize, probability: f64) -> f64 {
 mod tests {
     use super::*;
     use cairn_geometry::{Se3, So3};
-    use cairn_solve::ransac::Rng;
+    use cairn_random::Random;
 
     fn camera() -> RectifiedCamera {
         RectifiedCamera {
@@ -111,20 +111,20 @@ mod tests {
 
     /// Matches of a scene in two views: `right` correct ones followed by `wrong` random ones.
     fn matches(motion: &Se3, right: usize, wrong: usize, seed: u64) -> [Vec<[f32; 2]>; 2] {
-        let (camera, mut rng) = (camera(), Rng::new(seed));
+        let (camera, mut rng) = (camera(), Random::new(seed));
         let (mut a, mut b) = (Vec::new(), Vec::new());
         while a.len() < right {
-            let p = [rng.range(0.0, 640.0) as f32, rng.range(0.0, 480.0) as f32];
-            let q = *motion * camera.unproject(p, rng.range(2.0, 12.0));
+            let p = [rng.uniform(0.0, 640.0) as f32, rng.uniform(0.0, 480.0) as f32];
+            let q = *motion * camera.unproject(p, rng.uniform(2.0, 12.0));
             let Some([u, v, _]) = camera.project(&q).filter(|q| camera.contains(q[0], q[1])) else {
                 continue;
             };
             a.push(p);
-            b.push([(u + 0.5 * rng.normal()) as f32, (v + 0.5 * rng.normal()) as f32]);
+            b.push([(u + 0.5 * rng.standard_normal()) as f32, (v + 0.5 * rng.standard_normal()) as f32]);
         }
         for _ in 0..wrong {
             for side in [&mut a, &mut b] {
-                side.push([rng.range(0.0, 640.0) as f32, rng.range(0.0, 480.0) as f32]);
+                side.push([rng.uniform(0.0, 640.0) as f32, rng.uniform(0.0, 480.0) as f32]);
             }
         }
         [a, b]

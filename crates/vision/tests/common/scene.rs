@@ -1,8 +1,8 @@
 //! A scene of textured rectangles, rendered by ray casting through any calibrated camera, with exact depth.
 
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
+use cairn_random::Random;
 use cairn_sensor::{Camera, Distortion, GrayImage, Rig, RigCamera};
-use cairn_solve::ransac::Rng;
 
 /// A rectangle, given by a corner and two edges, with its own texture.
 pub struct Rectangle {
@@ -29,7 +29,7 @@ pub struct Scene(pub Vec<Rectangle>);
 impl Scene {
     /// A room of 8 x 3 x 8 m around the origin (y down) with slanted boards between 1 and 4 m; z is forward.
     pub fn room(seed: u64) -> Self {
-        let mut rng = Rng::new(seed);
+        let mut rng = Random::new(seed);
         let wall = |corner: [f64; 3], a: [f64; 3], b: [f64; 3], k: u64| {
             Rectangle::new(Vec3::from(corner), [Vec3::from(a), Vec3::from(b)], seed * 100 + k, 0.25)
         };
@@ -41,12 +41,12 @@ impl Scene {
             wall([-4.0, -1.5, -2.0], [8.0, 0.0, 0.0], [0.0, 0.0, 9.0], 4),
         ];
         for k in 0..6 {
-            let z = rng.range(1.2, 4.0);
-            let yaw = rng.range(-0.7, 0.7);
-            let pitch = rng.range(-0.4, 0.4);
+            let z = rng.uniform(1.2, 4.0);
+            let yaw = rng.uniform(-0.7, 0.7);
+            let pitch = rng.uniform(-0.4, 0.4);
             let r = So3::exp(&Vec3::new(0.0, yaw, 0.0)) * So3::exp(&Vec3::new(pitch, 0.0, 0.0));
             let size = 0.25 * z;
-            let centre = Vec3::new(rng.range(-0.6, 0.6) * z, rng.range(-0.35, 0.35) * z, z);
+            let centre = Vec3::new(rng.uniform(-0.6, 0.6) * z, rng.uniform(-0.35, 0.35) * z, z);
             let edges = [r * Vec3::new(2.0 * size, 0.0, 0.0), r * Vec3::new(0.0, 1.4 * size, 0.0)];
             let corner = centre - (edges[0] + edges[1]) * 0.5;
             all.push(Rectangle::new(corner, edges, seed * 100 + 10 + k, 0.04 * z));
@@ -73,7 +73,7 @@ impl Scene {
 
     /// The image of a camera: 3 x 3 rays per pixel, then gain, offset and noise in gray levels.
     pub fn render(&self, camera: &Camera, world_from_camera: &Se3, exposure: &Exposure) -> GrayImage {
-        let mut rng = Rng::with_stream(exposure.seed, 77);
+        let mut rng = Random::stream(exposure.seed, 77);
         let mut image = GrayImage::new(camera.width, camera.height);
         const N: usize = 3;
         for y in 0..camera.height {
@@ -93,8 +93,9 @@ impl Scene {
                         sum += self.cast(&world_from_camera.translation, &ray).map_or(20.0, |h| h.1);
                     }
                 }
-                let value =
-                    sum / (N * N) as f64 * exposure.gain + exposure.offset + exposure.noise * rng.normal();
+                let value = sum / (N * N) as f64 * exposure.gain
+                    + exposure.offset
+                    + exposure.noise * rng.standard_normal();
                 image.row_mut(y)[x] = value.round().clamp(0.0, 255.0) as u8;
             }
         }

@@ -181,9 +181,11 @@ function showControl(id) {
   $('take').hidden = !(other || (free && (watchOnly || !ownCamera)));
   $('take').textContent = t(other ? 'page-take-over' : 'page-take');
   $('camera').hidden = !((controls || (free && !watchOnly)) && ownCamera) || camera.running;
+  const may = controls || (free && !watchOnly);
   for (const button of document.querySelectorAll('[data-command]')) {
-    button.setAttribute('aria-disabled', controls || (free && !watchOnly) ? 'false' : 'true');
+    button.setAttribute('aria-disabled', may ? 'false' : 'true');
   }
+  routes.allow(may);
   showMain();
 }
 

@@ -15,7 +15,7 @@ function make(kind, properties, ...inside) {
 export class RouteList {
   // `command` takes a line, `t` gives the page's sentences.
   constructor(command, t) {
-    Object.assign(this, { command, t, routes: [], shown: '' });
+    Object.assign(this, { command, t, routes: [], shown: '', may: false });
     $('rename').querySelector('form').addEventListener('submit', (event) => {
       event.preventDefault();
       const name = $('rename-name').value.trim();
@@ -37,6 +37,13 @@ export class RouteList {
     this.show();
   }
 
+  // Whether this page may give commands now: it holds the walk, or nobody does.
+  allow(may) {
+    if (may === this.may) return;
+    this.may = may;
+    this.show();
+  }
+
   // The list in the language of the page.
   show() {
     $('routes-count').textContent = this.t('page-routes-count', { count: this.routes.length });
@@ -53,6 +60,7 @@ export class RouteList {
       const made = make('button', { type: 'button', textContent: t(id) });
       made.setAttribute('aria-label', t('page-labelled', { action: t(id), route: route.words }));
       made.dataset.route = `${what} ${route.number}`;
+      if (!this.may) made.setAttribute('aria-disabled', 'true');
       made.addEventListener('click', action);
       return made;
     };

@@ -15,13 +15,14 @@ mod table;
 #[path = "../walked/mod.rs"]
 mod walked;
 
+use cairn_random::Random;
 use cairn_sensor::{GrayImage, Rig};
 use cairn_session::SessionConfig;
 use cairn_web::{CameraSource, ServeConfig, Server};
 use client::tls;
 use futures_util::{SinkExt, StreamExt};
 use phone::{Album, Clock, Leg, Phone, Walk};
-use proxy::{Net, Proxy, Random};
+use proxy::{Net, Proxy};
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -127,7 +128,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
     let tls = tls(&server);
     let token = server.invitation().token.clone();
     let proxy = Proxy::start(server.address(), seed).await;
-    let mut random = Random(seed.wrapping_mul(977) + 5);
+    let mut random = Random::stream(seed, 5);
     let clock = Clock::new(1e12 * (random.unit() - 0.5), 2e-4 * (random.unit() - 0.5));
     let heard = Arc::new(Mutex::new(Heard::default()));
     let listening = tokio::spawn(judge(server.address(), tls.clone(), token.clone(), clock, heard.clone()));
@@ -185,10 +186,10 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
 
 /// Each rate with each delay in turn; losses and stalls of one to ten seconds on part of them.
 fn trials(count: usize) -> Vec<Trial> {
-    let mut random = Random(2026);
+    let mut random = Random::new(2026);
     (0..count)
         .map(|k| {
-            let loss = [0.0, 0.0, 0.01, 0.03][random.bits() as usize % 4];
+            let loss = [0.0, 0.0, 0.01, 0.03][random.below(4)];
             let stall = (k % 3 == 2).then(|| (1.0 + 3.0 * random.unit(), 1.0 + 9.0 * random.unit().powi(2)));
             Trial {
                 mbit_s: [4.0, 2.0, 1.0, 0.5, 0.2][k % 5],

@@ -6,6 +6,7 @@
 //! 8985; 100 ms at least), as TCP shows losses to the layers above. In a stall nothing leaves. Up to 96 KB wait in
 //! front of the link, as in the queue of a router.
 
+use cairn_random::Random;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -50,15 +51,15 @@ impl Proxy {
         let net = Arc::new(Mutex::new(Net::FAST));
         let shared = net.clone();
         tokio::spawn(async move {
-            let mut random = Random(seed);
+            let mut random = Random::new(seed);
             while let Ok((page, _)) = listener.accept().await {
                 let Ok(server) = TcpStream::connect(server).await else { continue };
                 for stream in [&page, &server] {
                     let _ = stream.set_nodelay(true);
                 }
                 let ((page_in, page_out), (server_in, server_out)) = (page.into_split(), server.into_split());
-                link(page_in, server_out, shared.clone(), Random(random.bits()));
-                link(server_in, page_out, shared.clone(), Random(random.bits()));
+                link(page_in, server_out, shared.clone(), Random::new(random.bits()));
+                link(server_in, page_out, shared.clone(), Random::new(random.bits()));
             }
         });
         Self { address, net }
@@ -106,20 +107,4 @@ fn link(
         }
         let _ = to.shutdown().await;
     });
-}
-
-/// Random numbers by Knuth's linear congruential generator.
-#[derive(Clone, Debug)]
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        self.0 ^ (self.0 >> 29)
-    }
-
-    /// From 0 to 1.
-    pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
 }

@@ -1,4 +1,4 @@
-//! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded routes as files.
+//! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded routes as files, the ground as a grid.
 
 use super::open;
 use crate::failure::Failure;
@@ -6,15 +6,17 @@ use crate::output::Output;
 use crate::outputs::Outputs;
 use cairn::{Map, routes_of};
 use cairn_atlas::store::MapFile;
-use cairn_atlas::{Landmark, MapId};
+use cairn_atlas::{Landmark, LandmarkId, MapId};
 use cairn_eval::to_tum;
+use cairn_plan::map_server::{Mode, save};
+use cairn_plan::sparse::{Seen, SparseConfig, grid_of};
 use serde::Serialize;
 use std::fmt::Write;
 use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Exports landmarks as points (PLY), key frames as a trajectory (TUM), and recorded routes as files.
+/// Exports landmarks as points (PLY), key frames as a trajectory (TUM), recorded routes as files, and the ground as a grid.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The saved map.
@@ -28,10 +30,17 @@ pub struct Arguments {
     /// Writes each recorded route to a file in this folder; existing files are not overwritten.
     #[arg(long, alias = "ways", value_name = "DIR")]
     routes: Option<PathBuf>,
+    /// Writes the ground as a ROS map_server map, a PGM beside it: where the camera went is free, landmarks at the height of a body are
+    /// obstacles, all else is unknown. The map must be level (recorded with an IMU).
+    #[arg(long, value_name = "OUT.yaml", requires = "camera_height")]
+    grid: Option<PathBuf>,
+    /// Height of the camera above the ground in metres, for --grid.
+    #[arg(long, value_name = "M", value_parser = height)]
+    camera_height: Option<f64>,
     /// Which map of the file, by the number of its root key frame; by default the one with the most key frames.
     #[arg(long, alias = "world", value_name = "ROOT")]
     map: Option<usize>,
-    /// Replace the files of --points and --trajectory if they exist.
+    /// Replace the files of --points, --trajectory and --grid if they exist.
     #[arg(long)]
     overwrite: bool,
 }
@@ -48,6 +57,8 @@ struct Exported {
     points: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
     trajectory: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    grid: Option<PathBuf>,
     routes: Vec<PathBuf>,
 }
 
@@ -57,17 +68,20 @@ struct Exported {
 /// When nothing is requested, the map cannot be read, or a file cannot be written.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let shown = a.file.display().to_string();
-    if a.points.is_none() && a.trajectory.is_none() && a.routes.is_none() {
+    if a.points.is_none() && a.trajectory.is_none() && a.routes.is_none() && a.grid.is_none() {
         return Err(Failure::new(
             shown,
             "nothing to write was requested",
-            "give --points OUT.ply, --trajectory OUT.tum or --routes DIR",
+            "give --points OUT.ply, --trajectory OUT.tum, --grid OUT.yaml or --routes DIR",
         ));
     }
+    let pgm = a.grid.as_ref().map(|yaml| yaml.with_extension("pgm"));
     let outputs = Outputs::new(a.overwrite)
         .input("the map", Some(&a.file))
         .output("--points", a.points.as_deref())
         .output("--trajectory", a.trajectory.as_deref())
+        .output("--grid", a.grid.as_deref())
+        .output("the image of --grid", pgm.as_deref())
         .checked()?;
     let file = open(&a.file)?;
     let map = Map::of_file(&file);
@@ -83,7 +97,11 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let (routes, failed) = a.routes.as_deref().map(|folder| write_routes(&file, folder)).unwrap_or_default();
     let points = outputs.write("--points", || Ok(ply(&landmarks).into_bytes()));
     let trajectory = outputs.write("--trajectory", || Ok(to_tum(&map.trajectory(id)).into_bytes()));
-    Failure::all([points, trajectory].into_iter().filter_map(Result::err).chain(failed))?;
+    let grid = match (&a.grid, a.camera_height) {
+        (Some(yaml), Some(height_m)) => write_grid(&map, id, height_m, yaml, &a.file),
+        _ => Ok(()),
+    };
+    Failure::all([points, trajectory, grid].into_iter().filter_map(Result::err).chain(failed))?;
     let root = id.root().index();
     let exported = Exported {
         map: root,
@@ -92,9 +110,40 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         key_frames: map.key_frames(id).count(),
         points: a.points.clone(),
         trajectory: a.trajectory.clone(),
+        grid: a.grid.clone(),
         routes,
     };
     output.result(&exported, text)
+}
+
+fn height(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if value > 0.0 && value < 100.0 { Ok(value) } else { Err("must be above 0 and below 100".into()) }
+}
+
+/// Writes the ground of a level map.
+fn write_grid(map: &Map, id: MapId, height_m: f64, yaml: &Path, file: &Path) -> Result<(), Failure> {
+    let snapshot = map.snapshot();
+    if !snapshot.is_gravity_aligned(id) {
+        let hint = "record with an IMU, or lay a grid from depth while driving";
+        return Err(Failure::new(
+            file.display().to_string(),
+            "which way is up in this map is not known",
+            hint,
+        ));
+    }
+    let position = |l: &Option<LandmarkId>| Some(snapshot.landmark((*l)?)?.position);
+    let seen: Vec<Seen> = snapshot
+        .key_frames_of(id)
+        .map(|k| Seen {
+            from: k.world_from_camera.translation,
+            landmarks: k.landmarks.iter().filter_map(position).collect(),
+        })
+        .collect();
+    let failed =
+        |why: String| Failure::new(yaml.display().to_string(), why, "check --camera-height and the folder");
+    let grid = grid_of(&seen, &SparseConfig::new(height_m)).map_err(|e| failed(e.to_string()))?;
+    save(yaml, &grid.to_map(), Mode::Trinary).map_err(|e| failed(e.to_string()))
 }
 
 fn chosen(map: &Map, root: Option<usize>) -> Option<MapId> {
@@ -151,7 +200,7 @@ fn text(e: &Exported) -> String {
     if !e.others.is_empty() {
         let _ = writeln!(text, "others    {:?}: each has its own frame; choose one with --map", e.others);
     }
-    for path in [&e.points, &e.trajectory].into_iter().flatten().chain(&e.routes) {
+    for path in [&e.points, &e.trajectory, &e.grid].into_iter().flatten().chain(&e.routes) {
         let _ = writeln!(text, "written   {}", path.display());
     }
     text

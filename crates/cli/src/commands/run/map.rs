@@ -55,9 +55,7 @@ pub fn engine(
     let opened = Engine::in_map_of_any_camera(rig, mode, rate_hz, runner, config, file);
     let (engine, notes) = opened.map_err(|e| match e {
         OpenMapError::Rig(e) => unsuitable(e.to_string()),
-        OpenMapError::Camera(why) => {
-            Failure::new(&shown, why, "use the camera and --sensor the map was made with")
-        }
+        why => Failure::new(&shown, why.to_string(), "use the camera and --sensor the map was made with"),
     })?;
     notes.iter().for_each(|text| warn(&format!("{shown}: {text}")));
     Ok(if a.localize_only { engine.localize_only() } else { engine })

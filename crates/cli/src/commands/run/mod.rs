@@ -285,7 +285,7 @@ fn begin(
         session.resume_recording(route::resume(path, map, session.config().route.recorder)?, path);
     } else if a.record.is_some() {
         let started = session.command(&Command::Record);
-        started.map_err(|why| Failure::new("recording", why, "give another --record"))?;
+        started.map_err(|why| Failure::new("recording", why.words, "give another --record"))?;
         // The announcement "Recording" is discarded: the user asked for it on the command line.
         session.events();
     }
@@ -298,7 +298,7 @@ fn begin(
         session.command(command).map_err(|why| {
             let hint =
                 "load its map with --map-in, or use --script to guide along a route recorded in this run";
-            Failure::new(path.display().to_string(), why, hint)
+            Failure::new(path.display().to_string(), why.words, hint)
         })?;
     }
     Ok(())

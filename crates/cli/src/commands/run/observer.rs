@@ -13,7 +13,7 @@ use crate::progress::Progress;
 use crate::terminal::Terminal;
 use cairn_engine::{DenseMapper, Output};
 use cairn_sensor::FramePacket;
-use cairn_session::{Command, Event, NotTracked, Observer, Session};
+use cairn_session::{Command, Event, NotTracked, Observer, Refused, Session};
 use cairn_voice::Voice;
 use tracing::{debug, info, trace};
 
@@ -165,9 +165,9 @@ impl Observer for RunObserver<'_, '_> {
         self.progress.step(self.tally.frames);
     }
 
-    fn on_command(&mut self, _: &Session, _: &Command, done: &Result<String, String>) {
+    fn on_command(&mut self, _: &Session, _: &Command, done: &Result<String, Refused>) {
         if let Err(why) = done {
-            self.progress.warn(why);
+            self.progress.warn(&why.words);
         }
     }
 

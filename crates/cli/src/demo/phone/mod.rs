@@ -2,7 +2,9 @@
 
 mod pace;
 mod page;
+mod picture;
 mod walk;
+mod walked;
 
 use super::config::{DemoConfig, facing_name};
 use crate::failure::Failure;
@@ -14,7 +16,8 @@ use cairn_sim::PhoneTraits;
 use serde::Serialize;
 use std::path::Path;
 pub use walk::BODY_HZ;
-use walk::{Live, Walked, walk};
+use walk::walk;
+use walked::{Live, Walked};
 
 /// Largest distance to the start that counts as arrived, metres.
 const ARRIVAL_M: f64 = 1.0;

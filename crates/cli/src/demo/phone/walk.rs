@@ -4,14 +4,15 @@
 //! engine learns of the world comes over the socket, and everything that the walker hears too. Truth is only used to judge.
 
 use super::super::config::DemoConfig;
-use super::super::once::distance_to;
 use super::super::out::corners;
 use super::pace::LEVELS;
 use super::page::{Page, PageClock};
-use cairn_geometry::{Se3, Vec2, Vec3};
+use super::picture::{encoded, smaller};
+use super::walked::{Live, Spoken, Walked};
+use cairn_geometry::{Se3, Vec3};
 use cairn_guide::Facing;
 use cairn_random::Random;
-use cairn_sensor::{GrayImage, Rig, Stamp};
+use cairn_sensor::{Rig, Stamp};
 use cairn_session::SessionConfig;
 use cairn_sim::{Effects, Motion, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World};
 use cairn_sources::phone_imu;
@@ -42,78 +43,6 @@ const TURN_CAMERA_S: f64 = 4.0;
 const STANDING_S: f64 = 2.0;
 /// ... or because the guide gives no directions any more.
 const STOPPED_S: f64 = 30.0;
-
-/// One announcement that the walker heard.
-#[derive(Clone, Debug)]
-pub struct Spoken {
-    /// Seconds since the phone was switched on.
-    pub t_s: f64,
-    /// Its text.
-    pub words: String,
-    /// The walker's true position, metres.
-    pub at: Vec2,
-}
-
-/// What the page showed at a moment, and the truth.
-#[derive(Clone, Debug)]
-pub struct Live {
-    /// Seconds since the phone was switched on, when the picture was taken.
-    pub t_s: f64,
-    /// The camera's position in the map's frame and unit.
-    pub said: Vec3,
-    /// Where it was, metres.
-    pub truth: Vec3,
-    /// The engine's phase, the features of the picture and how many agree with the pose, and the milliseconds of the step.
-    pub state: String,
-}
-
-/// What came of a walk.
-#[derive(Default)]
-pub struct Walked {
-    /// Announcements of the return.
-    pub said: Vec<Spoken>,
-    /// The walker's true path on the return, metres.
-    pub path: Vec<Vec2>,
-    /// The path walked out, and where it began.
-    pub corners: Vec<Vec2>,
-    /// Whether the guide announced arrival.
-    pub told_arrival: bool,
-    /// Why the guide gave up directions, when the walker stood for long because of that.
-    pub stopped: Option<String>,
-    /// Where the camera is said to be, and where it was, about once a second.
-    pub live: Vec<Live>,
-    /// Seconds from the first step until the map was metric.
-    pub metric_after_s: Option<f64>,
-    /// Seconds of the way out, and of the return.
-    pub took_s: [f64; 2],
-    /// Pictures sent; those that the server did not use in time; frames with a pose.
-    pub pictures: usize,
-    /// See `pictures`.
-    pub dropped: u64,
-    /// See `pictures`.
-    pub tracked: u64,
-    /// Directions that came too late and were held back by the page.
-    pub withheld: usize,
-    /// Connections that ended on the way.
-    pub broken: usize,
-    /// The lens that the server has found, as the page is told it, and after how many seconds.
-    pub lens: Option<([f64; 2], f64)>,
-    /// What the page showed besides.
-    pub troubles: Vec<String>,
-}
-
-impl Walked {
-    /// True distance from the start at the end, metres.
-    pub fn error_m(&self) -> f64 {
-        let start = self.corners.first().copied().unwrap_or_default();
-        self.path.last().or(self.corners.last()).map_or(f64::NAN, |last| (last - start).norm())
-    }
-
-    /// Farthest from the path walked out, metres.
-    pub fn farthest_off_m(&self) -> f64 {
-        self.path.iter().map(|p| distance_to(&self.corners, *p)).fold(0.0, f64::max)
-    }
-}
 
 /// Walks out and home. Where the server does not know the lens, the walker first goes along the way until he hears that it does,
 /// puts the phone away, and begins the walk at its start.
@@ -480,37 +409,4 @@ impl<'a> Phone<'a> {
         }));
         Ok(())
     }
-}
-
-/// A grey image as a JPEG file, as a browser makes it; empty where that fails, and then refused by the server.
-fn encoded(image: &GrayImage, quality: u8) -> Vec<u8> {
-    let mut file = Vec::new();
-    let [w, h] = [image.width(), image.height()].map(|side| u16::try_from(side).unwrap_or(u16::MAX));
-    let encoder = jpeg_encoder::Encoder::new(&mut file, quality);
-    match encoder.encode(image.data(), w, h, jpeg_encoder::ColorType::Luma) {
-        Ok(()) => file,
-        Err(_) => Vec::new(),
-    }
-}
-
-/// An image of a share of the size, bilinear, as a browser's canvas makes it.
-fn smaller(image: &GrayImage, scale: f64) -> GrayImage {
-    let size = [image.width(), image.height()].map(|s| ((s as f64 * scale).round() as usize).max(1));
-    let mut out = GrayImage::new(size[0], size[1]);
-    let at = |k: usize, from: usize, to: usize| {
-        let v = ((k as f64 + 0.5) * from as f64 / to as f64 - 0.5).clamp(0.0, (from - 1) as f64);
-        let i = (v as usize).min(from.saturating_sub(2));
-        (i, v - i as f64)
-    };
-    for y in 0..size[1] {
-        let (j, b) = at(y, image.height(), size[1]);
-        for x in 0..size[0] {
-            let (i, a) = at(x, image.width(), size[0]);
-            let p = |dx: usize, dy: usize| f64::from(image.row(j + dy)[i + dx]);
-            let top = p(0, 0) * (1.0 - a) + p(1, 0) * a;
-            let bottom = p(0, 1) * (1.0 - a) + p(1, 1) * a;
-            out.row_mut(y)[x] = (top * (1.0 - b) + bottom * b + 0.5) as u8;
-        }
-    }
-    out
 }

@@ -119,40 +119,101 @@ fn take<'a>(bytes: &mut &'a [u8], count: usize) -> Option<&'a [u8]> {
 /// Puts the pixels of an image in place of what is there; `None` where the bytes are not one.
 pub fn unpack(
     backend: Backend,
-    mut bytes: &[u8],
+    bytes: &[u8],
     width: usize,
     height: usize,
     data: &mut Vec<u16>,
 ) -> Option<()> {
-    let none = u16::from_le_bytes(take(&mut bytes, 2)?.try_into().ok()?);
-    let (values, count) = unpack_values(&mut bytes)?;
-    let blocks = width.div_ceil(BLOCK);
-    // Rows take some bytes even where nothing changes: what is too short is refused before memory is taken.
-    if bytes.len() < (blocks.div_ceil(8) + blocks.div_ceil(2)).checked_mul(height)? {
-        return None;
-    }
+    let mut rows = Rows::new(bytes, width, height)?;
     data.resize(width.checked_mul(height)?, 0);
-    let (mut above, mut masks) = (vec![[0u16; BLOCK]; blocks], vec![u8::MAX; blocks]);
+    let rows = &mut rows;
+    dispatch!(backend, all_rows(rows: &mut Rows, width: usize, data: &mut [u16]) -> Option<()>)
+}
+
+#[inline(always)]
+fn all_rows(rows: &mut Rows, width: usize, data: &mut [u16]) -> Option<()> {
     for row in data.chunks_exact_mut(width.max(1)) {
-        let flags = take(&mut bytes, blocks.div_ceil(8))?;
-        let widths = take(&mut bytes, blocks.div_ceil(2))?;
-        for (flags, masks) in flags.iter().zip(masks.chunks_mut(8)) {
+        rows.next()?;
+        rows.write(row);
+    }
+    rows.end()
+}
+
+/// Reads a packed image row by row.
+pub struct Rows<'a> {
+    bytes: &'a [u8],
+    /// The value of each number, and how many there are.
+    values: Table,
+    count: u32,
+    none: u16,
+    /// The numbers of the row that was read last, and which pixels have depth.
+    above: Vec<[u16; BLOCK]>,
+    masks: Vec<u8>,
+}
+
+impl<'a> Rows<'a> {
+    /// Begins an image; `None` where the bytes are not one of this size.
+    pub fn new(mut bytes: &'a [u8], width: usize, height: usize) -> Option<Self> {
+        let none = u16::from_le_bytes(take(&mut bytes, 2)?.try_into().ok()?);
+        let (values, count) = unpack_values(&mut bytes)?;
+        let blocks = width.div_ceil(BLOCK);
+        // Rows take some bytes even where nothing changes: what is too short is refused before memory is taken.
+        if bytes.len() < (blocks.div_ceil(8) + blocks.div_ceil(2)).checked_mul(height)? {
+            return None;
+        }
+        let (above, masks) = (vec![[0; BLOCK]; blocks], vec![u8::MAX; blocks]);
+        Some(Self { bytes, values, count, none, above, masks })
+    }
+
+    /// The values of pixels with depth, by their numbers.
+    pub fn values(&self) -> &[u16] {
+        &self.values[..self.count as usize]
+    }
+
+    /// Reads the next row; `None` where the bytes are not one.
+    #[inline(always)]
+    pub fn next(&mut self) -> Option<()> {
+        let blocks = self.above.len();
+        let flags = take(&mut self.bytes, blocks.div_ceil(8))?;
+        let widths = take(&mut self.bytes, blocks.div_ceil(2))?;
+        for (flags, masks) in flags.iter().zip(self.masks.chunks_mut(8)) {
             let mut flags = *flags;
             while flags != 0 {
                 if let Some(mask) = masks.get_mut(flags.trailing_zeros() as usize) {
-                    *mask = take(&mut bytes, 1)?[0];
+                    *mask = take(&mut self.bytes, 1)?[0];
                 }
                 flags &= flags - 1;
             }
         }
-        let (taken, largest) = add_row(backend, bytes, widths, &mut above)?;
-        bytes = &bytes[taken..];
-        if u32::from(largest) >= count.max(1) {
-            return None;
-        }
-        write_row(row, &above, &masks, &values, none);
+        let (taken, largest) = add_row(self.bytes, widths, &mut self.above)?;
+        self.bytes = &self.bytes[taken..];
+        (u32::from(largest) < self.count.max(1)).then_some(())
     }
-    bytes.is_empty().then_some(())
+
+    /// Writes the values of the row that was read last.
+    #[inline(always)]
+    fn write(&self, row: &mut [u16]) {
+        self.look_up(row, &self.values, self.none);
+    }
+
+    /// Writes what a table has for the numbers of the row that was read last, and `none` where there is no depth.
+    #[inline(always)]
+    pub fn look_up<T: Copy>(&self, row: &mut [T], table: &[T; 1 << 16], none: T) {
+        let whole = row.len() / BLOCK * BLOCK;
+        let (row, rest) = row.split_at_mut(whole);
+        let mut blocks = self.above.iter().zip(&self.masks);
+        for (pixels, (numbers, mask)) in row.chunks_exact_mut(BLOCK).zip(blocks.by_ref()) {
+            write_block(pixels, numbers, *mask, table, none);
+        }
+        if let Some((numbers, mask)) = blocks.next() {
+            write_block(rest, numbers, *mask, table, none);
+        }
+    }
+
+    /// `None` where bytes are left behind the last row.
+    pub fn end(&self) -> Option<()> {
+        self.bytes.is_empty().then_some(())
+    }
 }
 
 /// The value of each number, and how many there are.
@@ -183,17 +244,8 @@ fn unpack_values(bytes: &mut &[u8]) -> Option<(Table, u32)> {
 }
 
 /// Adds a row's differences to the numbers above; returns the bytes that they took and the largest number.
-fn add_row(
-    backend: Backend,
-    bytes: &[u8],
-    widths: &[u8],
-    above: &mut [[u16; BLOCK]],
-) -> Option<(usize, u16)> {
-    dispatch!(backend, add_row_inline(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(usize, u16)>)
-}
-
 #[inline(always)]
-fn add_row_inline(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(usize, u16)> {
+fn add_row(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(usize, u16)> {
     let mut at = 0;
     let mut largest = [0u16; BLOCK];
     for (i, above) in above.iter_mut().enumerate() {
@@ -219,27 +271,14 @@ fn add_row_inline(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Op
     Some((at, largest.into_iter().max()?))
 }
 
-/// Writes the values of a row's numbers.
-fn write_row(row: &mut [u16], above: &[[u16; BLOCK]], masks: &[u8], values: &Table, none: u16) {
-    let whole = row.len() / BLOCK * BLOCK;
-    let (row, rest) = row.split_at_mut(whole);
-    let mut blocks = above.iter().zip(masks);
-    for (pixels, (numbers, mask)) in row.chunks_exact_mut(BLOCK).zip(blocks.by_ref()) {
-        write_block(pixels, numbers, *mask, values, none);
-    }
-    if let Some((numbers, mask)) = blocks.next() {
-        write_block(rest, numbers, *mask, values, none);
-    }
-}
-
 #[inline(always)]
-fn write_block(pixels: &mut [u16], numbers: &[u16; BLOCK], mask: u8, values: &Table, none: u16) {
+fn write_block<T: Copy>(pixels: &mut [T], numbers: &[u16; BLOCK], mask: u8, table: &[T; 1 << 16], none: T) {
     if mask == 0 {
         pixels.fill(none);
         return;
     }
     for (pixel, number) in pixels.iter_mut().zip(numbers) {
-        *pixel = values[usize::from(*number)];
+        *pixel = table[usize::from(*number)];
     }
     // Few blocks lie on the edge of a hole.
     let mut holes = !mask;

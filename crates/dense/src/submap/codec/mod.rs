@@ -10,6 +10,8 @@ use crate::{Backend, DenseError};
 use cairn_sensor::DepthImage;
 use std::sync::Arc;
 
+pub(crate) use blocks::Rows;
+
 /// The first byte of images packed in blocks.
 const BLOCKS: u8 = 0;
 
@@ -54,6 +56,19 @@ impl PackedDepth {
         .ok_or_else(broken)
     }
 
+    /// The rows of an image packed in blocks; `None` for one in the older packing.
+    ///
+    /// # Errors
+    /// Bytes that are not an image.
+    pub(crate) fn rows(&self) -> Result<Option<Rows<'_>>, DenseError> {
+        match self.bytes.split_first() {
+            Some((&BLOCKS, packed)) => {
+                Rows::new(packed, self.width, self.height).map(Some).ok_or_else(broken)
+            }
+            _ => Ok(None),
+        }
+    }
+
     /// One that was saved as bytes. They are not looked at here: [`Self::unpack`] tells whether they are an image.
     pub fn from_bytes(width: usize, height: usize, bytes: Arc<[u8]>) -> Self {
         Self { width, height, bytes }
@@ -75,7 +90,8 @@ impl PackedDepth {
     }
 }
 
-fn broken() -> DenseError {
+/// What is said of bytes that are not an image.
+pub(crate) fn broken() -> DenseError {
     DenseError::Saved("a packed depth image is broken".into())
 }
 

@@ -2,7 +2,7 @@
 //!
 //! In: the map of the ground. Out: the frontier to drive to, and what to do where someone is in the way to all of them.
 
-use super::{Decision, Pilot, SAME_M, Task, Then, TrialError, nearest_free};
+use super::{Decision, Pilot, SAME_M, Task, Then, TrialError};
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::{Motion, State};
 use cairn_plan::frontier::{Approach, Frontier, approaches, frontiers};
@@ -102,12 +102,11 @@ impl Pilot {
 
     fn next_frontier(&self, pose: &Se2) -> Option<Approach> {
         let costs = self.ground.costs()?;
-        let from = costs.frame().cell_at(pose.translation)?;
         let mut all = self.frontiers();
         all.retain(|f| self.is_open(f.middle));
         let passable = costs.passable();
-        // A body that stands a little too near to a wall starts from the free cell next to it.
-        let from = nearest_free(&passable, from, 6)?;
-        approaches(costs.map(), all, &passable, from, &self.config.frontier).into_iter().next()
+        approaches(costs.map(), all, &passable, self.own_cell(pose)?, &self.config.frontier)
+            .into_iter()
+            .next()
     }
 }

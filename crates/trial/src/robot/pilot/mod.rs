@@ -3,6 +3,7 @@
 //! In: where it is and what it sees. Out: the motion to command, the navigator's state and the reason for it.
 
 mod explore;
+mod let_pass;
 mod visit;
 
 use super::RobotConfig;
@@ -12,11 +13,10 @@ use super::once_open::OnceOpen;
 use super::{GoalEnd, TrialError};
 use cairn_atlas::KeyFrameId;
 use cairn_geometry::{Se2, Vec2};
-use cairn_plan::control::{Motion, Navigator, Reason, State};
-use cairn_plan::costmap::DynamicLayer;
+use cairn_plan::control::{Motion, Navigator, Reason, State, way_out};
 use cairn_plan::depth_scan::{DepthCamera, DepthScanner};
 use cairn_plan::frontier::Approach;
-use cairn_plan::give_way::{GiveWayConfig, Trails, place_beside};
+use cairn_plan::give_way::{LastSeen, Trails};
 use cairn_plan::ground::GroundMap;
 use cairn_random::Random;
 use cairn_sensor::FramePacket;
@@ -30,16 +30,6 @@ const POSES_S: f64 = 2.0;
 const PLAIN_RATE: f64 = 0.5;
 /// A robot that is no longer sure of its place turns at this rate, rad/s: back to where it was, then on all around.
 const FIND_RATE: f64 = 0.4;
-/// What moves or newly stands within this distance of the robot may be what is in its way, metres.
-const IN_THE_WAY_M: f64 = 2.5;
-/// Whoever was met has left when nothing moves within this distance of that place, or of the robot, metres.
-const LEFT_M: f64 = 1.5;
-/// He is gone when he has been away from there for this time, seconds.
-const LEFT_S: f64 = 1.0;
-/// The robot lets pass for at most this time, seconds.
-const LETS_PASS_S: f64 = 8.0;
-/// The place is watched when it is within this angle of the middle of the image, radians.
-const WATCHES: f64 = 0.5;
 /// Places this near to each other are the same, metres.
 const SAME_M: f64 = 0.5;
 
@@ -69,13 +59,6 @@ enum Then {
     Visit { goal: usize, began_s: f64 },
 }
 
-/// A place to let someone pass, and where he was met.
-#[derive(Clone, Copy, Debug)]
-struct Beside {
-    at: Vec2,
-    met: Vec2,
-}
-
 /// The command of a step, and why.
 #[derive(Clone, Copy, Debug)]
 pub struct Decision {
@@ -94,6 +77,7 @@ pub struct Pilot {
     ground: GroundMap<KeyFrameId>,
     once_open: OnceOpen,
     trails: Trails,
+    last_seen: LastSeen,
     navigator: Navigator,
     task: Task,
     target: Option<Approach>,
@@ -160,6 +144,7 @@ impl Pilot {
             ground: GroundMap::new(ground),
             once_open: OnceOpen::default(),
             trails: Trails::default(),
+            last_seen: LastSeen::default(),
             navigator: Navigator::new(config.navigator),
             task: Task::Look { turned: 0.0, then: Then::Explore },
             target: None,
@@ -281,6 +266,7 @@ impl Pilot {
         let key_from_sensor = key_from_body * self.scanner.body_from_sensor();
         self.ground.observe(t_s, id, &key, key_from_sensor, &rays)?;
         self.trails.learn(self.ground.moving());
+        self.last_seen.learn(t_s, self.ground.moving());
         Ok(())
     }
 
@@ -314,17 +300,7 @@ impl Pilot {
                 decision
             }
             Task::LetPass { met, from_s, clear_from_s, then } => {
-                let seen = pose.inverse() * met;
-                let bearing = seen.y.atan2(seen.x);
-                let is_clear =
-                    bearing.abs() < WATCHES && is_left(self.ground.moving(), met, pose.translation);
-                let clear_from_s = clear_from_s.filter(|_| is_clear).or(is_clear.then_some(t_s));
-                if clear_from_s.is_some_and(|since_s| t_s - since_s > LEFT_S) || t_s - from_s > LETS_PASS_S {
-                    self.go_on(then);
-                } else {
-                    self.task = Task::LetPass { met, from_s, clear_from_s, then };
-                }
-                self.turn(motion, (1.5 * bearing).clamp(-LOOK_RATE, LOOK_RATE))
+                self.stand_aside(t_s, pose, motion, (met, from_s, clear_from_s, then))
             }
             Task::Explore => self.explore(t_s, pose, motion)?,
             Task::Face(at) => {
@@ -342,19 +318,11 @@ impl Pilot {
         })
     }
 
-    /// Forgets what has newly come to stand: it may have gone since it was seen. Where something moves or stands near by, the robot
-    /// lets it pass, as far as there is a place; returns that place, and whether anything was forgotten.
-    fn let_pass(&mut self, pose: &Se2) -> Result<(Option<Beside>, bool), TrialError> {
-        let other = self.ground.nearest_new(pose.translation);
-        let forgotten = self.ground.forget_new()?;
-        let near = other.filter(|at| (at - pose.translation).norm() < IN_THE_WAY_M);
-        let place = near.and_then(|other| {
-            let passable = self.ground.costs()?.passable();
-            let from = nearest_free(&passable, passable.frame().cell_at(pose.translation)?, 6)?;
-            let at = place_beside(&passable, from, other, &self.trails, &GiveWayConfig::default())?;
-            Some(Beside { at, met: other })
-        });
-        Ok((place, forgotten))
+    /// The free cell where drives begin: that of the robot, or the end of its way out of ground that is too near to an obstacle.
+    fn own_cell(&self, pose: &Se2) -> Option<cairn_plan::Cell> {
+        let costs = self.ground.costs()?;
+        let own = costs.frame().cell_at(pose.translation)?;
+        way_out(costs, own, self.config.navigator.way_out_m)?.last().copied()
     }
 
     /// Drives to a place, looks around there, and goes on.
@@ -418,12 +386,6 @@ fn slowed(motion: Motion, sees_little: bool) -> Motion {
     Motion::new(motion.linear * PLAIN_RATE / rate, motion.angular * PLAIN_RATE / rate)
 }
 
-/// Whether nothing moves near the place where someone was met, nor near the robot.
-fn is_left(moving: &DynamicLayer, met: Vec2, robot: Vec2) -> bool {
-    let is_near = |at: Vec2| (at - met).norm() < LEFT_M || (at - robot).norm() < LEFT_M;
-    !moving.tracks().iter().any(|t| is_near(t.position))
-}
-
 /// The nearest free cell within some cells of another.
 fn nearest_free(
     passable: &cairn_plan::Passable,
@@ -436,26 +398,4 @@ fn nearest_free(
     };
     let free = offsets.filter(|o| passable.is_free(at(*o)));
     free.min_by_key(|(dx, dy)| dx * dx + dy * dy).map(at)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use cairn_plan::costmap::{Detection, DynamicConfig};
-
-    #[test]
-    fn whoever_was_met_has_left_when_nobody_is_there_nor_near_the_robot() {
-        let (met, robot) = (Vec2::new(5.0, 0.0), Vec2::zeros());
-        let with = |at: Vec2| {
-            let mut moving = DynamicLayer::new(DynamicConfig::default());
-            moving.observe(0.0, &[Detection { position: at, radius_m: 0.25 }]);
-            moving
-        };
-        assert!(!is_left(&with(met + Vec2::new(0.5, 0.5)), met, robot), "still there");
-        assert!(!is_left(&with(Vec2::new(1.0, 0.5)), met, robot), "passes the robot");
-        let mut gone = with(Vec2::new(5.0, 3.0));
-        assert!(is_left(&gone, met, robot), "elsewhere");
-        gone.observe(5.0, &[]);
-        assert!(gone.tracks().is_empty() && is_left(&gone, met, robot), "out of sight");
-    }
 }

@@ -34,9 +34,8 @@ impl Pilot {
 
     /// The place near a goal from which it can be looked at, if that is not here.
     fn near_goal(&self, pose: &Se2, goal: Vec2) -> Option<Vec2> {
-        let costs = self.ground.costs()?;
+        let (costs, from) = (self.ground.costs()?, self.own_cell(pose)?);
         let passable = costs.passable();
-        let from = nearest_free(&passable, costs.frame().cell_at(pose.translation)?, 6)?;
         let target = Frontier { cells: vec![costs.frame().cell_at(goal)?], middle: goal };
         let config = FrontierConfig { approach_m: NEAR_GOAL_M, ..self.config.frontier };
         let all = approaches(costs.map(), vec![target], &passable, from, &config);
@@ -45,9 +44,9 @@ impl Pilot {
 
     /// The place before what blocks or hides the way to the goal, if that is not here; what was looked at from here is left out.
     pub(super) fn before_blockage(&mut self, pose: &Se2, goal: Vec2) -> Option<Vec2> {
-        let costs = self.ground.costs()?;
-        let from = nearest_free(&costs.passable(), costs.frame().cell_at(pose.translation)?, 6)?;
+        let from = self.own_cell(pose)?;
         let goal = self.free_goal(goal);
+        let costs = self.ground.costs()?;
         for _ in 0..BLOCKAGES {
             let blockage = self.once_open.blockage(costs, from, goal)?;
             if (blockage.before - pose.translation).norm() > SAME_M {
@@ -63,8 +62,7 @@ impl Pilot {
 
     /// A free place about a metre away.
     fn aside(&mut self, pose: &Se2) -> Option<Vec2> {
-        let passable = self.ground.costs()?.passable();
-        let from = nearest_free(&passable, passable.frame().cell_at(pose.translation)?, 6)?;
+        let (passable, from) = (self.ground.costs()?.passable(), self.own_cell(pose)?);
         let mut search = cairn_plan::search::AStar::new();
         (0..40).find_map(|_| {
             let (angle, by_m) = (self.random.uniform(-PI, PI), self.random.uniform(0.7, 1.5));

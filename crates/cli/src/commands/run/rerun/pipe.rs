@@ -1,9 +1,9 @@
 //! The program `cairn-rerun`, which writes the recording, and the pipe to it.
 
 use crate::failure::Failure;
+use crate::processes::beside_or_in_path;
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_rerun::{Message, Pose, Show, write};
-use std::ffi::OsString;
 use std::io::{BufWriter, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -25,9 +25,7 @@ impl Pipe {
     /// # Errors
     /// When it is not installed or cannot be started.
     pub fn begin(path: &Path, name: &str) -> Result<Self, Failure> {
-        let beside = std::env::current_exe().ok().map(|p| p.with_file_name(PROGRAM)).filter(|p| p.is_file());
-        let program = beside.map_or_else(|| OsString::from(PROGRAM), PathBuf::into_os_string);
-        let mut command = Command::new(program);
+        let mut command = Command::new(beside_or_in_path(PROGRAM));
         command.arg(path).stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         // Ctrl-C ends this program, and with it the pipe; that one still has to close its file.
         #[cfg(unix)]
