@@ -4,7 +4,7 @@ use crate::subproblem::Subproblem;
 use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{
-    Bias, BiasPrior, Gravity, ImuFactors, ImuLink, MotionFreedom, Preintegrated, SpeedAndBias,
+    Bias, BiasPrior, Gravity, ImuFactors, ImuLink, MotionFreedom, Preintegrated, SpeedAndBias, ZeroVelocity,
 };
 use cairn_sensor::ImuNoise;
 use cairn_solve::Freedom;
@@ -69,7 +69,20 @@ pub fn factors(
         imu.motions.push(state);
     }
     imu.bias_priors = bias_priors(&imu);
+    imu.zero_velocities = zero_velocities(snapshot, subproblem, &imu);
     imu
+}
+
+/// Key frames of links at which the camera is known not to move. Without that, a chain of links that sees no landmarks ends where
+/// the integrated errors of the accelerometer lead: metres away after a turn of some seconds.
+fn zero_velocities(snapshot: &Snapshot, subproblem: &Subproblem, imu: &ImuFactors) -> Vec<ZeroVelocity> {
+    let linked: BTreeSet<usize> = imu.links.iter().flat_map(|l| [l.from, l.to]).collect();
+    let free = linked.into_iter().filter(|slot| imu.motions[*slot].freedom == MotionFreedom::Free);
+    let still = |frame: usize| {
+        let motion = snapshot.key_frame(subproblem.key_frames[frame])?.motion.as_ref()?;
+        Some(ZeroVelocity { frame, sigma: motion.still_sigma? })
+    };
+    free.filter_map(still).collect()
 }
 
 /// Priors on the biases where chains of links begin.

@@ -17,6 +17,9 @@ pub struct InertialState {
     pub velocity: Vec3,
     /// The IMU's biases.
     pub bias: Bias,
+    /// Where the camera is known not to move (it stands, or turns on the spot) although it sees no landmarks: the standard
+    /// deviation of that, m/s. `None` after the map was saved.
+    pub still_sigma: Option<f64>,
     /// The IMU factor to an earlier key frame; `None` where readings are missing, or after the map was saved.
     pub imu_factor: Option<ImuFactor>,
 }
@@ -28,6 +31,8 @@ pub struct ImuSegment {
     pub velocity: Vec3,
     /// As in [`InertialState`].
     pub bias: Bias,
+    /// As in [`InertialState`].
+    pub still_sigma: Option<f64>,
     /// The up direction in the camera frame by the mean specific force: off by as much as the camera was
     /// accelerating.
     pub up: Option<Vec3>,

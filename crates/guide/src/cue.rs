@@ -43,6 +43,8 @@ pub enum StopReason {
     ScaleUncertain,
     /// Tracking is lost again and again at one place, or stays lost: looking round does not help.
     CannotRelocalise,
+    /// With good tracking the walker is led to and fro, and comes no farther along the route.
+    ToAndFro,
     /// A part of the system has stopped working.
     StageDied,
 }

@@ -231,12 +231,12 @@ impl Guide {
             let reason = self.stops.or_given_up(reason, along_m, input.now, self.started);
             return self.halt(reason, input.now);
         };
-        if self.stops.are_final_at(self.follower.matcher.along_m()) {
+        if self.stops.final_at(self.follower.matcher.along_m(), input.now).is_some() {
             // The walker may come on along the route with the help of others.
             let at = self.follower.update_match(&moved, input.now);
             self.last_match = Some(at);
-            if self.stops.are_final_at(at.along_m) {
-                return self.halt(StopReason::CannotRelocalise, input.now);
+            if let Some(reason) = self.stops.final_at(at.along_m, input.now) {
+                return self.halt(reason, input.now);
             }
         }
         if !self.has_recovered(input.now) {
@@ -245,6 +245,10 @@ impl Guide {
         let now = self.locate(input, moved);
         if !self.started && (now.at.foot - now.walker.position).norm() > JOIN_REACH_M {
             return self.away(&now);
+        }
+        // What leads him past something in the way leads him aside and back.
+        if self.started && self.follower.detour.is_none() {
+            self.stops.led(input.now, now.at.along_m, now.walker.position);
         }
         if let Some(kind) = self.weak(input).or_else(|| self.corrections.cue(&mut self.follower, &now)) {
             return Some(kind);

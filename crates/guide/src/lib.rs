@@ -28,6 +28,7 @@ mod runaway;
 mod settings;
 mod stops;
 mod store;
+mod to_and_fro;
 mod tracks;
 
 pub use anchor::Anchor;

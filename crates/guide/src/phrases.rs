@@ -385,6 +385,7 @@ pub fn reason_words(reason: StopReason, language: Language) -> String {
         StopReason::NoWayPast => "stop-no-way-past",
         StopReason::ScaleUncertain => "stop-scale",
         StopReason::CannotRelocalise => "stop-relocalise",
+        StopReason::ToAndFro => "stop-to-and-fro",
         StopReason::StageDied => "stop-stage-died",
     })
 }

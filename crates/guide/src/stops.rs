@@ -8,6 +8,8 @@ use crate::input::GuideInput;
 use crate::losses::Losses;
 use crate::route::Confidence;
 use crate::runaway::Runaway;
+use crate::to_and_fro::ToAndFro;
+use cairn_geometry::Vec2;
 use cairn_sensor::Stamp;
 
 /// How many times "stop" is said while tracking is lost before the walker is asked to look round.
@@ -48,6 +50,7 @@ pub(crate) struct Stops {
     losses: Losses,
     blind: Blind,
     runaway: Runaway,
+    to_and_fro: ToAndFro,
     /// Since when the first pose is waited for.
     waiting_since: Option<Stamp>,
 }
@@ -67,11 +70,24 @@ impl Stops {
     pub(crate) fn begin_segment(&mut self) {
         self.runaway = Runaway::default();
         self.blind.begin_segment();
+        self.to_and_fro.begin_segment();
     }
 
-    /// Whether tracking would only be lost again at this place, metres along the route.
-    pub(crate) fn are_final_at(&self, along_m: f64) -> bool {
-        self.losses.are_final_at(along_m)
+    /// Why directions do not help at this place, metres along the route: tracking would only be lost again, or the walker led to
+    /// and fro.
+    pub(crate) fn final_at(&self, along_m: f64, now: Stamp) -> Option<StopReason> {
+        if self.losses.are_final_at(along_m) {
+            Some(StopReason::CannotRelocalise)
+        } else if self.to_and_fro.is_final_at(along_m, now) {
+            Some(StopReason::ToAndFro)
+        } else {
+            None
+        }
+    }
+
+    /// Takes where a walker is led who has been told to move: metres along the route, and on the ground.
+    pub(crate) fn led(&mut self, now: Stamp, along_m: f64, position: Vec2) {
+        self.to_and_fro.step(now, along_m, position);
     }
 
     /// Why the walker must stop now, if he must.
@@ -138,9 +154,10 @@ impl Stops {
         let before = self.halted.filter(|h| h.reason.is_like(&reason)).map(|h| (h.said, h.times));
         // Advice is two sentences and a turn of the body: it takes a while to say and to follow.
         let again_s = match reason {
-            StopReason::ScaleUncertain | StopReason::CannotRelocalise | StopReason::NoWayPast => {
-                config.advice_again_s
-            }
+            StopReason::ScaleUncertain
+            | StopReason::CannotRelocalise
+            | StopReason::ToAndFro
+            | StopReason::NoWayPast => config.advice_again_s,
             _ => config.stop_again_s,
         };
         let (said, times) = match before {

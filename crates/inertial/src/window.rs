@@ -83,6 +83,21 @@ impl BiasPrior {
     }
 }
 
+/// A key frame at which the IMU does not move (a zero-velocity update).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ZeroVelocity {
+    /// Index of the key frame.
+    pub frame: usize,
+    /// Standard deviation of each component of the velocity, m/s.
+    pub sigma: f64,
+}
+
+impl ZeroVelocity {
+    fn residual(&self, of: &SpeedAndBias) -> SVector<f64, 3> {
+        of.velocity / self.sigma
+    }
+}
+
 /// IMU factors over the poses of a bundle, and, after its solve, the motions found.
 #[derive(Clone, Debug)]
 pub struct ImuFactors {
@@ -96,13 +111,23 @@ pub struct ImuFactors {
     pub links: Vec<ImuLink>,
     /// Priors on biases.
     pub bias_priors: Vec<BiasPrior>,
+    /// Key frames at which it does not move.
+    pub zero_velocities: Vec<ZeroVelocity>,
     trial: Vec<SpeedAndBias>,
 }
 
 impl ImuFactors {
     /// Factors over `motions.len()` key frames, of which none is linked yet.
     pub fn new(imu_from_camera: Se3, gravity: Gravity, motions: Vec<SpeedAndBias>) -> Self {
-        Self { imu_from_camera, gravity, trial: motions.clone(), motions, links: vec![], bias_priors: vec![] }
+        Self {
+            imu_from_camera,
+            gravity,
+            trial: motions.clone(),
+            motions,
+            links: vec![],
+            bias_priors: vec![],
+            zero_velocities: vec![],
+        }
     }
 
     /// Squared whitened residual of each link, with fifteen degrees of freedom: one in a hundred exceeds 30.6 by chance.
@@ -136,6 +161,9 @@ impl ImuFactors {
         for prior in &self.bias_priors {
             cost += 0.5 * prior.residual(&motions[prior.frame].bias).0.norm_squared();
         }
+        for still in &self.zero_velocities {
+            cost += 0.5 * still.residual(&motions[still.frame]).norm_squared();
+        }
         if cost.is_finite() { cost } else { f64::INFINITY }
     }
 
@@ -144,6 +172,7 @@ impl ImuFactors {
         let mut touched = vec![false; self.motions.len()];
         self.links.iter().for_each(|l| (touched[l.from], touched[l.to]) = (true, true));
         self.bias_priors.iter().for_each(|p| touched[p.frame] = true);
+        self.zero_velocities.iter().for_each(|z| touched[z.frame] = true);
         let mut next = 0;
         let free = self.motions.iter().map(|m| m.freedom != MotionFreedom::Fixed);
         let place = free.zip(touched).map(|(free, touched)| {
@@ -188,7 +217,7 @@ impl Factors for ImuFactors {
     }
 
     fn is_empty(&self) -> bool {
-        self.links.is_empty() && self.bias_priors.is_empty()
+        self.links.is_empty() && self.bias_priors.is_empty() && self.zero_velocities.is_empty()
     }
 
     fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
@@ -221,6 +250,12 @@ impl Factors for ImuFactors {
             let mut jacobian = SMatrix::<f64, 6, MOTION>::zeros();
             (0..6).for_each(|i| jacobian[(i, 3 + i)] = by[i]);
             equations.add(&residual, &jacobian, &[(own[prior.frame], 0..MOTION)]);
+        }
+        for still in &self.zero_velocities {
+            let residual = still.residual(&self.motions[still.frame]);
+            let mut jacobian = SMatrix::<f64, 3, MOTION>::zeros();
+            (0..3).for_each(|i| jacobian[(i, i)] = 1.0 / still.sigma);
+            equations.add(&residual, &jacobian, &[(own[still.frame], 0..MOTION)]);
         }
         Some(())
     }

@@ -4,10 +4,11 @@ mod common;
 
 use cairn_geometry::{Manifold, Se3, So3, Vec3};
 use cairn_inertial::{
-    Bias, BiasPrior, Gravity, ImuBuffer, ImuFactors, ImuLink, MotionFreedom, NavState, SpeedAndBias,
+    Bias, BiasPrior, Gravity, ImuBuffer, ImuFactors, ImuLink, MotionFreedom, NavState, Preintegrated,
+    SpeedAndBias, ZeroVelocity,
 };
 use cairn_random::Random;
-use cairn_sensor::{ImuSensor, Stamp};
+use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use cairn_solve::{Bundle, BundleConfig, Freedom, Observation, Pinhole, Report, RightOffset};
 use common::{Motion, NOISE, noisy, samples, some_bias, vector};
 
@@ -165,6 +166,39 @@ fn bias_prior_holds_as_far_as_its_sigma() {
     };
     let (held, free) = (solved(1e-5), solved(1.0));
     assert!(held < 1e-3 && (free - 0.1).abs() < 0.04, "{held} {free}");
+}
+
+/// How far a camera that stands for ten seconds and sees nothing has gone, by readings with a bias; four key frames a second.
+fn gone(still_sigma: Option<f64>) -> f64 {
+    let n = 41;
+    let pose = Se3::new(So3::exp(&Vec3::new(0.3, -0.2, 0.9)), Vec3::zeros());
+    let force = pose.rotation.inverse() * -Gravity::level().vector();
+    let exact = (0..=2100).map(|i| ImuSample::new(Stamp(i * 5_000_000), Vec3::zeros(), force)).collect();
+    let bias = Bias { gyro: Vec3::new(1e-3, 0.0, -1e-3), accel: Vec3::new(0.05, -0.04, 0.03) };
+    let (readings, _) = noisy(&mut Random::new(8), exact, bias);
+    let motion =
+        SpeedAndBias { velocity: Vec3::zeros(), bias: Bias::default(), freedom: MotionFreedom::Free };
+    let mut w = window(2, 1);
+    w.bundle.poses = vec![pose * imu_from_camera(); n];
+    w.bundle.freedom = vec![Freedom::Free; n];
+    (w.bundle.points, w.bundle.observations) = (vec![], vec![]);
+    w.fix_first_pose();
+    let part = |k: usize| readings[50 * k..=50 * (k + 1)].to_vec();
+    let sum = |k: usize| Preintegrated::of(NOISE, Bias::default(), part(k));
+    w.imu = ImuFactors::new(imu_from_camera(), Gravity::level(), vec![motion; n]);
+    w.imu.links = (0..n - 1).map(|k| ImuLink { from: k, to: k + 1, sum: sum(k) }).collect();
+    w.imu.bias_priors = vec![BiasPrior { frame: 0, bias: Bias::default(), sigmas: [0.002, 0.05] }];
+    let still = |sigma: f64| (0..n).map(move |frame| ZeroVelocity { frame, sigma });
+    w.imu.zero_velocities = still_sigma.into_iter().flat_map(still).collect();
+    w.solve(&thorough());
+    (w.bundle.poses[n - 1].translation - w.bundle.poses[0].translation).norm()
+}
+
+#[test]
+fn zero_velocities_hold_a_camera_that_sees_nothing() {
+    let (free, turning, standing) = (gone(None), gone(Some(0.15)), gone(Some(0.003)));
+    assert!(free > 1.0, "the readings alone lead it {free} m away");
+    assert!(turning < 0.3 && standing < 0.01, "{turning} m, {standing} m");
 }
 
 /// A first key frame that keeps its position and heading is set upright by gravity.

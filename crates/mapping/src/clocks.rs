@@ -177,6 +177,7 @@ mod tests {
         ImuSegment {
             velocity: Vec3::zeros(),
             bias: Bias::default(),
+            still_sigma: None,
             up: None,
             samples: (0..=count(200.0)).map(reading).collect(),
             offset_s: 0.0,

@@ -83,7 +83,7 @@ impl Inertial {
             let sum = self.clocks.preintegrated(imu.bias, k.stamp, stamp, snapshot.imu_offset())?;
             Some(ImuFactor { since: k.id, sum: Arc::new(sum) })
         });
-        InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor }
+        InertialState { velocity: imu.velocity, bias: imu.bias, still_sigma: imu.still_sigma, imu_factor }
     }
 
     /// The motion of a key frame with an IMU factor to a given earlier one.
@@ -93,7 +93,7 @@ impl Inertial {
             since,
             sum: Arc::new(Preintegrated::of(self.data_sheet, imu.bias, imu.samples.clone())),
         });
-        InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor }
+        InertialState { velocity: imu.velocity, bias: imu.bias, still_sigma: imu.still_sigma, imu_factor }
     }
 
     /// The local window of a gravity-aligned map.

@@ -391,5 +391,5 @@ fn removed_since(snapshot: &Snapshot, since: KeyFrameId) -> Vec<Change> {
 
 /// The motion of a key frame without an IMU factor to an earlier one.
 fn without_imu_factor(imu: &ImuSegment) -> InertialState {
-    InertialState { velocity: imu.velocity, bias: imu.bias, imu_factor: None }
+    InertialState { velocity: imu.velocity, bias: imu.bias, still_sigma: imu.still_sigma, imu_factor: None }
 }

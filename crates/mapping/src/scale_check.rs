@@ -92,7 +92,7 @@ impl ScaleWatch {
             let long = measured_over(&snapshot, of, chain, LONG_S);
             let changes = match long.filter(|long| contradicts(long) && agree(long, &found)) {
                 Some(long) => rescaled(&snapshot, chain, &long),
-                None => scaled(&snapshot, chain, &found),
+                None => scaled(&snapshot, stretch(chain, &found), chain, &found),
             };
             atlas.commit(changes);
             adjust_recent(atlas, of, chain, now, config);
@@ -198,18 +198,35 @@ fn velocities(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec
     pairs.filter_map(change).collect()
 }
 
-/// The changes that scale the whole map: where a long stretch agrees with its end, the error is not of that end.
+/// The key frames since the last one that saw no landmarks, where none of them sees landmarks from before: the readings alone carried
+/// the scale there, so that of the map before is another one.
+fn since_unseen<'a>(snapshot: &Snapshot, chain: &'a [KeyFrameId]) -> Option<&'a [KeyFrameId]> {
+    let seen =
+        |id: &KeyFrameId| snapshot.key_frame(*id).is_some_and(|k| k.landmarks.iter().any(Option::is_some));
+    let unseen = chain.iter().rposition(|id| !seen(id))?;
+    let since = &chain[unseen + 1..];
+    let first = since.first()?;
+    let of = |id: &KeyFrameId| snapshot.key_frame(*id).into_iter().flat_map(|k| k.landmarks.iter().flatten());
+    let mut landmarks = since.iter().flat_map(of).filter_map(|id| snapshot.landmark(*id));
+    let is_tied = landmarks.any(|l| l.observations.iter().any(|o| o.key_frame < *first));
+    (!is_tied).then_some(since)
+}
+
+/// The changes that scale the whole map, or what of it hangs together: where a long stretch agrees with its end, the error is not of
+/// that end.
 fn rescaled(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<Change> {
+    if let Some(since) = since_unseen(snapshot, chain) {
+        return scaled(snapshot, since, chain, found);
+    }
     let map = chain.last().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map);
     let mut changes: Vec<Change> = map.map(|map| Change::Rescale(map, found.scale)).into_iter().collect();
     changes.extend(velocities(snapshot, chain, found));
     changes
 }
 
-/// The changes that scale key frames about the first of them, with the landmarks that no earlier one observes, and give
-/// them the velocities that were found.
-fn scaled(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<Change> {
-    let stretch = stretch(chain, found);
+/// The changes that scale the key frames of a stretch about the first of them, with the landmarks that no earlier one observes,
+/// and give the last of the chain the velocities that were found.
+fn scaled(snapshot: &Snapshot, stretch: &[KeyFrameId], chain: &[KeyFrameId], found: &Initial) -> Vec<Change> {
     let Some(first) = stretch.first().and_then(|id| snapshot.key_frame(*id)) else { return Vec::new() };
     let centre = first.world_from_camera.translation;
     let scaled = |p: Vec3| centre + (p - centre) * found.scale;
@@ -278,6 +295,42 @@ mod tests {
         }
     }
 
+    /// What was mapped after a stretch without landmarks has a scale of its own, whatever the last ten seconds say.
+    #[test]
+    fn check_does_not_scale_what_lies_before_a_stretch_without_landmarks() {
+        let (count, unseen) = (90, 40);
+        let (mut atlas, ids) =
+            ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.0 }.map_but_for(count, Some(unseen));
+        let since = since_unseen(atlas.latest(), &ids).expect("nothing is seen across it").to_vec();
+        assert_eq!(since, &ids[unseen + 1..]);
+        let place =
+            |atlas: &Atlas, n: usize| atlas.latest().key_frame(ids[n]).unwrap().world_from_camera.translation;
+        let centre = place(&atlas, unseen + 1);
+        let doubled = |p: Vec3| centre + (p - centre) * 2.0;
+        let wrong = |id: &KeyFrameId| {
+            let pose = atlas.latest().key_frame(*id).unwrap().world_from_camera;
+            Change::MoveKeyFrame(*id, Se3::new(pose.rotation, doubled(pose.translation)))
+        };
+        let mut changes: Vec<Change> = since.iter().map(wrong).collect();
+        let new = atlas.latest().landmarks().filter(|l| l.observations[0].key_frame >= since[0]);
+        changes.extend(new.map(|l| Change::MoveLandmark(l.id, doubled(l.position))));
+        atlas.commit(changes);
+        let before = place(&atlas, 30) - place(&atlas, 0);
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let camera = mono();
+        let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
+        let long = measured_over(atlas.latest(), &of, &ids, LONG_S).expect("ten seconds tell the scale");
+        assert!(contradicts(&long), "{}", long.scale);
+        let snapshot = atlas.latest().clone();
+        atlas.commit(rescaled(&snapshot, &ids, &long));
+        let truly = |n: usize| position(STEP_S * n as f64);
+        let found = (place(&atlas, count - 1) - place(&atlas, count - 17)).norm();
+        let scale = found / (truly(count - 1) - truly(count - 17)).norm();
+        assert!((scale - 1.0).abs() < 0.05, "{scale} of what was wrong");
+        let after = place(&atlas, 30) - place(&atlas, 0);
+        assert!((after - before).norm() < 1e-6, "{before} {after}");
+    }
+
     #[test]
     fn check_leaves_a_right_scale_alone() {
         let (told, corrected, scale) = checked(1.0);
@@ -309,7 +362,7 @@ mod tests {
         let before = atlas.latest().clone();
         let last = stretch(&ids, &found);
         assert!(last.len() < ids.len() && (found.scale - 0.5).abs() < 0.02, "{}", found.scale);
-        assert_eq!(atlas.commit(scaled(&before, &ids, &found)).dropped, 0);
+        assert_eq!(atlas.commit(scaled(&before, stretch(&ids, &found), &ids, &found)).dropped, 0);
         let place = |s: &Snapshot, id: KeyFrameId| s.key_frame(id).unwrap().world_from_camera.translation;
         let centre = place(&before, last[0]);
         for id in &ids {

@@ -340,7 +340,12 @@ fn with_factors(seen: &Snapshot, ids: &[KeyFrameId]) -> Atlas {
             ImuFactor { since: since.id, sum: sum.into() }
         });
         let mut again = KeyFrame::new(k.id, k.frame.shared(), k.world_from_camera, k.parent);
-        again.motion = Some(InertialState { velocity: Vec3::zeros(), bias: Bias::default(), imu_factor });
+        again.motion = Some(InertialState {
+            velocity: Vec3::zeros(),
+            bias: Bias::default(),
+            still_sigma: None,
+            imu_factor,
+        });
         changes.push(Change::AddKeyFrame(Box::new(again)));
     }
     for l in seen.landmarks() {

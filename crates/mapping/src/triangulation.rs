@@ -17,8 +17,9 @@ const LEAST_PARALLAX_COS: f64 = 0.9998;
 
 /// Earlier key frames along the IMU factors that are searched too.
 const EARLIER_IN_CHAIN: usize = 4;
-/// Baseline in metres that is sufficient where no depth is known.
-const UNKNOWN_DEPTH_BASELINE_M: f64 = 0.05;
+/// Baseline in metres that is sufficient where no depth is known: the readings alone tell it, to some centimetres, and its error is
+/// that of the depths.
+const UNKNOWN_DEPTH_BASELINE_M: f64 = 0.15;
 
 /// Creates landmarks of `centre` with its best `neighbours`; `camera` is that of the atlas.
 pub(crate) fn create_landmarks(

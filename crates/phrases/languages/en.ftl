@@ -164,6 +164,7 @@ stop-unknown-ground = I cannot see the ground ahead.
 stop-no-way-past = I find no way past it.
 stop-scale = I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back.
 stop-relocalise = I keep losing my place here and cannot guide you on. It helps to walk backwards, or to let the camera face back.
+stop-to-and-fro = I am leading you to and fro here and cannot guide you on. It helps to walk backwards, or to let the camera face back.
 stop-stage-died = Part of the guide has stopped working.
 
 ## Before leaving: will the route be recognised?

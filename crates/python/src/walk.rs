@@ -124,6 +124,7 @@ pub fn state_name(state: GuideState) -> &'static str {
             StopReason::NoWayPast => "stopped: no way past",
             StopReason::ScaleUncertain => "stopped: scale uncertain",
             StopReason::CannotRelocalise => "stopped: cannot relocalise",
+            StopReason::ToAndFro => "stopped: to and fro",
             StopReason::StageDied => "stopped: failure",
         },
     }

@@ -5,6 +5,7 @@
 //! there is a [`NavEstimate`]: it starts from the newest key frame that mapping has adjusted with its IMU
 //! factors, is propagated to each frame by the readings, and corrected by the pose that is tracked there.
 
+use crate::on_the_spot::Spot;
 use crate::state::{AnchoredPose, anchored_at};
 use cairn_atlas::{ImuSegment, KeyFrame, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
@@ -37,8 +38,13 @@ const SILENT_S: f64 = 1.0;
 const MEAN_FORCE_S: f64 = 0.5;
 /// Standard deviation of the velocity of a walker who turns on the spot, by the images, m/s.
 const ON_THE_SPOT_SIGMA_M_S: f64 = 0.15;
+/// The same where the images told so some moments ago: he may have set out since.
+const ON_THE_SPOT_BEFORE_SIGMA_M_S: f64 = 0.3;
 /// Seconds of angular velocity around an instant that are averaged.
 const TURNING_S: f64 = 0.03;
+/// One who stands is not pushed by more than this over the last moments: seconds, and m/s^2. An estimate that is level to a degree and a
+/// half is off by less.
+const SETS_OUT: (f64, f64) = (0.25, 0.25);
 /// Estimated speed up to which the camera may be stationary, m/s.
 const STATIONARY_M_S: f64 = 0.15;
 
@@ -258,6 +264,21 @@ impl InertialFilter {
         self.last = Some(Last { stamp, estimate: predicted, anchored: *anchored, tracked });
     }
 
+    /// How well it is known that the camera does not move, m/s: by the readings, else by its images.
+    pub fn still_sigma(&self, stamp: Stamp, spot: Spot) -> Option<f64> {
+        match spot {
+            _ if self.is_stationary(stamp) => Some(ZERO_VELOCITY_SIGMA_M_S),
+            Spot::New => Some(ON_THE_SPOT_SIGMA_M_S),
+            Spot::Holds => Some(ON_THE_SPOT_BEFORE_SIGMA_M_S),
+            Spot::No => None,
+        }
+    }
+
+    /// Since when the readings alone have led to the pose of the last frame; `None` where that was tracked.
+    pub fn carried_since(&self) -> Option<Stamp> {
+        self.last.as_ref().filter(|last| last.tracked < last.stamp).map(|last| last.tracked)
+    }
+
     /// The IMU data of a frame that becomes a key frame; the next segment starts here.
     pub fn take_segment(&mut self, stamp: Stamp) -> ImuSegment {
         let since = self.requested.replace(stamp);
@@ -278,6 +299,7 @@ impl InertialFilter {
         ImuSegment {
             velocity,
             bias: state.map_or(self.bias, |b| b.bias),
+            still_sigma: None,
             up: self.up(stamp),
             samples,
             offset_s: self.offset_s,
@@ -333,6 +355,18 @@ impl InertialFilter {
         let from = stamp.plus_seconds(-1.1 * config.seconds);
         let samples: Vec<ImuSample> = self.buffer.within(from, stamp).copied().collect();
         Rest::of(&samples, &self.noise, Some(&estimate.bias), &config).is_still()
+            && !self.sets_out(stamp, estimate)
+    }
+
+    /// Whether the last readings push the camera away: their mean is not the force that holds it against gravity. The noise that
+    /// is allowed for at rest hides a walker who sets out gently, and his speed would be held at zero for his first steps.
+    fn sets_out(&self, stamp: Stamp, estimate: &NavEstimate) -> bool {
+        let world_from_imu = estimate.world_from_camera.rotation * self.imu_from_camera.rotation.inverse();
+        let at_rest = world_from_imu.inverse() * -estimate.gravity.vector() + estimate.bias.accel;
+        let (mut off, mut count) = (Vec3::zeros(), 0.0);
+        let last = self.buffer.within(stamp.plus_seconds(-SETS_OUT.0), stamp);
+        last.for_each(|s| (off, count) = (off + s.accel - at_rest, count + 1.0));
+        count > 0.0 && off.norm() > SETS_OUT.1 * count
     }
 }
 

@@ -1,14 +1,15 @@
 //! The inertial filter on synthetic maps: what it says of its own uncertainty while the readings carry the pose.
 
 use crate::imu::InertialFilter;
-use crate::state::{AnchoredPose, State, anchored_at};
+use crate::state::{AnchoredPose, Last, State, anchored_at};
 use crate::synthetic::{FEATURES, RATE_HZ, World, pose, sideways, stereo};
-use crate::{Tracker, TrackerConfig};
+use crate::tests::tracker as new_tracker;
+use crate::{Tracked, Tracker, TrackerConfig};
 use cairn_atlas::{Atlas, Change, InertialState, KeyFrame, KeyFrameId, MapId};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
 use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, ImuSensor, Stamp};
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 const NOISE: ImuNoise = ImuNoise { gyro: 3e-4, gyro_walk: 1e-4, accel: 3e-3, accel_walk: 1e-3 };
 /// Speed along x, m/s.
@@ -43,7 +44,12 @@ fn key_frame(world: &World, atlas: &Atlas, id: KeyFrameId, t: f64) -> Vec<Change
         world_from_camera,
         atlas.latest().newest_key_frame().map(|k| k.id),
     );
-    k.motion = Some(InertialState { velocity: Vec3::x() * SPEED, bias: Bias::default(), imu_factor: None });
+    k.motion = Some(InertialState {
+        velocity: Vec3::x() * SPEED,
+        bias: Bias::default(),
+        still_sigma: None,
+        imu_factor: None,
+    });
     let mut changes = vec![Change::AddKeyFrame(Box::new(k))];
     let seen = landmarks.iter().enumerate().filter_map(|(feature, l)| Some((feature, (*l)?)));
     changes.extend(seen.map(|(feature, l)| Change::Observe(l, id, feature as u16)));
@@ -330,4 +336,120 @@ fn up_is_told_by_an_imu_in_a_map_that_is_aligned_with_gravity() {
     let up = up_after(tracker().with_imu(&sensor, Se3::identity(), 5.0)).expect("a direction");
     assert!((up + Vec3::y()).norm() < 0.01, "{up:?}");
     assert_eq!(up_after(tracker()), None);
+}
+
+/// A sensor whose stated noise hides a gentle start: a walker who has stood sets out with 0.6 m/s^2.
+#[test]
+fn one_who_sets_out_gently_is_not_held_where_he_stood() {
+    let world = World::around(stereo(), 31);
+    let (mut atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    let up = So3::exp(&(Vec3::x() * -FRAC_PI_2));
+    atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() })]);
+    let id = atlas.latest().next_key_frame_id();
+    let mut changes = key_frame(&world, &atlas, id, 2.0);
+    changes.push(Change::InertialState(id, Vec3::zeros(), Bias::default()));
+    atlas.commit(changes);
+    let noise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
+    let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 60.0, noise, offset_s: 0.0 };
+    let mut filter = InertialFilter::new(&sensor, Se3::identity(), 5.0);
+    let pushed = |s: ImuSample| match s.stamp.seconds() >= 4.0 {
+        true => ImuSample { accel: s.accel + Vec3::x() * 0.6, ..s },
+        false => s,
+    };
+    filter.take(&readings(2.0, 5.2).into_iter().map(pushed).collect::<Vec<_>>(), atlas.latest());
+    filter.refresh(atlas.latest());
+    let anchor = |pose: Se3| anchored_at(atlas.latest(), id, pose).unwrap();
+    let begin = filter.predict(Stamp::from_seconds(2.1)).expect("readings").world_from_camera.translation;
+    for n in 1..=30 {
+        let now = Stamp::from_seconds(2.0 + 0.1 * f64::from(n));
+        let predicted = filter.predict(now).expect("readings");
+        filter.coast(now, &anchor(predicted.world_from_camera), predicted, false);
+        if n == 20 {
+            assert!(filter.is_stationary(now), "he stands");
+        }
+    }
+    let end = filter.predict(Stamp::from_seconds(5.1)).expect("readings");
+    let gone = (end.world_from_camera.translation - begin).norm();
+    assert!(
+        (gone - 0.36).abs() < 0.1 && (end.velocity.norm() - 0.66).abs() < 0.1,
+        "{gone} m, {}",
+        end.velocity
+    );
+}
+
+/// Nothing of the map is in view after a turn on the spot; there, landmarks were made since that contradict where the camera is by
+/// `off_m`, as if its key frames had been moved.
+fn after_a_turn(off_m: f64, is_old: bool) -> (Tracked, f64) {
+    let world = World::around(stereo(), 31);
+    let (mut atlas, ids) = world.exact_map(&sideways(4, 0.0));
+    let turn = So3::exp(&(Vec3::x() * -FRAC_PI_2));
+    let level = Se3::new(turn, Vec3::zeros());
+    atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: turn, ..Sim3::identity() })]);
+    let behind = |atlas: &mut Atlas, from_s: f64| {
+        let path = [pose(0.0, 0.0, PI); 4];
+        let views = world.walk(&path, from_s, 0.3);
+        let newest = atlas.latest().newest_key_frame().map(|k| k.id);
+        world.map(atlas, &views, &path, newest, |_| Sim3::new(turn, Vec3::x() * off_m, 1.0))[3]
+    };
+    let mut there = is_old.then(|| behind(&mut atlas, 0.5));
+    let id = atlas.latest().next_key_frame_id();
+    let view = world.see(&pose(0.0, 0.0, 0.0), 2.0);
+    let mut k = KeyFrame::new(id, view.frame.clone(), level, Some(ids[3]));
+    k.motion = Some(InertialState {
+        velocity: Vec3::zeros(),
+        bias: Bias::default(),
+        still_sigma: None,
+        imu_factor: None,
+    });
+    let mut changes = vec![Change::AddKeyFrame(Box::new(k))];
+    let seen = world.matches(atlas.latest(), &view);
+    let seen = seen.into_iter().enumerate().filter_map(|(feature, l)| Some((feature, l?)));
+    changes.extend(seen.map(|(feature, l)| Change::Observe(l, id, feature as u16)));
+    atlas.commit(changes);
+
+    let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
+    let mut tracker = new_tracker(world.camera).with_imu(&sensor, Se3::identity(), 5.0);
+    tracker.map_created(atlas.latest(), id);
+    let rate = PI / 2.0;
+    let turning = |s: ImuSample| match s.stamp.seconds() {
+        t if (2.2..4.2).contains(&t) => ImuSample { gyro: Vec3::y() * rate, ..s },
+        _ => s,
+    };
+    let mut last = None;
+    for n in 1..=26 {
+        let t = 2.0 + 0.1 * f64::from(n);
+        let imu: Vec<ImuSample> = readings(t - 0.1, t).into_iter().map(turning).collect();
+        let view = match n {
+            1..=2 => world.see(&pose(0.0, 0.0, 0.0), t),
+            // Nothing to match while he turns.
+            3..=24 => World::around(stereo(), 1000 + n as u64).see(&Se3::identity(), t),
+            _ => world.see(&pose(0.0, 0.0, PI), t),
+        };
+        let tracked = tracker.step(view.frame.clone(), &imu, atlas.latest(), false, true);
+        if n == 24 {
+            // As with a key frame that is made there.
+            let there = *there.get_or_insert_with(|| behind(&mut atlas, 3.0));
+            let carried = tracked.pose.expect("the readings carry it").world_from_camera;
+            tracker.last = Some(Last {
+                landmarks: vec![None; view.frame.len()],
+                frame: view.frame,
+                anchored: anchored_at(atlas.latest(), there, carried).unwrap(),
+            });
+        }
+        last = Some(tracked);
+    }
+    let tracked = last.unwrap();
+    let place = tracked.pose.map_or(f64::NAN, |p| p.world_from_camera.translation.norm());
+    (tracked, place)
+}
+
+#[test]
+fn landmarks_made_since_a_turn_do_not_move_the_camera_but_confirmed_ones_do() {
+    let (agreeing, place) = after_a_turn(0.0, false);
+    assert!(agreeing.state == State::Tracking && place < 0.1, "{:?} {place} m", agreeing.state);
+    let (contradicting, place) = after_a_turn(2.2, false);
+    assert!(matches!(contradicting.state, State::Coasting { .. }), "{:?}", contradicting.state);
+    assert!(place < 0.3, "{place} m");
+    let (known, place) = after_a_turn(2.2, true);
+    assert!(known.state == State::Tracking && (place - 2.2).abs() < 0.1, "{:?} {place} m", known.state);
 }

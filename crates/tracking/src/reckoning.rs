@@ -86,12 +86,19 @@ impl DeadReckoning {
     /// The pose now, from the one that was kept; `None` where a motion since then was not measured.
     pub fn pose(&self, kept: &Se3) -> Option<Reckoned> {
         self.step?;
-        let sigma = [TRACKED_SIGMA_M, TRACKED_SIGMA_RAD];
-        let [m, rad]: [f64; 2] = std::array::from_fn(|i| self.variance[i] + sigma[i] * sigma[i]);
-        let covariance = Matrix6::from_diagonal(&Vector6::new(m, m, m, rad, rad, rad));
+        let covariance = diagonal(self.variance) + tracked_covariance();
         let limit = [COAST_SIGMA_M, COAST_SIGMA_RAD];
         Some(Reckoned { world_from_camera: *kept * self.carried?, covariance, limit })
     }
+}
+
+/// What a tracked pose is uncertain by, of its right perturbation: translation, rotation.
+pub(crate) fn tracked_covariance() -> Matrix6<f64> {
+    diagonal([TRACKED_SIGMA_M, TRACKED_SIGMA_RAD].map(|s| s * s))
+}
+
+fn diagonal([m, rad]: [f64; 2]) -> Matrix6<f64> {
+    Matrix6::from_diagonal(&Vector6::new(m, m, m, rad, rad, rad))
 }
 
 /// A pose without features: by dead reckoning, or by the shape of what the depth camera sees.

@@ -1,12 +1,13 @@
 //! A gravity-aligned map with IMU readings for tests: a walk to and fro, exact but for what a test puts wrong.
 
-use crate::synthetic::{World, mono, pose};
+use crate::synthetic::{View, World, mono, pose};
 use cairn_atlas::{
     Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrame, KeyFrameId, MapId, Snapshot,
 };
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::{Bias, Preintegrated};
 use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, Stamp};
+use cairn_vision::Frame;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
 
@@ -68,6 +69,7 @@ impl ToAndFro {
         ImuSegment {
             velocity: Vec3::zeros(),
             bias: Bias::default(),
+            still_sigma: None,
             up: None,
             samples: (0..=25).map(reading).collect(),
             offset_s: 0.0,
@@ -78,7 +80,7 @@ impl ToAndFro {
     /// The map of so many key frames as vision alone makes it: y is down, and lengths are in a unit of its own.
     pub fn map_of_vision(&self, count: usize) -> (Atlas, Vec<KeyFrameId>) {
         let unit = Sim3 { scale: self.factor, ..Sim3::identity() };
-        let (changes, ids) = self.seen(count, &unit);
+        let (changes, ids) = self.seen(count, &unit, None);
         let mut atlas = Atlas::new(Snapshot::new());
         assert_eq!(atlas.commit(changes).dropped, 0);
         (atlas, ids)
@@ -86,7 +88,12 @@ impl ToAndFro {
 
     /// A gravity-aligned map of so many key frames of the walk.
     pub fn map(&self, count: usize) -> (Atlas, Vec<KeyFrameId>) {
-        let (mut changes, ids) = self.seen(count, &Sim3::identity());
+        self.map_but_for(count, None)
+    }
+
+    /// The same where one key frame sees nothing: points that come into view again are new landmarks.
+    pub fn map_but_for(&self, count: usize, unseen: Option<usize>) -> (Atlas, Vec<KeyFrameId>) {
+        let (mut changes, ids) = self.seen(count, &Sim3::identity(), unseen);
         let up = So3::exp(&(Vec3::x() * (self.tilt_rad - FRAC_PI_2)));
         changes.push(Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up, ..Sim3::identity() }));
         changes.push(Change::Rescale(MapId(ids[0]), self.factor));
@@ -96,11 +103,23 @@ impl ToAndFro {
     }
 
     /// The changes that make a map of the key frames, which have their readings.
-    fn seen(&self, count: usize, map_from_world: &Sim3) -> (Vec<Change>, Vec<KeyFrameId>) {
+    fn seen(
+        &self,
+        count: usize,
+        map_from_world: &Sim3,
+        unseen: Option<usize>,
+    ) -> (Vec<Change>, Vec<KeyFrameId>) {
         let world = World::around(mono(), 71);
         let path: Vec<Se3> = (0..count).map(|n| self.at(STEP_S * n as f64)).collect();
+        let mut views = world.walk(&path, 0.0, STEP_S);
+        if let Some(n) = unseen {
+            let mut frame = Frame::default();
+            frame.stamp = views[n].frame.stamp;
+            frame.index(&world.camera);
+            views[n] = View { frame: Arc::new(frame), points: Vec::new() };
+        }
         let mut seen = Atlas::new(Snapshot::new());
-        let ids = world.map(&mut seen, &world.walk(&path, 0.0, STEP_S), &path, None, |_| *map_from_world);
+        let ids = world.map(&mut seen, &views, &path, None, |_| *map_from_world);
         let (seen, mut changes) = (seen.latest().clone(), Vec::new());
         for (n, id) in ids.iter().enumerate() {
             let k = seen.key_frame(*id).unwrap();
@@ -109,7 +128,7 @@ impl ToAndFro {
             let imu_factor =
                 n.checked_sub(1).map(|before| ImuFactor { since: ids[before], sum: self.link(before) });
             let mut k = KeyFrame::new(k.id, k.frame.shared(), k.world_from_camera, k.parent);
-            k.motion = Some(InertialState { velocity, bias: Bias::default(), imu_factor });
+            k.motion = Some(InertialState { velocity, bias: Bias::default(), still_sigma: None, imu_factor });
             changes.push(Change::AddKeyFrame(Box::new(k)));
         }
         for l in seen.landmarks() {

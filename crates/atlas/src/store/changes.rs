@@ -212,7 +212,7 @@ fn decode_key_frame(
         0 => None,
         _ => {
             let (velocity, gyro, accel) = (vector(d)?, vector(d)?, vector(d)?);
-            Some(InertialState { velocity, bias: Bias { gyro, accel }, imu_factor: None })
+            Some(InertialState { velocity, bias: Bias { gyro, accel }, still_sigma: None, imu_factor: None })
         }
     };
     let bag = decode_bag(d)?;

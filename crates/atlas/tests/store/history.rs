@@ -96,7 +96,8 @@ pub fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change
     let mut key_frame = KeyFrame::new(new, frame, dice.pose(), parent).with_bag(Arc::new(bag));
     if dice.roll(2) == 0 {
         let bias = Bias { gyro: 0.01 * dice.vector(), accel: 0.1 * dice.vector() };
-        key_frame.motion = Some(InertialState { velocity: dice.vector(), bias, imu_factor: None });
+        key_frame.motion =
+            Some(InertialState { velocity: dice.vector(), bias, still_sigma: None, imu_factor: None });
     }
     let mut changes = vec![Change::AddKeyFrame(Box::new(key_frame)), Change::Calibrate(dice.real())];
     let next = snapshot.next_landmark_id().index();

@@ -1,7 +1,7 @@
 //! A phone drawn by a seed on a planned walk, as a source: lens, rolling shutter, stamps, readings and start are those of
 //! [`PhoneTraits`], as in `cairn demo --phone`, but without a page, JPEGs and real time, so that runs are reproducible.
 
-use cairn_geometry::{Se3, Vec2};
+use cairn_geometry::Se3;
 use cairn_random::Random;
 use cairn_sensor::{FramePacket, GrayImage, Merge, MergeConfig, Rig, Source, SourceError, SourceInfo, Stamp};
 use cairn_sim::{Effects, MotionSensors, PhoneTraits, RollingCamera, SimConfig, World};
@@ -29,18 +29,17 @@ pub struct DrawnPhone {
 }
 
 impl DrawnPhone {
-    /// The phone of the config's seed, carried along the corners of a path by the config's walker. Its rig has the true lens,
-    /// and of the motion sensors only what [`phone_imu`] assumes.
+    /// The phone of the config's seed in a motion. Its rig has the true lens, and of the motion sensors only what
+    /// [`phone_imu`] assumes.
     ///
     /// # Errors
     /// When the lens cannot be drawn.
     pub fn new(
         config: &SimConfig,
         world: &Arc<World>,
-        corners: &[Vec2],
+        motion: cairn_sim::Motion,
         traits: &PhoneTraits,
     ) -> Result<Self, String> {
-        let motion = config.walker.motion(corners);
         let effects = Effects { noise: 3.0, ..config.effects };
         let camera = RollingCamera::new(world, &traits.camera, traits.readout_s, effects, config.seed);
         let camera = camera.map_err(|e| e.to_string())?;

@@ -9,6 +9,7 @@ pub mod phone;
 mod ran;
 mod recorded;
 mod semi_real;
+pub mod spot;
 mod walked;
 
 use crate::Sensor;

@@ -261,3 +261,38 @@ fn a_turn_on_the_spot_needs_no_map_in_view() {
     walker.go(3.0, 1.0);
     assert_eq!(walker.find("I lost my place").len(), 1, "{:?}", walker.words());
 }
+
+const TO_AND_FRO: &str =
+    "Stop. I am leading you to and fro here and cannot guide you on. It helps to walk backwards";
+
+/// With good tracking a walker goes some metres along the route, turns round and comes back, again and again: whatever leads him so.
+#[test]
+fn one_who_is_led_to_and_fro_is_stopped_with_what_helps() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(8.0, 0.8);
+    let mut stopped = None;
+    for _ in 0..6 {
+        walker.turn(180.0, 60.0).go(4.0, 0.8).turn(180.0, 60.0).go(4.0, 0.8);
+        stopped = stopped.or(walker.find(TO_AND_FRO).first().copied());
+    }
+    let (at_s, _) = stopped.expect("told that this leads nowhere");
+    assert!((30.0..60.0).contains(&at_s), "after {at_s} s");
+    let after: Vec<_> = walker.spoken().into_iter().filter(|said| said.0 >= at_s).collect();
+    assert!(after.len() > 1 && after.iter().all(|said| said.2.starts_with(TO_AND_FRO)), "{after:?}");
+    assert!(after.windows(2).all(|w| w[1].0 - w[0].0 > 15.0), "not again and again: {after:?}");
+    assert_eq!(walker.guide.state(), GuideState::Stopped(StopReason::ToAndFro));
+    // Somebody leads him on: there he is guided again.
+    walker.go(5.0, 0.8);
+    walker.stand(2.0);
+    assert!(!matches!(walker.guide.state(), GuideState::Stopped(_)), "{:?}", walker.guide.state());
+    let words = walker.words();
+    assert!(words.last().unwrap().starts_with("I found my place."), "{words:?}");
+}
+
+#[test]
+fn one_mistake_and_a_long_stop_are_not_to_and_fro() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(8.0, 0.8).turn(180.0, 60.0).go(5.0, 0.8).turn(180.0, 60.0).go(2.0, 0.8);
+    walker.stand(120.0).go(20.0, 0.8);
+    assert!(walker.find("to and fro").is_empty(), "{:?}", walker.words());
+}

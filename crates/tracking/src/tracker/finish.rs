@@ -1,9 +1,10 @@
 //! The final pose of a frame from the local map, and whether it becomes a key frame.
 
+use super::static_landmarks::is_confirmed_before;
 use super::{BRIDGE_S, Tracker};
 use crate::decide::{Situation, wants_key_frame};
 use crate::match_last::Matches;
-use crate::reckoning::Reckoned;
+use crate::reckoning::{Reckoned, tracked_covariance};
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, Last, State, Tracked, anchored_at};
 use cairn_adjust::Located;
 use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
@@ -11,6 +12,7 @@ use cairn_geometry::{Manifold, Se3};
 use cairn_inertial::NavEstimate;
 use cairn_solve::PosePrior;
 use cairn_vision::Frame;
+use nalgebra::Matrix6;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -48,6 +50,9 @@ impl Tracker {
         let found = self.in_local_map(&frame, snapshot, &guess, matches, prior.as_ref(), fallback);
         let (world_from_camera, inliers) = (found.located.world_from_camera, found.located.inliers);
         if inliers < found.need {
+            return self.miss(frame, snapshot, inliers, predicted, idle);
+        }
+        if self.contradicts_carried(&frame, snapshot, &found, prior.as_ref(), predicted.as_ref()) {
             return self.miss(frame, snapshot, inliers, predicted, idle);
         }
         self.learn_readout(&frame, snapshot, &found.matches, &world_from_camera);
@@ -141,6 +146,31 @@ impl Tracker {
         Found { located, matches, expected, matched, need }
     }
 
+    /// Whether a pose cannot be that to which the readings alone have led since the map was seen last. Landmarks that were made
+    /// on the way there are where that estimate put them; they cannot tell that it is elsewhere. Landmarks that were confirmed before
+    /// can, and are believed. The estimate becomes uncertain as the walker goes on, so that nobody is shut out for good.
+    fn contradicts_carried(
+        &self,
+        frame: &Frame,
+        snapshot: &Snapshot,
+        found: &Found,
+        prior: Option<&PosePrior>,
+        predicted: Option<&NavEstimate>,
+    ) -> bool {
+        let since = self.inertial.as_ref().and_then(|i| i.carried_since());
+        let (Some(since), Some(prior), Some(predicted)) = (since, prior, predicted) else { return false };
+        let landmarks = found.matches.landmarks.iter().flatten().filter_map(|id| snapshot.landmark(*id));
+        let before = landmarks.filter(|l| is_confirmed_before(snapshot, l, since)).count();
+        let Some((alone, own)) = without_prior(&found.located, prior) else { return false };
+        let covariance = predicted.pose_covariance() + own + tracked_covariance();
+        let carried = Reckoned {
+            world_from_camera: predicted.world_from_camera,
+            covariance,
+            limit: [f64::INFINITY; 2],
+        };
+        before < self.need(frame) && !carried.agrees(&alone)
+    }
+
     /// Gives the pose to the inertial filter.
     fn tell_inertial(
         &mut self,
@@ -154,7 +184,8 @@ impl Tracker {
         let Some(inertial) = &mut self.inertial else { return };
         if inertial.wants_rotations(frame.stamp) {
             // The IMU prior is part of the pose; the time offset must be estimated from vision alone.
-            let alone = prior.and_then(|p| without_prior(located, p)).unwrap_or(anchored.world_from_camera);
+            let alone = prior.and_then(|p| without_prior(located, p));
+            let alone = alone.map_or(anchored.world_from_camera, |(alone, _)| alone);
             inertial.add_rotation(frame.stamp, alone.rotation);
         }
         inertial.update(snapshot, frame.stamp, anchored, predicted, &located.information);
@@ -218,9 +249,9 @@ impl Tracker {
     }
 }
 
-/// The pose without the prior: at the solution the gradients of the prior and of the observations cancel.
-fn without_prior(located: &Located, prior: &PosePrior) -> Option<Se3> {
+/// The pose without the prior, and its covariance: at the solution the gradients of the prior and of the observations cancel.
+fn without_prior(located: &Located, prior: &PosePrior) -> Option<(Se3, Matrix6<f64>)> {
     let gradient = prior.information * prior.world_from_camera.local(&located.world_from_camera);
     let own = (located.information - prior.information).cholesky()?;
-    Some(located.world_from_camera.retract(&own.solve(&gradient)))
+    Some((located.world_from_camera.retract(&own.solve(&gradient)), own.inverse()))
 }

@@ -7,7 +7,7 @@ use crate::on_the_spot::Spot;
 use crate::scale::PACE_SIGMA;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
 use crate::state::{Last, anchored_at};
-use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_atlas::{ImuSegment, KeyFrameId, Snapshot};
 use cairn_geometry::Se3;
 use cairn_inertial::NavEstimate;
 use cairn_sensor::Stamp;
@@ -48,7 +48,8 @@ impl Tracker {
         let predicted = self.align(&frame, snapshot, predicted);
         let is_aligned = self.dense.as_ref().is_some_and(|dense| dense.aligned().is_some());
         let good = predicted.filter(|predicted| self.may_coast(&frame, predicted));
-        let (good, is_on_the_spot) = self.held_on_the_spot(&frame, good);
+        let (good, spot) = self.held_on_the_spot(&frame, good);
+        let is_on_the_spot = spot != Spot::No;
         let reckoned = self.reckoned().filter(|r| good.is_none() && r.may_coast());
         let carried = (good.as_ref().map(|b| (b.world_from_camera, b.position_sigma(), b.pose_covariance())))
             .or(reckoned.map(|r| (r.world_from_camera, r.sigma()[0], r.covariance)));
@@ -74,7 +75,9 @@ impl Tracker {
             self.last = Some(Last { frame: frame.clone(), landmarks: landmarks.clone(), anchored });
             self.reckoning.restart(false);
             self.since_key_frame = 0;
-            let imu = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
+            let still_sigma = self.inertial.as_ref().and_then(|i| i.still_sigma(frame.stamp, spot));
+            let segment = self.inertial.as_mut().map(|i| i.take_segment(frame.stamp));
+            let imu = segment.map(|segment| ImuSegment { still_sigma, ..segment });
             // Views that differ by a rotation alone tell no depth.
             let (orientation_only, rescale) = (is_on_the_spot, None);
             KeyFrameRequest::Next {
@@ -104,14 +107,14 @@ impl Tracker {
         &mut self,
         frame: &Arc<Frame>,
         predicted: Option<NavEstimate>,
-    ) -> (Option<NavEstimate>, bool) {
-        let Some(predicted) = predicted else { return (None, false) };
+    ) -> (Option<NavEstimate>, Spot) {
+        let Some(predicted) = predicted else { return (None, Spot::No) };
         if self.camera.has_depth() {
-            return (Some(predicted), false);
+            return (Some(predicted), Spot::No);
         }
         let spot = self.spot.step(&self.camera, frame, &predicted.world_from_camera.rotation);
         let held = (spot == Spot::New).then(|| InertialFilter::on_the_spot(&predicted)).flatten();
-        (Some(held.unwrap_or(predicted)), spot != Spot::No)
+        (Some(held.unwrap_or(predicted)), spot)
     }
 
     fn predicted_pose(&self, snapshot: &Snapshot, world_from_camera: &Se3) -> Option<AnchoredPose> {

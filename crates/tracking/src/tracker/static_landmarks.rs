@@ -11,6 +11,7 @@ use crate::match_last::Matches;
 use cairn_adjust::{Located, locate, pinhole, pixel, weight};
 use cairn_atlas::{Landmark, Observation, Snapshot};
 use cairn_geometry::{Se3, Vec3};
+use cairn_sensor::Stamp;
 use cairn_solve::{PointMatch, PoseOnly, PosePrior, chow_test};
 use cairn_vision::Frame;
 
@@ -93,9 +94,21 @@ impl Tracker {
 
 /// Whether key frames observed a landmark at one position for at least [`CONFIRMED_S`].
 fn is_confirmed(snapshot: &Snapshot, landmark: &Landmark) -> bool {
+    let Some([first, last]) = observed(snapshot, landmark) else { return false };
+    last - first >= CONFIRMED_S
+}
+
+/// Whether it is, and was known at an instant already.
+pub(super) fn is_confirmed_before(snapshot: &Snapshot, landmark: &Landmark, instant: Stamp) -> bool {
+    observed(snapshot, landmark).is_some_and(|[first, _]| first <= instant)
+        && is_confirmed(snapshot, landmark)
+}
+
+/// When key frames observed a landmark first and last.
+fn observed(snapshot: &Snapshot, landmark: &Landmark) -> Option<[Stamp; 2]> {
     let when = |observation: &Observation| snapshot.key_frame(observation.key_frame).map(|k| k.stamp);
-    let [first, .., last] = landmark.observations.as_slice() else { return false };
-    when(last).zip(when(first)).is_some_and(|(last, first)| last - first >= CONFIRMED_S)
+    let [first, .., last] = landmark.observations.as_slice() else { return None };
+    Some([when(first)?, when(last)?])
 }
 
 fn point_match(snapshot: &Snapshot, frame: &Frame, feature: usize, point: Vec3) -> PointMatch {

@@ -150,7 +150,7 @@ pub(super) fn read_motion(
     for (i, row) in rows.iter().enumerate() {
         let vector = |at: usize| Vec3::new(numbers[at][i], numbers[at + 1][i], numbers[at + 2][i]);
         let bias = Bias { gyro: vector(3), accel: vector(6) };
-        let motion = InertialState { velocity: vector(0), bias, imu_factor: None };
+        let motion = InertialState { velocity: vector(0), bias, still_sigma: None, imu_factor: None };
         let valid = (0..9).all(|at| numbers[at][i].is_finite());
         let k = key_frames.get_mut(*row as usize).filter(|_| valid);
         let wrong = || StoreError::part("motion", format!("the motion of row {row} is invalid"));

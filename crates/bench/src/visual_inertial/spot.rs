@@ -1,0 +1,162 @@
+//! A walk out, a long turn on the spot to what the map does not show, and the first steps back, with one camera and the motion
+//! sensors of a drawn phone: how far the live pose is from the truth, frame by frame.
+
+use super::drawn::DrawnPhone;
+use super::phone::STATED;
+use cairn_engine::{Config, Delays, Engine, Runner, SensorMode, State};
+use cairn_eval::{Align, EvalOptions, evaluate};
+use cairn_geometry::{Se3, Sim3, Trajectory, Vec2, Vec3};
+use cairn_random::Random;
+use cairn_sensor::{Camera, Source, Stamp};
+use cairn_sim::{Motion, PhoneMotion, PhoneTraits, SimConfig, SimSource, Stride, Walker, WorldKind};
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+/// Steps a second of the body.
+const BODY_HZ: f64 = 50.0;
+/// Greatest turn rate, rad/s, and turn acceleration, rad/s^2.
+const TURNING: [f64; 2] = [0.7, 2.0];
+/// Greatest speed, m/s, and acceleration, m/s^2.
+const WALKING: [f64; 2] = [0.8, 0.8];
+
+/// What is to be walked.
+#[derive(Clone, Copy, Debug)]
+pub struct Walk {
+    /// Seed of world, phone and turn.
+    pub seed: u64,
+    /// Metres out, and back.
+    pub metres: [f64; 2],
+    /// Latencies of mapping; lockstep without.
+    pub delays: Option<Delays>,
+}
+
+/// A frame after the turn has begun.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// Seconds since the walker set out for home; negative before.
+    pub t_s: f64,
+    /// The engine's state.
+    pub state: State,
+    /// Matches that agree.
+    pub inliers: usize,
+    /// From the true position to the live one, metres, where the way out lies beside the truth as the map has it at that moment;
+    /// `None` without a pose.
+    pub off: Option<Vec3>,
+}
+
+/// The motion; with the seconds at which the turn begins and at which the walker sets out.
+fn motion(corners: &[Vec2], back_m: f64, seed: u64) -> (Motion, f64, f64) {
+    let walker = Walker { turn_rate: 0.8, ..Walker::default() };
+    let out = walker.motion(corners);
+    let dt = 1.0 / BODY_HZ;
+    let mut body = PhoneMotion::new(dt, &out.pose(0.0));
+    while body.end_s() < out.end() {
+        body.step(&out.pose(body.end_s() + dt));
+    }
+    let begins = body.end_s() + 1.0;
+    let mut random = Random::stream(seed, 0x5907);
+    let (last, before) = (corners[corners.len() - 1], corners[corners.len() - 2]);
+    let heading_to = |d: Vec2| d.y.atan2(d.x);
+    let mut heading = heading_to(last - before);
+    let home = heading + PI * if random.unit() < 0.5 { 1.0 } else { -1.0 };
+    // Turns by the words: each ends some way off, and is corrected after some seconds of listening.
+    let mut targets = vec![(4.0, heading)];
+    for off in [1.2, -0.5, 0.3] {
+        targets.push((random.uniform(2.0, 4.0), home + off * random.uniform(0.3, 1.0)));
+    }
+    targets.push((random.uniform(1.5, 3.0), home));
+    let mut stride = Stride::new(walker);
+    let mut place = last;
+    let (mut rate, mut speed) = (0.0, 0.0);
+    let mut turn = |target: f64, heading: &mut f64| {
+        let off = (target - *heading + PI).rem_euclid(2.0 * PI) - PI;
+        let wanted = (2.0 * off).clamp(-TURNING[0], TURNING[0]);
+        rate += (wanted - rate).clamp(-TURNING[1] * dt, TURNING[1] * dt);
+        *heading += rate * dt;
+        off
+    };
+    for (rest_s, target) in targets {
+        let mut rested = 0.0;
+        while rested < rest_s {
+            let whole = target - heading;
+            // The long turn goes the chosen way round.
+            let aim = if whole.abs() > 1.0 { heading + whole.signum() } else { target };
+            let off = turn(aim, &mut heading);
+            rested += if off.abs() < 0.03 { dt } else { 0.0 };
+            body.step(&stride.pose(place, heading, dt));
+        }
+    }
+    let sets_out = body.end_s();
+    let mut walked = 0.0;
+    let mut next = corners.len() - 1;
+    while walked < back_m && next > 0 {
+        let to = corners[next - 1] - place;
+        if to.norm() < 0.3 {
+            next -= 1;
+            continue;
+        }
+        let off = turn(heading_to(to), &mut heading);
+        let wanted = if off.abs() < 0.4 { WALKING[0] } else { 0.0 };
+        speed += f64::clamp(wanted - speed, -WALKING[1] * dt, WALKING[1] * dt);
+        place += Vec2::new(heading.cos(), heading.sin()) * speed * dt;
+        walked += speed * dt;
+        body.step(&stride.pose(place, heading, dt));
+    }
+    (body.motion().clone(), begins, sets_out)
+}
+
+/// Walks; what came of it, frame by frame from the begin of the turn on.
+///
+/// # Errors
+/// When the phone or the engine fails.
+pub fn walk(walk: &Walk, config: &Config) -> Result<Vec<Step>, String> {
+    let mut sim = SimConfig::new(WorldKind::Demo, walk.seed);
+    sim.camera = Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5);
+    let plain = SimSource::new(&sim).map_err(|e| e.to_string())?;
+    let route = plain.world().routes().first().ok_or("the world has no route")?.points.clone();
+    let corners = super::walked::cut(&route, walk.metres[0]);
+    let traits = PhoneTraits::new(walk.seed, 640, 480);
+    let mut config = config.clone();
+    config.inertial.enabled = true;
+    config.tracker.estimate_readout = true;
+    let (motion, begins, sets_out) = motion(&corners, walk.metres[1], walk.seed);
+    let mut source = DrawnPhone::new(&sim, plain.world(), motion, &traits)?;
+    let mut rig = source.rig().clone();
+    if let Some(imu) = &mut rig.imu {
+        imu.noise = STATED;
+    }
+    let runner = walk.delays.map_or(Runner::Lockstep, Runner::Delayed);
+    let mut engine = Engine::new(&rig, SensorMode::Mono, source.info().rate_hz, runner, &config)
+        .map_err(|e| e.to_string())?;
+    let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
+    let first = *truth.keys().next().ok_or("no frames")?;
+    let mut steps = Vec::new();
+    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
+        let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        if let Some(cause) = out.stage_failed {
+            return Err(cause);
+        }
+        let t_s = packet.stamp - first;
+        if t_s < begins {
+            continue;
+        }
+        let pose = out.anchored.filter(|_| out.metric).map(|a| a.world_from_camera);
+        let off = pose.and_then(|pose| {
+            let now = truth.get(&packet.stamp)?.translation;
+            Some(beside(&engine, &truth, first.plus_seconds(begins))? * pose.translation - now)
+        });
+        steps.push(Step { t_s: t_s - sets_out, state: out.state, inliers: out.evidence.inliers, off });
+    }
+    Ok(steps)
+}
+
+/// What lays the way out, up to an instant, beside the truth as the map has it now.
+fn beside(engine: &Engine, truth: &BTreeMap<Stamp, Se3>, until: Stamp) -> Option<Sim3> {
+    let (mut there, mut here) = (Trajectory::new(), Trajectory::new());
+    for (stamp, pose) in engine.trajectory().into_iter().take_while(|(stamp, _)| *stamp < until) {
+        there.push(stamp.0, *truth.get(&stamp)?).ok()?;
+        here.push(stamp.0, pose).ok()?;
+    }
+    let options = EvalOptions { align: Align::Se3, ..EvalOptions::default() };
+    Some(evaluate(&there, &here, &options).ok()?.reference_from_estimate)
+}
