@@ -159,6 +159,8 @@ impl Slam for Wheels {
                 reference_from_camera: start_from_camera,
                 world_from_camera,
             }),
+            // The filter's covariance is of the position in the plane, and counts the error of the beacons in.
+            covariance: None,
             metric: true,
             scale: map.map(|map| Scale { map, metric: true, sigma_log: 0.0, supported: true }),
             attempt: None,

@@ -7,7 +7,7 @@ use cairn_filter::motion::VelocityModel;
 use cairn_geometry::{Se2, Vec2};
 use cairn_random::Random;
 use cairn_sensor::{FramePacket, Stamp};
-use cairn_session::{Command, Event, Session, SessionConfig, Wheels};
+use cairn_session::{Command, Event, Refused, Session, SessionConfig, Wheels};
 use nalgebra::Vector3;
 
 /// Seconds from step to step, and the speed in m/s.
@@ -57,7 +57,7 @@ impl Robot {
         }
     }
 
-    fn ask(&mut self, line: &str) -> Result<String, String> {
+    fn ask(&mut self, line: &str) -> Result<String, Refused> {
         self.session.command(&Command::parse(line).unwrap())
     }
 
