@@ -51,23 +51,6 @@ impl Random {
         if n == 0 { 0 } else { (self.bits() % n as u64) as usize }
     }
 
-    /// `K` different numbers among 0 to `n - 1`, every set equally likely; `None` where `n < K`. For RANSAC.
-    pub fn sample<const K: usize>(&mut self, n: usize) -> Option<[usize; K]> {
-        if n < K {
-            return None;
-        }
-        let mut chosen = [0; K];
-        for k in 0..K {
-            chosen[k] = loop {
-                let candidate = self.below(n);
-                if !chosen[..k].contains(&candidate) {
-                    break candidate;
-                }
-            };
-        }
-        Some(chosen)
-    }
-
     /// True with this probability.
     pub fn chance(&mut self, probability: f64) -> bool {
         self.unit() < probability
@@ -116,21 +99,5 @@ mod tests {
             assert!((f64::from(count) - n / 7.0).abs() < 5.0 * (n * 6.0 / 49.0).sqrt(), "{counts:?}");
         }
         assert_eq!(random.below(0), 0);
-    }
-
-    #[test]
-    fn samples_are_different_and_uniform() {
-        let mut random = Random::new(3);
-        let mut hits = [0usize; 10];
-        for _ in 0..20_000 {
-            let sample = random.sample::<4>(10).unwrap();
-            for (k, &i) in sample.iter().enumerate() {
-                assert!(i < 10 && !sample[..k].contains(&i));
-                hits[i] += 1;
-            }
-        }
-        // 8,000 expected for each, deviation about 70.
-        assert!(hits.iter().all(|&h| (7_650..8_350).contains(&h)), "{hits:?}");
-        assert_eq!(random.sample::<4>(3), None);
     }
 }

@@ -55,6 +55,17 @@ impl Rng {
         (high ^ low) as f64 / (1u64 << 53) as f64
     }
 
+    /// A float in [low, high).
+    pub fn range(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    /// A draw from the normal distribution with mean 0 and deviation 1 (Box and Muller 1958).
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.unit()).cos()
+    }
+
     /// `K` different numbers in `0..n`, every set equally likely; `None` when `n < K`.
     pub fn sample<const K: usize>(&mut self, n: usize) -> Option<[usize; K]> {
         if n < K || n > u32::MAX as usize {
