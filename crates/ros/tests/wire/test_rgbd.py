@@ -120,9 +120,9 @@ def check_plan(wire, child, grid, out):
     for x, y in sorted(spots, key=lambda s: -np.hypot(s[0] - here.x, s[1] - here.y))[:: max(1, len(spots) // 30)]:
         if np.hypot(x - here.x, y - here.y) < 0.4:
             break
+        # A goal that is sent before the node's reader has been discovered is lost, as with any writer that keeps nothing.
         before = len(plans)
-        ask(x, y)
-        assert until(lambda: len(plans) > before, 5), child.lines
+        assert any(ask(x, y) or until(lambda: len(plans) > before, 2) for _ in range(3)), child.lines
         if plans[-1][1].poses:
             found = (x, y)
             break
