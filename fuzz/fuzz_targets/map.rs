@@ -24,7 +24,7 @@ fn take(bytes: &[u8]) {
         assert!(read.snapshot.resolve(k.id, &Default::default()).is_some());
         read.snapshot.places().query(&k.bag, 3, |_| true);
     }
-    let _ = read.snapshot.beside(&again.snapshot).map(|(both, _)| assert_eq!(both.check(), Ok(())));
+    let _ = read.snapshot.combined_with(&again.snapshot).map(|(both, _)| assert_eq!(both.check(), Ok(())));
 }
 
 /// The same bytes as a file whose header, table and parts fit each other, as far as there is a table.

@@ -60,7 +60,9 @@ fn check(rig: &Rig) {
     assert_eq!(rig.validate(), Ok(()));
     rig.doubts();
     for c in &rig.cameras {
-        c.camera.unproject(&Vec2::new(c.camera.cx + 30.0, c.camera.cy - 20.0)).map(|ray| c.camera.project(&ray));
+        c.camera
+            .unproject(&Vec2::new(c.camera.cx + 30.0, c.camera.cy - 20.0))
+            .map(|ray| c.camera.project(&ray));
         c.camera.project(&Vec3::new(0.3, -0.2, 1.0));
     }
     // The tables of a large image take more time than they are worth here.
@@ -70,7 +72,8 @@ fn check(rig: &Rig) {
         }
     }
     let path = FOLDER.join("written.toml");
-    std::fs::write(&path, write_rig(rig).expect("a rig that was read is written")).expect("a file in the folder");
+    std::fs::write(&path, write_rig(rig).expect("a rig that was read is written"))
+        .expect("a file in the folder");
     let again = read_rig_for(&path, None).expect("what was written is not read");
     assert_eq!(again.cameras.len(), rig.cameras.len());
     assert_eq!((again.depth.is_some(), again.imu.is_some()), (rig.depth.is_some(), rig.imu.is_some()));
