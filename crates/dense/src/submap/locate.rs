@@ -90,8 +90,8 @@ impl DenseMap {
             Some(Place {
                 map,
                 world_from_submap,
-                anchor: submap.hung.anchor,
-                anchor_from_submap: submap.hung.pose,
+                anchor: submap.anchored.anchor,
+                anchor_from_submap: submap.anchored.pose,
                 up: up.map(|up| world_from_submap.rotation.inverse() * up),
                 index,
                 tsdf: submap.tsdf.clone(),

@@ -67,14 +67,14 @@ impl Default for SubmapConfig {
 
 /// A pose relative to an anchor: `anchor_from_this`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Hung {
+struct AnchoredPose {
     anchor: AnchorId,
     pose: Se3,
 }
 
 /// A submap: its volumes and its place.
 struct Submap {
-    hung: Hung,
+    anchored: AnchoredPose,
     /// Shared with searches that run meanwhile: it is copied where it changes before they end.
     tsdf: Arc<TsdfVolume>,
     occupancy: Arc<OccupancyGrid>,
@@ -86,7 +86,7 @@ struct Submap {
 
 /// The depth of a key frame.
 struct Kept {
-    hung: Hung,
+    anchored: AnchoredPose,
     /// Where it is fused; `None` for one of a saved map that is still to be fused.
     inside: Option<Inside>,
     /// Its destination: another submap, after two are joined.
@@ -193,13 +193,13 @@ impl DenseMap {
         }
         let frame = self.preparer.prepare(depth)?.clone();
         let chosen = self.choose(map, &world_from_camera, &frame);
-        let hung = Hung { anchor: id, pose: Se3::identity() };
+        let anchored = AnchoredPose { anchor: id, pose: Se3::identity() };
         let anchor = Anchor { map, world_from_anchor };
         let mut fresh = None;
         let (index, pose) = match chosen {
             Some(index) => (index, self.world_from_submap(index)?.inverse() * world_from_camera),
             None => {
-                fresh = Some(self.empty_submap(hung)?);
+                fresh = Some(self.empty_submap(anchored)?);
                 (self.submaps.len(), anchor_from_camera)
             }
         };
@@ -212,9 +212,9 @@ impl DenseMap {
         self.submaps.extend(fresh.map(Some));
         self.anchors.insert(id, anchor);
         self.active.insert(map, index);
-        let hung = Hung { anchor: id, pose: anchor_from_camera };
+        let anchored = AnchoredPose { anchor: id, pose: anchor_from_camera };
         let inside = Some(Inside { submap: index, pose });
-        self.kept.push(Kept { hung, inside, target: index, depth: PackedDepth::pack(depth) });
+        self.kept.push(Kept { anchored, inside, target: index, depth: PackedDepth::pack(depth) });
         Ok(result)
     }
 
@@ -238,12 +238,12 @@ impl DenseMap {
         Ok(true)
     }
 
-    fn empty_submap(&self, hung: Hung) -> Result<Submap, DenseError> {
+    fn empty_submap(&self, anchored: AnchoredPose) -> Result<Submap, DenseError> {
         let (tsdf, occupancy) = (
             Arc::new(TsdfVolume::new(self.config.tsdf)?),
             Arc::new(OccupancyGrid::new(self.config.occupancy)?),
         );
-        Ok(Submap { hung, tsdf, occupancy, rebuilt: None, stale: false })
+        Ok(Submap { anchored, tsdf, occupancy, rebuilt: None, stale: false })
     }
 
     /// The submap of a map that is near enough and holds the greatest share of an image's blocks.
@@ -267,9 +267,9 @@ impl DenseMap {
 
     /// Map and pose of a submap.
     fn place(&self, index: usize) -> Option<(MapId, Se3)> {
-        let hung = self.submaps.get(index)?.as_ref()?.hung;
-        let anchor = self.anchors.get(&hung.anchor)?;
-        Some((anchor.map, anchor.world_from_anchor * hung.pose))
+        let anchored = self.submaps.get(index)?.as_ref()?.anchored;
+        let anchor = self.anchors.get(&anchored.anchor)?;
+        Some((anchor.map, anchor.world_from_anchor * anchored.pose))
     }
 
     fn world_from_submap(&self, index: usize) -> Result<Se3, DenseError> {
@@ -347,9 +347,11 @@ impl DenseMap {
         let to =
             self.anchors.get(&parent).filter(|_| parent != id).ok_or(DenseError::UnknownAnchor(parent.0))?;
         let parent_from_gone = to.world_from_anchor.inverse() * gone.world_from_anchor;
-        let submaps = self.submaps.iter_mut().flatten().map(|s| &mut s.hung);
-        for hung in submaps.chain(self.kept.iter_mut().map(|k| &mut k.hung)).filter(|h| h.anchor == id) {
-            *hung = Hung { anchor: parent, pose: parent_from_gone * hung.pose };
+        let submaps = self.submaps.iter_mut().flatten().map(|s| &mut s.anchored);
+        for anchored in
+            submaps.chain(self.kept.iter_mut().map(|k| &mut k.anchored)).filter(|h| h.anchor == id)
+        {
+            *anchored = AnchoredPose { anchor: parent, pose: parent_from_gone * anchored.pose };
         }
         self.anchors.remove(&id);
         Ok(())
@@ -383,9 +385,11 @@ impl DenseMap {
     pub fn fuse_all(&mut self, map: MapId, tsdf: TsdfConfig) -> Result<TsdfVolume, DenseError> {
         let mut out = TsdfVolume::new(tsdf)?;
         for kept in &self.kept {
-            let Some(anchor) = self.anchors.get(&kept.hung.anchor).filter(|a| a.map == map) else { continue };
+            let Some(anchor) = self.anchors.get(&kept.anchored.anchor).filter(|a| a.map == map) else {
+                continue;
+            };
             let frame = self.preparer.prepare_packed(&kept.depth)?;
-            out.integrate(frame, None, &(anchor.world_from_anchor * kept.hung.pose))?;
+            out.integrate(frame, None, &(anchor.world_from_anchor * kept.anchored.pose))?;
         }
         Ok(out)
     }

@@ -37,8 +37,8 @@ impl DenseMap {
     /// The pose of a frame in its destination submap.
     fn wanted(&self, kept: &Kept) -> Option<Se3> {
         let (_, world_from_submap) = self.place(kept.target)?;
-        let anchor = self.anchors.get(&kept.hung.anchor)?;
-        Some(world_from_submap.inverse() * (anchor.world_from_anchor * kept.hung.pose))
+        let anchor = self.anchors.get(&kept.anchored.anchor)?;
+        Some(world_from_submap.inverse() * (anchor.world_from_anchor * kept.anchored.pose))
     }
 
     /// Whether every image is fused, where it was or where it is now, and every submap has its free space: false for a while after a
@@ -54,8 +54,8 @@ impl DenseMap {
     pub fn step(&mut self, near: &Vec3, images: usize) -> Progress {
         let mut progress = Progress::default();
         let away = |i: usize| {
-            let at = self.anchors.get(&self.kept[i].hung.anchor);
-            let at = at.map(|a| (a.world_from_anchor * self.kept[i].hung.pose).translation);
+            let at = self.anchors.get(&self.kept[i].anchored.anchor);
+            let at = at.map(|a| (a.world_from_anchor * self.kept[i].anchored.pose).translation);
             at.map_or(f64::INFINITY, |p| (p - near).norm())
         };
         let mut waiting: Vec<(f64, usize)> = self.waiting.iter().map(|&i| (away(i), i)).collect();
@@ -83,9 +83,9 @@ impl DenseMap {
     fn fuse_again(&mut self, index: usize) -> Result<usize, DenseError> {
         let kept = &self.kept[index];
         let (was, to) = (kept.inside, kept.target);
-        let pose = self.wanted(kept).ok_or(DenseError::UnknownAnchor(kept.hung.anchor.0))?;
+        let pose = self.wanted(kept).ok_or(DenseError::UnknownAnchor(kept.anchored.anchor.0))?;
         let frame = self.preparer.prepare_packed(&kept.depth)?;
-        let unknown = DenseError::UnknownAnchor(self.kept[index].hung.anchor.0);
+        let unknown = DenseError::UnknownAnchor(self.kept[index].anchored.anchor.0);
         let submap = self.submaps.get_mut(to).and_then(Option::as_mut).ok_or(unknown)?;
         // Fuses first: if that fails, nothing has changed. The sums do not depend on the order.
         Arc::make_mut(&mut submap.tsdf).integrate(frame, None, &pose)?;

@@ -1,6 +1,6 @@
 //! The dense map as it is saved: depth with the poses it is anchored with; the volumes are fused again from it.
 
-use super::{DenseMap, Hung, Kept, PackedDepth};
+use super::{AnchoredPose, DenseMap, Kept, PackedDepth};
 use crate::{AnchorId, DenseError, MapId};
 use cairn_geometry::Se3;
 
@@ -30,14 +30,14 @@ impl DenseMap {
     /// What is to be saved, oldest submap first. No pixels are copied.
     pub fn saved(&self) -> Vec<SavedSubmap> {
         let frame = |k: &Kept| SavedFrame {
-            anchor: k.hung.anchor,
-            anchor_from_camera: k.hung.pose,
+            anchor: k.anchored.anchor,
+            anchor_from_camera: k.anchored.pose,
             depth: k.depth.clone(),
         };
-        let submaps = self.submaps.iter().enumerate().filter_map(|(i, s)| Some((i, s.as_ref()?.hung)));
-        let saved = submaps.map(|(index, hung)| SavedSubmap {
-            anchor: hung.anchor,
-            anchor_from_submap: hung.pose,
+        let submaps = self.submaps.iter().enumerate().filter_map(|(i, s)| Some((i, s.as_ref()?.anchored)));
+        let saved = submaps.map(|(index, anchored)| SavedSubmap {
+            anchor: anchored.anchor,
+            anchor_from_submap: anchored.pose,
             frames: self.kept.iter().filter(|k| k.target == index).map(frame).collect(),
         });
         saved.filter(|s| !s.frames.is_empty()).collect()
@@ -72,21 +72,21 @@ impl DenseMap {
             return Err(DenseError::Pose("a number is not finite".into()));
         }
         let index = self.submaps.len();
-        let hung = Hung { anchor: saved.anchor, pose: saved.anchor_from_submap };
-        let submap = self.empty_submap(hung)?;
+        let anchored = AnchoredPose { anchor: saved.anchor, pose: saved.anchor_from_submap };
+        let submap = self.empty_submap(anchored)?;
         self.submaps.push(Some(submap));
         self.active.entry(map).or_insert(index);
         for frame in saved.frames {
             self.waiting.push(self.kept.len());
-            let hung = Hung { anchor: frame.anchor, pose: frame.anchor_from_camera };
-            self.kept.push(Kept { hung, inside: None, target: index, depth: frame.depth });
+            let anchored = AnchoredPose { anchor: frame.anchor, pose: frame.anchor_from_camera };
+            self.kept.push(Kept { anchored, inside: None, target: index, depth: frame.depth });
         }
         Ok(())
     }
 
     /// How many images a map has.
     pub fn images_of(&self, map: MapId) -> usize {
-        let of = |k: &&Kept| self.anchors.get(&k.hung.anchor).is_some_and(|a| a.map == map);
+        let of = |k: &&Kept| self.anchors.get(&k.anchored.anchor).is_some_and(|a| a.map == map);
         self.kept.iter().filter(of).count()
     }
 }

@@ -48,8 +48,8 @@ fn check(map: &mut DenseMap) -> usize {
         for (kept, fused) in map.kept.iter().filter_map(|k| Some((k, *k.inside(index)?))) {
             let frame = map.preparer.prepare(&kept.depth.unpack().expect("whole")).expect("depth").clone();
             let wanted = world_from_submap.inverse()
-                * map.anchors[&kept.hung.anchor].world_from_anchor
-                * kept.hung.pose;
+                * map.anchors[&kept.anchored.anchor].world_from_anchor
+                * kept.anchored.pose;
             field.integrate(&frame, None, &fused).expect("a pose");
             grid.integrate(&frame, &fused).expect("a pose");
             let off = fused.inverse() * wanted;
