@@ -46,9 +46,8 @@ impl Engine {
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
-        let file = file.with_depth_weighed_for(front_end.model());
-        let notes = file.about.fits(file.snapshot.octaves(), mode, front_end.model(), front_end.octaves())?;
-        Ok((Self::around(front_end, file.snapshot.clone(), rig, mode, rate_hz, runner, config), notes))
+        let (snapshot, notes) = for_own_camera(file, mode, &front_end)?;
+        Ok((Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config), notes))
     }
 
     /// The same in a map that any camera made. One in metres is continued by another camera with depth, and one that is
@@ -66,20 +65,23 @@ impl Engine {
         config: &Config,
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
-        let different = match Self::in_map(rig, mode, rate_hz, runner, config, file) {
-            Err(OpenMapError::Camera(different)) => different,
-            opened => return opened,
-        };
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
         let has_imu = rig.imu.is_some() && config.inertial.enabled;
-        let (snapshot, continues) = for_other_camera(file, mode, &front_end, has_imu)
-            .map_err(|why| OpenMapError::OtherCamera { misfit: different.clone(), why })?;
-        let engine = Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config);
-        let (engine, how) = match continues {
-            true => (engine, "its key frames keep their camera, new ones have this one"),
-            false => (engine.localize_only(), "this run only localises in it"),
+        let (snapshot, notes, continues) = match for_own_camera(file, mode, &front_end) {
+            Ok((snapshot, notes)) => (snapshot, notes, true),
+            Err(misfit) => match for_other_camera(file, mode, &front_end, has_imu) {
+                Ok((snapshot, true)) => {
+                    let how = "its key frames keep their camera, new ones have this one";
+                    (snapshot, vec![format!("{misfit}; {how}")], true)
+                }
+                Ok((snapshot, false)) => {
+                    (snapshot, vec![format!("{misfit}; this run only localises in it")], false)
+                }
+                Err(why) => return Err(OpenMapError::OtherCamera { misfit, why }),
+            },
         };
-        Ok((engine, vec![format!("{different}; {how}")]))
+        let engine = Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config);
+        Ok((if continues { engine } else { engine.localize_only() }, notes))
     }
 
     /// The same engine that only localises: the map stays unchanged, and no new map is created.
@@ -95,6 +97,17 @@ impl Engine {
             About { program: program.to_owned(), sensor: self.mode, camera: *self.front_end().model() };
         MapFile { snapshot: (*self.snapshot()).clone(), about, attached }
     }
+}
+
+/// The maps of a file of this camera, and small differences.
+fn for_own_camera(
+    file: &MapFile,
+    mode: SensorMode,
+    front_end: &FrontEnd,
+) -> Result<(Snapshot, Vec<String>), Misfit> {
+    let file = file.with_depth_weighed_for(front_end.model());
+    let notes = file.about.fits(file.snapshot.octaves(), mode, front_end.model(), front_end.octaves())?;
+    Ok((file.snapshot.clone(), notes))
 }
 
 /// The maps of a file in an atlas of another camera, and whether it may continue them, or only localise in them.
