@@ -51,6 +51,23 @@ impl Random {
         if n == 0 { 0 } else { (self.bits() % n as u64) as usize }
     }
 
+    /// `K` different numbers in `0..n`, every set equally likely; `None` when `n < K`.
+    pub fn sample<const K: usize>(&mut self, n: usize) -> Option<[usize; K]> {
+        if n < K {
+            return None;
+        }
+        let mut chosen = [0; K];
+        for k in 0..K {
+            chosen[k] = loop {
+                let candidate = self.below(n);
+                if !chosen[..k].contains(&candidate) {
+                    break candidate;
+                }
+            };
+        }
+        Some(chosen)
+    }
+
     /// True with this probability.
     pub fn chance(&mut self, probability: f64) -> bool {
         self.unit() < probability
@@ -77,6 +94,23 @@ mod tests {
         // The first outputs for seed 1234567 of the reference implementation (Vigna, prng.di.unimi.it).
         let mut random = Random::new(1_234_567);
         assert_eq!([random.bits(), random.bits()], [6_457_827_717_110_365_317, 3_203_168_211_198_807_973]);
+    }
+
+    #[test]
+    fn samples_are_different_and_uniform() {
+        let mut random = Random::new(3);
+        let mut hits = [0usize; 10];
+        for _ in 0..20_000 {
+            let s = random.sample::<4>(10).expect("ten are enough");
+            for (k, &i) in s.iter().enumerate() {
+                assert!(i < 10 && !s[..k].contains(&i));
+                hits[i] += 1;
+            }
+        }
+        // 8,000 expected for each, deviation about 70.
+        assert!(hits.iter().all(|&h| (7_650..8_350).contains(&h)), "{hits:?}");
+        assert_eq!(random.sample::<4>(3), None);
+        assert_eq!(random.sample::<0>(0), Some([]));
     }
 
     #[test]

@@ -7,7 +7,7 @@
 
 use crate::start::match_around;
 use cairn_geometry::{Mat3, So3, Vec3};
-use cairn_solve::ransac::Rng;
+use cairn_random::Random;
 use cairn_vision::{Frame, RectifiedCamera};
 
 /// Half of the search window around the position predicted by the previous rotation, pixels; the second where that
@@ -73,7 +73,7 @@ fn ransac(pairs: &[(Vec3, Vec3)], within_rad: f64, seed: u64) -> Option<(So3, us
     if pairs.len() < 3 {
         return None;
     }
-    let mut random = Rng::new(seed);
+    let mut random = Random::new(seed);
     let agrees = |r: &So3, (a, b): &(Vec3, Vec3)| (a - *r * *b).norm() < within_rad;
     let agree = |r: &So3| -> Vec<usize> { (0..pairs.len()).filter(|i| agrees(r, &pairs[*i])).collect() };
     // Whether more than `least` agree; asks no further pairs than that takes.
@@ -87,7 +87,7 @@ fn ransac(pairs: &[(Vec3, Vec3)], within_rad: f64, seed: u64) -> Option<(So3, us
     };
     let mut best: Vec<usize> = Vec::new();
     for _ in 0..SAMPLES {
-        let (a, b) = (random.below(pairs.len() as u32) as usize, random.below(pairs.len() as u32) as usize);
+        let (a, b) = (random.below(pairs.len()), random.below(pairs.len()));
         let Some(r) = wahba([a, b].iter().map(|i| &pairs[*i]).filter(|_| a != b)) else { continue };
         if more_than(&r, best.len()) {
             best = agree(&r);

@@ -3,7 +3,8 @@
 
 use crate::p3p::p3p;
 use cairn_geometry::{Se3, Vec3, hat};
-use cairn_solve::ransac::{Rng, iterations};
+use cairn_random::Random;
+use cairn_solve::ransac::iterations;
 use nalgebra::{SMatrix, SVector};
 use std::fmt;
 
@@ -77,7 +78,7 @@ pub fn pnp_ransac(
         return Err(rejected);
     }
     let bound = (2.0 * (0.5 * config.threshold_rad).sin()).powi(2);
-    let mut rng = Rng::with_stream(seed, 3);
+    let mut rng = Random::stream(seed, 3);
     let mut best: Option<(f64, Se3)> = None;
     let (mut done, mut limit) = (0, config.iterations.max(1));
     while done < limit {
@@ -182,7 +183,6 @@ pub(crate) fn refine(start: &Se3, points: &[Vec3], bearings: &[Vec3], which: &[u
 mod tests {
     use super::*;
     use cairn_geometry::So3;
-    use cairn_random::Random;
 
     /// `n` points 2 to 9 m away and their bearings with one pixel of noise at f = 460; a fraction `outliers` of the
     /// bearings is random.

@@ -1,7 +1,7 @@
 //! Two-view initialisation on simulated scenes: general depth, planes, pure rotation, low parallax, outliers.
 
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_solve::ransac::Rng;
+use cairn_random::Random;
 use cairn_vision::{RectifiedCamera, TwoViewConfig, TwoViewReason, two_view};
 
 fn camera() -> RectifiedCamera {
@@ -32,21 +32,21 @@ struct Views {
     points: Vec<Option<Vec3>>,
 }
 
-fn direction(rng: &mut Rng) -> Vec3 {
-    Vec3::new(rng.normal(), rng.normal(), rng.normal()).normalize()
+fn direction(rng: &mut Random) -> Vec3 {
+    Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()).normalize()
 }
 
 /// `n` matches in images of 752 x 480 with a noise of `noise` pixels; a fraction `outliers` of them is random.
-fn views(rng: &mut Rng, scene: Scene, truth: Se3, n: usize, noise: f64, outliers: f64) -> Views {
+fn views(rng: &mut Random, scene: Scene, truth: Se3, n: usize, noise: f64, outliers: f64) -> Views {
     let camera = camera();
     let mut v = Views { truth, first: vec![], second: vec![], points: vec![] };
-    let tilt = [rng.range(-0.5, 0.5), rng.range(-0.5, 0.5)];
+    let tilt = [rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5)];
     let mut tries = 0;
     while v.first.len() < n && tries < 1_000_000 {
         tries += 1;
-        let (x, y) = (rng.range(-0.8, 0.8), rng.range(-0.5, 0.5));
+        let (x, y) = (rng.uniform(-0.8, 0.8), rng.uniform(-0.5, 0.5));
         let flat = scene == Scene::Plane || scene == Scene::MostlyPlane && rng.unit() < 0.7;
-        let z = if flat { 5.0 / (1.0 + tilt[0] * x + tilt[1] * y) } else { rng.range(2.5, 9.0) };
+        let z = if flat { 5.0 / (1.0 + tilt[0] * x + tilt[1] * y) } else { rng.uniform(2.5, 9.0) };
         let p = Vec3::new(x, y, 1.0) * z;
         let Some(mut b) = camera.project(&(truth * p)) else { continue };
         let Some(a) = camera.project(&p) else { continue };
@@ -55,9 +55,9 @@ fn views(rng: &mut Rng, scene: Scene, truth: Se3, n: usize, noise: f64, outliers
         }
         let outlier = rng.unit() < outliers;
         if outlier {
-            b = [rng.range(0.0, 752.0), rng.range(0.0, 480.0), 0.0];
+            b = [rng.uniform(0.0, 752.0), rng.uniform(0.0, 480.0), 0.0];
         }
-        let mut jitter = |v: f64| (v + noise * rng.normal()) as f32;
+        let mut jitter = |v: f64| (v + noise * rng.standard_normal()) as f32;
         v.first.push([jitter(a[0]), jitter(a[1])]);
         v.second.push([jitter(b[0]), jitter(b[1])]);
         v.points.push((!outlier).then_some(p));
@@ -79,7 +79,7 @@ fn trial(
     let mut shares = vec![];
     let mut time = f64::INFINITY;
     for seed in 0..seeds {
-        let mut rng = Rng::with_stream(seed, 5);
+        let mut rng = Random::stream(seed, 5);
         let turn = direction(&mut rng) * 0.1;
         let mut t = direction(&mut rng);
         // Mostly sideways, as for a person or a drone.
@@ -162,7 +162,7 @@ fn pure_rotation_is_rejected() {
         for noise in [0.3, 1.0] {
             let mut worst: f64 = 0.0;
             for seed in 0..40 {
-                let mut rng = Rng::with_stream(seed, 6);
+                let mut rng = Random::stream(seed, 6);
                 let truth = Se3::new(So3::exp(&(direction(&mut rng) * 0.15)), Vec3::zeros());
                 let v = views(&mut rng, Scene::General, truth, 400, noise, outliers);
                 let e =
@@ -179,7 +179,7 @@ fn pure_rotation_is_rejected() {
 #[test]
 fn low_parallax_is_rejected() {
     for seed in 0..40 {
-        let mut rng = Rng::with_stream(seed, 7);
+        let mut rng = Random::stream(seed, 7);
         let truth = Se3::new(So3::exp(&(direction(&mut rng) * 0.05)), Vec3::new(0.03, 0.01, 0.0));
         let v = views(&mut rng, Scene::General, truth, 400, 0.5, 0.2);
         let e = two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), seed).unwrap_err();
@@ -193,7 +193,7 @@ fn low_parallax_is_rejected() {
 
 #[test]
 fn same_seed_gives_the_same_result() {
-    let mut rng = Rng::new(8);
+    let mut rng = Random::new(8);
     let truth = Se3::new(So3::exp(&Vec3::new(0.02, 0.05, -0.03)), Vec3::new(0.5, 0.1, 0.1));
     let v = views(&mut rng, Scene::General, truth, 300, 1.0, 0.3);
     let run = || two_view(&camera(), &v.first, &v.second, &TwoViewConfig::default(), 9).unwrap();
@@ -211,9 +211,9 @@ fn degenerate_matches_are_rejected() {
     assert!(two_view(&camera(), &same, &same, &config, 0).is_err());
     let nan = vec![[f32::NAN; 2]; 200];
     assert!(two_view(&camera(), &nan, &nan, &config, 0).is_err());
-    let mut rng = Rng::new(1);
-    let any = |rng: &mut Rng| -> Vec<[f32; 2]> {
-        (0..300).map(|_| [rng.range(0.0, 752.0) as f32, rng.range(0.0, 480.0) as f32]).collect()
+    let mut rng = Random::new(1);
+    let any = |rng: &mut Random| -> Vec<[f32; 2]> {
+        (0..300).map(|_| [rng.uniform(0.0, 752.0) as f32, rng.uniform(0.0, 480.0) as f32]).collect()
     };
     let (a, b) = (any(&mut rng), any(&mut rng));
     let e = two_view(&camera(), &a, &b, &config, 0).unwrap_err();

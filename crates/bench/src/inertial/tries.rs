@@ -9,8 +9,8 @@ use cairn_inertial::{
     Bias, GateKind, ImuBuffer, Initial, InitialiseConfig, OffsetConfig, Scale, Seen, SeenPose, initialise,
     time_offset,
 };
+use cairn_random::Random;
 use cairn_sensor::{ImuSample, Stamp};
-use cairn_solve::ransac::Rng;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -195,14 +195,15 @@ fn summary(name: &'static str, condition: &'static str, results: &[Start]) -> Tr
 
 /// The samples under the condition, and the added biases by time.
 fn degraded(motion: &Motion, c: &Condition) -> (Vec<ImuSample>, Vec<(Stamp, Bias)>) {
-    let mut rng = Rng::with_stream(7, 1);
+    let mut rng = Random::stream(7, 1);
     let mut added = Bias::default();
     let mut steps = Vec::new();
     let mut next = motion.samples.first().map_or(Stamp(0), |s| s.stamp);
     let mut out = Vec::with_capacity(motion.samples.len());
     for (i, sample) in motion.samples.iter().enumerate() {
         if sample.stamp >= next {
-            let mut draw = |s: f64| Vec3::new(rng.normal(), rng.normal(), rng.normal()) * s;
+            let mut draw =
+                |s: f64| Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * s;
             added.gyro += draw(c.bias_step[0]);
             added.accel += draw(c.bias_step[1]);
             steps.push((next, added));
@@ -234,7 +235,7 @@ struct Case<'a> {
 impl Case<'_> {
     /// One start: first the offset if the condition corrects it, then attempts with more and more key frames.
     fn start(&self, from: Stamp, stream: u64) -> Start {
-        let mut rng = Rng::with_stream(3, stream);
+        let mut rng = Random::stream(3, stream);
         let c = self.condition;
         let mut out = Start::default();
         let camera = imu_from_camera();
@@ -261,7 +262,7 @@ impl Case<'_> {
             }
         }
         // A map with its own unit of length and axes.
-        let unit = rng.range(-1.5, 1.5).exp();
+        let unit = rng.uniform(-1.5, 1.5).exp();
         let turn = So3::exp(&vector(&mut rng, 1.0));
         let Some((poses, place_sigma)) = self.poses(from, unit, &turn, &mut rng) else { return out };
         let mut buffer = ImuBuffer::new(self.sensor, 0.1);
@@ -312,7 +313,7 @@ impl Case<'_> {
     }
 
     /// Key frames with noise, and the standard deviation of a position in metres.
-    fn poses(&self, from: Stamp, unit: f64, turn: &So3, rng: &mut Rng) -> Option<(Vec<SeenPose>, f64)> {
+    fn poses(&self, from: Stamp, unit: f64, turn: &So3, rng: &mut Random) -> Option<(Vec<SeenPose>, f64)> {
         let c = self.condition;
         let times: Vec<Stamp> = (0..=(MOST_S / KEY_FRAME_S) as usize)
             .map(|k| from.plus_seconds(KEY_FRAME_S * k as f64))
@@ -350,6 +351,6 @@ impl Case<'_> {
     }
 }
 
-fn vector(rng: &mut Rng, sigma: f64) -> Vec3 {
-    Vec3::new(rng.normal(), rng.normal(), rng.normal()) * sigma
+fn vector(rng: &mut Random, sigma: f64) -> Vec3 {
+    Vec3::new(rng.standard_normal(), rng.standard_normal(), rng.standard_normal()) * sigma
 }

@@ -9,7 +9,7 @@ use super::build::{Header, Tree};
 use super::format::{MAX_BRANCHING, MAX_DEPTH};
 use super::{Vocabulary, VocabularyError};
 use crate::{Descriptor, best_two_of, hamming};
-use cairn_solve::ransac::Rng;
+use cairn_random::Random;
 use std::fmt;
 
 /// Configuration of the training.
@@ -116,7 +116,7 @@ fn build_tree(mut all: Vec<Descriptor>, config: &TrainConfig) -> Tree {
                 continue;
             }
             let range = members[node].clone();
-            let mut rng = Rng::with_stream(config.seed, node as u64);
+            let mut rng = Random::stream(config.seed, node as u64);
             let (centres, sizes) = split(&mut all[range.clone()], config, &mut rng);
             let mut from = range.start;
             for (centre, size) in centres.into_iter().zip(sizes) {
@@ -134,7 +134,7 @@ fn build_tree(mut all: Vec<Descriptor>, config: &TrainConfig) -> Tree {
 
 /// Clusters some descriptors, which are reordered cluster by cluster; returns centres and sizes, both empty when all
 /// descriptors are equal.
-fn split(some: &mut [Descriptor], config: &TrainConfig, rng: &mut Rng) -> (Vec<Descriptor>, Vec<usize>) {
+fn split(some: &mut [Descriptor], config: &TrainConfig, rng: &mut Random) -> (Vec<Descriptor>, Vec<usize>) {
     let mut centres = initial_centres(some, config.branching as usize, rng);
     if centres.len() < 2 {
         return (Vec::new(), Vec::new());
@@ -168,12 +168,12 @@ fn split(some: &mut [Descriptor], config: &TrainConfig, rng: &mut Rng) -> (Vec<D
 
 /// Initial centres (k-means++): each next one is drawn with probability proportional to its squared distance to the
 /// nearest centre so far.
-fn initial_centres(some: &[Descriptor], k: usize, rng: &mut Rng) -> Vec<Descriptor> {
+fn initial_centres(some: &[Descriptor], k: usize, rng: &mut Random) -> Vec<Descriptor> {
     let mut centres: Vec<Descriptor> = Vec::with_capacity(k);
     if some.is_empty() {
         return centres;
     }
-    centres.push(some[rng.below(some.len() as u32) as usize]);
+    centres.push(some[rng.below(some.len())]);
     let mut nearest: Vec<u32> = vec![u32::MAX; some.len()];
     while centres.len() < k {
         let newest = centres[centres.len() - 1];

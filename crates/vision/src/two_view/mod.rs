@@ -18,7 +18,8 @@ pub use verify::{Verified, verify_two_views};
 use crate::RectifiedCamera;
 use crate::triangulate::{correct, essential, midpoint};
 use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
-use cairn_solve::ransac::{Rng, iterations};
+use cairn_random::Random;
+use cairn_solve::ransac::iterations;
 use score::{CHI2_1, CHI2_2, Match};
 use std::fmt;
 
@@ -248,7 +249,7 @@ fn search(matches: &[Match], sigma: f64, config: &TwoViewConfig, seed: u64) -> B
     let from_unit = Mat3::from_diagonal(&Vec3::new(1.0 / sigma, 1.0 / sigma, 1.0));
     let mut best =
         Best { homography: None, homography_score: 0.0, essentials: Vec::with_capacity(KEPT_ESSENTIALS + 1) };
-    let mut rng = Rng::with_stream(seed, 2);
+    let mut rng = Random::stream(seed, 2);
     let mut limit = config.iterations;
     let mut done = 0;
     while done < limit {
