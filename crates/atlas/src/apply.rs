@@ -72,6 +72,7 @@ impl Snapshot {
                 self.next_key_frame = k.id.index() + 1;
                 let mut key_frame = (**k).clone();
                 key_frame.map = map;
+                self.made_by.add(&key_frame);
                 key_frame.landmarks = vec![None; key_frame.frame.len()];
                 key_frame.links.clear();
                 key_frame.covisible.clear();
@@ -247,6 +248,7 @@ impl Snapshot {
         }
         self.places.remove(id);
         self.key_frames.remove(id.index());
+        self.made_by.remove(&removed);
         self.join_imu_factors(id, removed.motion);
         self.removed.insert(id.index(), (parent, parent_from_it));
         self.adopt(id, parent);
@@ -285,6 +287,7 @@ impl Snapshot {
         self.key_frames.get_mut(from.root().index())?.parent = Some(parent);
         Arc::make_mut(&mut self.maps).remove(&from);
         Arc::make_mut(&mut self.gravity_alignments).remove(&from);
+        self.made_by.merge(from, into);
         Some(())
     }
 

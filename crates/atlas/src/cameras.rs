@@ -4,6 +4,7 @@
 //! carries that one. Everything that projects into a key frame asks it for its camera, and distances at which landmarks are
 //! found, which depend on the focal length, are those of the atlas's camera.
 
+use crate::made_by::MadeBy;
 use crate::store::{About, MapFile};
 use crate::{KeyFrame, MapId, OtherCamera, Snapshot, Unfit};
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
@@ -32,7 +33,7 @@ impl Snapshot {
         self.is_gravity_aligned(map)
             || match self.other_cameras.is_empty() {
                 true => camera.has_depth(),
-                false => self.key_frames_of(map).any(|k| k.camera(camera).has_depth()),
+                false => self.made_by.has_depth(map, camera),
             }
     }
 
@@ -78,6 +79,7 @@ impl Snapshot {
         }
         snapshot.right_offset = right_offset;
         snapshot.other_cameras = Arc::new(others);
+        snapshot.made_by = MadeBy::of(&snapshot);
         snapshot
     }
 }

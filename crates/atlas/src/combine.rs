@@ -99,6 +99,7 @@ impl Snapshot {
                 *id = shift.landmark(*id)?;
             }
             snapshot.places.insert(k.id, &k.bag.shared());
+            snapshot.made_by.add(&k);
             snapshot.key_frames.insert(k.id.index(), k);
         }
         for l in other.landmarks() {

@@ -3,6 +3,7 @@
 //! In: a snapshot and the key frames to keep. Out: a snapshot with one map of them, in the same coordinates. Ids and names stay
 //! those of the whole, so that what is anchored to a key frame by its name finds it in every piece that holds it.
 
+use crate::made_by::MadeBy;
 use crate::{KeyFrameId, LandmarkId, MapId, PlaceIndex, Snapshot};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -63,6 +64,7 @@ impl Snapshot {
             }
             piece.landmarks.insert(own.id.index(), own);
         }
+        piece.made_by = MadeBy::of(&piece);
         piece.recount_covisible();
         piece.places = PlaceIndex::of(piece.key_frames().map(|k| (k.id, k.bag.shared())));
         Some(piece)

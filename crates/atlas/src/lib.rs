@@ -16,6 +16,7 @@ mod in_view;
 mod inertial;
 mod key_frame;
 mod landmark;
+mod made_by;
 mod map;
 mod mirror;
 mod named;

@@ -1,6 +1,7 @@
 //! Snapshots: all key frames and landmarks of an atlas at one version, in one map or several.
 
 use crate::arena::Arena;
+use crate::made_by::MadeBy;
 use crate::names::Names;
 use crate::paged::Faults;
 use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, OtherCamera, PlaceIndex};
@@ -26,6 +27,7 @@ pub struct Snapshot {
     pub(crate) places: PlaceIndex,
     pub(crate) names: Arc<Names>,
     pub(crate) other_cameras: Arc<Vec<Arc<OtherCamera>>>,
+    pub(crate) made_by: MadeBy,
     pub(crate) right_offset: f64,
     pub(crate) imu_offset: f64,
     pub(crate) next_key_frame: usize,
@@ -64,6 +66,7 @@ impl Snapshot {
             places: PlaceIndex::default(),
             names: Arc::default(),
             other_cameras: Arc::default(),
+            made_by: MadeBy::default(),
             right_offset: 0.0,
             imu_offset: 0.0,
             next_key_frame: 0,
@@ -268,6 +271,9 @@ impl Snapshot {
             }) {
                 return Err(format!("{:?} has a loop with {other:?}, which does not list it", k.id));
             }
+        }
+        if self.made_by != MadeBy::of(self) {
+            return Err("the key frames of a map are counted wrongly".into());
         }
         for map in self.maps.keys() {
             if self.key_frame(map.root()).is_none_or(|k| k.parent.is_some()) {

@@ -160,4 +160,21 @@ Limitations: a quadrotor that moves slowly (V2_01) or hovers gives little inform
 remains after 15 s in all windows. Taking every second sample of a vibrating quadrotor aliases the vibration into the motion: thirty
 times the noise of the data sheet, and no usable scale within 15 s; the sensor's own low-pass filter must prevent that. An unknown
 offset of 20 ms is mostly rejected, because it looks like gyroscope noise; it must be estimated first.
+
+What the scale is worth, from windows of 30 s of the true poses as they are (positions stated to 1 mm, rotations to 1 mrad, their noise not
+fitted; constants of `initialise/map.rs` set by hand, so no command prints this): TUM-VI -0.1 to -0.4 %, V1_02 -0.8 to -1.4 +- 0.2 %, V2_01 +0.3 to -2.6 +- 0.7 %, MH_03 -0.3 to
+-0.9 +- 0.5 % while it flies fast, -3.1 and -3.9 +- 1.1 % before. The bound is half a percent or better with a hand-held sensor, and for seconds 78 to 108 of MH_03 and
+later; V2_01 does not reach it. On V1_02 readings and truth differ by more than the bound: neither the clocks' offset (estimated with
+it) nor gravity's norm left free, which is a common scale factor of the accelerometer, changes its scale by more than 0.4 %, and it grows along the
+recording. Where motion is small the scale hangs on how the residuals are shared between poses and readings: with the poses of MH_03 stated twice as noisy those
+two become +0.1 and +0.8 %. Pose noise that is taken for noise of the readings makes the scale too small, as any error in a regressor does.
+
+How many first estimates are more than 5 % off is what the gate allows: most are accepted at a sigma of 2.7 to 3 %, so that 5 % is 1.8 sigma, and error over
+sigma is 1.0 to 1.4. By these numbers a gate of 1.5 % would leave one or two in a hundred, and be passed seconds later (not tried).
+
+The noise of the poses is fitted: it is halved as long as the evidence rises. But the evidence takes the vibration of a quadrotor for white noise and prefers poses that are too exact. With rotations as they are and 1 mm of noise on positions,
+starts of 15 s: halving and a variance factor below one (as now) against neither: first estimates more than 5 % off 9 and 4 of 52 on MH_03, 13
+and 5 of 42 on V2_01, 3 and 3 of 32 on V1_02; median scale error after 15 s 2.3 and 1.2, 3.3 and 1.2, 1.4 and 1.2 %; error over sigma of the first 1.5 and
+1.1, 1.9 and 1.4, 1.3 and 1.3. With 0.1 degrees and 0.5 % nothing changes (2 and 3, 5 and 6, 2 and 2 wrong), and without halving the
+whole engine is 0.98 instead of 0.87 % off on MH_01. So it is left as it is until the whole motions have been measured both ways with the whole engine.
 ";

@@ -129,6 +129,7 @@ pub(super) fn read(
     snapshot.places = places;
     key_frames.iter_mut().zip(bags).for_each(|(k, bag)| k.bag = bag);
     for k in key_frames {
+        snapshot.made_by.add(&k);
         snapshot.key_frames.insert(k.id.index(), k);
     }
     let gone = read_gone(parts, &mut snapshot, counts.gone);
