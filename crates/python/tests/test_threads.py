@@ -217,3 +217,32 @@ def test_ctrl_c_ends_the_opening_of_a_source() -> None:
     cairn.open("sim:demo?detail=4")
     """
     assert interrupted(code, "ready") < 5.0
+
+
+def test_ctrl_c_ends_the_waiting_for_the_last_adjustment() -> None:
+    source = cairn.open(WORLD + "&duration=40")
+    slam = cairn.Slam.for_source(source)
+    for frame in source:
+        slam.track(frame)
+    began = time.perf_counter()
+    slam.finish()
+    took = time.perf_counter() - began
+    assert took > 0.4, f"{took} s are too short to be interrupted"
+    sent: list[float] = []
+
+    def interrupt() -> None:
+        sent.append(time.perf_counter())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    timer = threading.Timer(0.1, interrupt)
+    timer.start()
+    began = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        slam.finish()
+    left = time.perf_counter()
+    timer.join()
+    # The adjustment goes on to its end; the next call waits for it.
+    assert len(slam.trajectory()) > 200
+    ended = time.perf_counter()
+    print(f"an adjustment of {took:.2f} s was left after {left - began:.2f} s, and ended after {ended - began:.2f} s")
+    assert left - sent[0] < 0.3 and left < ended - 0.05
