@@ -202,6 +202,15 @@ impl Output {
         self.pose.map(|p| PyArray1::from_slice(py, &xyzw(&p.rotation)))
     }
 
+    /// Covariance of the pose of the camera in its map, (6, 6), or None without a pose: of a small motion of the camera, along
+    /// its axes x, y, z and about them (metres where lengths are metres, radians). The landmarks count as exact: what the map
+    /// itself is off is not in it. Zero where the frame began the map.
+    #[getter]
+    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        // Symmetric: by columns is by rows.
+        self.inner.covariance.map(|c| rows(py, c.data.0.to_vec())).transpose()
+    }
+
     /// Whether lengths are metres in the map of the pose.
     #[getter]
     fn metric(&self) -> bool {

@@ -28,8 +28,8 @@ def rotation(q: Matrix) -> Matrix:
 
 def test_poses_are_matrices_and_quaternions(walk: Walk) -> None:
     slam = cairn.Slam(walk.rig, "rgbd", rate_hz=10.0)
-    for frame in walk.frames:
-        output = slam.track(frame)
+    outputs = [slam.track(frame) for frame in walk.frames]
+    output = outputs[-1]
     pose, q, p = output.world_from_body, output.quaternion, output.position
     assert pose is not None and q is not None and p is not None
     assert pose.shape == (4, 4) and pose.dtype == np.float64
@@ -39,6 +39,12 @@ def test_poses_are_matrices_and_quaternions(walk: Walk) -> None:
     np.testing.assert_array_equal(pose[3], [0, 0, 0, 1])
     assert output.metric and isinstance(output.state, cairn.Tracking)
     assert output.evidence.inliers > 100 and output.keypoints.shape == (output.evidence.features, 2)
+    first, covariance = outputs[0].covariance, output.covariance
+    assert first is not None and covariance is not None and not first.any(), "the first frame is where the map begins"
+    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9)
+    # A millimetre, and a milliradian, about.
+    sigmas = np.sqrt(np.linalg.eigvalsh(covariance))
+    assert covariance.shape == (6, 6) and 1e-5 < sigmas.min() and sigmas.max() < 2e-2, sigmas
     path = slam.live_trajectory()
     np.testing.assert_array_equal(path.poses[-1], pose)
     assert path.stamps_ns.tolist() == [f.stamp_ns for f in walk.frames]
@@ -64,7 +70,7 @@ def test_states_have_their_numbers(walk: Walk) -> None:
             assert 0 <= inliers < need
         case _:
             pytest.fail(f"{lost.state}")
-    assert lost.world_from_body is None and lost.position is None and lost.scale is None
+    assert lost.world_from_body is None and lost.position is None and lost.scale is None and lost.covariance is None
     assert lost.phase == "LOST" and lost.words
 
 

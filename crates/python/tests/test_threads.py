@@ -217,3 +217,28 @@ def test_ctrl_c_ends_the_opening_of_a_source() -> None:
     cairn.open("sim:demo?detail=4")
     """
     assert interrupted(code, "ready") < 5.0
+
+
+def test_ctrl_c_ends_the_waiting_for_the_last_adjustment() -> None:
+    # One camera, with every corner of its images in the map: the last adjustment of it takes a while each time.
+    source = cairn.open("sim:demo?sensor=mono&resolution=400x300&rate=8&duration=20")
+    slam = cairn.Slam.for_source(source)
+    for frame in source:
+        slam.track(frame)
+    slam.finish()
+    began = time.perf_counter()
+    slam.finish()
+    took = time.perf_counter() - began
+    assert took > 0.08, f"{took} s are too short to be interrupted"
+    timer = threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    began = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        slam.finish()
+    left = time.perf_counter()
+    timer.join()
+    # The adjustment goes on to its end; the next call waits for it.
+    assert len(slam.trajectory()) > 100
+    ended = time.perf_counter()
+    print(f"an adjustment of {took:.2f} s was left after {left - began:.2f} s, and ended after {ended - began:.2f} s")
+    assert left < ended - 0.01

@@ -1,5 +1,6 @@
-//! `cairn-rerun OUT.rrd`: writes the messages on its standard input as a recording of the rerun viewer. `cairn run --rerun`
-//! starts it. When the input ends early, the recording is closed with what there is, and the exit status is 1.
+//! `cairn-rerun OUT.rrd`: writes the messages on its standard input as a recording of the rerun viewer; `cairn-rerun
+//! rerun+http://HOST:PORT/proxy` shows them in a viewer that runs there. `cairn run --rerun` starts it. When the input ends
+//! early, the recording is closed with what there is, and the exit status is 1.
 
 mod recording;
 
@@ -26,7 +27,8 @@ fn main() -> ExitCode {
         },
         _ => {
             eprintln!(
-                "usage: cairn-rerun OUT.rrd, with messages on standard input; cairn run --rerun OUT.rrd starts it"
+                "usage: cairn-rerun OUT.rrd, or rerun+http://HOST:PORT/proxy for a viewer that runs there, with messages on \
+                 standard input; cairn run --rerun starts it"
             );
             ExitCode::from(2)
         }
@@ -39,7 +41,7 @@ fn record(path: &Path) -> Result<(), String> {
     let Some(Ok(Message::Begin { name })) = messages.next() else {
         return Err("the first message is not the beginning of a recording".into());
     };
-    let to = Recording::create(path, &name)?;
+    let to = Recording::begin(path, &name)?;
     let written = (|| {
         for message in messages {
             match message.map_err(|e| e.to_string())? {

@@ -1,6 +1,6 @@
-//! Messages as rerun's archetypes, in a file.
+//! Messages as rerun's archetypes, in a file or in a viewer.
 
-use cairn_rerun::{Colour, Level, Pose, Show};
+use cairn_rerun::{Colour, Level, Pose, Show, viewer};
 use re_sdk::{RecordingStream, RecordingStreamBuilder, TimeCell};
 use re_sdk_types::AsComponents;
 use re_sdk_types::archetypes::{
@@ -9,7 +9,9 @@ use re_sdk_types::archetypes::{
 use re_sdk_types::components::{self, Color, LineStrip3D, Radius};
 use re_sdk_types::datatypes::{Mat3x3, Quaternion};
 use std::fs::File;
+use std::net::{TcpStream, ToSocketAddrs};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Stamps of at least this many nanoseconds (the year 1973) count from 1970; smaller ones from the start of a recording.
 const EPOCH_NS: i64 = 100_000_000_000_000_000;
@@ -21,23 +23,34 @@ const FRAME: &str = "frame";
 /// The size at which points and lines are shown, in points of the screen.
 const POINT: f32 = 1.5;
 
+/// How long a viewer may take to answer at the start, and to take what is left at the end.
+const ANSWER: Duration = Duration::from_secs(3);
+const REST: Duration = Duration::from_secs(20);
+
 /// A recording while it is written.
 pub struct Recording {
-    path: PathBuf,
+    /// `None` in a viewer.
+    path: Option<PathBuf>,
     stream: RecordingStream,
 }
 
 impl Recording {
-    /// Creates the file; an existing one is replaced. Every recording gets an id of its own, so that the viewer can show two of
-    /// the same source side by side: files of equal runs differ in it.
+    /// Creates the file (an existing one is replaced), or connects to the viewer. Every recording gets an id of its own, so
+    /// that the viewer can show two of the same source side by side: files of equal runs differ in it.
     ///
     /// # Errors
-    /// When the file cannot be created.
-    pub fn create(path: &Path, name: &str) -> Result<Self, String> {
-        File::create(path).map_err(|e| e.to_string())?;
+    /// When the file cannot be created, or no viewer listens.
+    pub fn begin(to: &Path, name: &str) -> Result<Self, String> {
         let builder = RecordingStreamBuilder::new("cairn").recording_name(name).enabled(true);
-        let stream = builder.save(path).map_err(|e| e.to_string())?;
-        Ok(Self { path: path.to_owned(), stream })
+        if let Some(host) = viewer(to) {
+            // The SDK would go on trying, and keep everything in memory meanwhile.
+            is_there(host)?;
+            let stream = builder.connect_grpc_opts(to.to_string_lossy()).map_err(|e| e.to_string())?;
+            return Ok(Self { path: None, stream });
+        }
+        File::create(to).map_err(|e| e.to_string())?;
+        let stream = builder.save(to).map_err(|e| e.to_string())?;
+        Ok(Self { path: Some(to.to_owned()), stream })
     }
 
     /// Sets the time of what follows, with the number of the frame.
@@ -107,20 +120,31 @@ impl Recording {
         }
     }
 
-    /// Writes what is left and closes the file.
+    /// Writes what is left, and closes the file or leaves the viewer.
     ///
     /// # Errors
-    /// When that fails, as on a full disk.
+    /// When that fails, as on a full disk, or when the viewer has gone.
     pub fn end(self) -> Result<(), String> {
+        let Some(path) = &self.path else {
+            return self.stream.flush_with_timeout(REST).map_err(|e| format!("the viewer has gone: {e}"));
+        };
         self.stream.flush_blocking().map_err(|e| e.to_string())?;
         // The footer is written when the sink goes; only then is the file complete.
         self.stream.disconnect();
-        match std::fs::metadata(&self.path) {
+        match std::fs::metadata(path) {
             Ok(file) if file.len() == 0 => Err("nothing was written".into()),
             Ok(_) => Ok(()),
             Err(e) => Err(e.to_string()),
         }
     }
+}
+
+/// Whether something listens at `HOST:PORT`.
+fn is_there(host: &str) -> Result<(), String> {
+    let fail = |why: &dyn std::fmt::Display| format!("no viewer listens at {host}: {why}");
+    let mut addresses = host.to_socket_addrs().map_err(|e| fail(&e))?;
+    let address = addresses.next().ok_or_else(|| fail(&"the name has no address"))?;
+    TcpStream::connect_timeout(&address, ANSWER).map(drop).map_err(|e| fail(&e))
 }
 
 /// rerun's origin is the corner of the first pixel, ours its centre.

@@ -157,7 +157,7 @@ impl Assembler {
         self.decode_ms += started.elapsed().as_secs_f64() * 1e3;
         let pixels = match pixels {
             Ok(pixels) => pixels,
-            Err(why) => return self.faults.count(kind, &format!("{name} cannot be read"), &why),
+            Err(why) => return self.faults.count(kind, &format!("{name} cannot be read"), &why.to_string()),
         };
         let (found, expected) = (pixels.size(), self.size_of(role));
         if expected.is_some_and(|expected| expected != found) {

@@ -9,10 +9,16 @@
 //! A transform of tf has no scale. Where the map's unit of length has changed since the odometry began, motions are
 //! scaled to the map's unit, from then on.
 //!
-//! Covariances: that of a motion is that of the two poses it lies between, taken as independent; those of all motions add
-//! up in the odometry, which so grows a little faster than it drifts. Tracking takes the landmarks as exact; to the pose in
-//! the map is added what a map is usually off by. What is not known at all is [`UNKNOWN`].
+//! Covariances. Two things are wrong with a pose. The matches are noisy, anew in each image: tracking states that. And it
+//! takes the landmarks as exact: what they, the lens and the rig are off by is the same in the images that share landmarks,
+//! so that errors of successive motions have the same sign and add up before they cancel. That part grows with translation
+//! and rotation (the odometry motion model of Thrun, Burgard & Fox, "Probabilistic Robotics", 5.4), correlated over
+//! [`CORRELATED_S`] as a Gauss-Markov process; [`OF_TRANSLATION`] and [`OF_ROTATION`] are those of recordings with truth. A
+//! motion has both parts, of the noise that of its two ends; the odometry has the sum of the second, and the noise of its
+//! last pose alone, for what the poses between are off by cancels. To the pose in the map is added what a map is usually off
+//! by. What is not known at all is [`UNKNOWN`].
 
+use cairn::Stamp;
 use cairn::geometry::{Se3, So3, Vec3};
 use nalgebra::{Matrix6, Vector6};
 
@@ -20,12 +26,23 @@ use nalgebra::{Matrix6, Vector6};
 /// 4 to 16 mm.
 const MAP_SIGMAS: [f64; 2] = [0.01, 0.005];
 
+/// What a motion is off by beside the noise of the matches, standard deviations along an axis: metres and radians for a metre.
+const OF_TRANSLATION: [f64; 2] = [0.005, 0.0003];
+
+/// The same for a radian.
+const OF_ROTATION: [f64; 2] = [0.025, 0.0065];
+
+/// How long that keeps its sign, the time constant.
+const CORRELATED_S: f64 = 0.5;
+
 /// Variance of what is not known, m^2 and rad^2.
 pub const UNKNOWN: f64 = 1e6;
 
 /// A pose as tracking gives it.
 #[derive(Clone, Copy, Debug)]
 pub struct Tracked {
+    /// When.
+    pub stamp: Stamp,
     /// Number of the stretch of odometry: the motion between two of them is not known.
     pub segment: u32,
     /// The camera in the odometry frame of tracking.
@@ -62,10 +79,35 @@ pub struct Transforms {
 /// The pose before.
 #[derive(Clone, Copy, Debug)]
 struct Last {
+    stamp: Stamp,
     segment: u32,
     odom_from_camera: Se3,
     /// Of the robot.
     covariance: Matrix6<f64>,
+}
+
+/// What the motions so far are off by together beside the noise of the matches.
+#[derive(Clone, Debug, Default)]
+struct Drift {
+    /// Covariance of `odom_from_base`, of its right perturbation.
+    sum: Matrix6<f64>,
+    /// Its covariance with what the last motion was off by, for a motion of standard deviation 1.
+    with_last: Matrix6<f64>,
+}
+
+impl Drift {
+    /// Adds a motion that took `dt_s`; the covariance of what it is off by.
+    fn add(&mut self, motion: &Se3, dt_s: f64) -> Matrix6<f64> {
+        let (metres, rad) = (motion.translation.norm(), motion.rotation.log().norm());
+        let sigmas = Vector6::from_fn(|i, _| OF_TRANSLATION[i / 3] * metres + OF_ROTATION[i / 3] * rad);
+        let sigma = Matrix6::from_diagonal(&sigmas);
+        let back = motion.inverse().adjoint();
+        let kept = back * self.with_last * (-dt_s.max(0.0) / CORRELATED_S).exp();
+        let both = kept * sigma;
+        self.sum = back * self.sum * back.transpose() + both + both.transpose() + sigma * sigma;
+        self.with_last = kept + sigma;
+        sigma * sigma
+    }
 }
 
 /// Turns tracked poses into transforms.
@@ -73,8 +115,7 @@ struct Last {
 pub struct FrameTree {
     base_from_camera: Se3,
     odom_from_base: Se3,
-    /// Covariance of `odom_from_base`, of its right perturbation.
-    drift: Matrix6<f64>,
+    drift: Drift,
     last: Option<Last>,
     /// From the map of tracking to the published one, and whether it was made for a map aligned with gravity.
     map_from_world: Option<(Se3, bool)>,
@@ -92,7 +133,7 @@ impl FrameTree {
         Self {
             base_from_camera,
             odom_from_base: start,
-            drift: Matrix6::zeros(),
+            drift: Drift::default(),
             last: None,
             map_from_world: None,
             map_from_base: start,
@@ -134,9 +175,16 @@ impl FrameTree {
             None => None,
         };
         let covariance = seen_from(&base_from_camera, &tracked.covariance);
-        let motion_covariance = self.moved(motion.as_ref(), &covariance);
-        self.last =
-            Some(Last { segment: tracked.segment, odom_from_camera: tracked.odom_from_camera, covariance });
+        let begins = self.last.is_none() && self.restarts == 0;
+        let motion_covariance = self.moved(motion.as_ref(), tracked.stamp, &covariance);
+        // Where the odometry begins is exact.
+        let of_pose = if begins { Matrix6::zeros() } else { covariance };
+        self.last = Some(Last {
+            stamp: tracked.stamp,
+            segment: tracked.segment,
+            odom_from_camera: tracked.odom_from_camera,
+            covariance,
+        });
         self.odom_from_base = self.odom_from_base * motion.unwrap_or_else(Se3::identity);
         let world_from_base = tracked.world_from_camera * base_from_camera.inverse();
         let (map_from_world, aligned) = match self.map_from_world {
@@ -150,26 +198,27 @@ impl FrameTree {
             map_from_odom: self.map_from_base * self.odom_from_base.inverse(),
             odom_from_base: self.odom_from_base,
             motion,
-            odom_covariance: about_parent(&self.odom_from_base, &self.drift),
+            odom_covariance: about_parent(&self.odom_from_base, &(self.drift.sum + of_pose)),
             map_covariance: about_parent(&self.map_from_base, &covariance) + of_map(),
             motion_covariance,
         }
     }
 
     /// Adds a motion to a pose of this covariance to the drift; its covariance.
-    fn moved(&mut self, motion: Option<&Se3>, now: &Matrix6<f64>) -> Matrix6<f64> {
+    fn moved(&mut self, motion: Option<&Se3>, stamp: Stamp, now: &Matrix6<f64>) -> Matrix6<f64> {
         let unknown = Matrix6::identity() * UNKNOWN;
-        let (back, of_motion) = match (motion, &self.last) {
+        match (motion, &self.last) {
             (Some(motion), Some(last)) => {
-                let back = motion.inverse();
-                (back, seen_from(&back, &last.covariance) + now)
+                let off = self.drift.add(motion, stamp - last.stamp);
+                seen_from(&motion.inverse(), &last.covariance) + now + off
             }
             // The odometry begins here.
-            (_, None) if self.restarts == 0 => return unknown,
-            _ => (Se3::identity(), unknown),
-        };
-        self.drift = seen_from(&back, &self.drift) + of_motion;
-        of_motion
+            (_, None) if self.restarts == 0 => unknown,
+            _ => {
+                self.drift = Drift { sum: self.drift.sum + unknown, ..Drift::default() };
+                unknown
+            }
+        }
     }
 
     /// The published map for a map aligned with gravity: level, and the robot keeps heading and place.
@@ -264,6 +313,7 @@ mod tests {
         let camera = |k| robot(k) * base_from_camera();
         let pose = camera(0).inverse() * camera(k);
         Tracked {
+            stamp: Stamp(k as i64 * 100_000_000),
             segment: 0,
             odom_from_camera: pose,
             world_from_camera: pose,
@@ -374,7 +424,7 @@ mod tests {
                 odom_from_camera: pose,
                 world_from_camera: turned(0.0, 0.0, std::f64::consts::FRAC_PI_2) * pose,
                 covariance: of_camera,
-                ..tracked(0)
+                ..tracked(k)
             };
             let now = tree.step(&tracked);
             if k == 0 {
@@ -390,12 +440,18 @@ mod tests {
             assert!(near(out.map_covariance[(i, i)], expected), "{i}: {}", out.map_covariance);
         }
         // A motion lies between two poses. Each turns about its camera: the first one's was 0.2 m from where the motion ended.
+        // And it is off by a share of its 0.1 m, along each axis.
+        let off = OF_TRANSLATION.map(|share| (0.1 * share).powi(2));
         let motion = &out.motion_covariance;
-        assert!(near(motion[(0, 0)], 18e-6) && near(motion[(5, 5)], 2e-6), "{motion}");
-        assert!(near(motion[(1, 1)], (2.0 + 0.04 + 0.09) * 1e-6), "{motion}");
-        // Four motions, straight on.
+        assert!(near(motion[(0, 0)], 18e-6 + off[0]) && near(motion[(5, 5)], 2e-6 + off[1]), "{motion}");
+        assert!(near(motion[(1, 1)], (2.0 + 0.04 + 0.09) * 1e-6 + off[0]), "{motion}");
+        // The noise of the last pose alone; and what each of four motions straight on is off by keeps its sign for a while.
         let odom = &out.odom_covariance;
-        assert!(near(odom[(0, 0)], 4.0 * 18e-6) && near(odom[(5, 5)], 4.0 * 2e-6), "{odom}");
+        let rho = (-0.1f64 / CORRELATED_S).exp();
+        let sum = 4.0 + 2.0 * (3.0 * rho + 2.0 * rho.powi(2) + rho.powi(3));
+        assert!(near(odom[(5, 5)], 1e-6 + sum * off[1]), "{odom}");
+        // Up: what it pitches by goes with the way since.
+        assert!(odom[(2, 2)] > 4e-6 + sum * off[0] && odom[(2, 2)] < 4e-6 + 1.1 * sum * off[0], "{odom}");
         // After motion that was not observed nobody knows where it is in the odometry, but in the map.
         let lost = tree.step(&Tracked { segment: 1, covariance: of_camera, ..tracked(0) });
         assert!(lost.odom_covariance[(0, 0)] >= UNKNOWN && lost.map_covariance[(0, 0)] < 2e-4);

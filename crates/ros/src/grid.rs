@@ -6,7 +6,7 @@
 use crate::messages::{Header, MapMetaData, OccupancyGrid, Point, Pose, Quaternion};
 use cairn::atlas::{KeyFrameId, Snapshot};
 use cairn::geometry::{Se2, Se3, Vec3};
-use cairn::plan::anchored::AnchoredGrid;
+use cairn::plan::anchored::{AnchoredGrid, NotTaken};
 use cairn::plan::depth_scan::{DepthCamera, DepthScanConfig, DepthScanner};
 use cairn::plan::{Grid, OccupancyConfig};
 use cairn::sensor::{DepthImage, DepthSensor, Distortion};
@@ -15,6 +15,17 @@ use cairn::sensor::{DepthImage, DepthSensor, Distortion};
 const CELL_M: f64 = 0.05;
 /// A scan is taken after this much motion, metres and radians.
 const MOVED: (f64, f64) = (0.15, 0.15);
+
+/// Why there is no grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoGrid {
+    /// The lens bends what it sees.
+    #[error("no occupancy grid: depth images of a distorted lens are not laid into it")]
+    Distorted,
+    /// Size, focal length or unit of the camera are none.
+    #[error("no occupancy grid: the depth camera's numbers are not usable")]
+    Unusable,
+}
 
 /// The grid.
 pub struct GroundGrid {
@@ -34,10 +45,10 @@ impl GroundGrid {
         base_from_depth: Se3,
         max_range_m: f64,
         stood_m: f64,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, NoGrid> {
         let c = &depth.camera;
         if c.distortion != Distortion::None {
-            return Err("no occupancy grid: depth images of a distorted lens are not laid into it".into());
+            return Err(NoGrid::Distorted);
         }
         let camera = DepthCamera {
             size: (c.width, c.height),
@@ -47,8 +58,7 @@ impl GroundGrid {
             body_from_camera: base_from_depth,
         };
         let scan = DepthScanConfig { max_range_m, ..DepthScanConfig::default() };
-        let scanner = DepthScanner::new(camera, scan)
-            .ok_or("no occupancy grid: the depth camera's numbers are not usable")?;
+        let scanner = DepthScanner::new(camera, scan).ok_or(NoGrid::Unusable)?;
         let grid = AnchoredGrid::new(CELL_M, OccupancyConfig { max_range_m, ..OccupancyConfig::default() });
         Ok(Self { scanner, grid, last: None, stood_m })
     }
@@ -63,7 +73,7 @@ impl GroundGrid {
         key: KeyFrameId,
         map_from_key: &Se3,
         map_from_base: &Se3,
-    ) -> Result<(), String> {
+    ) -> Result<(), NotTaken> {
         let moved = self.last.is_none_or(|last| {
             let by = last.inverse() * *map_from_base;
             by.translation.norm() > MOVED.0 || by.rotation.angle() > MOVED.1
@@ -79,16 +89,16 @@ impl GroundGrid {
         // The camera does not see the ground below it.
         let stood = scanned
             .and_then(|_| self.grid.insert_step(key, &key_pose, key_pose.inverse() * base, self.stood_m));
-        stood.map_err(|e| e.to_string())
+        stood
     }
 
     /// Lays the grid anew where key frames have moved.
     ///
     /// # Errors
     /// Why it was not laid anew.
-    pub fn follow(&mut self, snapshot: &Snapshot, map_from_world: &Se3) -> Result<(), String> {
+    pub fn follow(&mut self, snapshot: &Snapshot, map_from_world: &Se3) -> Result<(), NotTaken> {
         let pose = |key| snapshot.key_frame(key).map(|k| flat(&(*map_from_world * k.world_from_camera)));
-        self.grid.set_poses(pose).map(|_| ()).map_err(|e| e.to_string())
+        self.grid.set_poses(pose).map(|_| ())
     }
 
     /// 0 free, 100 occupied, -1 unknown; `None` before the first scan.

@@ -31,6 +31,37 @@ pub const MOST_WAITING: usize = 256;
 /// Samples of a sensor that may wait in the reader.
 const SENSOR_DEPTH: usize = 16;
 
+/// Why the node is not on the network.
+#[derive(Debug, thiserror::Error)]
+pub enum NetworkError {
+    /// The domain cannot be joined.
+    #[error("the network cannot be used: {0}")]
+    Domain(Cause),
+    /// A name of a node, topic or service that ROS does not allow, or that the network refuses.
+    #[error("{name}: {why}")]
+    Name {
+        /// As it was given, after renaming.
+        name: String,
+        /// Why.
+        why: Cause,
+    },
+    /// No thread can be started.
+    #[error("no thread can be started: {0}")]
+    Thread(#[from] std::io::Error),
+    /// An answer cannot be sent.
+    #[error(transparent)]
+    Answer(Cause),
+}
+
+/// What DDS says.
+pub type Cause = Box<dyn std::error::Error + Send + Sync>;
+
+/// For an error about a name.
+fn about<E: Into<Cause>>(name: &str) -> impl Fn(E) -> NetworkError {
+    let name = name.to_owned();
+    move |why| NetworkError::Name { name: name.clone(), why: why.into() }
+}
+
 /// Something that came in.
 #[derive(Debug)]
 pub enum Incoming {
@@ -170,15 +201,14 @@ impl Network {
     ///
     /// # Errors
     /// A name that ROS does not allow; a network that cannot be used.
-    pub fn join(options: &Options, topics: &Topics, faults: &Faults) -> Result<Self, String> {
-        let text = |e: &dyn std::fmt::Display| format!("the network cannot be used: {e}");
+    pub fn join(options: &Options, topics: &Topics, faults: &Faults) -> Result<Self, NetworkError> {
         let context = Context::with_options(ContextOptions::new().domain_id(options.domain_id()));
-        let context = context.map_err(|e| text(&e))?;
+        let context = context.map_err(|e| NetworkError::Domain(e.into()))?;
         let name = NodeName::new(&options.namespace, &options.name);
-        let name = name.map_err(|e| format!("{} in {}: {e}", options.name, options.namespace))?;
+        let name = name.map_err(about(&format!("{} in {}", options.name, options.namespace)))?;
         // Its parameter services would speak the form of fastrtps only, and the flags are not parameters.
         let with = NodeOptions::new().enable_rosout(true).start_parameter_services(false);
-        let mut node = context.new_node(name, with).map_err(|e| text(&e))?;
+        let mut node = context.new_node(name, with).map_err(|e| NetworkError::Domain(e.into()))?;
         let logger = node.logging_handle();
         faults.also_to(Box::new(move |severity, line| {
             let level = match severity {
@@ -216,7 +246,7 @@ impl Network {
     ///
     /// # Errors
     /// When no thread can be started.
-    pub fn listen(&mut self, to: SyncSender<Incoming>, faults: &Faults) -> Result<(), String> {
+    pub fn listen(&mut self, to: SyncSender<Incoming>, faults: &Faults) -> Result<(), NetworkError> {
         let inputs = self.inputs.take().unwrap_or_default();
         let (servers, faults) = (self.servers.clone(), faults.clone());
         let read = move || {
@@ -240,7 +270,7 @@ impl Network {
             });
         };
         let thread = std::thread::Builder::new().name("cairn-ros-in".into());
-        thread.spawn(read).map(|_| ()).map_err(|e| format!("no thread can be started: {e}"))
+        thread.spawn(read).map(|_| ()).map_err(NetworkError::from)
     }
 
     /// Says which publishers and subscribers do not match this node because of their quality of service. Ends with the
@@ -248,7 +278,7 @@ impl Network {
     ///
     /// # Errors
     /// When no thread can be started.
-    pub fn watch_matches(&self, faults: &Faults) -> Result<(), String> {
+    pub fn watch_matches(&self, faults: &Faults) -> Result<(), NetworkError> {
         let events = self.context.domain_participant().status_listener();
         let faults = faults.clone();
         let watch = move || {
@@ -267,7 +297,7 @@ impl Network {
             }));
         };
         let thread = std::thread::Builder::new().name("cairn-ros-match".into());
-        thread.spawn(watch).map(|_| ()).map_err(|e| format!("no thread can be started: {e}"))
+        thread.spawn(watch).map(|_| ()).map_err(NetworkError::from)
     }
 
     /// Answers a call.
@@ -278,12 +308,12 @@ impl Network {
         &self,
         service: Service,
         id: RmwRequestId,
-        result: Result<String, String>,
-    ) -> Result<(), String> {
+        success: bool,
+        message: String,
+    ) -> Result<(), NetworkError> {
         let Some((_, server)) = self.servers.iter().find(|(s, _)| *s == service) else { return Ok(()) };
-        let success = result.is_ok();
-        let message = result.unwrap_or_else(|why| why);
-        server.send_response(id, TriggerResponse { success, message }).map_err(|e| e.to_string())
+        let answer = TriggerResponse { success, message };
+        server.send_response(id, answer).map_err(|e| NetworkError::Answer(e.into()))
     }
 
     /// How many publishers of a topic are known.
@@ -311,13 +341,12 @@ impl Maker<'_> {
         name: &str,
         kind: (&str, &str),
         qos: QosProfile,
-    ) -> Result<Output<M>, String> {
+    ) -> Result<Output<M>, NetworkError> {
         let name = self.options.remapped(name);
-        let fail = |e: &dyn std::fmt::Display| format!("{name}: {e}");
-        let dds_name = Name::parse(&name).map_err(|e| fail(&e))?;
+        let dds_name = Name::parse(&name).map_err(about(&name))?;
         let topic = self.node.create_topic(&dds_name, MessageTypeName::new(kind.0, kind.1), &qos);
-        let topic = topic.map_err(|e| fail(&e))?;
-        let publisher = self.node.create_publisher(&topic, Some(qos)).map_err(|e| fail(&e))?;
+        let topic = topic.map_err(about(&name))?;
+        let publisher = self.node.create_publisher(&topic, Some(qos)).map_err(about(&name))?;
         Ok(Output { name, publisher, faults: self.faults.clone() })
     }
 
@@ -326,17 +355,16 @@ impl Maker<'_> {
         name: &str,
         kind: (&str, &str),
         qos: QosProfile,
-    ) -> Result<(String, Subscription<M>), String> {
+    ) -> Result<(String, Subscription<M>), NetworkError> {
         let name = self.options.remapped(name);
-        let fail = |e: &dyn std::fmt::Display| format!("{name}: {e}");
-        let dds_name = Name::parse(&name).map_err(|e| fail(&e))?;
+        let dds_name = Name::parse(&name).map_err(about(&name))?;
         let topic = self.node.create_topic(&dds_name, MessageTypeName::new(kind.0, kind.1), &qos);
-        let topic = topic.map_err(|e| fail(&e))?;
-        let subscription = self.node.create_subscription(&topic, Some(qos)).map_err(|e| fail(&e))?;
+        let topic = topic.map_err(about(&name))?;
+        let subscription = self.node.create_subscription(&topic, Some(qos)).map_err(about(&name))?;
         Ok((name, subscription))
     }
 
-    fn inputs(&mut self, topics: &Topics) -> Result<Vec<Input>, String> {
+    fn inputs(&mut self, topics: &Topics) -> Result<Vec<Input>, NetworkError> {
         let depth = |depth| QosProfile::subscription_default().history(History::KeepLast { depth });
         let mut sensor = depth(SENSOR_DEPTH);
         if self.options.reliable {
@@ -376,7 +404,7 @@ impl Maker<'_> {
         Ok(inputs)
     }
 
-    fn servers(&mut self) -> Result<Vec<(Service, Arc<TriggerServer>)>, String> {
+    fn servers(&mut self) -> Result<Vec<(Service, Arc<TriggerServer>)>, NetworkError> {
         let form = match self.options.service_form() {
             Rmw::Fastrtps => ServiceMapping::Enhanced,
             Rmw::Cyclonedds => ServiceMapping::Cyclone,
@@ -385,10 +413,9 @@ impl Maker<'_> {
         let mut servers = Vec::new();
         for service in Service::ALL {
             let name = self.options.remapped(service.name());
-            let fail = |e: &dyn std::fmt::Display| format!("{name}: {e}");
-            let dds_name = Name::parse(&name).map_err(|e| fail(&e))?;
+            let dds_name = Name::parse(&name).map_err(about(&name))?;
             let server = self.node.create_server(form, &dds_name, &kind, results(10), results(10));
-            servers.push((service, Arc::new(server.map_err(|e| fail(&e))?)));
+            servers.push((service, Arc::new(server.map_err(about(&name))?)));
         }
         Ok(servers)
     }

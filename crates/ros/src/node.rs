@@ -9,8 +9,8 @@ use crate::frames::{FrameTree, Transforms};
 use crate::grid::{self, GroundGrid};
 use crate::markers::markers;
 use crate::messages::{Header, Text};
-use crate::network::{MOST_WAITING, Network, Service};
-use crate::options::{Options, Topics};
+use crate::network::{MOST_WAITING, Network, NetworkError, Service};
+use crate::options::{NoPictures, Options, Topics};
 use crate::planner::Planner;
 use crate::results::{self, FrameNames};
 use crate::setup::{Found, Setup};
@@ -23,7 +23,7 @@ use cairn::sensor::{ClockReading, FramePacket, Live, SkipKind, Stamp};
 use cairn::session::{Event, Inbox, Item};
 use cairn::{Config, Output, Slam};
 use diagnostics::Counts;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel};
@@ -37,12 +37,37 @@ const SLOW: Duration = Duration::from_secs(1);
 /// Why the node cannot work.
 #[derive(Debug, thiserror::Error)]
 pub enum NodeError {
-    /// A file, a flag or the network.
-    #[error("{0}")]
-    Setup(String),
+    /// No topic of pictures was named.
+    #[error(transparent)]
+    Pictures(#[from] NoPictures),
+    /// The configuration cannot be read.
+    #[error("{}: {why}", path.display())]
+    Config {
+        /// Its file.
+        path: PathBuf,
+        /// Why.
+        why: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// The network.
+    #[error(transparent)]
+    Network(#[from] NetworkError),
+    /// The thread that takes the messages has stopped by an error of the program.
+    #[error("the thread that takes the messages has stopped by an error of the program")]
+    Stopped,
     /// The library's error.
     #[error(transparent)]
     Slam(#[from] cairn::Error),
+}
+
+/// Why a service was refused.
+#[derive(Debug, thiserror::Error)]
+enum Refused {
+    #[error("no map file was named: start with --map FILE")]
+    NoMap,
+    #[error(transparent)]
+    Slam(#[from] cairn::Error),
+    #[error(transparent)]
+    Node(#[from] NodeError),
 }
 
 /// Runs the node until `stop` is set.
@@ -50,7 +75,7 @@ pub enum NodeError {
 /// # Errors
 /// When a file cannot be read, the network cannot be used, or the calibration is not possible.
 pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
-    let topics = options.topics().map_err(NodeError::Setup)?;
+    let topics = options.topics()?;
     let rig = match &options.rig {
         Some(path) => Some(cairn::sources::read_rig(path).map_err(cairn::Error::from)?),
         None => None,
@@ -60,10 +85,10 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
         None => Config::default(),
     };
     let faults = Faults::default();
-    let mut network = Network::join(options, &topics, &faults).map_err(NodeError::Setup)?;
+    let mut network = Network::join(options, &topics, &faults)?;
     let (to, messages) = sync_channel(MOST_WAITING);
-    network.listen(to, &faults).map_err(NodeError::Setup)?;
-    network.watch_matches(&faults).map_err(NodeError::Setup)?;
+    network.listen(to, &faults)?;
+    network.watch_matches(&faults)?;
     let (inbox, requests) = (Inbox::new(), Requests::default());
     let time = if options.use_sim_time { Time::simulated() } else { Time::wall() };
     let setup = Setup::new(options, &topics, rig);
@@ -79,7 +104,7 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
     };
     let thread = std::thread::Builder::new().name("cairn-ros-assemble".into());
     let reader = thread.spawn(move || worker.run(setup, &tell));
-    let reader = reader.map_err(|e| NodeError::Setup(format!("no thread can be started: {e}")))?;
+    let reader = reader.map_err(NetworkError::from)?;
     let Some((found, clock)) = wait(&network, &told, &faults, stop)? else { return Ok(()) };
     for note in &found.notes {
         faults.say(Severity::Info, note);
@@ -89,7 +114,7 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
     while !stop.load(Ordering::Relaxed) && until.is_none_or(|until| Instant::now() < until) {
         match inbox.take(TICK) {
             Item::Packet(packet, _) => node.packet(&packet, inbox.dropped()),
-            _ if reader.is_finished() => return Err(stopped()),
+            _ if reader.is_finished() => return Err(NodeError::Stopped),
             Item::Ended(_) | Item::Command(_) | Item::Nothing => node.idle(),
         }
         node.step()?;
@@ -99,14 +124,10 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
     Ok(())
 }
 
-fn stopped() -> NodeError {
-    NodeError::Setup("the thread that takes the messages has stopped by an error of the program".into())
-}
-
 fn read_config(path: &Path) -> Result<Config, NodeError> {
-    let fail = |e: &dyn std::fmt::Display| NodeError::Setup(format!("{}: {e}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| fail(&e))?;
-    Config::from_toml(&text).map_err(|e| fail(&e))
+    let fail = |why| NodeError::Config { path: path.to_owned(), why };
+    let text = std::fs::read_to_string(path).map_err(|e| fail(e.into()))?;
+    Config::from_toml(&text).map_err(|e| fail(e.into()))
 }
 
 /// Waits for the first messages; says what is missing. `None` when the node is to stop.
@@ -121,9 +142,9 @@ fn wait(
         match told.recv_timeout(TICK) {
             Ok(Told::Found(found, clock)) => return Ok(Some((*found, clock))),
             // The next calibration may be another: drivers send one that is empty until they are ready.
-            Ok(Told::Failed(why)) if why != failed => {
-                faults.say(Severity::Error, &why);
-                failed = why;
+            Ok(Told::Failed(why)) if why.to_string() != failed => {
+                failed = why.to_string();
+                faults.say(Severity::Error, &failed);
             }
             Ok(Told::Failed(_)) | Err(RecvTimeoutError::Timeout) => {}
             Ok(Told::Missing(topics)) => {
@@ -135,7 +156,7 @@ fn wait(
                 faults.say(Severity::Info, &format!("waiting for {}", lines.join(", ")));
             }
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(stopped());
+                return Err(NodeError::Stopped);
             }
         }
     }
@@ -289,7 +310,7 @@ impl<'a> Node<'a> {
             map_from_world * anchored.world_from_camera * anchored.reference_from_camera.inverse();
         let map_from_base = transforms.map_from_odom * transforms.odom_from_base;
         if let Err(why) = grid.observe(depth, anchored.reference, &map_from_key, &map_from_base) {
-            self.faults.count(SkipKind::Depth, "a depth image was not laid into the grid", &why);
+            self.faults.count(SkipKind::Depth, "a depth image was not laid into the grid", &why.to_string());
         }
     }
 
@@ -315,13 +336,14 @@ impl<'a> Node<'a> {
             let call = self.requests.lock().calls.pop_front();
             let Some((service, id)) = call else { break };
             let result = self.serve(service);
-            let line = match &result {
-                Ok(words) => format!("{}: {words}", service.name()),
-                Err(why) => format!("{}: refused: {why}", service.name()),
+            let (success, words) = match result {
+                Ok(words) => (true, words),
+                Err(why) => (false, why.to_string()),
             };
-            self.faults.say(Severity::Info, &line);
-            if let Err(why) = self.network.answer(service, id, result) {
-                self.faults.count(SkipKind::Other, "an answer could not be sent", &why);
+            let refused = if success { "" } else { "refused: " };
+            self.faults.say(Severity::Info, &format!("{}: {refused}{words}", service.name()));
+            if let Err(why) = self.network.answer(service, id, success, words) {
+                self.faults.count(SkipKind::Other, "an answer could not be sent", &why.to_string());
             }
         }
         let goal = self.requests.lock().goal.take();
@@ -337,18 +359,15 @@ impl<'a> Node<'a> {
         Ok(())
     }
 
-    fn serve(&mut self, service: Service) -> Result<String, String> {
-        let text = |e: cairn::Error| e.to_string();
+    fn serve(&mut self, service: Service) -> Result<String, Refused> {
         match service {
             Service::SaveMap => {
-                let path =
-                    self.options.map.as_deref().ok_or("no map file was named: start with --map FILE")?;
-                let bytes = self.slam.save(path).map_err(text)?;
+                let path = self.options.map.as_deref().ok_or(Refused::NoMap)?;
+                let bytes = self.slam.save(path)?;
                 Ok(format!("{} written, {} kB", path.display(), bytes / 1000))
             }
             Service::LoadMap => {
-                let path =
-                    self.options.map.as_deref().ok_or("no map file was named: start with --map FILE")?;
+                let path = self.options.map.as_deref().ok_or(Refused::NoMap)?;
                 self.begin_anew(Some(path))?;
                 Ok(format!("in the map of {}", path.display()))
             }
@@ -356,32 +375,34 @@ impl<'a> Node<'a> {
                 self.begin_anew(None)?;
                 Ok("begun anew".into())
             }
-            Service::Record => self.slam.record(&self.options.route).map_err(text),
+            Service::Record => Ok(self.slam.record(&self.options.route)?),
             Service::StopRecording => {
-                let points = self.slam.stop_recording().map_err(text)?.points.len();
+                let points = self.slam.stop_recording()?.points.len();
                 Ok(format!("{} points in {}", points, self.options.route.display()))
             }
             Service::GuideHome => {
-                self.with_route().and_then(|()| self.slam.guide_home(Facing::Home).map_err(text))
+                self.with_route()?;
+                Ok(self.slam.guide_home(Facing::Home)?)
             }
             Service::GuideAgain => {
-                self.with_route().and_then(|()| self.slam.guide_again(Facing::Home).map_err(text))
+                self.with_route()?;
+                Ok(self.slam.guide_again(Facing::Home)?)
             }
-            Service::Halt => self.slam.halt().map_err(text),
+            Service::Halt => Ok(self.slam.halt()?),
         }
     }
 
     /// The route at hand, else that of the file.
-    fn with_route(&mut self) -> Result<(), String> {
+    fn with_route(&mut self) -> Result<(), Refused> {
         if self.slam.route().is_none() && self.options.route.exists() {
-            self.slam.load_route(&self.options.route).map_err(|e| e.to_string())?;
+            self.slam.load_route(&self.options.route)?;
         }
         Ok(())
     }
 
-    fn begin_anew(&mut self, map: Option<&Path>) -> Result<(), String> {
+    fn begin_anew(&mut self, map: Option<&Path>) -> Result<(), Refused> {
         let built = build(self.options, self.topics, &self.found, &self.config, map);
-        let slam = built.map_err(|e| e.to_string())?;
+        let slam = built?;
         (self.slam, self.knows_age) = (slam, false);
         self.tree.begin_anew();
         self.grid = ground_grid(self.options, &self.found, self.planner.stood_m(), &self.faults);
@@ -411,7 +432,7 @@ impl<'a> Node<'a> {
         }
         let (Some(grid), Some(map_from_world)) = (&mut self.grid, self.tree.map_from_world()) else { return };
         if let Err(why) = grid.follow(map.snapshot(), &map_from_world) {
-            self.faults.count(SkipKind::Other, "the occupancy grid stays as it was", &why);
+            self.faults.count(SkipKind::Other, "the occupancy grid stays as it was", &why.to_string());
         }
         if let Some(map) = grid.map() {
             self.network.grid.publish(grid::message(Header::new(stamp, &self.names.map), &map));
@@ -425,7 +446,7 @@ impl<'a> Node<'a> {
         }
         match self.serve(Service::StopRecording) {
             Ok(words) => self.faults.say(Severity::Info, &words),
-            Err(why) => self.faults.say(Severity::Warn, &why),
+            Err(why) => self.faults.say(Severity::Warn, &why.to_string()),
         }
     }
 }
@@ -467,5 +488,5 @@ fn ground_grid(options: &Options, found: &Found, stood_m: f64, faults: &Faults) 
     let body_from_cam0 = found.rig.cameras.first()?.body_from_camera;
     let base_from_depth = found.base_from_camera * body_from_cam0.inverse() * depth.body_from_depth;
     let made = GroundGrid::new(depth, base_from_depth, options.grid_range_m, stood_m);
-    made.inspect_err(|why| faults.say(Severity::Warn, why)).ok()
+    made.inspect_err(|why| faults.say(Severity::Warn, &why.to_string())).ok()
 }

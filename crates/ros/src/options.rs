@@ -137,6 +137,11 @@ pub struct Options {
     pub for_s: Option<f64>,
 }
 
+/// No topic of pictures was named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("which pictures? Give --image TOPIC, or --camera KIND for the topics of a usual driver")]
+pub struct NoPictures;
+
 /// The topics that are read.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Topics {
@@ -210,11 +215,10 @@ impl Options {
     ///
     /// # Errors
     /// What is missing, with the flag that gives it.
-    pub fn topics(&self) -> Result<Topics, String> {
+    pub fn topics(&self) -> Result<Topics, NoPictures> {
         let (image, right, depth, imu) = self.usual();
         let image = self.image.clone().or(image);
-        let image = image
-            .ok_or("which pictures? Give --image TOPIC, or --camera KIND for the topics of a usual driver")?;
+        let image = image.ok_or(NoPictures)?;
         let beside = |topic: &String, given: &Option<String>| {
             given.clone().unwrap_or_else(|| format!("{}/camera_info", folder(topic)))
         };

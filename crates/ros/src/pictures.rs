@@ -2,7 +2,19 @@
 
 use crate::messages::{CompressedImage, Header, Image};
 use cairn::sensor::{DepthImage, GrayImage};
-use cairn::sources::{decode_depth, decode_gray};
+use cairn::sources::{ImageError, decode_depth, decode_gray};
+use cairn_bag::DecodeError;
+
+/// Why a picture is none.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// The message does not hold what it says.
+    #[error(transparent)]
+    Message(#[from] DecodeError),
+    /// Its image file cannot be read.
+    #[error(transparent)]
+    File(#[from] ImageError),
+}
 
 /// A picture as it came.
 #[derive(Clone, Debug)]
@@ -26,10 +38,10 @@ impl Picture {
     ///
     /// # Errors
     /// When the encoding is not read, or the data are not those of an image of the stated size.
-    pub fn gray(&self) -> Result<GrayImage, String> {
+    pub fn gray(&self) -> Result<GrayImage, PictureError> {
         match self {
-            Self::Raw(image) => raw(image).gray().map_err(|e| e.to_string()),
-            Self::File(image) => decode_gray(&image.data).map_err(|e| e.to_string()),
+            Self::Raw(image) => Ok(raw(image).gray()?),
+            Self::File(image) => Ok(decode_gray(&image.data)?),
         }
     }
 
@@ -37,14 +49,14 @@ impl Picture {
     ///
     /// # Errors
     /// As [`Picture::gray`].
-    pub fn depth(&self) -> Result<DepthImage, String> {
+    pub fn depth(&self) -> Result<DepthImage, PictureError> {
         match self {
-            Self::Raw(image) => raw(image).depth().map_err(|e| e.to_string()),
+            Self::Raw(image) => Ok(raw(image).depth()?),
             Self::File(image) => {
                 let header = cairn_bag::Header { stamp_ns: 0, frame_id: String::new() };
                 let message =
                     cairn_bag::CompressedImage { header, format: image.format.clone(), data: &image.data };
-                decode_depth(message.file().map_err(|e| e.to_string())?).map_err(|e| e.to_string())
+                Ok(decode_depth(message.file()?)?)
             }
         }
     }

@@ -30,6 +30,7 @@ pub fn tracked(output: &Output, gravity_aligned: bool) -> Option<Tracked> {
     let in_world: Framed<World, Camera> = Framed::new(world_from_camera);
     let odom_from_camera = odometry.world_from_odom.inverse().then(&in_world).se3;
     Some(Tracked {
+        stamp: output.stamp,
         segment: odometry.segment,
         odom_from_camera,
         world_from_camera,

@@ -5,9 +5,9 @@ use crate::frames::looking_ahead;
 use crate::messages::{CameraInfo, Imu, TFMessage};
 use crate::options::{Options, Topics};
 use cairn::geometry::{Se3, Vec3};
-use cairn::sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera};
+use cairn::sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError};
 use cairn::sources::Frames;
-use cairn_bag::stereo_left_from_right;
+use cairn_bag::{DecodeError, stereo_left_from_right};
 use std::collections::BTreeMap;
 
 /// White noise and random walks of a low-cost MEMS sensor, where nothing better is known.
@@ -18,6 +18,68 @@ const READINGS: usize = 60;
 const MOST_READINGS: usize = 400;
 /// Frames closer than this are at the same place: metres, radians.
 const SAME_PLACE: f64 = 1e-4;
+
+/// Why there is no rig, and what to do.
+#[derive(Debug, thiserror::Error)]
+pub enum SetupError {
+    /// The numbers contradict each other.
+    #[error("the calibration is not possible: {0}")]
+    Rig(#[from] RigError),
+    /// A file of one camera.
+    #[error("the calibration file has one camera, and there are pictures of a right one")]
+    NoRight,
+    /// A file without depth camera.
+    #[error("the calibration file has no depth camera, and there are depth images")]
+    NoDepth,
+    /// A file without IMU.
+    #[error("the calibration file has no IMU, and a topic of one is given; leave it out with --no-imu")]
+    NoImu,
+    /// The times of an IMU stand still.
+    #[error("{0}: its stamps do not go on")]
+    Rate(String),
+    /// No `camera_info` of a topic has come.
+    #[error("{0}: no calibration")]
+    NoCalibration(String),
+    /// A `camera_info` cannot be used.
+    #[error("{topic}: {why}; give --rig FILE")]
+    Calibration {
+        /// Its topic.
+        topic: String,
+        /// Why.
+        why: DecodeError,
+    },
+    /// Nobody says where the cameras of a pair are.
+    #[error(
+        "{left} and {right}: where they are to each other is neither in camera_info (P without a baseline) nor on \
+         /tf_static; give --rig FILE"
+    )]
+    Apart {
+        /// Pictures of the left camera.
+        left: String,
+        /// Pictures of the right camera.
+        right: String,
+    },
+    /// The right camera is the left one.
+    #[error("{right} is {by_m:.3} m left of {left}: exchange --image and --right")]
+    Exchanged {
+        /// Pictures of the camera said to be left.
+        left: String,
+        /// Pictures of the camera said to be right.
+        right: String,
+        /// How far it is on the wrong side.
+        by_m: f64,
+    },
+    /// Nobody says where the depth camera is.
+    #[error("{topic}: where {frame} is, seen from {from}, is not on /tf_static; give --rig FILE")]
+    NotPlaced {
+        /// The depth images.
+        topic: String,
+        /// Their frame.
+        frame: String,
+        /// The frame of the pictures.
+        from: String,
+    },
+}
 
 /// A sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -128,13 +190,13 @@ impl Setup {
     ///
     /// # Errors
     /// What is wrong with a calibration, and what to do.
-    pub fn found(&self) -> Result<Found, String> {
+    pub fn found(&self) -> Result<Found, SetupError> {
         let mut notes = Vec::new();
         let rig = match &self.rig {
             Some(rig) => self.given_rig(rig.clone())?,
             None => self.rig_of_messages(&mut notes)?,
         };
-        rig.validate().map_err(|e| format!("the calibration is not possible: {e}"))?;
+        rig.validate()?;
         let base_from_camera = self.given_base.or_else(|| self.base_by_tf()).unwrap_or_else(|| {
             notes.push(format!(
                 "where the camera is on {}, is not on /tf_static: it is taken to look ahead from its origin; \
@@ -148,29 +210,26 @@ impl Setup {
     }
 
     /// A rig from a file, with the sensors that have topics.
-    fn given_rig(&self, mut rig: Rig) -> Result<Rig, String> {
+    fn given_rig(&self, mut rig: Rig) -> Result<Rig, SetupError> {
         let wanted = if self.topics.right.is_some() { 2 } else { 1 };
         if rig.cameras.len() < wanted {
-            return Err("the calibration file has one camera, and there are pictures of a right one".into());
+            return Err(SetupError::NoRight);
         }
         rig.cameras.truncate(wanted);
         if self.topics.depth.is_none() {
             rig.depth = None;
         } else if rig.depth.is_none() {
-            return Err("the calibration file has no depth camera, and there are depth images".into());
+            return Err(SetupError::NoDepth);
         }
         if self.topics.imu.is_none() {
             rig.imu = None;
         } else if rig.imu.is_none() {
-            return Err(
-                "the calibration file has no IMU, and a topic of one is given; leave it out with --no-imu"
-                    .into(),
-            );
+            return Err(SetupError::NoImu);
         }
         Ok(rig)
     }
 
-    fn rig_of_messages(&self, notes: &mut Vec<String>) -> Result<Rig, String> {
+    fn rig_of_messages(&self, notes: &mut Vec<String>) -> Result<Rig, SetupError> {
         let left = self.calibrated(Role::Image)?;
         let camera =
             |name: &str, camera, body_from_camera| RigCamera { name: name.into(), camera, body_from_camera };
@@ -191,7 +250,7 @@ impl Setup {
                     let body_from_left = left_from_imu.inverse();
                     rig.cameras.iter_mut().for_each(|c| c.body_from_camera = body_from_left * c.body_from_camera);
                     rig.depth.iter_mut().for_each(|d| d.body_from_depth = body_from_left * d.body_from_depth);
-                    let rate_hz = rate_hz(&self.imu).ok_or_else(|| format!("{topic}: its stamps do not go on"))?;
+                    let rate_hz = rate_hz(&self.imu).ok_or_else(|| SetupError::Rate(topic.clone()))?;
                     let body_from_imu = Se3::identity();
                     rig.imu = Some(ImuSensor { body_from_imu, rate_hz, noise: USUAL_NOISE, offset_s: 0.0 });
                     notes.push(format!("{topic}: {rate_hz:.0} Hz; the noise of a low-cost IMU is assumed"));
@@ -211,51 +270,46 @@ impl Setup {
         self.tree.between(left, frame).filter(|_| frame != left)
     }
 
-    fn calibrated(&self, role: Role) -> Result<Calibrated, String> {
+    fn calibrated(&self, role: Role) -> Result<Calibrated, SetupError> {
         let topic = role_topic(&self.topics, role, false);
         let said = role_topic(&self.topics, role, true);
-        let info = self.infos.get(&role).ok_or_else(|| format!("{said}: no calibration"))?;
+        let info = self.infos.get(&role).ok_or_else(|| SetupError::NoCalibration(said.to_owned()))?;
         let info = bag_info(info);
         let rectified = topic.contains("image_rect") && info.p[0] != 0.0;
-        let camera = info.camera(rectified).map_err(|e| format!("{said}: {e}; give --rig FILE"))?;
+        let camera =
+            info.camera(rectified).map_err(|why| SetupError::Calibration { topic: said.to_owned(), why })?;
         let frame = self.frame_of.get(&role).cloned().unwrap_or_default();
         Ok(Calibrated { topic: topic.to_owned(), frame, info, camera, rectified })
     }
 
     /// `left_from_right`.
-    fn pair(&self, left: &Calibrated, right: &Calibrated) -> Result<Se3, String> {
+    fn pair(&self, left: &Calibrated, right: &Calibrated) -> Result<Se3, SetupError> {
         let rectified = left.rectified && right.rectified;
         let by_info = stereo_left_from_right(&left.info, &right.info, rectified);
-        let by_info = by_info.map_err(|e| format!("{}: {e}; give --rig FILE", right.topic))?;
+        let by_info = by_info.map_err(|why| SetupError::Calibration { topic: right.topic.clone(), why })?;
         let by_tf = || self.tree.between(&left.frame, &right.frame).filter(|_| left.frame != right.frame);
-        let found = by_info.or_else(by_tf).ok_or_else(|| {
-            format!(
-                "{} and {}: where they are to each other is neither in camera_info (P without a baseline) nor on \
-                 /tf_static; give --rig FILE",
-                left.topic, right.topic
-            )
-        })?;
+        let found = by_info
+            .or_else(by_tf)
+            .ok_or_else(|| SetupError::Apart { left: left.topic.clone(), right: right.topic.clone() })?;
         match found.translation.x > 0.0 {
             true => Ok(found),
-            false => Err(format!(
-                "{} is {:.3} m left of {}: exchange --image and --right",
-                right.topic, -found.translation.x, left.topic
-            )),
+            false => Err(SetupError::Exchanged {
+                left: left.topic.clone(),
+                right: right.topic.clone(),
+                by_m: -found.translation.x,
+            }),
         }
     }
 
-    fn depth(&self, left: &Calibrated) -> Result<DepthSensor, String> {
+    fn depth(&self, left: &Calibrated) -> Result<DepthSensor, SetupError> {
         let depth = self.calibrated(Role::Depth)?;
         let place = match depth.frame == left.frame {
             true => Some(Se3::identity()),
             false => self.tree.between(&left.frame, &depth.frame),
         };
         let left_from_depth = place.ok_or_else(|| {
-            let frames = (&depth.frame, &left.frame);
-            format!(
-                "{}: where {} is, seen from {}, is not on /tf_static; give --rig FILE",
-                depth.topic, frames.0, frames.1
-            )
+            let (frame, from) = (depth.frame.clone(), left.frame.clone());
+            SetupError::NotPlaced { topic: depth.topic.clone(), frame, from }
         })?;
         let together =
             left_from_depth.translation.norm() < SAME_PLACE && left_from_depth.rotation.angle() < SAME_PLACE;
@@ -410,11 +464,11 @@ mod tests {
             setup.camera_info(role, info(baseline));
             setup.picture(role, frame);
         }
-        assert!(setup.found().unwrap_err().contains("exchange --image and --right"));
+        assert!(setup.found().unwrap_err().to_string().contains("exchange --image and --right"));
         setup.camera_info(Role::Image, info(0.0));
-        assert!(setup.found().unwrap_err().contains("/tf_static"));
+        assert!(setup.found().unwrap_err().to_string().contains("/tf_static"));
         setup.camera_info(Role::Image, CameraInfo::default());
-        assert!(setup.found().unwrap_err().contains("--rig"));
+        assert!(setup.found().unwrap_err().to_string().contains("--rig"));
         let mut nan = info(0.0);
         nan.k[0] = f64::NAN;
         setup.camera_info(Role::Image, nan);
@@ -432,7 +486,7 @@ mod tests {
         }
         assert!(setup.found().unwrap().rig.depth.unwrap().registered);
         setup.picture(Role::Depth, "depth");
-        assert!(setup.found().unwrap_err().contains("/tf_static"));
+        assert!(setup.found().unwrap_err().to_string().contains("/tf_static"));
         setup.static_transforms(&transform("colour", "depth", -0.015));
         let depth = setup.found().unwrap().rig.depth.unwrap();
         assert!(!depth.registered && (depth.body_from_depth.translation.x + 0.015).abs() < 1e-9);

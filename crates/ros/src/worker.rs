@@ -4,7 +4,7 @@ use crate::assemble::{Assembler, Clock};
 use crate::faults::Faults;
 use crate::messages::PoseStamped;
 use crate::network::{Incoming, Service};
-use crate::setup::{Found, Setup};
+use crate::setup::{Found, Setup, SetupError};
 use crate::time::Time;
 use cairn::sensor::SkipKind;
 use cairn::session::Inbox;
@@ -48,7 +48,7 @@ pub enum Told {
     /// The rig, and the clock of the packets.
     Found(Box<Found>, Clock),
     /// Why the calibration cannot be used.
-    Failed(String),
+    Failed(SetupError),
 }
 
 /// Takes messages: first for the setup, then as packets.

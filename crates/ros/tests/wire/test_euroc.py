@@ -98,36 +98,23 @@ def check_covariances(out, player):
     odom = [m for _, m in out["/odom"] if seconds(m.header) >= begun]
     times = np.array([seconds(m.header) for m in odom])
     there = np.stack([np.interp(times, truth[:, 0], truth[:, i]) for i in (1, 2, 3)], axis=1)
-    positions = np.array([[p.x, p.y, p.z] for p in (m.pose.pose.position for m in odom)])
     matrices = [np.array(m.pose.covariance).reshape(6, 6) for m in odom]
     twists = [np.array(m.twist.covariance).reshape(6, 6) for m in odom]
     assert all(np.allclose(c, c.T, rtol=1e-6) and np.linalg.eigvalsh(c).min() > 0 for c in matrices + twists)
     trace = np.array([np.trace(c[:3, :3]) for c in matrices])
-    # That of the position may shrink on the way back: it is a turn that was off, times the distance since.
-    assert (np.diff([np.trace(c[3:, 3:]) for c in matrices]) > 0).all() and trace[-1] > 3 * trace[9], "odometry drifts"
-    # How far it went in a second, against the truth; the motions in it are taken as independent.
-    variances = np.array([np.trace(c[:3, :3]) / 3 for c in twists[1:]]) * np.diff(times) ** 2
-    ratios = []
-    for i in range(len(times)):
-        j = int(np.searchsorted(times, times[i] + 1.0))
-        if j == len(times) or times[j] - times[i] > 1.2:
-            continue
-        went = np.linalg.norm(there[j] - there[i])
-        if went > 0.1:
-            ratios.append((np.linalg.norm(positions[j] - positions[i]) - went) / np.sqrt(variances[i:j].sum()))
-    ratios = np.array(ratios)
-    # The velocity against that of the truth.
+    turns = np.array([np.trace(c[3:, 3:]) for c in matrices])
+    assert turns[-1] > 3 * turns[9] and trace[-1] > 3 * trace[9], "odometry drifts"
+    # The velocity against that of the truth. What the odometry states over a second: tests/covariances.rs.
     speed = np.array([np.linalg.norm([v.x, v.y, v.z]) for v in (m.twist.twist.linear for m in odom)])
     true_speed = np.linalg.norm(np.diff(there, axis=0), axis=1) / np.diff(times)
     sigma = np.sqrt([np.trace(c[:3, :3]) / 3 for c in twists])
     fast = np.abs(speed[1:] - true_speed) / sigma[1:]
     of_map = np.array([np.sqrt(np.trace(np.array(m.pose.covariance).reshape(6, 6)[:3, :3]) / 3) for _, m in out["/pose"]][5:])
     print(
-        f"length over 1 s: error over stated sigma {np.sqrt((ratios**2).mean()):.2f} rms of {len(ratios)}; speed: "
-        f"{np.sqrt((fast**2).mean()):.2f} rms; sigma of the odometry at the end {np.sqrt(trace[-1] / 3):.3f} m, of the pose in "
+        f"speed: error over stated sigma {np.sqrt((fast**2).mean()):.2f} rms; sigma of the odometry at the end {np.sqrt(trace[-1] / 3):.3f} m, of the pose in "
         f"the map {1e3 * np.median(of_map):.1f} mm, of the velocity {1e3 * np.median(sigma):.0f} mm/s"
     )
-    assert 0.2 < np.sqrt((ratios**2).mean()) < 5.0 and 0.2 < np.sqrt((fast**2).mean()) < 5.0
+    assert 0.2 < np.sqrt((fast**2).mean()) < 3.0
     assert 0.005 < np.median(of_map) < 0.05
 
 

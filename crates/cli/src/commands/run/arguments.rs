@@ -147,8 +147,9 @@ pub struct Arguments {
     #[arg(help_heading = RESULTS, long, value_name = "OUT.mcap")]
     pub mcap: Option<PathBuf>,
     /// Writes the run as a recording of the rerun viewer: poses, images with features, points, key frames, loops, routes,
-    /// spoken words on one time line. Needs the program cairn-rerun.
-    #[arg(help_heading = RESULTS, long, value_name = "OUT.rrd")]
+    /// spoken words on one time line. Needs the program cairn-rerun. An address as rerun+http://127.0.0.1:9876/proxy shows it in
+    /// a viewer that runs there, while it happens.
+    #[arg(help_heading = RESULTS, long, value_name = "OUT.rrd|ADDRESS")]
     pub rerun: Option<PathBuf>,
     /// Watches the way of a guided walker with the depth sensor, and stops him for what is in it.
     #[arg(help_heading = RUNNING, long)]

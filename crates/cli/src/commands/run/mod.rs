@@ -34,6 +34,7 @@ use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Journal, Runner, SensorMode, Status};
 use cairn_files::MIB;
 use cairn_guide::{AnnouncerConfig, RouteConfig};
+use cairn_rerun::viewer;
 use cairn_sensor::{Rig, Skips, Source, Stamp};
 use cairn_session::{
     Age, Command, FileConfig, Inbox, Item, Script, Session, SessionConfig, Which, drive_live, drive_lockstep,
@@ -121,7 +122,8 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut engine = journal::engine(a, &outputs, engine, &source.info().name, replayed)?;
     let mut events = Events::begin(outputs.file("--events"), &mut engine)?;
     let mut mcap = mcap::Recording::begin(outputs.file("--mcap"))?;
-    let mut rerun = rerun::Scene::begin(outputs.file("--rerun"), &rig, &source.info().name)?;
+    let show_in = a.rerun.as_deref().filter(|to| viewer(to).is_some()).or(outputs.file("--rerun"));
+    let mut rerun = rerun::Scene::begin(show_in, &rig, &source.info().name)?;
     let mut dense = surface::begin(a, &mut engine, &rig, map_in.as_mut())?;
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
     let mut session = Session::new(engine, session_config(a, &outputs, live, settings));

@@ -10,6 +10,7 @@ use crate::outputs::Outputs;
 use cairn_engine::{Engine, PoseTime};
 use cairn_eval::to_tum;
 use cairn_geometry::{Se3, Trajectory};
+use cairn_rerun::viewer;
 use cairn_sensor::{Rig, Stamp};
 use std::fs::File;
 use std::path::Path;
@@ -38,7 +39,7 @@ pub fn checked(a: &Arguments) -> Result<Outputs, Failure> {
         .output("--report-html", a.report_html.as_deref())
         .output("--events", a.events.as_deref())
         .output("--mcap", a.mcap.as_deref())
-        .output("--rerun", a.rerun.as_deref())
+        .output("--rerun", a.rerun.as_deref().filter(|to| viewer(to).is_none()))
         .output("--mesh", a.mesh.as_deref())
         .output("--journal", a.journal.as_deref())
         .output("--say wav:", wav)

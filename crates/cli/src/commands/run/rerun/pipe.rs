@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::processes::beside_or_in_path;
 use cairn_geometry::{Se3, Sim3, Vec3};
-use cairn_rerun::{Message, Pose, Show, write};
+use cairn_rerun::{Message, Pose, Show, viewer, write};
 use std::io::{BufWriter, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -11,7 +11,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 /// Its name; it is looked for beside this program, then in PATH.
 const PROGRAM: &str = "cairn-rerun";
 
-/// The pipe while the run goes on. What fails is told by [`Pipe::end`]; nothing is written after the first failure.
+/// The pipe to the file or to the viewer while the run goes on. What fails is told by [`Pipe::end`]; nothing is written after the first failure.
 pub struct Pipe {
     path: PathBuf,
     child: Child,
@@ -84,7 +84,12 @@ impl Pipe {
             },
             (ended, failed) => failed.or(ended.err()).unwrap_or_default(),
         };
-        let hint = "check that the disk has room, and that cairn-rerun is of this release";
+        let hint = match viewer(&self.path) {
+            Some(_) => {
+                "start the viewer first (rerun), of the version of cairn-rerun or newer, and leave it open"
+            }
+            None => "check that the disk has room, and that cairn-rerun is of this release",
+        };
         Err(Failure::new(self.path.display().to_string(), why, hint))
     }
 }
