@@ -7,7 +7,8 @@ use cairn_engine::{Config, State};
 #[test]
 fn nobody_is_moved_by_a_turn_on_the_spot_and_the_first_steps_after_it() {
     for seed in [1, 2, 4] {
-        let steps = walk(&Walk { seed, metres: [20.0, 4.0], delays: None }, &Config::default()).unwrap();
+        let out_and_back = Walk { seed, metres: [20.0, 4.0], backwards_after_s: None, delays: None };
+        let steps = walk(&out_and_back, &Config::default()).unwrap();
         let carried = steps.iter().filter(|s| matches!(s.state, State::Coasting { .. })).count();
         assert!(2 * carried > steps.len(), "seed {seed}: the map does not show what he turns to");
         let most = steps.iter().filter_map(|s| s.off).map(|off| off.norm()).fold(0.0, f64::max);
@@ -16,4 +17,21 @@ fn nobody_is_moved_by_a_turn_on_the_spot_and_the_first_steps_after_it() {
         println!("seed {seed}: at most {most:.3} m off, {jump:.3} m at once");
         assert!(most < 0.8 && jump < 0.3, "seed {seed}: {most} m off, {jump} m at once");
     }
+}
+
+/// The way out ends with a turn towards a wall that the map does not show. While he stands nothing can be triangulated, and he is not
+/// lost for that: the motion sensors carry the pose, and his first steps back show landmarks.
+#[test]
+fn one_who_stands_where_the_map_shows_nothing_walks_home_backwards() {
+    let stands = Walk { seed: 1, metres: [20.0, 4.0], backwards_after_s: Some(18.0), delays: None };
+    let steps = walk(&stands, &Config::default()).unwrap();
+    let standing: Vec<_> = steps.iter().filter(|s| s.t_s < 0.0).collect();
+    let seen = standing.iter().filter(|s| s.inliers > 0).count();
+    assert!(20 * seen < standing.len(), "{seen} of {}: the map shows the wall", standing.len());
+    let lost = steps.iter().filter(|s| s.off.is_none()).count();
+    let most = steps.iter().filter_map(|s| s.off).map(|off| off.norm()).fold(0.0, f64::max);
+    let last = steps.last().map(|s| (s.state, s.inliers));
+    println!("{} frames without landmarks, {lost} without a pose, at most {most:.3} m off", standing.len());
+    assert!(lost == 0 && most < 0.25, "{lost} lost, {most} m off");
+    assert!(matches!(last, Some((State::Tracking, 100..))), "{last:?}");
 }

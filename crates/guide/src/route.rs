@@ -81,6 +81,9 @@ pub struct RouteHeader {
     /// The identity of the atlas in whose key frames it is anchored, where that atlas is kept.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub atlas: Option<String>,
+    /// True where it was recorded with a lens that was a guess: its lengths may be wrong by a third, and its turns by as much.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub lens_guessed: bool,
 }
 
 impl RouteHeader {
@@ -106,6 +109,7 @@ impl RouteHeader {
             name: None,
             recorded_s: None,
             atlas: None,
+            lens_guessed: false,
         }
     }
 

@@ -10,7 +10,7 @@ use crate::model::Lens;
 use crate::problem::LensProblem;
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec2, Vec3};
 use cairn_solve::{Bundle, Observation, Problem, Trial, huber};
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, SMatrix, SVector, Vector2};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, MatrixXx2, SMatrix, SVector, Vector2};
 
 /// Standard deviations of the guess: of the logarithm of the focal length, and of the distortion.
 pub(crate) const PRIOR: [f64; 2] = [0.2, 0.1];
@@ -18,6 +18,10 @@ pub(crate) const PRIOR: [f64; 2] = [0.2, 0.1];
 const FLOOR: f64 = 1e-8;
 /// A landmark nearer to the camera's plane than this is not fitted.
 const LEAST_DEPTH: f64 = 1e-3;
+
+/// Stretches of the walk whose pulls on the lens are compared. Key frames next to each other err alike: by what the model lacks (rows
+/// exposed one after the other, late stamps), and by the same look at the same landmarks.
+const STRETCHES: usize = 10;
 
 /// What is solved for.
 #[derive(Clone)]
@@ -52,6 +56,16 @@ struct Reduced {
     right: DVector<f64>,
     /// Inverse of each landmark's block.
     inverses: Vec<Mat3>,
+}
+
+/// What is known of the lens with everything else marginalised.
+pub(crate) struct LensLeft {
+    /// How far it would still move.
+    pub step: Vector2<f64>,
+    /// The inverse of the information on it, for residuals of variance one.
+    pub covariance: Matrix2<f64>,
+    /// Its covariance by how far the stretches of the walk pull it apart.
+    pub disagreement: Matrix2<f64>,
 }
 
 /// The problem with its current state. Unknowns: the free poses, the bias, the lens.
@@ -93,20 +107,61 @@ impl<'a> Joint<'a> {
         self.gradient.len() - 2
     }
 
-    /// At the current state, linearised: how far the lens would still move, and the inverse of the information on it with
-    /// everything else marginalised. `None` where the equations are singular.
-    pub fn lens_left(&mut self) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+    /// At the current state, linearised: how far the lens would still move, and what is known of it. `None` where the equations are
+    /// singular.
+    pub fn lens_left(&mut self) -> Option<LensLeft> {
         self.linearise()?;
-        let Reduced { factor, right, .. } = self.reduced(0.0)?;
+        let Reduced { factor, right, inverses } = self.reduced(0.0)?;
         let (at, n) = (self.of_lens(), self.gradient.len());
         let step = factor.solve(&right);
-        let mut covariance = Matrix2::zeros();
+        let mut by_all = MatrixXx2::zeros(n);
         for k in 0..2 {
-            let mut unit = DVector::zeros(n);
-            unit[at + k] = 1.0;
-            covariance.set_column(k, &factor.solve(&unit).fixed_rows::<2>(at));
+            by_all[(at + k, k)] = 1.0;
         }
-        Some((step.fixed_rows::<2>(at).into_owned(), covariance))
+        factor.solve_mut(&mut by_all);
+        Some(LensLeft {
+            step: step.fixed_rows::<2>(at).into_owned(),
+            covariance: by_all.fixed_rows::<2>(at).into_owned(),
+            disagreement: self.disagreement(&by_all, &inverses)?,
+        })
+    }
+
+    /// The covariance of the lens by how far the stretches of the walk pull it apart (White, "Maximum likelihood estimation of
+    /// misspecified models", 1982; the pulls are summed by stretch as in Liang & Zeger, 1986). `by_all` are the columns of the
+    /// inverse for the lens, without the landmarks.
+    fn disagreement(&self, by_all: &MatrixXx2<f64>, inverses: &[Mat3]) -> Option<Matrix2<f64>> {
+        let at = self.of_lens();
+        let of_lens = by_all.fixed_rows::<2>(at).into_owned();
+        let by_points: Vec<SMatrix<f64, 3, 2>> = (self.points.iter().zip(inverses))
+            .map(|(p, inverse)| {
+                let mut sum = p.by_lens.tr_mul(&of_lens);
+                for (a, w) in &p.by_pose {
+                    sum += w.tr_mul(&by_all.fixed_view::<6, 2>(*a, 0));
+                }
+                -inverse * sum
+            })
+            .collect();
+        let poses = self.state.poses.len();
+        let stretch = |pose: usize| pose * STRETCHES / poses.max(1);
+        let mut pulls = [Vector2::zeros(); STRETCHES];
+        let rotations: Vec<Mat3> = self.state.poses.iter().map(|p| p.rotation.inverse().matrix()).collect();
+        let views: Vec<Se3> = self.state.poses.iter().map(Se3::inverse).collect();
+        for o in &self.problem.bundle.observations {
+            let (i, j) = (o.pose as usize, o.point as usize);
+            let q = views[i] * self.state.points[j];
+            if q.z <= LEAST_DEPTH {
+                return None;
+            }
+            let seen = self.problem.linearised(&self.state.lens, o, &q, &rotations[i]);
+            let (_, slope) = huber(seen.residual.norm_squared() * o.weight, Bundle::bound(o));
+            let mut by_lens = seen.by_lens * of_lens + seen.by_point * by_points[j];
+            if let Some(a) = Self::of_pose(i) {
+                by_lens += seen.by_pose * by_all.fixed_view::<6, 2>(a, 0);
+            }
+            pulls[stretch(i)] += by_lens.tr_mul(&seen.residual) * (o.weight * slope);
+        }
+        let times = STRETCHES as f64 / (STRETCHES - 1) as f64;
+        Some(pulls.iter().map(|pull| pull * pull.transpose() * times).sum())
     }
 
     /// Half the robust sum of squares of the observations.

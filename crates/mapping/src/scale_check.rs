@@ -82,7 +82,9 @@ impl ScaleWatch {
     ) -> Option<ScaleCheck> {
         let snapshot = atlas.latest().clone();
         let last = snapshot.key_frame(*chain.last()?)?;
-        if last.motion.as_ref()?.velocity.norm() < STATIONARY_M_S {
+        // Where nothing is seen the poses are those of the readings, and cannot contradict them.
+        let is_unseen = last.landmarks.iter().all(Option::is_none);
+        if is_unseen || last.motion.as_ref()?.velocity.norm() < STATIONARY_M_S {
             return None;
         }
         let now = last.frame.stamp;
@@ -329,6 +331,22 @@ mod tests {
         assert!((scale - 1.0).abs() < 0.05, "{scale} of what was wrong");
         let after = place(&atlas, 30) - place(&atlas, 0);
         assert!((after - before).norm() < 1e-6, "{before} {after}");
+    }
+
+    /// While nothing is seen the readings carry the pose: what they say of the scale says nothing of the map before.
+    #[test]
+    fn check_says_nothing_while_the_newest_key_frame_sees_nothing() {
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let (camera, count) = (mono(), 40);
+        let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
+        for unseen in [None, Some(count - 1)] {
+            let (mut atlas, ids) =
+                ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.2 }.map_but_for(count, unseen);
+            let version = atlas.latest().version();
+            let told = ScaleWatch::default().check(&mut atlas, &of, &ids, &WindowConfig::default());
+            assert_eq!(told.map(|c| c.verdict), unseen.is_none().then_some(ScaleVerdict::Contradicted));
+            assert_eq!(atlas.latest().version(), version);
+        }
     }
 
     #[test]

@@ -230,6 +230,7 @@ walk-with-notes = { $count ->
     [one] mit einer Notiz
    *[other] mit { $count } Notizen
 }
+walk-route-lens-unknown = aufgenommen, bevor ich die Kamera kannte, Entfernungen können um ein Drittel falsch sein
 walk-route-loaded = { $route }. Geladen.
 walk-route-loaded-elsewhere = { $route }. Geladen, aber ich kann darauf nicht führen: { $why }.
 walk-why-other-map = sie wurde mit einer anderen Kamera oder auf einer anderen Karte aufgenommen

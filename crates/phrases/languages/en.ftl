@@ -216,6 +216,7 @@ walk-with-notes = { $count ->
     [one] with one note
    *[other] with { $count } notes
 }
+walk-route-lens-unknown = recorded before I knew the camera, so distances may be wrong by a third
 walk-route-loaded = { $route }. Loaded.
 walk-route-loaded-elsewhere = { $route }. Loaded, but I cannot guide along it: { $why }.
 walk-why-other-map = it was recorded with another camera or on another map

@@ -219,6 +219,7 @@ walk-with-notes = { $count ->
     [one] con una nota
    *[other] con { $count } notas
 }
+walk-route-lens-unknown = grabada antes de que yo conociera la cámara, las distancias pueden fallar en un tercio
 walk-route-loaded = { $route }. Cargada.
 walk-route-loaded-elsewhere = { $route }. Cargada, pero no puedo guiarle por ella: { $why }.
 walk-why-other-map = se grabó con otra cámara o en otro mapa

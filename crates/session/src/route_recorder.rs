@@ -34,7 +34,8 @@ impl RouteRecorder {
         source: &str,
         config: RecorderConfig,
     ) -> (Self, Option<String>) {
-        let about = About { metric: map.is_metric(camera), source, recorded_s: None, atlas: None };
+        let metric = map.is_metric(camera);
+        let about = About { metric, source, recorded_s: None, atlas: None, lens_guessed: false };
         let (recording, trouble) = Recording::begin(&OwnDisk, Some(path), map, None, about, config);
         (Self { recording, place: None }, trouble)
     }

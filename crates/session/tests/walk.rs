@@ -141,11 +141,20 @@ fn a_guessed_lens_is_told_until_it_is_found() {
     assert!(walk.when("I know the camera of this phone now", 0.0).is_some(), "{}", walk.transcript());
     let told = |words: &str| walk.said.iter().filter(|(_, said)| said.starts_with(words)).count();
     assert_eq!((told("I do not know"), told("I know")), (1, 1), "{}", walk.transcript());
+    // The route says so of itself from then on.
+    walk.ask("stop").unwrap();
+    let loaded = walk.ask("load").unwrap();
+    assert!(loaded.contains("recorded before I knew the camera"), "{loaded}");
+    assert!(walk.session.route().unwrap().header.lens_guessed);
 
     let mut walk = Walk::named("lens-known");
     walk.see(&out()[..5]);
     assert_eq!(walk.ask("record").unwrap(), "Recording.");
     assert!(walk.when("I do not know", 0.0).is_none());
+    walk.see(&out()[5..]);
+    walk.ask("stop").unwrap();
+    let loaded = walk.ask("load").unwrap();
+    assert!(!loaded.contains("before I knew") && loaded.contains("metres"), "{loaded}");
 }
 
 #[test]

@@ -1,6 +1,8 @@
 //! The lens of a phone whose calibration nobody gave: estimated while a session runs with a guess, and kept in the data
 //! folder for the next session of the same phone. There it is checked in the same way, and replaced where it does not fit.
 
+use cairn_atlas::{KeyFrameId, MapId, Snapshot};
+use cairn_geometry::Se3;
 use cairn_lens::{Lens, LensEstimate, LensProblem};
 use cairn_sensor::{Camera, Distortion};
 use cairn_session::Slam;
@@ -24,6 +26,9 @@ const LEAST_TURN_RAD: f64 = 1.0;
 /// Two estimates in a row, of more and more key frames, agree to this: focal length (relative) and distortion. What a model
 /// lacks (a rolling shutter, stamps behind the exposure) is not in their standard deviations.
 const AGREE: [f64; 2] = [0.015, 0.03];
+/// An estimate says something new once the camera has gone so far since the one before, as a share of the extent of the walk until
+/// then, or has turned by so many radians: the pictures of one who stands say the same again, with the same errors.
+const GONE_ON: (f64, f64) = (0.15, 0.4);
 /// A kept lens is contradicted beyond that, and beyond so many standard deviations of both.
 const CONTRADICTED: f64 = 3.0;
 
@@ -95,6 +100,8 @@ pub(crate) struct LensWatch {
     /// The lens that the images are read with, where it was kept.
     kept: Option<KeptLens>,
     tried: Option<Instant>,
+    /// The newest key frame that the last estimate looked at.
+    looked_at: Option<KeyFrameId>,
     job: Option<JoinHandle<Option<LensEstimate>>>,
     /// The last certain estimate.
     before: Option<Lens>,
@@ -105,7 +112,17 @@ impl LensWatch {
     /// For a phone whose images are read with a guess, or with the lens that was kept for it; what is found is kept in the
     /// folder.
     pub fn new(folder: PathBuf, phone: String, guess: Camera, kept: Option<KeptLens>) -> Self {
-        Self { folder, phone, guess, kept, tried: None, job: None, before: None, done: false }
+        Self {
+            folder,
+            phone,
+            guess,
+            kept,
+            tried: None,
+            looked_at: None,
+            job: None,
+            before: None,
+            done: false,
+        }
     }
 
     /// Whether the images are read with a lens that was kept.
@@ -173,12 +190,16 @@ impl LensWatch {
         self.before.replace(estimate.lens).is_some_and(agrees)
     }
 
-    fn begin(&self, engine: &dyn Slam) -> Option<JoinHandle<Option<LensEstimate>>> {
+    fn begin(&mut self, engine: &dyn Slam) -> Option<JoinHandle<Option<LensEstimate>>> {
         let snapshot = engine.snapshot();
-        let newest = snapshot.key_frames().max_by_key(|k| k.id)?.map;
+        let (last, newest) = snapshot.key_frames().max_by_key(|k| k.id).map(|k| (k.id, k.map))?;
         if snapshot.key_frames_of(newest).take(LEAST_KEY_FRAMES).count() < LEAST_KEY_FRAMES {
             return None;
         }
+        if self.looked_at.is_some_and(|looked_at| !has_gone_on(&snapshot, newest, looked_at)) {
+            return None;
+        }
+        self.looked_at = Some(last);
         let camera = *engine.camera();
         // A phone's motion comes in the axes of its images.
         let imu_from_camera = cairn_geometry::So3::identity();
@@ -188,6 +209,24 @@ impl LensWatch {
         };
         std::thread::Builder::new().name("cairn-lens".into()).spawn(work).ok()
     }
+}
+
+/// Whether the camera has gone on, or turned, since a key frame.
+fn has_gone_on(snapshot: &Snapshot, map: MapId, since: KeyFrameId) -> bool {
+    let poses = |is_later: bool| {
+        let chosen = snapshot.key_frames_of(map).filter(move |k| (k.id > since) == is_later);
+        chosen.map(|k| k.world_from_camera).collect::<Vec<_>>()
+    };
+    are_elsewhere(&poses(true), &poses(false))
+}
+
+/// Whether later poses are elsewhere than the last of those before, or turned from it.
+fn are_elsewhere(later: &[Se3], before: &[Se3]) -> bool {
+    let (Some(first), Some(last)) = (before.first(), before.last()) else { return true };
+    let distance = |a: &Se3, b: &Se3| (a.translation - b.translation).norm();
+    let extent = before.iter().map(|p| distance(p, first)).fold(0.0, f64::max);
+    let turned = |p: &Se3| (last.rotation.inverse() * p.rotation).angle();
+    later.iter().any(|p| distance(p, last) > GONE_ON.0 * extent || turned(p) > GONE_ON.1)
 }
 
 /// A lens that was just found.
@@ -236,6 +275,19 @@ mod tests {
         assert!(!watch.is_trusted(&of(1.18, 0.05)), "an uncertain one");
         assert!(!watch.is_trusted(&of(1.185, 0.003)) && watch.is_trusted(&of(1.18, 0.003)));
     }
+
+    #[test]
+    fn one_who_stands_says_nothing_new() {
+        use cairn_geometry::{So3, Vec3};
+        let at = |x: f64, heading: f64| Se3::new(So3::exp(&(Vec3::y() * heading)), Vec3::x() * x);
+        let before: Vec<Se3> = (0..=40).map(|i| at(0.1 * f64::from(i), 0.0)).collect();
+        let sways: Vec<Se3> = (0..20).map(|i| at(4.0 + 0.05 * f64::from(i).sin(), 0.1)).collect();
+        assert!(!are_elsewhere(&sways, &before) && !are_elsewhere(&[], &before));
+        assert!(are_elsewhere(&[at(4.7, 0.0)], &before), "he walks on");
+        assert!(are_elsewhere(&[at(4.0, 0.5)], &before), "he turns");
+        assert!(are_elsewhere(&sways, &[]), "another map");
+    }
+
     #[test]
     fn kept_lens_that_does_not_fit_is_replaced_and_one_that_fits_stays() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);

@@ -1,5 +1,6 @@
 //! A walk out, a long turn on the spot to what the map does not show, and the first steps back, with one camera and the motion
-//! sensors of a drawn phone: how far the live pose is from the truth, frame by frame.
+//! sensors of a drawn phone; or the same walk home backwards, after a long stand where the way out ended. How far the live pose is
+//! from the truth, frame by frame.
 
 use super::drawn::DrawnPhone;
 use super::phone::STATED;
@@ -26,6 +27,8 @@ pub struct Walk {
     pub seed: u64,
     /// Metres out, and back.
     pub metres: [f64; 2],
+    /// Whether he walks home backwards, and looks about for so many seconds where the way out ended; otherwise he turns round.
+    pub backwards_after_s: Option<f64>,
     /// Latencies of mapping; lockstep without.
     pub delays: Option<Delays>,
 }
@@ -45,7 +48,8 @@ pub struct Step {
 }
 
 /// The motion; with the seconds at which the turn begins and at which the walker sets out.
-fn motion(corners: &[Vec2], back_m: f64, seed: u64) -> (Motion, f64, f64) {
+fn motion(corners: &[Vec2], walk: &Walk) -> (Motion, f64, f64) {
+    let Walk { seed, metres: [_, back_m], .. } = *walk;
     let walker = Walker { turn_rate: 0.8, ..Walker::default() };
     let out = walker.motion(corners);
     let dt = 1.0 / BODY_HZ;
@@ -58,13 +62,17 @@ fn motion(corners: &[Vec2], back_m: f64, seed: u64) -> (Motion, f64, f64) {
     let (last, before) = (corners[corners.len() - 1], corners[corners.len() - 2]);
     let heading_to = |d: Vec2| d.y.atan2(d.x);
     let mut heading = heading_to(last - before);
-    let home = heading + PI * if random.unit() < 0.5 { 1.0 } else { -1.0 };
     // Turns by the words: each ends some way off, and is corrected after some seconds of listening.
     let mut targets = vec![(4.0, heading)];
-    for off in [1.2, -0.5, 0.3] {
-        targets.push((random.uniform(2.0, 4.0), home + off * random.uniform(0.3, 1.0)));
+    if let Some(stands_s) = walk.backwards_after_s {
+        targets.extend([-0.3, 0.25, 0.0].map(|off| (stands_s / 3.0, heading + off)));
+    } else {
+        let home = heading + PI * if random.unit() < 0.5 { 1.0 } else { -1.0 };
+        for off in [1.2, -0.5, 0.3] {
+            targets.push((random.uniform(2.0, 4.0), home + off * random.uniform(0.3, 1.0)));
+        }
+        targets.push((random.uniform(1.5, 3.0), home));
     }
-    targets.push((random.uniform(1.5, 3.0), home));
     let mut stride = Stride::new(walker);
     let mut place = last;
     let (mut rate, mut speed) = (0.0, 0.0);
@@ -87,6 +95,7 @@ fn motion(corners: &[Vec2], back_m: f64, seed: u64) -> (Motion, f64, f64) {
         }
     }
     let sets_out = body.end_s();
+    let ahead = if walk.backwards_after_s.is_some() { -1.0 } else { 1.0 };
     let mut walked = 0.0;
     let mut next = corners.len() - 1;
     while walked < back_m && next > 0 {
@@ -95,10 +104,10 @@ fn motion(corners: &[Vec2], back_m: f64, seed: u64) -> (Motion, f64, f64) {
             next -= 1;
             continue;
         }
-        let off = turn(heading_to(to), &mut heading);
+        let off = turn(heading_to(to * ahead), &mut heading);
         let wanted = if off.abs() < 0.4 { WALKING[0] } else { 0.0 };
         speed += f64::clamp(wanted - speed, -WALKING[1] * dt, WALKING[1] * dt);
-        place += Vec2::new(heading.cos(), heading.sin()) * speed * dt;
+        place += Vec2::new(heading.cos(), heading.sin()) * (ahead * speed * dt);
         walked += speed * dt;
         body.step(&stride.pose(place, heading, dt));
     }
@@ -119,7 +128,7 @@ pub fn walk(walk: &Walk, config: &Config) -> Result<Vec<Step>, String> {
     let mut config = config.clone();
     config.inertial.enabled = true;
     config.tracker.estimate_readout = true;
-    let (motion, begins, sets_out) = motion(&corners, walk.metres[1], walk.seed);
+    let (motion, begins, sets_out) = motion(&corners, walk);
     let mut source = DrawnPhone::new(&sim, plain.world(), motion, &traits)?;
     let mut rig = source.rig().clone();
     if let Some(imu) = &mut rig.imu {

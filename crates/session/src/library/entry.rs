@@ -19,6 +19,8 @@ pub struct RouteEntry {
     pub atlas: Option<String>,
     /// Metres as recorded; `None` where the scale is not known.
     pub length_m: Option<f64>,
+    /// It was recorded with a lens that was a guess: its length may be wrong by a third.
+    pub lens_guessed: bool,
     /// Number of points.
     pub points: usize,
     /// Number of notes.
@@ -40,6 +42,7 @@ impl RouteEntry {
             recorded_s: header.recorded_s.or_else(|| written_s(path)),
             atlas: header.atlas.clone(),
             length_m: header.metric.then_some(length),
+            lens_guessed: header.lens_guessed,
             points: route.points.len(),
             notes: route.notes.len(),
             damage: None,
@@ -57,6 +60,7 @@ impl RouteEntry {
                 recorded_s: written_s(path),
                 atlas: None,
                 length_m: None,
+                lens_guessed: false,
                 points: 0,
                 notes: 0,
                 damage: Some(e.to_string()),

@@ -15,11 +15,12 @@ pub(crate) enum WhyNot {
     Unreadable,
 }
 
-/// "Route 3, to the kitchen, 40 metres, yesterday".
+/// "Route 3, to the kitchen, 40 metres, yesterday"; and that its lengths are doubtful, where they are.
 pub(crate) fn route(entry: &RouteEntry, now: WallTime, phrases: &PhraseConfig) -> String {
     let mut parts = vec![short(entry, phrases.language)];
     parts.extend(entry.length_m.map(|metres| phrases.distance(metres)));
     parts.extend(entry.recorded_s.map(|s| when(now.days_since(s), phrases.language)));
+    parts.extend(entry.lens_guessed.then(|| phrases.language.text("walk-route-lens-unknown")));
     parts.join(", ")
 }
 

@@ -84,6 +84,7 @@ impl<S: Slam> Session<S> {
             source: &self.config.source,
             recorded_s: kept.map(|_| (self.wall)().unix_s),
             atlas: kept.map(|k| k.id().to_owned()),
+            lens_guessed: self.reads_with_guess(),
         };
         let (recording, trouble) =
             Recording::begin(&*self.disk, path.as_deref(), &map, place, about, self.config.route.recorder);
