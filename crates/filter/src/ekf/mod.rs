@@ -2,6 +2,7 @@
 //!
 //! Source: Smith, Self, Cheeseman, "Estimating uncertain spatial relationships in robotics" (1990); Dissanayake et al.
 //! (2001). Modules: `state` is what all work on; `active` predicts and updates, `associate` does the data association,
+//! `hypotheses` defers it,
 //! `initialise` adds landmarks that one measurement does not determine (`delayed` searches their positions), `upkeep`
 //! confirms and removes landmarks (`reach` is what the sensor sees), `recover` widens the pose when many sightings are
 //! rejected (`recent`), `exchange` keeps the far part of the map passive (`region`, `passive`, `deferred`, `tiles`).
@@ -12,6 +13,7 @@ mod config;
 mod deferred;
 mod delayed;
 mod exchange;
+mod hypotheses;
 mod initialise;
 mod landmark;
 mod passive;
@@ -25,6 +27,7 @@ mod upkeep;
 
 pub use crate::covariance::Form;
 pub use config::{Association, EkfConfig, Linearisation};
+pub use hypotheses::Hypotheses;
 pub use landmark::{FilterError, Landmark, LandmarkId, Verdict};
 
 use crate::log::{Sighting, Target};
