@@ -66,8 +66,7 @@ impl EkfSlam {
         for k in &usable {
             let mut candidates = self.candidates(robot, &sightings[*k]);
             let first = candidates.iter().min_by(|a, b| a.nis.total_cmp(&b.nis));
-            nearest
-                .push(first.map(|c| (c.nis, chi2::quantile(self.config.new_probability, c.h.rows))));
+            nearest.push(first.map(|c| (c.nis, chi2::quantile(self.config.new_probability, c.h.rows))));
             candidates.retain(|c| c.nis <= self.gates[c.h.rows]);
             within.push(candidates);
             unknown.push(reach.unknown(sightings[*k].measurement.kind()));

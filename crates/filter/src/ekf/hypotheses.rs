@@ -104,7 +104,8 @@ impl Hypotheses {
         let Some(least) = next.first().map(|n| n.1.1) else { return };
         next.retain(|(_, (_, cost))| *cost <= least + MARGIN);
         next.truncate(MOST);
-        let mut left: Vec<usize> = (0..seen.len()).map(|k| next.iter().filter(|n| n.0 == k).count()).collect();
+        let mut left: Vec<usize> =
+            (0..seen.len()).map(|k| next.iter().filter(|n| n.0 == k).count()).collect();
         let mut before: Vec<Option<Branch>> = self.branches.drain(..).map(Some).collect();
         for (k, (chosen, cost)) in next {
             left[k] -= 1;
