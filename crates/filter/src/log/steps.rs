@@ -82,8 +82,8 @@ impl Noise {
         }
     }
 
-    /// For the robots of MRCLAM where labels are not used: the noise that makes the innovations of the labelled runs likeliest, found by
-    /// `figures noise`; no error of a map or a position has part in it. Errors of successive ranges are correlated (0.95), so that with
+    /// For the robots of MRCLAM where labels are not used: the mean over robots 1 to 3 of the noise that makes the innovations of the labelled
+    /// run likeliest (`figures noise`); no error of a map or a position has part in it. Errors of successive ranges are correlated (0.95), so that with
     /// labels a larger noise maps better ([`Noise::mrclam`]); associations need what a single sighting scatters by.
     pub fn mrclam_unlabelled() -> Self {
         Self {

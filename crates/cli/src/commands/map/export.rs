@@ -7,7 +7,9 @@ use crate::outputs::Outputs;
 use cairn::{Map, routes_of};
 use cairn_atlas::store::MapFile;
 use cairn_atlas::{Landmark, LandmarkId, MapId};
-use cairn_dense::{MapId as DenseMapId, MeshConfig, Mesher, Occupancy, SubmapConfig, TsdfConfig};
+use cairn_dense::{
+    MapId as DenseMapId, MeshConfig, Mesher, Occupancy, OccupancyConfig, SubmapConfig, TsdfConfig,
+};
 use cairn_engine::{SavedDepthError, saved_dense_map};
 use cairn_eval::to_tum;
 use cairn_geometry::Vec3;
@@ -178,7 +180,10 @@ fn write_grid_of_depth(file: &MapFile, id: MapId, yaml: &Path, path: &Path) -> R
     };
     let ground = ground
         .ok_or_else(|| fail("its depth shows no level surface".into(), "record a part of the floor too"))?;
-    let voxel = |p: &Vec3| match dense.occupancy_at(of, p) {
+    let config = OccupancyConfig { voxel_m: tsdf.voxel_m, ..OccupancyConfig::default() };
+    let voxels =
+        dense.occupancy_of_all(of, config).map_err(|e| fail(e.to_string(), "see cairn map check"))?;
+    let voxel = |p: &Vec3| match voxels.at(p) {
         Occupancy::Occupied => Voxel::Occupied,
         Occupancy::Free => Voxel::Free,
         Occupancy::Unknown => Voxel::Unknown,
