@@ -102,7 +102,7 @@ impl Hypotheses {
         }
         next.sort_by(|a, b| a.1.1.total_cmp(&b.1.1).then(a.0.cmp(&b.0)));
         let Some(least) = next.first().map(|n| n.1.1) else { return };
-        next.retain(|(_, (_, cost))| *cost <= least + MARGIN);
+        next.retain(|(_, (_, cost))| cost.total_cmp(&(least + MARGIN)).is_le());
         next.truncate(MOST);
         let mut left: Vec<usize> =
             (0..seen.len()).map(|k| next.iter().filter(|n| n.0 == k).count()).collect();
