@@ -3,7 +3,7 @@
 
 use crate::batch::{BatchConfig, BatchReport, Smoothed, smooth};
 use crate::chi2;
-use crate::ekf::{Association, EkfConfig, EkfSlam, FilterError, Landmark, LandmarkId, Verdict};
+use crate::ekf::{Association, EkfConfig, FilterError, Hypotheses, Landmark, LandmarkId, Verdict};
 use crate::log::{Log, Noise, Step, Target};
 use crate::measure::MeasurementError;
 use cairn_geometry::{Se2, Vec2, Vec3, umeyama};
@@ -94,19 +94,17 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     let began = Instant::now();
     let labelled = config.association == Association::Known;
     let mut steps = recorded.steps(if labelled { &log.noise } else { &log.unlabelled_noise }, &[])?;
-    let mut filter = EkfSlam::new(*config);
+    let mut filter = Hypotheses::new(*config);
     // The start defines the frame of the map, so it is known, except for a small variance against rounding.
     let id = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12))?;
     // The state contains only one robot.
     steps.iter_mut().for_each(|s| s.sightings.retain(|s| !matches!(s.target, Target::Robot(_))));
-    let mut tally = Tally::default();
     let (mut poses, mut snapshots) = (Vec::with_capacity(steps.len()), Vec::new());
     let every = steps.len().div_ceil(SNAPSHOTS).max(1);
     let mut snapshot_ms = 0.0;
     for (k, step) in steps.iter().enumerate() {
         filter.predict(id, &step.motion)?;
-        let verdicts = filter.observe(id, &step.sightings)?;
-        tally.count(step, &verdicts);
+        filter.observe(id, &step.sightings)?;
         let (pose, covariance) = filter.pose(id).ok_or(RunError::NoRobot(robot))?;
         poses.push(pose);
         if k % every == 0 || k + 1 == steps.len() {
@@ -116,12 +114,15 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
                 step: k,
                 pose,
                 covariance,
-                landmarks: filter.landmarks(),
+                landmarks: filter.best().landmarks(),
             });
             snapshot_ms += began.elapsed().as_secs_f64() * 1e3;
         }
     }
     let filter_ms = began.elapsed().as_secs_f64() * 1e3 - snapshot_ms;
+    let mut tally = Tally::default();
+    steps.iter().zip(filter.verdicts()).for_each(|(step, verdicts)| tally.count(step, verdicts));
+    let filter = filter.best();
     tally.join(filter.joined());
     let (names, wrong) = tally.names();
     Ok(Run {

@@ -1,7 +1,7 @@
 //! Real logs: the filter still reaches its figures.
 
 use cairn_filter::batch::BatchConfig;
-use cairn_filter::ekf::{EkfConfig, Form};
+use cairn_filter::ekf::{Association, EkfConfig, Form};
 use cairn_filter::log::{Format, Log, load};
 use cairn_filter::run::{Run, align, position_rmse, run};
 use cairn_geometry::Se2;
@@ -50,6 +50,22 @@ fn mrclam_is_mapped_and_smoothed() {
         "landmarks {landmarks:.4} m, live positions {positions:.4} m, smoothed landmarks {smoothed:.4} m"
     );
     assert!(landmarks <= 0.065 && positions <= 0.15 && smoothed <= 0.05);
+}
+
+#[test]
+fn mrclam_is_mapped_without_labels() {
+    let Some(logs) = mrclam() else { return };
+    let config = EkfConfig { association: Association::Deferred, ..EkfConfig::default() };
+    let mut mean = 0.0;
+    for log in &logs {
+        let found = run(log, 0, &config).unwrap();
+        let (_, rmse, pairs) = align(&log.surveyed, &found.named()).unwrap();
+        let wrong = found.wrong_associations.unwrap();
+        println!("{}: {:.1} % wrong, {pairs} landmarks, {rmse:.3} m", found.robot, 100.0 * wrong);
+        assert!(wrong <= 0.02 && pairs >= 14, "{}: {wrong}, {pairs}", found.robot);
+        mean += rmse / 3.0;
+    }
+    assert!(mean <= 0.118, "{mean:.3} m");
 }
 
 #[test]

@@ -3,7 +3,9 @@
 
 use cairn_filter::angle::wrap;
 use cairn_filter::chi2;
-use cairn_filter::ekf::{Association, EkfConfig, EkfSlam, FilterError, Form, Linearisation, Verdict};
+use cairn_filter::ekf::{
+    Association, EkfConfig, EkfSlam, FilterError, Form, Hypotheses, Linearisation, Verdict,
+};
 use cairn_filter::log::{Sighting, Target};
 use cairn_filter::measure::{Kind, Measurement, expected};
 use cairn_filter::motion::Motion;
@@ -244,6 +246,58 @@ fn joint_compatibility_keeps_what_single_gates_confuse() {
         .collect();
     assert_eq!(found, [0, 1, 2, 3]);
     assert!((filter.pose(0).unwrap().0.x - 0.6).abs() < 0.05);
+}
+
+#[test]
+fn a_decision_that_is_not_certain_waits_for_what_is_seen_later() {
+    // The same row and slip, but the second post is seen alone at first: it is nearest to where the first one should be.
+    let posts = [1.0, 2.0, 3.0, 4.6].map(|x| Vector3::new(x, 2.0, 0.0));
+    let seen = |from: &Vector3<f64>, which: &[usize]| -> Vec<Sighting> {
+        let see = |k: &usize| {
+            let z = expected(Kind::RangeBearing, from, &posts[*k]);
+            let measurement = Measurement::range_bearing(z.x, z.y, 0.02, 0.01).unwrap();
+            Sighting { target: Target::Unlabelled, measurement }
+        };
+        which.iter().map(see).collect()
+    };
+    let drive = |association| {
+        let mut filter = Hypotheses::new(EkfConfig { association, ..EkfConfig::default() });
+        filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12)).unwrap();
+        for _ in 0..3 {
+            filter.observe(0, &seen(&Vector3::zeros(), &[0, 1, 2, 3])).unwrap();
+        }
+        let slip = Matrix3::from_diagonal(&Vector3::new(0.3, 1e-4, 1e-4));
+        filter.predict(0, &Motion { before_from_after: Se2::identity(), covariance: slip }).unwrap();
+        let at = Vector3::new(0.6, 0.0, 0.0);
+        filter.observe(0, &seen(&at, &[1])).unwrap();
+        let early = (filter.count(), filter.pose(0).unwrap().0.x);
+        filter.observe(0, &seen(&at, &[0, 1, 2, 3])).unwrap();
+        filter.observe(0, &seen(&at, &[0, 1, 2, 3])).unwrap();
+        (early, filter)
+    };
+    let (_, at_once) = drive(Association::Joint);
+    assert!((at_once.pose(0).unwrap().0.x + 0.4).abs() < 0.1, "nothing is hard here");
+    let ((followed, x), deferred) = drive(Association::Deferred);
+    assert!(followed > 1 && (x + 0.4).abs() < 0.1, "{followed} followed, the nearest first: {x}");
+    assert!((deferred.pose(0).unwrap().0.x - 0.6).abs() < 0.05, "{:?}", deferred.pose(0));
+    assert_eq!(deferred.count(), 1, "decided");
+    let labels: Vec<Vec<Option<u32>>> = deferred
+        .verdicts()
+        .map(|of| {
+            let label = |v: &Verdict| match v {
+                Verdict::Taken { landmark, .. } => landmark.map(|id| id.0),
+                Verdict::New { landmark } => Some(landmark.0),
+                _ => None,
+            };
+            of.iter().map(label).collect()
+        })
+        .collect();
+    let all = [0, 1, 2, 3].map(Some).to_vec();
+    assert_eq!(labels, [all.clone(), all.clone(), all.clone(), vec![Some(1)], all.clone(), all]);
+    let mut nobody =
+        Hypotheses::new(EkfConfig { association: Association::Deferred, ..EkfConfig::default() });
+    assert_eq!(nobody.observe(0, &[]), Err(FilterError::NoRobot(0)));
+    assert_eq!(nobody.predict(0, &Motion::identity()), Err(FilterError::NoRobot(0)));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod anchored;
+pub mod band;
 pub mod control;
 pub mod costmap;
 pub mod depth_scan;

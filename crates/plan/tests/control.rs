@@ -258,6 +258,49 @@ fn someone_who_steps_to_and_fro_uses_up_the_patience() {
     assert!(short_s < 10.0 && long_s > 20.0, "{short_s} and {long_s} s");
 }
 
+/// Someone stays in the way: the body waits for him, then backs up once in each round of recovery. After each round that is allowed it plans again; the
+/// round after the last one ends in giving up.
+#[test]
+fn recovery_has_as_many_rounds_as_are_allowed() {
+    let costs = costs(hall(12.0, 1.4, &[]));
+    for rounds in [1, 2] {
+        let mut layer = DynamicLayer::new(DynamicConfig::default());
+        let mut body = body(1.0, 0.7, 0.0, 6);
+        let config = NavigatorConfig { attempts: rounds, patience_s: 60.0, ..*navigator().config() };
+        let mut navigator = Navigator::new(config);
+        navigator.set_goal(Vec2::new(11.0, 0.7));
+        let person = Vec2::new(5.0, 0.7);
+        let (mut time_s, mut met_s, mut backed, mut backs) = (0.0, None, 0, false);
+        let mut first_s = None;
+        let last = loop {
+            people(&mut layer, time_s, &[person]);
+            let step = navigator.step(time_s, &body.odometry, body.motion, &costs, Some(&layer));
+            if step.state == State::Blocked {
+                met_s = met_s.or(Some(time_s));
+            }
+            if step.motion.linear < -0.01 && !backs {
+                backed += 1;
+                first_s = first_s.or(Some(time_s));
+            }
+            backs = step.motion.linear < -0.01;
+            let before = body.truth.translation.x;
+            body.go(step.motion, 0.05, |truth| {
+                assert!((truth.translation - person).norm() > 0.4, "touched: {}", truth.translation);
+            });
+            assert!(before - body.truth.translation.x < 0.05, "faster backwards than it may");
+            time_s += 0.05;
+            assert!(time_s < 120.0, "{step:?}");
+            if matches!(step.state, State::NoPath | State::Reached) {
+                break step;
+            }
+        };
+        assert_eq!(last.reason, Some(Reason::GivenUp(rounds)));
+        assert_eq!(backed, rounds + 1, "times backed up");
+        let waited_s = first_s.unwrap() - met_s.unwrap();
+        assert!(waited_s >= config.passing_s, "backed up after {waited_s} s");
+    }
+}
+
 /// The way through the other door takes longer than has been waited: the body still waits at its own. Once it has waited as
 /// long, it goes round.
 #[test]

@@ -85,7 +85,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 let picture = cairn_plan::picture::Picture::new(map, colour)
                     .points(&estimate, [240, 170, 60])
                     .points(&truth, [30, 90, 200]);
-                std::fs::write("/tmp/robot.png", picture.png()?)?;
+                std::fs::write(std::env::temp_dir().join("robot.png"), picture.png()?)?;
             }
         }
     }

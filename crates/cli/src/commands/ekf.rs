@@ -50,6 +50,8 @@ enum Associate {
     Nearest,
     /// All of an instant together (JCBB).
     Joint,
+    /// As joint, but what is not certain is decided by what is seen later.
+    Deferred,
 }
 
 #[derive(Serialize)]
@@ -113,6 +115,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
             Associate::Known => Association::Known,
             Associate::Nearest => Association::Nearest,
             Associate::Joint => Association::Joint,
+            Associate::Deferred => Association::Deferred,
         },
         gate_probability: a.gate.unwrap_or(log.gate_probability),
         local_radius_m: a.local,

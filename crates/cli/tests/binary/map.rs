@@ -340,6 +340,47 @@ fn depth_is_saved_meshed_continued_and_merged() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+#[test]
+fn the_ground_of_a_map_with_depth_is_a_grid() {
+    let folder = folder("map-ground");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (map, tum, yaml) = (path("a.map"), path("a.tum"), path("ground.yaml"));
+    let world = "sim:demo?duration=9&resolution=320x240&sensor=rgbd&rate=10";
+    let done = cairn(&["run", world, "--dense", "--map-out", &map]);
+    assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+    json(&cairn(&["map", "export", &map, "--grid", &yaml, "--trajectory", &tum, "--json"]));
+    let (grid, _) = cairn_plan::map_server::load(Path::new(&yaml)).unwrap();
+    let count = |value: i8| grid.values().iter().filter(|v| **v == value).count();
+    // A corridor of some metres: walls on both sides, ground between them.
+    assert!(count(100) > 150 && count(0) > 1000, "{} occupied, {} free", count(100), count(0));
+    // The map begins with y down and nearly level, so that its x and z are those of the ground. The camera sees the ground ahead of it.
+    let text = std::fs::read_to_string(&tum).unwrap();
+    let numbers = |line: &str| line.split_whitespace().map(|v| v.parse::<f64>().unwrap()).collect::<Vec<_>>();
+    let walked: Vec<i8> = text
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(numbers)
+        .filter(|v| v[3] > 2.5)
+        .map(|v| {
+            grid.frame()
+                .cell_at(cairn_geometry::Vec2::new(v[1], v[3]))
+                .and_then(|c| grid.get(c))
+                .unwrap_or(-1)
+        })
+        .collect();
+    assert!(
+        walked.len() >= 3 && walked.iter().all(|v| *v == 0),
+        "not free where the camera went: {walked:?}"
+    );
+
+    let without = save_map(&folder, "without.map", &["--frames", "5"]);
+    fails(
+        &["map", "export", &without, "--grid", &path("b.yaml")],
+        &["without.map: the map carries no depth", "--camera-height"],
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// Two walks along one corridor, whose key frames have the same names: all depth stands in one surface.
 #[test]
 fn depth_of_merged_maps_is_one_surface() {

@@ -394,6 +394,26 @@ impl DenseMap {
         Ok(out)
     }
 
+    /// The occupancy of a whole map in its own frame, from the stored depth with the current poses.
+    ///
+    /// # Errors
+    /// A config value out of range; poses out of range.
+    pub fn occupancy_of_all(
+        &mut self,
+        map: MapId,
+        config: OccupancyConfig,
+    ) -> Result<OccupancyGrid, DenseError> {
+        let mut out = OccupancyGrid::new(config)?;
+        for kept in &self.kept {
+            let Some(anchor) = self.anchors.get(&kept.anchored.anchor).filter(|a| a.map == map) else {
+                continue;
+            };
+            let frame = self.preparer.prepare_packed(&kept.depth)?;
+            out.integrate(frame, &(anchor.world_from_anchor * kept.anchored.pose))?;
+        }
+        Ok(out)
+    }
+
     /// Bytes of the volumes, and of the stored depth.
     pub fn bytes(&self) -> [usize; 2] {
         let volumes = self.submaps.iter().flatten().map(|s| s.tsdf.bytes() + s.occupancy.bytes()).sum();

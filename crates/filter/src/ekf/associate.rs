@@ -3,7 +3,7 @@
 //! Nearest neighbour: by the likelihood of the innovation, with each landmark used at most once (Bar-Shalom, Li,
 //! Kirubarajan 2001).
 //! Joint compatibility branch and bound: Neira and Tardos, "Data association in stochastic mapping using the joint
-//! compatibility test", IEEE TRA 17(6), 2001.
+//! compatibility test", IEEE TRA 17(6), 2001. The same search lists all likely pairings of an instant, for `hypotheses`.
 
 use super::active::Active;
 use super::config::Association;
@@ -13,6 +13,7 @@ use crate::chi2;
 use crate::covariance::Rows;
 use crate::log::{Sighting, Target};
 use nalgebra::{Matrix3, Vector3};
+use std::f64::consts::TAU;
 
 /// Greatest number of pairings tried in one search; then the best one so far is used.
 const MOST_PAIRINGS: usize = 20_000;
@@ -29,31 +30,73 @@ struct Candidate {
     cost: f64,
 }
 
+/// The sightings of an instant without labels, and what each might be.
+#[derive(Clone, Debug)]
+pub(super) struct Unlabelled {
+    /// Those that can be used, by their index in the list.
+    usable: Vec<usize>,
+    /// For each of these the landmarks within the gate, by number.
+    within: Vec<Vec<Candidate>>,
+    /// For each of these the normalised innovation squared of the nearest landmark, with its bound for a new landmark.
+    nearest: Vec<Option<(f64, f64)>>,
+    /// Minus twice the logarithm of the density of each where it is of no landmark that is known.
+    unknown: Vec<f64>,
+}
+
+/// Which landmark each sighting is of, as indices into [`Unlabelled`], with minus twice the logarithm of its likelihood.
+pub(super) type Pairing = (Vec<Option<usize>>, f64);
+
 impl EkfSlam {
     pub(super) fn observe_unlabelled(&mut self, robot: usize, sightings: &[Sighting]) -> Vec<Verdict> {
+        let seen = self.unlabelled(robot, sightings);
+        let chosen = match self.config.association {
+            Association::Nearest => nearest(&seen.within),
+            _ => Search::new(&self.active, &seen, self.config.gate_probability).run(),
+        };
+        self.pair(robot, sightings, &seen, &chosen)
+    }
+
+    /// What the sightings of an instant might be.
+    pub(super) fn unlabelled(&self, robot: usize, sightings: &[Sighting]) -> Unlabelled {
+        let is_landmark = |s: &Sighting| !matches!(s.target, Target::Robot(_)) && self.within_reach(s);
+        let usable: Vec<usize> = (0..sightings.len()).filter(|k| is_landmark(&sightings[*k])).collect();
+        let (mut within, mut nearest, mut unknown) = (Vec::new(), Vec::new(), Vec::new());
+        let mut reach = self.reach;
+        sightings.iter().for_each(|s| reach.learn(s));
+        for k in &usable {
+            let mut candidates = self.candidates(robot, &sightings[*k]);
+            let first = candidates.iter().min_by(|a, b| a.nis.total_cmp(&b.nis));
+            nearest.push(first.map(|c| (c.nis, chi2::quantile(self.config.new_probability, c.h.rows))));
+            candidates.retain(|c| c.nis <= self.gates[c.h.rows]);
+            within.push(candidates);
+            unknown.push(reach.unknown(sightings[*k].measurement.kind()));
+        }
+        Unlabelled { usable, within, nearest, unknown }
+    }
+
+    /// The likeliest pairings, at most `most` of them, the best one first.
+    pub(super) fn pairings(&self, seen: &Unlabelled, most: usize) -> Vec<Pairing> {
+        Search::new(&self.active, seen, self.config.gate_probability).likeliest(most)
+    }
+
+    /// Updates by sightings with their landmarks.
+    pub(super) fn pair(
+        &mut self,
+        robot: usize,
+        sightings: &[Sighting],
+        seen: &Unlabelled,
+        chosen: &[Option<usize>],
+    ) -> Vec<Verdict> {
         let mut verdicts = vec![Verdict::Unusable; sightings.len()];
-        let mut usable = Vec::new();
         for (k, sighting) in sightings.iter().enumerate() {
-            match sighting.target {
-                Target::Robot(other) => verdicts[k] = self.observe_robot(robot, other, sighting),
-                _ if self.within_reach(sighting) => usable.push(k),
-                _ => {}
+            if let Target::Robot(other) = sighting.target {
+                verdicts[k] = self.observe_robot(robot, other, sighting);
             }
         }
-        let candidates: Vec<Vec<Candidate>> =
-            usable.iter().map(|k| self.candidates(robot, &sightings[*k])).collect();
-        let within: Vec<Vec<Candidate>> = candidates
-            .iter()
-            .map(|of| of.iter().filter(|c| c.nis <= self.gates[c.h.rows]).cloned().collect())
-            .collect();
-        let chosen = match self.config.association {
-            Association::Joint => Search::new(&self.active, &within, self.config.gate_probability).run(),
-            _ => nearest(&within),
-        };
         let mut taken = Vec::new();
-        for (n, &k) in usable.iter().enumerate() {
+        for (n, &k) in seen.usable.iter().enumerate() {
             let sighting = &sightings[k];
-            if let Some(c) = chosen[n].map(|c| &within[n][c]) {
+            if let Some(c) = chosen[n].map(|c| &seen.within[n][c]) {
                 // The state has moved since: the measurement is linearised again, the pairing is kept.
                 let place = self.record(c.id).and_then(|r| r.place);
                 let linear = place
@@ -63,8 +106,8 @@ impl EkfSlam {
                     taken.push(c.id);
                     self.was_seen(robot, c.id);
                 }
-            } else if let Some(verdict) = self.none_of(&candidates[n]) {
-                verdicts[k] = verdict;
+            } else if let Some((nis, _)) = seen.nearest[n].filter(|(nis, wide)| nis <= wide) {
+                verdicts[k] = Verdict::Ambiguous { nis };
             } else {
                 verdicts[k] = self.found(robot, sighting, None);
                 if let Verdict::New { landmark } = verdicts[k] {
@@ -96,13 +139,6 @@ impl EkfSlam {
         }
         found
     }
-
-    /// Why an unmatched sighting does not start a new landmark; `None` if it does.
-    fn none_of(&self, candidates: &[Candidate]) -> Option<Verdict> {
-        let nearest = candidates.iter().min_by(|a, b| a.nis.total_cmp(&b.nis))?;
-        let wide = chi2::quantile(self.config.new_probability, nearest.h.rows);
-        (nearest.nis <= wide).then_some(Verdict::Ambiguous { nis: nearest.nis })
-    }
 }
 
 /// Assigns each sighting its most likely landmark, the likeliest pair first, each landmark once.
@@ -128,6 +164,7 @@ fn nearest(candidates: &[Vec<Candidate>]) -> Vec<Option<usize>> {
 struct Search<'a> {
     active: &'a Active,
     candidates: &'a [Vec<Candidate>],
+    unknown: &'a [f64],
     probability: f64,
     /// Of the current set: chosen candidates, rows of the Cholesky factor of its innovation covariance, whitened
     /// innovation.
@@ -139,14 +176,18 @@ struct Search<'a> {
     best_pairs: usize,
     best_nis: f64,
     tried: usize,
+    /// All sets found, where these are wanted.
+    all: Option<Vec<Pairing>>,
 }
 
 impl<'a> Search<'a> {
-    fn new(active: &'a Active, candidates: &'a [Vec<Candidate>], probability: f64) -> Self {
+    fn new(active: &'a Active, seen: &'a Unlabelled, probability: f64) -> Self {
+        let candidates = seen.within.as_slice();
         let best = vec![None; candidates.len()];
         Self {
             active,
             candidates,
+            unknown: &seen.unknown,
             probability,
             chosen: Vec::new(),
             factor: Vec::new(),
@@ -156,7 +197,26 @@ impl<'a> Search<'a> {
             best_pairs: 0,
             best_nis: f64::INFINITY,
             tried: 0,
+            all: None,
         }
+    }
+
+    /// The most likely sets, the best one first.
+    fn likeliest(mut self, most: usize) -> Vec<Pairing> {
+        self.all = Some(Vec::new());
+        self.descend(0, 0, 0.0);
+        let mut all = self.all.unwrap_or_default();
+        all.sort_by(|a, b| a.1.total_cmp(&b.1));
+        all.truncate(most);
+        all
+    }
+
+    /// Minus twice the log likelihood of the current set, which is complete.
+    fn cost(&self, nis: f64) -> f64 {
+        let determinant = |row: &Vec<f64>| 2.0 * row.last().copied().unwrap_or(1.0).ln();
+        let paired: f64 = self.factor.iter().map(|row| determinant(row) + TAU.ln()).sum();
+        let left_out = self.chosen.iter().zip(self.unknown).filter(|(c, _)| c.is_none());
+        nis + paired + left_out.map(|(_, unknown)| unknown).sum::<f64>()
     }
 
     fn run(mut self) -> Vec<Option<usize>> {
@@ -166,6 +226,11 @@ impl<'a> Search<'a> {
 
     fn descend(&mut self, n: usize, pairs: usize, nis: f64) {
         if n == self.candidates.len() {
+            let cost = self.all.is_some().then(|| self.cost(nis));
+            if let (Some(all), Some(cost)) = (&mut self.all, cost) {
+                all.push((self.chosen.clone(), cost));
+                return;
+            }
             if pairs > self.best_pairs || (pairs == self.best_pairs && nis < self.best_nis) {
                 (self.best, self.best_pairs, self.best_nis) = (self.chosen.clone(), pairs, nis);
             }
@@ -199,9 +264,9 @@ impl<'a> Search<'a> {
             self.factor.truncate(rows);
             self.white.truncate(rows);
         }
-        // Leaves this sighting out, if the remaining ones can still give an equally large set.
+        // Leaves this sighting out, if all sets are wanted or the remaining ones can still give an equally large set.
         let left = self.candidates.len() - n - 1;
-        if pairs + left >= self.best_pairs.max(1) || self.best_pairs == 0 {
+        if self.all.is_some() || pairs + left >= self.best_pairs.max(1) || self.best_pairs == 0 {
             self.chosen.push(None);
             self.descend(n + 1, pairs, nis);
             self.chosen.pop();

@@ -13,6 +13,9 @@ pub enum Association {
     Nearest,
     /// All sightings of an instant together: the largest jointly compatible set (JCBB, Neira and Tardos 2001).
     Joint,
+    /// As `Joint`, but where several answers are likely each is followed until later sightings decide
+    /// ([`super::Hypotheses`]).
+    Deferred,
 }
 
 /// Where Jacobians are evaluated.

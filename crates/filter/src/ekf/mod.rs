@@ -2,6 +2,7 @@
 //!
 //! Source: Smith, Self, Cheeseman, "Estimating uncertain spatial relationships in robotics" (1990); Dissanayake et al.
 //! (2001). Modules: `state` is what all work on; `active` predicts and updates, `associate` does the data association,
+//! `hypotheses` defers it,
 //! `initialise` adds landmarks that one measurement does not determine (`delayed` searches their positions), `upkeep`
 //! confirms and removes landmarks (`reach` is what the sensor sees), `recover` widens the pose when many sightings are
 //! rejected (`recent`), `exchange` keeps the far part of the map passive (`region`, `passive`, `deferred`, `tiles`).
@@ -12,6 +13,7 @@ mod config;
 mod deferred;
 mod delayed;
 mod exchange;
+mod hypotheses;
 mod initialise;
 mod landmark;
 mod passive;
@@ -25,9 +27,11 @@ mod upkeep;
 
 pub use crate::covariance::Form;
 pub use config::{Association, EkfConfig, Linearisation};
+pub use hypotheses::Hypotheses;
 pub use landmark::{FilterError, Landmark, LandmarkId, Verdict};
 
 use crate::log::{Sighting, Target};
+use crate::measure::Measurement;
 use crate::motion::Motion;
 use active::{Active, Linear};
 use cairn_geometry::Se2;
@@ -174,6 +178,17 @@ impl EkfSlam {
             true => taken,
             false => Verdict::Rejected { nis, gate },
         }
+    }
+
+    /// Of a sighting of a landmark that is active: the normalised innovation squared, and the logarithm of the determinant of the innovation
+    /// covariance. Their sum is minus twice the log likelihood of the sighting, up to a constant.
+    pub fn innovation(&self, robot: usize, label: u32, m: &Measurement) -> Option<[f64; 2]> {
+        let place = self.record(*self.by_label.get(&label)?)?.place?;
+        let linear = self.active.linear(self.robots.get(robot)?.place, place, m)?;
+        let rows = linear.h.rows;
+        let s =
+            Matrix3::from_fn(|i, j| if i < rows && j < rows { linear.s[(i, j)] } else { f64::from(i == j) });
+        Some([linear.nis()?, s.determinant().ln()])
     }
 
     /// The pose of a robot as (x m, y m, angle rad), and its covariance.

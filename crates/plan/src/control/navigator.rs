@@ -43,7 +43,7 @@ pub struct NavigatorConfig {
     pub patience_s: f64,
     /// Longest distance to back up, in metres.
     pub back_up_m: f64,
-    /// Rounds of recovery before the navigator gives up.
+    /// Rounds of recovery after which the navigator plans again; one more, and it gives up.
     pub attempts: u32,
     /// A pose that differs by more than this from the predicted one has jumped, in metres.
     pub jump_m: f64,

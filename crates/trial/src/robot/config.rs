@@ -121,3 +121,34 @@ fn sim(seed: u64) -> SimConfig {
         ..SimConfig::new(WorldKind::Apartment, seed)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{Se2, Vec2};
+    use cairn_plan::ground::GroundMap;
+
+    /// Someone stands 1.5 m before the robot in a round room of radius 3 m.
+    #[test]
+    fn a_person_is_furniture_after_five_seconds() {
+        let mut ground = GroundMap::<u32>::new(RobotConfig::new(1).ground);
+        let scan = |person: bool| -> Vec<(f64, f64)> {
+            let range = |bearing: f64| if person && bearing.abs() < 0.13 { 1.3 } else { 3.0 };
+            (-360..360).map(|k| 0.5f64.to_radians() * f64::from(k)).map(|b| (b, range(b))).collect()
+        };
+        let mut occupied_from_s = None;
+        for k in 0..90 {
+            let time_s = 0.1 * f64::from(k);
+            // He comes after a second.
+            let rays = scan(time_s >= 1.0);
+            ground.observe(time_s, 0, &Se2::identity(), Se2::identity(), &rays).unwrap();
+            let map = ground.map().unwrap();
+            let cell = |x: f64| map.frame().cell_at(Vec2::new(x, 0.0)).and_then(|c| map.get(c));
+            if [1.22, 1.27, 1.32, 1.37].into_iter().any(|x| cell(x) == Some(100)) {
+                occupied_from_s = occupied_from_s.or(Some(time_s - 1.0));
+            }
+        }
+        let after_s = occupied_from_s.expect("he stays, so he is furniture at some time");
+        assert!((4.5..6.0).contains(&after_s), "furniture after {after_s} s");
+    }
+}

@@ -20,6 +20,8 @@ const BEFORE_UNKNOWN_M: f64 = 0.7;
 const BEFORE_CLOSED_M: f64 = 1.2;
 /// Ground this near to a blockage that was looked at in vain belongs to it, metres.
 const SAME_M: f64 = 0.6;
+/// Ground this near to a goal was open when somebody chose the goal, even if the robot has only ever seen someone there, metres.
+const GOAL_M: f64 = 0.5;
 
 /// What blocks or hides the way to a goal.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +72,7 @@ impl OnceOpen {
             match cost {
                 BLOCKED if self.in_vain.iter().any(|b| (b - at).norm() < SAME_M) => BLOCKED,
                 BLOCKED if may_open(i) => UNKNOWN,
-                BLOCKED if was_open(at) => CLOSED,
+                BLOCKED if was_open(at) || (goal - at).norm() < GOAL_M => CLOSED,
                 BLOCKED => BLOCKED,
                 _ => OPEN,
             }
@@ -130,6 +132,23 @@ mod tests {
         assert_ne!(closed.costs().get(cell), Some(BLOCKED));
         let unseen = OnceOpen::default().blockage(&rooms(-1), from, goal).unwrap().before;
         assert!(unseen.x > before.x && unseen.x < 2.7, "unknown ground is looked at from nearer: {unseen}");
+    }
+
+    #[test]
+    fn a_goal_that_was_never_seen_open_is_looked_at_from_before_it() {
+        let mut map = rooms(0).map().clone();
+        // Somebody stood on the goal whenever the robot looked there.
+        for y in 46..50 {
+            (116..120).for_each(|x| assert!(map.set(Cell::new(x, y), 100)));
+        }
+        let costs = Costmap::new(map, CostConfig::default()).unwrap();
+        let (from, goal) = (costs.frame().cell_at(Vec2::new(0.6, 0.6)).unwrap(), Vec2::new(5.9, 2.4));
+        assert_eq!(costs.costs().get(costs.frame().cell_at(goal).unwrap()), Some(BLOCKED));
+        let mut once = OnceOpen::default();
+        once.learn(&costs);
+        let Blockage { at, before } = once.blockage(&costs, from, goal).unwrap();
+        assert!((at - goal).norm() < 0.5, "{at}");
+        assert!((0.9..1.8).contains(&(before - goal).norm()), "{before}");
     }
 
     #[test]

@@ -7,7 +7,13 @@ use crate::outputs::Outputs;
 use cairn::{Map, routes_of};
 use cairn_atlas::store::MapFile;
 use cairn_atlas::{Landmark, LandmarkId, MapId};
+use cairn_dense::{
+    MapId as DenseMapId, MeshConfig, Mesher, Occupancy, OccupancyConfig, SubmapConfig, TsdfConfig,
+};
+use cairn_engine::{SavedDepthError, saved_dense_map};
 use cairn_eval::to_tum;
+use cairn_geometry::Vec3;
+use cairn_plan::band::{BandConfig, Ground, Voxel};
 use cairn_plan::map_server::{Mode, save};
 use cairn_plan::sparse::{Seen, SparseConfig, grid_of};
 use serde::Serialize;
@@ -30,12 +36,13 @@ pub struct Arguments {
     /// Writes each recorded route to a file in this folder; existing files are not overwritten.
     #[arg(long, alias = "ways", value_name = "DIR")]
     routes: Option<PathBuf>,
-    /// Writes the ground as a ROS map_server map, a PGM beside it: where the camera went is free, landmarks at the height of a body are
-    /// obstacles, all else is unknown. The map must be level (recorded with an IMU).
-    #[arg(long, value_name = "OUT.yaml", requires = "camera_height")]
+    /// Writes the ground as a ROS map_server map, a PGM beside it. From depth, where the map carries it (cairn run --dense): what stands
+    /// 0.1 to 2 m above the ground is an obstacle, seen through is free. With --camera-height from landmarks: where the camera went is
+    /// free, landmarks at the height of a body are obstacles. All else is unknown.
+    #[arg(long, value_name = "OUT.yaml")]
     grid: Option<PathBuf>,
-    /// Height of the camera above the ground in metres, for --grid.
-    #[arg(long, value_name = "M", value_parser = height)]
+    /// Height of the camera above the ground in metres: --grid then uses landmarks. The map must be level (recorded with an IMU).
+    #[arg(long, value_name = "M", value_parser = height, requires = "grid")]
     camera_height: Option<f64>,
     /// Which map of the file, by the number of its root key frame; by default the one with the most key frames.
     #[arg(long, alias = "world", value_name = "ROOT")]
@@ -99,7 +106,8 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let trajectory = outputs.write("--trajectory", || Ok(to_tum(&map.trajectory(id)).into_bytes()));
     let grid = match (&a.grid, a.camera_height) {
         (Some(yaml), Some(height_m)) => write_grid(&map, id, height_m, yaml, &a.file),
-        _ => Ok(()),
+        (Some(yaml), None) => write_grid_of_depth(&file, id, yaml, &a.file),
+        (None, _) => Ok(()),
     };
     Failure::all([points, trajectory, grid].into_iter().filter_map(Result::err).chain(failed))?;
     let root = id.root().index();
@@ -144,6 +152,47 @@ fn write_grid(map: &Map, id: MapId, height_m: f64, yaml: &Path, file: &Path) -> 
         |why: String| Failure::new(yaml.display().to_string(), why, "check --camera-height and the folder");
     let grid = grid_of(&seen, &SparseConfig::new(height_m)).map_err(|e| failed(e.to_string()))?;
     save(yaml, &grid.to_map(), Mode::Trinary).map_err(|e| failed(e.to_string()))
+}
+
+/// Writes the ground of a map that carries depth. Where gravity is not known, up is what was up in the images, made exact by the surfaces that
+/// are nearly level.
+fn write_grid_of_depth(file: &MapFile, id: MapId, yaml: &Path, path: &Path) -> Result<(), Failure> {
+    let fail = |why: String, hint: &str| Failure::new(path.display().to_string(), why, hint);
+    let (mut dense, _) = saved_dense_map(file, SubmapConfig::default()).map_err(|e| match e {
+        SavedDepthError::NoDepth => {
+            let hint = "record with a depth sensor and cairn run --dense, or give --camera-height for a grid from landmarks";
+            fail("the map carries no depth".into(), hint)
+        }
+        SavedDepthError::Store(e) => super::failed(path, &e),
+        SavedDepthError::Dense(e) => fail(e.to_string(), "see cairn map check"),
+    })?;
+    let of = DenseMapId(id.root().index() as u64);
+    let tsdf = TsdfConfig { voxel_m: BandConfig::default().resolution_m, ..TsdfConfig::default() };
+    let volume = dense.fuse_all(of, tsdf).map_err(|e| fail(e.to_string(), "see cairn map check"))?;
+    let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(&volume);
+    let point = |p: &[f32; 3]| Vec3::new(p[0].into(), p[1].into(), p[2].into());
+    let surface: Vec<_> = mesh.positions.iter().map(point).zip(mesh.normals.iter().map(point)).collect();
+    let ground = if file.snapshot.is_gravity_aligned(id) {
+        Ground::below(&surface, &Vec3::z())
+    } else {
+        let cameras = file.snapshot.key_frames_of(id).map(|k| k.world_from_camera.rotation * -Vec3::y());
+        Ground::near(&surface, &cameras.sum())
+    };
+    let ground = ground
+        .ok_or_else(|| fail("its depth shows no level surface".into(), "record a part of the floor too"))?;
+    let config = OccupancyConfig { voxel_m: tsdf.voxel_m, ..OccupancyConfig::default() };
+    let voxels =
+        dense.occupancy_of_all(of, config).map_err(|e| fail(e.to_string(), "see cairn map check"))?;
+    let voxel = |p: &Vec3| match voxels.at(p) {
+        Occupancy::Occupied => Voxel::Occupied,
+        Occupancy::Free => Voxel::Free,
+        Occupancy::Unknown => Voxel::Unknown,
+    };
+    let grid = ground.grid(surface.iter().map(|s| s.0), voxel, &BandConfig::default());
+    let written = grid
+        .map_err(|e| e.to_string())
+        .and_then(|grid| save(yaml, &grid, Mode::Trinary).map_err(|e| e.to_string()));
+    written.map_err(|why| Failure::new(yaml.display().to_string(), why, "check the folder"))
 }
 
 fn chosen(map: &Map, root: Option<usize>) -> Option<MapId> {

@@ -1,0 +1,151 @@
+//! Multiple hypothesis tracking: where it is not certain which landmarks were seen, a filter for each likely answer, until later
+//! sightings decide.
+//!
+//! Sources: Reid, "An algorithm for tracking multiple targets", IEEE TAC 24(6), 1979; Cox and Leonard, "Modeling a dynamic environment
+//! using a Bayesian multiple hypothesis approach", Artificial Intelligence 66(2), 1994. The answers of an instant are its jointly
+//! compatible pairings; each costs minus twice the logarithm of its likelihood.
+
+use super::associate::{Pairing, Unlabelled};
+use super::config::{Association, EkfConfig};
+use super::landmark::{FilterError, Verdict};
+use super::state::EkfSlam;
+use crate::log::Sighting;
+use crate::motion::Motion;
+use cairn_geometry::Se2;
+use nalgebra::{Matrix3, Vector3};
+
+/// Greatest number of answers that are followed.
+const MOST: usize = 16;
+/// An answer is dropped when it is this many times less likely than the best one: twice the logarithm.
+const MARGIN: f64 = 2.0 * 9.2;
+/// After so many instants with sightings the best answer is taken.
+const INSTANTS: usize = 120;
+
+/// One answer.
+#[derive(Clone, Debug)]
+struct Branch {
+    filter: EkfSlam,
+    /// Minus twice the logarithm of its likelihood, less that of the best one.
+    cost: f64,
+    /// The results of the sightings since all branches were one.
+    verdicts: Vec<Vec<Verdict>>,
+}
+
+/// One filter, or several where it is not certain which landmarks were seen ([`Association::Deferred`]).
+#[derive(Clone, Debug)]
+pub struct Hypotheses {
+    /// The likeliest first.
+    branches: Vec<Branch>,
+    decided: Vec<Vec<Verdict>>,
+}
+
+impl Hypotheses {
+    /// With one empty filter.
+    pub fn new(config: EkfConfig) -> Self {
+        let filter = EkfSlam::new(config);
+        Self { branches: vec![Branch { filter, cost: 0.0, verdicts: Vec::new() }], decided: Vec::new() }
+    }
+
+    /// Adds a robot, as [`EkfSlam::add_robot`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn add_robot(
+        &mut self,
+        world_from_body: &Se2,
+        covariance: &Matrix3<f64>,
+    ) -> Result<usize, FilterError> {
+        let mut number = 0;
+        for branch in &mut self.branches {
+            number = branch.filter.add_robot(world_from_body, covariance)?;
+        }
+        Ok(number)
+    }
+
+    /// Propagates a robot by a motion.
+    ///
+    /// # Errors
+    /// As [`EkfSlam::predict`]; nothing is changed then.
+    pub fn predict(&mut self, robot: usize, motion: &Motion) -> Result<(), FilterError> {
+        self.branches.iter_mut().try_for_each(|b| b.filter.predict(robot, motion))
+    }
+
+    /// Processes what a robot sees at one instant.
+    ///
+    /// # Errors
+    /// As [`EkfSlam::observe`].
+    pub fn observe(&mut self, robot: usize, sightings: &[Sighting]) -> Result<(), FilterError> {
+        let deferred = self.best().config.association == Association::Deferred;
+        if !deferred || robot >= self.best().robots.len() {
+            for branch in &mut self.branches {
+                branch.verdicts.push(branch.filter.observe(robot, sightings)?);
+            }
+        } else {
+            self.branches.iter_mut().for_each(|b| b.filter.keep_near_active(sightings));
+            self.branch(robot, sightings);
+            for region in self.branches.iter_mut().filter_map(|b| b.filter.region.as_mut()) {
+                region.settle();
+            }
+        }
+        self.decide();
+        Ok(())
+    }
+
+    /// Follows each likely pairing of each branch.
+    fn branch(&mut self, robot: usize, sightings: &[Sighting]) {
+        let seen: Vec<Unlabelled> =
+            self.branches.iter().map(|b| b.filter.unlabelled(robot, sightings)).collect();
+        let mut next: Vec<(usize, Pairing)> = Vec::new();
+        for (k, (branch, seen)) in self.branches.iter().zip(&seen).enumerate() {
+            let pairings = branch.filter.pairings(seen, MOST).into_iter();
+            next.extend(pairings.map(|(chosen, cost)| (k, (chosen, branch.cost + cost))));
+        }
+        next.sort_by(|a, b| a.1.1.total_cmp(&b.1.1).then(a.0.cmp(&b.0)));
+        let Some(least) = next.first().map(|n| n.1.1) else { return };
+        next.retain(|(_, (_, cost))| cost.total_cmp(&(least + MARGIN)).is_le());
+        next.truncate(MOST);
+        let mut left: Vec<usize> =
+            (0..seen.len()).map(|k| next.iter().filter(|n| n.0 == k).count()).collect();
+        let mut before: Vec<Option<Branch>> = self.branches.drain(..).map(Some).collect();
+        for (k, (chosen, cost)) in next {
+            left[k] -= 1;
+            // The last one that follows from a branch needs no copy.
+            let from = if left[k] == 0 { before[k].take() } else { before[k].clone() };
+            let Some(mut branch) = from else { continue };
+            let verdicts = branch.filter.pair(robot, sightings, &seen[k], &chosen);
+            branch.verdicts.push(verdicts);
+            branch.cost = cost - least;
+            self.branches.push(branch);
+        }
+    }
+
+    /// Where one branch is left, its results are final.
+    fn decide(&mut self) {
+        if self.branches.first().is_some_and(|b| b.verdicts.len() > INSTANTS) {
+            self.branches.truncate(1);
+        }
+        if let [only] = self.branches.as_mut_slice() {
+            self.decided.append(&mut only.verdicts);
+        }
+    }
+
+    /// The filter of the likeliest answer.
+    pub fn best(&self) -> &EkfSlam {
+        &self.branches[0].filter
+    }
+
+    /// The pose of a robot by the likeliest answer, and its covariance.
+    pub fn pose(&self, robot: usize) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        self.best().pose(robot)
+    }
+
+    /// How many answers are followed.
+    pub fn count(&self) -> usize {
+        self.branches.len()
+    }
+
+    /// The results of the sightings, instant by instant, by the likeliest answer; those of an instant that is not decided may change.
+    pub fn verdicts(&self) -> impl Iterator<Item = &[Verdict]> {
+        self.decided.iter().chain(&self.branches[0].verdicts).map(Vec::as_slice)
+    }
+}
