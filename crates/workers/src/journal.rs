@@ -210,7 +210,7 @@ pub fn recover(folder: &Path) -> Result<Option<Recovered>, JournalError> {
             let octaves = file.snapshot.octaves();
             let Ok(commit) = decode_commit(record, &file.about.camera, octaves) else { break };
             if commit.version > file.snapshot.version() {
-                let Some(snapshot) = applied(&file.snapshot, commit) else { break };
+                let Some(snapshot) = applied(&file.snapshot, &commit) else { break };
                 file.snapshot = snapshot;
                 commits += 1;
             }
@@ -233,11 +233,12 @@ pub fn remove(folder: &Path) -> Result<(), JournalError> {
 }
 
 /// The map after a commit; `None` when it is not the next one.
-pub fn applied(snapshot: &Snapshot, commit: Published) -> Option<Snapshot> {
+pub fn applied(snapshot: &Snapshot, commit: &Published) -> Option<Snapshot> {
     if commit.version != snapshot.version() + 1 {
         return None;
     }
-    let (next, applied) = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: commit.changes });
+    let changes = commit.changes.clone();
+    let (next, applied) = snapshot.apply(&ChangeSet { base: snapshot.version(), changes });
     (applied.dropped == 0).then_some(next)
 }
 
@@ -284,7 +285,7 @@ fn check(path: &Path, bytes: &[u8]) -> Result<Option<usize>, JournalError> {
 }
 
 /// The record at a place of a log, and the place of the next; `None` where it is not whole.
-fn record(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
+pub(crate) fn record(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
     let (length, rest) = bytes.get(at..)?.split_first_chunk::<4>()?;
     let (crc, rest) = rest.split_first_chunk::<4>()?;
     let length = u32::from_le_bytes(*length) as usize;
@@ -292,7 +293,7 @@ fn record(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
     (crc32fast::hash(record) == u32::from_le_bytes(*crc)).then_some((record, at + 8 + length))
 }
 
-fn failed(path: &Path, doing: &'static str) -> impl Fn(io::Error) -> JournalError {
+pub(crate) fn failed(path: &Path, doing: &'static str) -> impl Fn(io::Error) -> JournalError {
     let path = path.to_owned();
     move |source| JournalError::Io { path: path.clone(), doing, source }
 }

@@ -47,6 +47,8 @@ pub enum Order {
         opened: Opened,
         /// The number of this process among all of the run: odometry of another one is in another frame.
         start: u64,
+        /// Whether the depth of key frames is wanted, by the process of surfaces.
+        depth: bool,
         /// For a session that is in another process: the engine's configuration. Every frame is then told with all that
         /// a session needs (`Seen`).
         session: Option<Box<Config>>,
@@ -87,13 +89,15 @@ pub enum Report {
     SourceEnded,
     /// SLAM or dense has begun, in a map of so many key frames.
     Ready {
-        /// Key frames of the map it goes on with.
+        /// Key frames of the map it goes on with; of dense, those whose depth it has.
         key_frames: usize,
         /// The version of that map.
         version: u64,
     },
     /// SLAM: a frame is done.
     Tracked(Box<Tracked>),
+    /// Dense: it has the depth of so many key frames.
+    Fused(usize),
     /// SLAM: the pose of an earlier frame is known by now.
     Amended {
         /// Its number.

@@ -244,8 +244,8 @@ impl FacingArgument {
 /// The arguments of a run as processes.
 #[derive(clap::Args)]
 pub struct Isolated {
-    /// Runs capture, SLAM and the guide as processes under a supervisor: one that dies or hangs is started again, the guide
-    /// says stop meanwhile, and the run goes on in the map of a moment ago. Needs /dev/shm.
+    /// Runs capture, SLAM, surfaces and the guide as processes under a supervisor: one that dies or hangs is started again, the
+    /// guide says stop meanwhile, and the run goes on in the map of a moment ago. Needs /dev/shm.
     #[arg(help_heading = RUNNING, long, conflicts_with_all = NOT_ISOLATED)]
     pub isolated: bool,
     /// Memory that each process may use, MB; one that needs more dies and is started again.
@@ -267,7 +267,7 @@ pub enum FrontEnd {
 }
 
 /// What only one process can do so far.
-const NOT_ISOLATED: [&str; 16] = [
+const NOT_ISOLATED: [&str; 14] = [
     "front_end",
     "frame",
     "script",
@@ -277,8 +277,6 @@ const NOT_ISOLATED: [&str; 16] = [
     "mcap",
     "rerun",
     "watch_way",
-    "mesh",
-    "dense",
     "journal",
     "replay",
     "report_html",
