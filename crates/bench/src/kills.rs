@@ -9,7 +9,7 @@ use cairn_random::Random;
 use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, open};
 use cairn_workers::capture::rest_of;
-use cairn_workers::message::{Failure, Outcome};
+use cairn_workers::message::{Failure, OfKeyFrames, Outcome};
 use cairn_workers::{
     Role, RunFolder, SHARED_MEMORY, Supervised, Supervision, Told, capture, dense, slam, supervise,
 };
@@ -126,7 +126,7 @@ fn once(
         late_limit: limit,
         guide: false,
         records: false,
-        dense: true,
+        surfaces: Some(OfKeyFrames::Depth),
     };
     let mut ids = BTreeMap::new();
     let run = supervise(&how, &folder, &AtomicBool::new(false), &mut |told| {

@@ -47,7 +47,8 @@ impl Surface {
         mapper.follow();
         let fail = |why: String| Failure::new("the surface", why, "look at the report of the run");
         let map = mapper.largest_map().ok_or_else(|| fail("there is no map".into()))?;
-        let volume = mapper.surface(map, TsdfConfig::default()).map_err(|e| fail(e.to_string()))?;
+        let tsdf = TsdfConfig { colour: true, ..TsdfConfig::default() };
+        let volume = mapper.surface(map, tsdf).map_err(|e| fail(e.to_string()))?;
         let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(&volume);
         if mesh.positions.is_empty() {
             return Err(fail("no key frame had usable depth".into()));

@@ -11,8 +11,8 @@ use crate::mode_of;
 use crate::slam::FINAL_MAP;
 use cairn_atlas::store::{DepthPart, MapFile, Place, SavedDepth};
 use cairn_atlas::{Change, Feed, KeyFrameId, Published, Snapshot};
-use cairn_dense::{PackedDepth, SubmapConfig};
-use cairn_engine::{DenseMapper, SensorMode};
+use cairn_dense::{PackedDepth, PackedGray, SubmapConfig};
+use cairn_engine::{DenseMapper, DenseSetupError, SensorMode, has_colours};
 use cairn_geometry::Se3;
 use cairn_sensor::{DepthSensor, Rig};
 use std::collections::{BTreeMap, VecDeque};
@@ -86,13 +86,17 @@ where
             let cure = "give a source with depth and --sensor rgbd";
             return Err(Failure::new("surfaces", "the run has no depth sensor", cure));
         }
+        if work.config.tsdf.colour && !has_colours(&rig) {
+            return Err(Failure::new("surfaces", DenseSetupError::NoColours, "leave out --colour"));
+        }
         Ok(Self { folder: folder.to_owned(), rig, work, following: None })
     }
 
     /// `Ok` when all is done or the supervisor is gone.
     fn work(mut self, from: &mut impl Read, to: &mut impl Write) -> Result<(), Failure> {
         self.follow(SLICE)?;
-        let mut reports = vec![Report::Ready { key_frames: self.images(), version: 0 }];
+        let key_frames = self.following.as_ref().map_or(0, |f| f.restored + f.mapper.counts().key_frames);
+        let mut reports = vec![Report::Ready { key_frames, version: 0 }];
         loop {
             for report in reports.drain(..) {
                 if write(to, &report).is_err() {
@@ -101,18 +105,15 @@ where
             }
             match read(from) {
                 Ok(Some(Order::Ping)) => {
-                    self.follow(SLICE)?;
-                    reports.extend([Report::Fused(self.images()), Report::Pong]);
+                    let has_all = self.follow(SLICE)?;
+                    reports.extend(has_all.then_some(Report::Followed));
+                    reports.push(Report::Pong);
                 }
                 Ok(Some(Order::End)) => reports.push(self.end()?),
                 Ok(Some(_)) => {}
                 Ok(None) | Err(_) => return Ok(()),
             }
         }
-    }
-
-    fn images(&self) -> usize {
-        self.following.as_ref().map_or(0, |f| f.restored + f.mapper.counts().key_frames)
     }
 
     /// Follows what was written since, for about as long as this; false where some is left.
@@ -197,9 +198,12 @@ impl Following {
                 self.ahead = later;
                 let depth = self.ahead.remove(&k.id).filter(|d| d.stamp == k.stamp);
                 let (camera, _) = self.mapper.map().camera();
-                let image = depth.map(|d| PackedDepth::from_bytes(camera.width, camera.height, d.packed));
-                if let Some(image) = image.and_then(|packed| packed.unpack().ok()) {
-                    self.mapper.offer(k.stamp, Arc::new(image));
+                let [width, height] = [camera.width, camera.height];
+                let Some(depth) = depth else { continue };
+                let gray = PackedGray::from_bytes(width, height, depth.gray.clone());
+                let gray = if depth.gray.is_empty() { None } else { gray.unpack().ok() };
+                if let Ok(image) = PackedDepth::from_bytes(width, height, depth.packed).unpack() {
+                    self.mapper.offer(k.stamp, Arc::new(image), gray.map(Arc::new));
                 }
             }
             self.feed.put(commit);
@@ -226,7 +230,7 @@ fn submaps(
         let at = map.resolve(d.id, &camera_from_depth);
         let (Some(in_map), Some(at)) = (in_map, at) else { continue };
         let place = Place { key_frame: map.key_frame_name(d.id), key_frame_from_it: camera_from_depth };
-        let image = SavedDepth { place, packed: d.packed };
+        let image = SavedDepth { place, packed: d.packed, gray: d.gray };
         let is_near = |(origin, of, _): &&mut (Se3, _, _)| {
             *of == in_map && (origin.translation - at.translation).norm() <= reach_m
         };

@@ -5,7 +5,8 @@
 //! one that is started again reads all of it.
 //!
 //! ```text
-//! depth.log      magic 8 | format u32, then for each: length u32 | crc32 u32 | key frame u32 | stamp i64 | compressed image
+//! depth.log      magic 8 | format u32, then for each: length u32 | crc32 u32 | key frame u32 | stamp i64 |
+//!                bytes u32 | compressed depth | compressed gray image, which may be empty
 //! ```
 //!
 //! The last record of a key frame counts. One without an image says that those before it are of no key frame: SLAM died before it
@@ -13,7 +14,7 @@
 
 use crate::journal::{JournalError, failed, record};
 use cairn_atlas::{KeyFrameId, Snapshot};
-use cairn_dense::PackedDepth;
+use cairn_dense::{PackedDepth, PackedGray};
 use cairn_sensor::Stamp;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -35,6 +36,8 @@ pub struct KeyFrameDepth {
     pub stamp: Stamp,
     /// The compressed image; empty where what was said of this key frame before is void.
     pub packed: Arc<[u8]>,
+    /// What the same pixels look like; empty where surfaces have no colours.
+    pub gray: Arc<[u8]>,
 }
 
 /// The writing end.
@@ -66,7 +69,7 @@ impl DepthWriter {
         let mut writer = Self { log: open().map_err(failed(&path, "continue"))?, path };
         let last: BTreeMap<KeyFrameId, bool> = found.iter().map(|d| (d.id, d.packed.is_empty())).collect();
         for (id, _) in last.into_iter().filter(|(id, void)| !void && map.surviving_ancestor(*id).is_none()) {
-            writer.write(id, Stamp::default(), &[])?;
+            writer.write(id, Stamp::default(), &[], &[])?;
         }
         Ok(writer)
     }
@@ -75,12 +78,19 @@ impl DepthWriter {
     ///
     /// # Errors
     /// [`JournalError`] when it cannot be written, as with a full disk.
-    pub fn append(&mut self, id: KeyFrameId, stamp: Stamp, depth: &PackedDepth) -> Result<(), JournalError> {
-        self.write(id, stamp, depth.as_bytes())
+    pub fn append(
+        &mut self,
+        id: KeyFrameId,
+        stamp: Stamp,
+        depth: &PackedDepth,
+        gray: Option<&PackedGray>,
+    ) -> Result<(), JournalError> {
+        self.write(id, stamp, depth.as_bytes(), gray.map_or(&[], |gray| gray.as_bytes()))
     }
 
-    fn write(&mut self, id: KeyFrameId, stamp: Stamp, packed: &[u8]) -> Result<(), JournalError> {
-        let body = [&(id.index() as u32).to_le_bytes()[..], &stamp.0.to_le_bytes(), packed].concat();
+    fn write(&mut self, id: KeyFrameId, stamp: Stamp, depth: &[u8], gray: &[u8]) -> Result<(), JournalError> {
+        let (id, length) = ((id.index() as u32).to_le_bytes(), (depth.len() as u32).to_le_bytes());
+        let body = [&id[..], &stamp.0.to_le_bytes(), &length, depth, gray].concat();
         let mut record = Vec::with_capacity(8 + body.len());
         record.extend((body.len() as u32).to_le_bytes());
         record.extend(crc32fast::hash(&body).to_le_bytes());
@@ -121,7 +131,8 @@ impl DepthTail {
             let Some(header) = bytes.first_chunk::<HEADER>() else { return Ok(Vec::new()) };
             let format = u32::from_le_bytes([header[8], header[9], header[10], header[11]]);
             if header[..8] != MAGIC || format != FORMAT {
-                return Err(JournalError::Version { path: self.path.clone(), found: format });
+                let path = self.path.clone();
+                return Err(JournalError::Version { path, found: format, expected: FORMAT });
             }
             at = HEADER;
         }
@@ -139,11 +150,14 @@ impl DepthTail {
 
 fn parse(body: &[u8]) -> Option<KeyFrameDepth> {
     let (id, rest) = body.split_first_chunk::<4>()?;
-    let (stamp, packed) = rest.split_first_chunk::<8>()?;
+    let (stamp, rest) = rest.split_first_chunk::<8>()?;
+    let (length, rest) = rest.split_first_chunk::<4>()?;
+    let (packed, gray) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
     Some(KeyFrameDepth {
         id: KeyFrameId::from_index(u32::from_le_bytes(*id) as usize)?,
         stamp: Stamp(i64::from_le_bytes(*stamp)),
         packed: packed.into(),
+        gray: gray.into(),
     })
 }
 

@@ -49,12 +49,14 @@ pub enum JournalError {
         source: io::Error,
     },
     /// A log of another release.
-    #[error("{}: changes of format {found}, this program has format {COMMIT_VERSION}", path.display())]
+    #[error("{}: it has format {found}, this program has format {expected}", path.display())]
     Version {
         /// The file.
         path: PathBuf,
         /// Its format.
         found: u32,
+        /// That of this program.
+        expected: u32,
     },
     /// The base cannot be saved or read.
     #[error(transparent)]
@@ -280,7 +282,7 @@ fn check(path: &Path, bytes: &[u8]) -> Result<Option<usize>, JournalError> {
     let Some(format) = bytes.get(8..HEADER).filter(|_| bytes[..8] == MAGIC) else { return Ok(None) };
     match u32::from_le_bytes(std::array::from_fn(|i| format[i])) {
         COMMIT_VERSION => Ok(Some(HEADER)),
-        found => Err(JournalError::Version { path: path.to_owned(), found }),
+        found => Err(JournalError::Version { path: path.to_owned(), found, expected: COMMIT_VERSION }),
     }
 }
 

@@ -178,7 +178,7 @@ impl RemoteSlam {
             folder: self.folder.clone(),
             opened: self.opened.clone(),
             start,
-            depth: false,
+            surfaces: None,
             session: Some(Box::new(self.config.clone())),
         });
         (self.tell)(Told::Started { role, id: process.id() });

@@ -6,15 +6,16 @@
 use crate::depth_log::DepthWriter;
 use crate::journal::{JournalWriter, recover};
 use crate::message::{
-    Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Place, Report, Tracked, read, write,
+    Anchored, Failure, Finished, Frame, OfKeyFrames, Opened, Order, Outcome, Place, Report, Tracked, read,
+    write,
 };
 use crate::ring::{Borrowed, Ring};
 use crate::seen::Seen;
 use crate::{mode_of, pixels};
 use cairn_atlas::{Change, Published, Subscription};
-use cairn_dense::PackedDepth;
+use cairn_dense::{PackedDepth, PackedGray};
 use cairn_engine::{Config, Engine, Joined, Runner, Verdict, record_input};
-use cairn_sensor::{DepthImage, FramePacket, ImuSample, Stamp};
+use cairn_sensor::{DepthImage, FramePacket, GrayImage, ImuSample, Stamp};
 use cairn_session::TrackedPlace;
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{Read, Write};
@@ -32,12 +33,15 @@ const MOST_UNPOSED: usize = 1000;
 
 /// Runs until the frames have ended or the supervisor is gone.
 pub fn run(mut from: impl Read, mut to: impl Write, config: &Config, runner: Runner) {
-    let Ok(Some(Order::Map { ring, folder, opened, start, depth, session })) = read(&mut from) else {
+    let Ok(Some(Order::Map { ring, folder, opened, start, surfaces, session })) = read(&mut from) else {
         return;
     };
     let (config, whole) = (session.as_deref().unwrap_or(config), session.is_some());
     let said = Slam::begin(&ring, &folder, &opened, start, config, runner)
-        .and_then(|slam| if depth { slam.with_depth() } else { Ok(slam) })
+        .and_then(|slam| match surfaces {
+            Some(what) => slam.with_depth(what),
+            None => Ok(slam),
+        })
         .map(|slam| Slam { whole, ..slam })
         .and_then(|slam| slam.work(&mut from, &mut to));
     if let Err(why) = said {
@@ -68,7 +72,8 @@ struct Slam<'a> {
 /// The depth of frames that may become key frames, and where that of key frames goes.
 struct DepthOf {
     to: DepthWriter,
-    offered: VecDeque<(Stamp, Arc<DepthImage>)>,
+    what: OfKeyFrames,
+    offered: VecDeque<(Stamp, Arc<DepthImage>, Option<Arc<GrayImage>>)>,
 }
 
 impl DepthOf {
@@ -77,16 +82,18 @@ impl DepthOf {
         if self.offered.len() >= MOST_OFFERED {
             self.offered.pop_front();
         }
-        self.offered.push_back((packet.stamp, depth.clone()));
+        let gray = packet.images.first().filter(|_| self.what == OfKeyFrames::DepthAndGray);
+        self.offered.push_back((packet.stamp, depth.clone(), gray.cloned()));
     }
 
     /// Writes the depth of the key frames that a commit adds; to be called before the commit is written.
     fn write(&mut self, commit: &Published) -> Result<(), crate::JournalError> {
         for change in &commit.changes {
             let Change::AddKeyFrame(k) = change else { continue };
-            let Some(i) = self.offered.iter().position(|(stamp, _)| *stamp == k.stamp) else { continue };
-            if let Some((stamp, depth)) = self.offered.drain(..=i).next_back() {
-                self.to.append(k.id, stamp, &PackedDepth::pack(&depth))?;
+            let Some(i) = self.offered.iter().position(|(stamp, ..)| *stamp == k.stamp) else { continue };
+            if let Some((stamp, depth, gray)) = self.offered.drain(..=i).next_back() {
+                let gray = gray.map(|gray| PackedGray::pack(&gray));
+                self.to.append(k.id, stamp, &PackedDepth::pack(&depth), gray.as_ref())?;
             }
         }
         Ok(())
@@ -147,10 +154,10 @@ impl<'a> Slam<'a> {
     }
 
     /// With the depth of its key frames in a file of the folder.
-    fn with_depth(self) -> Result<Self, Failure> {
+    fn with_depth(self, what: OfKeyFrames) -> Result<Self, Failure> {
         let to = DepthWriter::open(self.folder, &self.engine.snapshot());
         let to = to.map_err(|e| Failure::new("the depth of key frames", e, "free some shared memory"))?;
-        Ok(Self { depth: Some(DepthOf { to, offered: VecDeque::new() }), ..self })
+        Ok(Self { depth: Some(DepthOf { to, what, offered: VecDeque::new() }), ..self })
     }
 
     /// `Ok` when all is done or the supervisor is gone.

@@ -1,7 +1,7 @@
 //! How a run is supervised, what is told meanwhile, and what it gives.
 
 use crate::Role;
-use crate::message::{Anchored, Failure, Finished, LeftOut, Opened, Said, Tracked};
+use crate::message::{Anchored, Failure, Finished, LeftOut, OfKeyFrames, Opened, Said, Tracked};
 use cairn_atlas::store::MapFile;
 use cairn_engine::PoseTime;
 use cairn_geometry::Se3;
@@ -21,8 +21,8 @@ pub struct Supervision {
     pub guide: bool,
     /// Whether it records.
     pub records: bool,
-    /// Whether surfaces are made.
-    pub dense: bool,
+    /// What surfaces are made of, if any are wanted.
+    pub surfaces: Option<OfKeyFrames>,
 }
 
 /// What the supervisor tells while the run goes on.

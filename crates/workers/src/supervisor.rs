@@ -68,8 +68,7 @@ pub fn supervise(
         recorded: None,
         guide_waits: how.records,
         guide_given_up: false,
-        surfaces: if how.dense { Surfaces::Growing } else { Surfaces::Ended(Ok(())) },
-        most_fused: 0,
+        surfaces: if how.surfaces.is_some() { Surfaces::Growing } else { Surfaces::Ended(Ok(())) },
         dense_died: None,
         deaths: Vec::new(),
         died_at: (u64::MAX, 0),
@@ -131,8 +130,6 @@ struct Run<'a, 't> {
     guide_waits: bool,
     guide_given_up: bool,
     surfaces: Surfaces,
-    /// Key frames whose depth a process of surfaces had, at most.
-    most_fused: usize,
     /// When the process of surfaces died, until the next one has begun.
     dense_died: Option<Instant>,
     deaths: Vec<Death>,
@@ -217,7 +214,7 @@ impl Run<'_, '_> {
                     folder: self.folder.path().to_owned(),
                     opened,
                     start,
-                    depth: self.how.dense,
+                    surfaces: self.how.surfaces,
                     session: None,
                 }
             }
@@ -265,7 +262,7 @@ impl Run<'_, '_> {
                     (self.tell)(Told::Opened(&opened));
                     self.opened = Some(opened);
                     self.start(Role::Slam)?;
-                    if self.how.dense {
+                    if self.how.surfaces.is_some() {
                         self.start(Role::Dense)?;
                     }
                     if self.how.guide {
@@ -311,11 +308,7 @@ impl Run<'_, '_> {
                 self.guide.process = None;
             }
             Report::Said(said) => (self.tell)(Told::Said(&said)),
-            Report::Fused(images) => {
-                // One that dies at the same image again and again makes no progress.
-                self.dense.progress |= images > self.most_fused;
-                self.most_fused = self.most_fused.max(images);
-            }
+            Report::Followed => self.dense.progress = true,
             Report::Finished(_) if role == Role::Dense => {
                 self.surfaces = Surfaces::Ended(Ok(()));
                 self.dense.process = None;
@@ -387,6 +380,8 @@ impl Run<'_, '_> {
         }
         if self.finished.is_some() && self.dense.ready && !self.dense.ending {
             self.dense.ending = true;
+            // One that dies at its end again and again is in a crash loop, whatever it did before.
+            self.dense.progress = false;
             self.dense.order(Order::End);
         }
         let has_all = self.source_ended && self.pending.is_empty() && !self.guide_waits;

@@ -22,7 +22,7 @@ pub fn submaps(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
         let aside = Vec3::new((i / images) as f64 * 20.0, 0.0, 0.0);
         let pose = Se3::new(pose.rotation, pose.translation + aside);
         let start = now_ms();
-        map.insert(AnchorId(i as u64), MapId(0), pose, Se3::identity(), image)?;
+        map.insert(AnchorId(i as u64), MapId(0), pose, Se3::identity(), image, None)?;
         insert.push(now_ms() - start);
         poses.push((AnchorId(i as u64), pose));
     }

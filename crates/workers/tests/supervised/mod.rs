@@ -6,7 +6,7 @@ use cairn_random::Random;
 use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, open};
 use cairn_workers::capture::rest_of;
-use cairn_workers::message::{Failure, Outcome};
+use cairn_workers::message::{Failure, OfKeyFrames, Outcome};
 use cairn_workers::{
     Role, RunFolder, SuperviseError, Supervised, Supervision, Told, capture, dense, slam, supervise,
 };
@@ -83,10 +83,10 @@ fn worker(role: Role) {
         }),
         Role::Dense if std::env::var_os("DIES_AT_THE_END").is_some() => dense::run(from, to, || {
             let surface = |_: &mut DenseMapper, _| std::process::exit(3);
-            Ok(dense::Work { config: SubmapConfig::default(), saved: Vec::new(), surface: Some(surface) })
+            Ok(dense::Work { config: in_colour(), saved: Vec::new(), surface: Some(surface) })
         }),
         Role::Dense => dense::run(from, to, || {
-            Ok(dense::Work { config: SubmapConfig::default(), saved: Vec::new(), surface: Some(surface) })
+            Ok(dense::Work { config: in_colour(), saved: Vec::new(), surface: Some(surface) })
         }),
         Role::Slam => {
             let bound_mb = std::env::var("BOUND_MB").ok().and_then(|mb| mb.parse::<u64>().ok());
@@ -152,7 +152,7 @@ fn supervised(
         late_limit: hang_limit,
         guide: false,
         records: false,
-        dense,
+        surfaces: dense.then_some(OfKeyFrames::DepthAndGray),
     };
     let mut ids = BTreeMap::new();
     supervise(&how, folder, &AtomicBool::new(false), &mut |told| {
@@ -224,10 +224,15 @@ fn killed_processes_go_on() {
     }
 }
 
-/// The points of the largest map's surface.
+fn in_colour() -> SubmapConfig {
+    let tsdf = TsdfConfig { colour: true, ..TsdfConfig::default() };
+    SubmapConfig { tsdf, ..SubmapConfig::default() }
+}
+
+/// The largest map's surface.
 fn surface(mapper: &mut DenseMapper, _: bool) -> Result<Vec<u8>, Failure> {
     let map = mapper.largest_map().expect("a map");
-    let volume = mapper.surface(map, TsdfConfig::default()).expect("poses");
+    let volume = mapper.surface(map, in_colour().tsdf).expect("poses");
     let mut bytes = Vec::new();
     write_ply(&Mesher::new(MeshConfig::of_key_frames()).whole(&volume), &mut bytes).expect("memory");
     Ok(bytes)

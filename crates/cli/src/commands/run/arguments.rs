@@ -121,6 +121,10 @@ pub struct Arguments {
     /// has depth goes on with it; --mesh keeps it too. See cairn mesh.
     #[arg(help_heading = MAPS, long)]
     pub dense: bool,
+    /// Gives surfaces what the camera saw: for --mesh, and for what is kept with --dense (half as much again). Needs depth that is
+    /// registered to the camera.
+    #[arg(help_heading = MAPS, long)]
+    pub colour: bool,
     /// Seconds between saves of the map during the run.
     #[arg(help_heading = MAPS, long, default_value_t = 30.0, value_name = "S", requires = "map_out")]
     pub map_every: f64,

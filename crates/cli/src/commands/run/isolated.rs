@@ -52,7 +52,6 @@ mod unix {
     use crate::progress::Progress;
     use crate::surface::{Surface, form};
     use cairn_atlas::store::MapFile;
-    use cairn_dense::SubmapConfig;
     use cairn_engine::{DenseMapper, PoseTime, Runner};
     use cairn_eval::{Align, EvalOptions, Lost, Percentiles, RunReport, evaluate};
     use cairn_geometry::{Se3, Trajectory};
@@ -63,7 +62,7 @@ mod unix {
     use cairn_voice::Voice;
     use cairn_workers::capture::{Delivered, rest_of};
     use cairn_workers::guide::{RecordTo, Work};
-    use cairn_workers::message::{Said, Tracked};
+    use cairn_workers::message::{OfKeyFrames, Said, Tracked};
     use cairn_workers::{Death, Role, RunFolder, Supervised, Supervision, Told, dense};
     use serde::Serialize;
     use std::collections::BTreeMap;
@@ -178,7 +177,7 @@ mod unix {
                 surface.bytes(write, &path.display().to_string()).map_err(told)
             })
         });
-        Ok(dense::Work { config: SubmapConfig::default(), saved, surface })
+        Ok(dense::Work { config: super::super::surface::config(a), saved, surface })
     }
 
     /// The route of --record.
@@ -233,6 +232,10 @@ mod unix {
         let config = config_of(a)?;
         a.guide.as_deref().map(super::super::route::check).transpose()?;
         a.mesh.as_deref().map(form).transpose()?;
+        if a.colour && !makes_surfaces(a) {
+            let hint = "add --mesh or --dense";
+            return Err(Failure::usage("--colour", "colours are those of surfaces", hint));
+        }
         if a.guide.is_some() && a.map_in.is_none() {
             let hint = "load its map with --map-in";
             return Err(Failure::usage("--guide", "the route needs the map it was recorded in", hint));
@@ -261,7 +264,10 @@ mod unix {
             late_limit,
             guide: a.guide.is_some() || a.record.is_some(),
             records: a.record.is_some(),
-            dense: makes_surfaces(a),
+            surfaces: makes_surfaces(a).then_some(match a.colour {
+                true => OfKeyFrames::DepthAndGray,
+                false => OfKeyFrames::Depth,
+            }),
         };
         let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
         let mut monitor = Monitor::new(a, began, voice);
