@@ -26,7 +26,7 @@ pub mod walk;
 pub use backend::Backend;
 pub use block::BlockKey;
 pub use error::DenseError;
-pub use export::{PointCloud, write_glb, write_obj, write_pcd, write_ply, write_ply_points};
+pub use export::{PointCloud, write_glb, write_heights, write_obj, write_pcd, write_ply, write_ply_points};
 pub use frame::DepthFrame;
 pub use mesh::{Mesh, MeshConfig, Mesher, draw, overview};
 pub use noise::DepthNoise;

@@ -59,7 +59,16 @@ fn result_is_that_of_one_process() {
     };
     let before = images("isolated.map");
     assert!(before >= 3, "{before} images");
-    let always = ["run", WORLD, "--dense", "--map-in", &path("isolated.map"), "--map-out", &path("on.map")];
+    let always = [
+        "run",
+        WORLD,
+        "--dense",
+        "--colour",
+        "--map-in",
+        &path("isolated.map"),
+        "--map-out",
+        &path("on.map"),
+    ];
     let on = cairn(&[&always[..], &["--isolated"]].concat());
     assert_eq!(on.status.code(), Some(0), "{}", stderr(&on));
     assert!(images("on.map") > before + 3, "{} images after {before}", images("on.map"));

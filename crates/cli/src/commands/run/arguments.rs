@@ -157,7 +157,7 @@ pub struct Arguments {
     /// Watches the way of a guided walker with the depth sensor, and stops him for what is in it.
     #[arg(help_heading = RUNNING, long)]
     pub watch_way: bool,
-    /// Writes the surface of what the depth sensor saw, from the final poses: .ply, .glb or .obj.
+    /// Writes the surface of what the depth sensor saw, from the final poses: .ply, .glb or .obj, or .pgm for a heightmap.
     #[arg(help_heading = RESULTS, long, value_name = "OUT.ply")]
     pub mesh: Option<PathBuf>,
     #[command(flatten)]
