@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 
 /// Age in seconds up to which culling keeps the IMU factors between key frames short.
 const SHORT_FACTORS_S: f64 = 20.0;
+/// Key frames that share this many landmarks have one unit of length, whatever lies between them.
+const LINK: u32 = 50;
 /// Longest IMU factor in seconds, before gravity and scale are known, and after.
 const MAX_FACTOR_UNALIGNED_S: f64 = 0.5;
 const MAX_FACTOR_S: f64 = 1.0;
@@ -75,6 +77,7 @@ pub(crate) fn redundant(
     candidates
         .filter_map(|id| snapshot.key_frame(id))
         .filter(|k| k.parent.is_some() && !keeps_factors_short(snapshot, k, here))
+        .filter(|k| camera.has_depth() || !carries_scale(snapshot, k))
         .map(|k| (redundancy(snapshot, camera, k), k.id))
         .filter(|(r, _)| *r > share)
         .max_by(|a, b| a.0.total_cmp(&b.0))
@@ -93,6 +96,24 @@ fn keeps_factors_short(snapshot: &Snapshot, k: &KeyFrame, newest: &KeyFrame) -> 
     let after = later.into_iter().find(|f| f.since == k.id);
     let longest = if snapshot.is_gravity_aligned(k.map) { MAX_FACTOR_S } else { MAX_FACTOR_UNALIGNED_S };
     after.is_some_and(|after| before.sum.seconds() + after.sum.seconds() > longest)
+}
+
+/// Whether the map's unit of length is handed on over a key frame: what comes after it shares few landmarks with what
+/// came before it, and more with it. Three later key frames may see all of its landmarks, and it is redundant for them;
+/// but without it, only directions are left of the parallax in which the near ones were seen on both sides, and what
+/// comes after may grow or shrink freely.
+fn carries_scale(snapshot: &Snapshot, k: &KeyFrame) -> bool {
+    if snapshot.is_gravity_aligned(k.map) {
+        return false;
+    }
+    let Some(next) = snapshot.key_frames_from(k.id).find(|next| next.id != k.id && next.map == k.map) else {
+        return false;
+    };
+    let shared = |with: &dyn Fn(KeyFrameId) -> bool| {
+        next.covisible.iter().filter(|(id, _)| with(*id)).map(|(_, shared)| *shared).max().unwrap_or(0)
+    };
+    let without = shared(&|id| id < k.id);
+    without < LINK && shared(&|id| id == k.id) > without
 }
 
 /// Share of a key frame's landmarks that three others observe as well.

@@ -279,6 +279,48 @@ fn redundant_key_frame_is_one_whose_landmarks_three_others_see() {
     assert!(redundant(atlas.latest(), &world.camera, ids[5], 0.9).is_none());
 }
 
+/// A map whose landmarks are seen on either side of one key frame, and in it: a few throughout, most on one side. Each of
+/// the others has some that it alone sees.
+fn linked_by(world: &World, link: usize, count: usize) -> (Atlas, Vec<KeyFrameId>) {
+    let (seen, ids) = world.exact_map(&sideways(count, 0.02));
+    let seen = seen.latest();
+    let mut changes = Vec::new();
+    for k in seen.key_frames() {
+        let k = KeyFrame::new(k.id, k.frame.shared(), k.world_from_camera, k.parent);
+        changes.push(Change::AddKeyFrame(Box::new(k)));
+    }
+    for (n, l) in seen.landmarks().enumerate() {
+        let (first, last) = match n % 10 {
+            0 => (0, count),
+            1..=3 => (0, link + 1),
+            4..=6 => (link, count),
+            _ if n / 10 % count == link => (0, 0),
+            _ => (n / 10 % count, n / 10 % count + 1),
+        };
+        changes.push(Change::AddLandmark(l.id, l.position));
+        let kept = l.observations.iter().filter(|o| ids[first..last].contains(&o.key_frame));
+        changes.extend(kept.map(|o| Change::Observe(l.id, o.key_frame, o.feature)));
+    }
+    let mut atlas = Atlas::new(Snapshot::with_octaves(seen.octaves()));
+    assert_eq!(atlas.commit(changes).dropped, 0);
+    (atlas, ids)
+}
+
+#[test]
+fn redundant_key_frame_stays_where_one_camera_hands_on_its_scale_over_it() {
+    let link = 4;
+    let culled = |camera: RectifiedCamera| {
+        let world = World::around(camera, 69);
+        let (atlas, ids) = linked_by(&world, link, 9);
+        let found = redundant(atlas.latest(), &world.camera, ids[8], 0.95);
+        let Some(Change::RemoveKeyFrame(id)) = found else { return None };
+        ids.iter().position(|other| *other == id)
+    };
+    assert_eq!(culled(mono()), None);
+    // With depth each key frame has metres of its own.
+    assert_eq!(culled(stereo()), Some(link));
+}
+
 /// Two key frames with parallax, then two at the same place that look far aside; only the first two have landmarks.
 fn turned(world: &World) -> (Atlas, Vec<KeyFrameId>, Vec<Se3>) {
     let path = vec![pose(0.0, 0.0, 0.0), pose(0.3, 0.0, 0.0), pose(0.3, 0.0, 1.1), pose(0.3, 0.0, 1.15)];

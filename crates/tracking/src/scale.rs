@@ -15,50 +15,47 @@ const FEW: usize = 12;
 const FEW_SHARE: f64 = 0.25;
 /// for this many consecutive frames.
 const FEW_FRAMES: usize = 3;
-/// This many support it again.
+/// From this many on it is supported, and again.
 const ENOUGH: usize = 25;
 
 /// Tracks whether scale is supported. Only for maps whose unit of length is given neither by depth nor by an IMU.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ScaleSupport {
-    /// Number of consecutive frames with too few landmarks with parallax, and the id of the next key frame when they
-    /// began.
-    few: Option<(usize, KeyFrameId)>,
+    /// The id of the next key frame when fewer than enough landmarks had parallax, until enough have it again.
+    thin_since: Option<KeyFrameId>,
+    /// Number of consecutive frames with too few.
+    few: usize,
 }
 
 impl ScaleSupport {
-    /// Takes the landmarks that agree with the pose of a frame. Once too few of them have parallax, only earlier key
-    /// frames count, since the positions of later ones depend on assumed depths.
+    /// Takes the landmarks that agree with the pose of a frame. Once they are not enough, only parallax between earlier
+    /// key frames counts, since the positions of later ones depend on assumed depths, or on the few there were.
     pub fn update(&mut self, snapshot: &Snapshot, landmarks: &[Option<LandmarkId>]) {
         let next = snapshot.next_key_frame_id();
-        let before = self.few.map_or(next, |(_, before)| before);
+        let before = self.thin_since.unwrap_or(next);
         let tracked = landmarks.iter().flatten().filter_map(|id| snapshot.landmark(*id));
         let (mut all, mut supporting) = (0, 0);
         for landmark in tracked {
             all += 1;
             supporting += usize::from(has_parallax(snapshot, landmark, Some(before)));
             if supporting >= ENOUGH {
-                // Scale is supported, whatever the others say.
-                break;
+                *self = Self::default();
+                return;
             }
         }
+        self.thin_since = Some(before);
         let few = supporting < FEW && (supporting as f64) < FEW_SHARE * all as f64;
-        self.few = match self.few {
-            Some((frames, before)) if self.is_lost() && supporting < ENOUGH => Some((frames + 1, before)),
-            Some((frames, before)) if few => Some((frames + 1, before)),
-            None if few => Some((1, next)),
-            _ => None,
-        };
+        self.few = if few || self.is_lost() { self.few + 1 } else { 0 };
     }
 
     /// Once scale is no longer supported: the first key frame that rests on assumed depths.
     pub fn assumed_since(&self) -> Option<KeyFrameId> {
-        self.few.filter(|_| self.is_lost()).map(|(_, before)| before)
+        self.thin_since.filter(|_| self.is_lost())
     }
 
     /// Whether scale is no longer supported.
     pub fn is_lost(&self) -> bool {
-        self.few.is_some_and(|(frames, _)| frames >= FEW_FRAMES)
+        self.few >= FEW_FRAMES
     }
 }
 
@@ -162,7 +159,13 @@ mod tests {
 
     /// Key frames at these positions, all of which observe 30 points 4 m ahead.
     fn seen_from(places: &[f64]) -> (Snapshot, Vec<Option<LandmarkId>>) {
-        let count = 30;
+        points_seen_from(places, &[(30, 0)])
+    }
+
+    /// Key frames at these positions, and so many points 4 m ahead that they observe from the one with this number on.
+    fn points_seen_from(places: &[f64], points: &[(usize, usize)]) -> (Snapshot, Vec<Option<LandmarkId>>) {
+        let count = points.iter().map(|(count, _)| count).sum();
+        let first: Vec<usize> = points.iter().flat_map(|(count, first)| vec![*first; *count]).collect();
         let mut changes = Vec::new();
         let id = |n: usize| KeyFrameId::from_index(n).unwrap();
         let landmark = |n: usize| LandmarkId::from_index(n).unwrap();
@@ -185,7 +188,7 @@ mod tests {
         }
         for l in 0..count {
             changes.push(Change::AddLandmark(landmark(l), Vec3::new(0.1 * l as f64, 0.0, 4.0)));
-            changes.extend((0..places.len()).map(|n| Change::Observe(landmark(l), id(n), l as u16)));
+            changes.extend((first[l]..places.len()).map(|n| Change::Observe(landmark(l), id(n), l as u16)));
         }
         let snapshot = Snapshot::new().apply(&ChangeSet { base: 0, changes }).0;
         (snapshot, (0..count).map(|l| Some(landmark(l))).collect())
@@ -217,6 +220,26 @@ mod tests {
         // Landmarks with parallax from before come into view again.
         let (back, landmarks) = seen_from(&[0.0, 0.5]);
         support.update(&back, &landmarks);
+        assert!(!support.is_lost());
+    }
+
+    #[test]
+    fn few_landmarks_hand_on_no_scale_to_those_that_come_after_them() {
+        let mut support = ScaleSupport::default();
+        // A turn past a bare wall: 14 points are left, with parallax from before.
+        let (thin, landmarks) = points_seen_from(&[0.0, 0.3], &[(14, 0)]);
+        (0..3).for_each(|_| support.update(&thin, &landmarks));
+        assert!(!support.is_lost(), "14 of 14 support it");
+        // Behind it a room with many points, with parallax between the key frames that the 14 have placed.
+        let (rich, landmarks) = points_seen_from(&[0.0, 0.3, 0.6, 0.9], &[(8, 0), (100, 2)]);
+        (0..3).for_each(|_| support.update(&rich, &landmarks));
+        assert!(support.is_lost());
+        // The same points where enough were in view all the time.
+        let mut support = ScaleSupport::default();
+        let (enough, landmarks) = points_seen_from(&[0.0, 0.3], &[(30, 0)]);
+        (0..3).for_each(|_| support.update(&enough, &landmarks));
+        let (rich, landmarks) = points_seen_from(&[0.0, 0.3, 0.6, 0.9], &[(8, 0), (100, 2)]);
+        (0..3).for_each(|_| support.update(&rich, &landmarks));
         assert!(!support.is_lost());
     }
 
