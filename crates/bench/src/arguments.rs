@@ -220,6 +220,26 @@ pub enum Command {
         #[arg(long, conflicts_with = "only")]
         write: bool,
     },
+    /// An isolated run with depth whose processes are killed at random moments: times until they work again, what is lost.
+    #[cfg(unix)]
+    Kills {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// How often each process is killed.
+        #[arg(long, default_value_t = 50)]
+        times: usize,
+        /// Writes the figures into docs/processes.md of this checkout.
+        #[arg(long)]
+        write: bool,
+    },
+    /// What a process of Kills does.
+    #[cfg(unix)]
+    #[command(hide = true)]
+    Worker {
+        /// Its name.
+        role: String,
+    },
     /// Place recognition: photographs with a loop matrix, worlds and recordings with ground truth, costs.
     Places {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.

@@ -9,6 +9,8 @@ pub mod figures;
 pub mod graphs;
 pub mod halves;
 pub mod inertial;
+#[cfg(unix)]
+pub mod kills;
 pub mod live;
 pub mod long;
 pub mod measure;

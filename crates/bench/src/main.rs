@@ -173,6 +173,14 @@ fn run(command: Command) -> Result<(), String> {
             }
             json.map_or(Ok(()), |path| save(path, &text(&rows)?))
         }
+        #[cfg(unix)]
+        Command::Kills { data, times, write } => {
+            let table = bench::kills::table(&bench::kills::run(&data.unwrap_or_else(data_folder), times)?);
+            print!("{table}");
+            if write { put("processes.md", "kills", &table) } else { Ok(()) }
+        }
+        #[cfg(unix)]
+        Command::Worker { role } => bench::kills::work(&role),
         Command::Places { data, vocab, loops, verbose, write } => {
             let data = data.unwrap_or_else(data_folder);
             let text = places::run(&data, &vocab, loops, verbose)?;

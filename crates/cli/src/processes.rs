@@ -80,6 +80,9 @@ mod unix {
             Told::Resumed { key_frames, after_s } => {
                 format!("slam goes on in a map of {key_frames} key frames after {after_s:.2} s")
             }
+            Told::DenseResumed { key_frames, after_s } => {
+                format!("dense goes on with the depth of {key_frames} key frames after {after_s:.2} s")
+            }
             Told::Relocalised { frames, after_s, .. } => {
                 format!("slam has a pose again after {after_s:.2} s, {frames} frames without one")
             }

@@ -1,7 +1,9 @@
 //! Surfaces as files: the form follows from the ending; a picture of one as PNG.
 
 use crate::failure::Failure;
-use cairn_dense::{Mesh, MeshConfig, Mesher, TsdfConfig, overview, write_glb, write_obj, write_ply};
+use cairn_dense::{
+    Mesh, MeshConfig, Mesher, TsdfConfig, overview, write_glb, write_heights, write_obj, write_ply,
+};
 use cairn_engine::DenseMapper;
 use cairn_geometry::Vec3;
 use std::path::Path;
@@ -21,12 +23,13 @@ pub fn form(path: &Path) -> Result<Write, Failure> {
     Ok(match ending.as_deref() {
         Some("ply") => |mesh, _, to| write_ply(mesh, to),
         Some("obj") => |mesh, _, to| write_obj(mesh, to),
+        Some("pgm") => |mesh, up, to| write_heights(mesh, up, to),
         Some("glb") => |mesh, up, to| write_glb(mesh, up, to),
         _ => {
             return Err(Failure::new(
                 path.display().to_string(),
                 "has no ending that names a form",
-                "end it in .ply, .glb or .obj",
+                "end it in .ply, .glb or .obj, or in .pgm for a heightmap",
             ));
         }
     })
@@ -47,7 +50,8 @@ impl Surface {
         mapper.follow();
         let fail = |why: String| Failure::new("the surface", why, "look at the report of the run");
         let map = mapper.largest_map().ok_or_else(|| fail("there is no map".into()))?;
-        let volume = mapper.surface(map, TsdfConfig::default()).map_err(|e| fail(e.to_string()))?;
+        let tsdf = TsdfConfig { colour: true, ..TsdfConfig::default() };
+        let volume = mapper.surface(map, tsdf).map_err(|e| fail(e.to_string()))?;
         let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(&volume);
         if mesh.positions.is_empty() {
             return Err(fail("no key frame had usable depth".into()));

@@ -26,7 +26,7 @@ pub mod walk;
 pub use backend::Backend;
 pub use block::BlockKey;
 pub use error::DenseError;
-pub use export::{PointCloud, write_glb, write_obj, write_pcd, write_ply, write_ply_points};
+pub use export::{PointCloud, write_glb, write_heights, write_obj, write_pcd, write_ply, write_ply_points};
 pub use frame::DepthFrame;
 pub use mesh::{Mesh, MeshConfig, Mesher, draw, overview};
 pub use noise::DepthNoise;
@@ -36,8 +36,8 @@ pub use raycast::raycast;
 pub use register::{RegisterConfig, Registration, Surface, SurfaceFeatures, Verdict, register};
 pub use rendered::RayCast;
 pub use submap::{
-    AnchorId, DenseMap, Followed, Located, Locator, MapId, PackedDepth, Place, Progress, SavedFrame,
-    SavedSubmap, SubmapConfig, SubmapView,
+    AnchorId, DenseMap, Followed, Located, Locator, MapId, PackedDepth, PackedGray, Place, Progress,
+    SavedFrame, SavedSubmap, SubmapConfig, SubmapView,
 };
 pub use track::{DenseTracked, TrackConfig, track, track_from};
 pub use tsdf::{Fused, TsdfConfig, TsdfVolume};

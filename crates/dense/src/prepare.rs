@@ -4,10 +4,10 @@ use crate::backend::dispatch;
 use crate::frame::DepthFrame;
 use crate::pixel::{WEIGHT_BITS, depth_of};
 use crate::pyramid::DepthPyramid;
-use crate::submap::{PackedDepth, Rows, broken};
+use crate::submap::{PackedDepth, PackedGray, Rows, broken};
 use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::Vec2;
-use cairn_sensor::{Camera, DepthImage, Distortion, Image};
+use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, Image};
 
 /// How depth images are interpreted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,7 +108,7 @@ impl DepthPreparer {
     /// # Errors
     /// An image of another size; too few pixels with a depth in range.
     pub fn prepare(&mut self, image: &DepthImage) -> Result<&DepthFrame, DenseError> {
-        self.check([image.width(), image.height()])?;
+        self.check("depth", [image.width(), image.height()])?;
         self.prepare_units(image.data())
     }
 
@@ -117,7 +117,7 @@ impl DepthPreparer {
     /// # Errors
     /// As [`Self::prepare`]; bytes that do not decode to an image.
     pub fn prepare_packed(&mut self, image: &PackedDepth) -> Result<&DepthFrame, DenseError> {
-        self.check(image.size())?;
+        self.check("depth", image.size())?;
         let rows = if self.remap.is_empty() { image.rows()? } else { None };
         let Some(mut packed) = rows else { return self.prepare_units(image.unpack()?.data()) };
         let words = Words::new(&self.config);
@@ -148,6 +148,29 @@ impl DepthPreparer {
         self.finish_or_refuse(valid, data, |v| f32::from(v) * scale)
     }
 
+    /// The colours of a frame's pixels, from a gray image that shows the same pixels as the sensor's depth.
+    ///
+    /// # Errors
+    /// An image of another size.
+    pub fn colours(&self, gray: &GrayImage) -> Result<Image<[u8; 3]>, DenseError> {
+        self.check("colour", [gray.width(), gray.height()])?;
+        let data = gray.data();
+        let colours = match self.remap.is_empty() {
+            true => data.iter().map(|&v| [v; 3]).collect(),
+            // Where the pinhole sees nothing there is no depth either.
+            false => self.remap.iter().map(|&i| [data.get(i as usize).copied().unwrap_or(0); 3]).collect(),
+        };
+        Ok(Image::from_vec(gray.width(), gray.height(), colours).unwrap_or_else(|| Image::new(0, 0)))
+    }
+
+    /// [`Self::colours`] of a packed image, where there is one.
+    pub(crate) fn colours_packed(
+        &self,
+        gray: Option<&PackedGray>,
+    ) -> Result<Option<Image<[u8; 3]>>, DenseError> {
+        gray.map(|gray| self.colours(&gray.unpack()?)).transpose()
+    }
+
     /// The frame that was prepared last; without any depth before the first.
     pub fn frame(&self) -> &DepthFrame {
         &self.frame
@@ -158,7 +181,7 @@ impl DepthPreparer {
     /// # Errors
     /// An image of another size; too few pixels with a depth in range.
     pub fn prepare_metres(&mut self, image: &Image<f32>) -> Result<&DepthFrame, DenseError> {
-        self.check([image.width(), image.height()])?;
+        self.check("depth", [image.width(), image.height()])?;
         let (config, data) = (&self.config, image.data());
         let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
         let valid = dispatch!(self.backend, from_metres(config: &DepthConfig, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
@@ -191,12 +214,12 @@ impl DepthPreparer {
     }
 
     /// Refuses an image of another size.
-    fn check(&self, [width, height]: [usize; 2]) -> Result<(), DenseError> {
+    fn check(&self, what: &'static str, [width, height]: [usize; 2]) -> Result<(), DenseError> {
         let (expected_width, expected_height) = (self.source.width, self.source.height);
         if (width, height) == (expected_width, expected_height) {
             return Ok(());
         }
-        Err(DenseError::Size { what: "depth", width, height, expected_width, expected_height })
+        Err(DenseError::Size { what, width, height, expected_width, expected_height })
     }
 
     fn no_depth(&self, valid: usize, all: impl Iterator<Item = f32>) -> DenseError {

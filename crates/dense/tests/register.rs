@@ -70,7 +70,8 @@ fn an_image_finds_its_place_in_a_map_of_other_images() {
     let world = turned(3);
     for n in (0..300).step_by(10) {
         let (image, pose) = common::frame(&folder, n);
-        map.insert(AnchorId(n as u64), MapId(0), world * pose, Se3::identity(), &image).expect("a key frame");
+        map.insert(AnchorId(n as u64), MapId(0), world * pose, Se3::identity(), &image, None)
+            .expect("a key frame");
     }
     let mut locator = map.locator(RegisterConfig::default()).expect("in range");
     let (mut right, mut wrong) = (0, 0);

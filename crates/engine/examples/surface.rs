@@ -1,5 +1,8 @@
 //! Accuracy of the surface of a simulated walk against the world's true surface:
-//! `cargo run --release -p cairn-engine --example surface -- sim:corridor?sensor=rgbd&seed=1 [VOXEL_M]`.
+//! `cargo run --release -p cairn-engine --example surface -- sim:corridor?sensor=rgbd&seed=1 [VOXEL_M [FROM_S TO_S]]`.
+//!
+//! From FROM_S to TO_S the camera is covered: it is lost, a new map begins, and is merged where a place is recognised.
+//! A wall that is doubled then has vertices far from every face, in the surface or in the submaps together.
 //!
 //! Two surfaces are compared: one fused with the pose that each key frame had when it was made (what a dense map shows
 //! that does not follow loop closures), and the one of the dense mapper. Errors are distances of vertices to the world's
@@ -20,7 +23,8 @@ use std::time::Instant;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let address = arguments.first().map_or("sim:corridor?sensor=rgbd&seed=1", String::as_str);
-    let voxel_m: f64 = arguments.get(1).map_or(Ok(0.02), |v| v.parse())?;
+    let number = |i: usize, otherwise: f64| arguments.get(i).map_or(Ok(otherwise), |v| v.parse::<f64>());
+    let (voxel_m, covered_s) = (number(1, 0.02)?, [number(2, 0.0)?, number(3, 0.0)?]);
     let config = SimConfig::parse(address)?;
     let mut source = SimSource::new(&config)?;
     let rig = source.rig().clone();
@@ -36,7 +40,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut as_made = TsdfVolume::new(tsdf)?;
     let (mut follow_ms, mut step_ms): (Vec<f64>, f64) = (Vec::new(), 0.0);
     let (mut made, mut loops) = (0, 0);
-    while let Some(packet) = source.next_packet()? {
+    let mut first = None;
+    while let Some(mut packet) = source.next_packet()? {
+        let t_s = packet.stamp - *first.get_or_insert(packet.stamp);
+        if (covered_s[0]..covered_s[1]).contains(&t_s) {
+            packet.images.iter_mut().for_each(|i| *i = Arc::new(GrayImage::new(i.width(), i.height())));
+            packet.depth = packet.depth.map(|d| Arc::new(DepthImage::new(d.width(), d.height())));
+        }
         let output = engine.on_packet(&packet)?;
         loops += output.verdicts.iter().filter(|v| v.result.is_ok()).count();
         let begin = Instant::now();
@@ -97,6 +107,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let live: BTreeMap<Stamp, Se3> = engine.live_trajectory().into_iter().collect();
     let corrected: BTreeMap<Stamp, Se3> = engine.trajectory().into_iter().collect();
     let map = mapper.largest_map().ok_or("no map was made")?;
+    let maps = engine.snapshot().maps().count();
+    println!("{maps} maps in the end, {} merged", mapper.counts().merges);
     let whole = mapper.surface(map, tsdf)?;
     for (name, volume, poses) in
         [("as the poses were at the time", &as_made, &live), ("following the map", &whole, &corrected)]
@@ -112,7 +124,24 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             engine_rms(poses, &truth, &world_from_map),
         );
     }
+    let world_from_map = aligned(&corrected, &truth)?;
+    let rms = engine_rms(&corrected, &truth, &world_from_map);
+    report("its submaps together", &together(&mapper, map)?, &world_from_map, source.world(), &seen, rms);
     Ok(())
+}
+
+/// The surfaces of all submaps of a map, where they lie.
+fn together(mapper: &DenseMapper, map: cairn_atlas::MapId) -> Result<Mesh, Box<dyn std::error::Error>> {
+    let mut all = Mesh::default();
+    for submap in mapper.map().submaps().filter(|s| s.map.0 == map.root().index() as u64) {
+        let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(submap.tsdf);
+        let placed = mesh.positions.iter().map(|p| {
+            let at = submap.world_from_submap * Vec3::new(p[0].into(), p[1].into(), p[2].into());
+            [at.x as f32, at.y as f32, at.z as f32]
+        });
+        all.positions.extend(placed);
+    }
+    Ok(all)
 }
 
 fn aligned(

@@ -22,7 +22,7 @@ use cairn_dense::{
     SubmapConfig, TsdfConfig, TsdfVolume,
 };
 use cairn_geometry::{Se3, Vec3};
-use cairn_sensor::{Camera, DepthImage, FramePacket, Rig, Stamp};
+use cairn_sensor::{Camera, DepthImage, FramePacket, GrayImage, Rig, Stamp};
 use cairn_tracking::State;
 use lost::LostCamera;
 use std::collections::{BTreeMap, VecDeque};
@@ -39,6 +39,11 @@ pub enum DenseSetupError {
     /// The rig has no depth sensor, or the engine does not use it.
     #[error("surfaces need depth: the engine runs without a depth sensor")]
     NoDepth,
+    /// No image shows the pixels of the depth.
+    #[error(
+        "surfaces have colours only where the depth is registered to the first camera, with its size and lens"
+    )]
+    NoColours,
     /// Mapping has failed before.
     #[error("mapping is not running")]
     NoMapping,
@@ -62,13 +67,22 @@ pub struct DenseCounts {
     pub refused: usize,
 }
 
+/// The images of a frame that may become a key frame.
+struct Offered {
+    stamp: Stamp,
+    depth: Arc<DepthImage>,
+    gray: Option<Arc<GrayImage>>,
+}
+
 /// Submaps that follow the engine's map.
 pub struct DenseMapper {
     map: DenseMap,
     mirror: Mirror,
     from: Subscription,
     camera_from_depth: Se3,
-    offered: VecDeque<(Stamp, Arc<DepthImage>)>,
+    offered: VecDeque<Offered>,
+    /// The depth is registered to the first camera's image, which has its colours.
+    has_colours: bool,
     /// Key frames that moved since the dense map was last aligned.
     moved: BTreeMap<KeyFrameId, Se3>,
     counts: DenseCounts,
@@ -85,15 +99,21 @@ impl DenseMapper {
     /// A dense mapper that follows an engine from now on.
     ///
     /// # Errors
-    /// [`DenseSetupError`] without a depth sensor or without mapping, and for a config out of range.
+    /// [`DenseSetupError`] without a depth sensor or without mapping, for a config out of range, and for colours where no image
+    /// shows the pixels of the depth.
     pub fn new(engine: &mut Engine, rig: &Rig, config: SubmapConfig) -> Result<Self, DenseSetupError> {
         let model = *engine.front_end().model();
         let sensor = rig.depth.as_ref().filter(|_| engine.mode == crate::SensorMode::Rgbd);
         let sensor = sensor.ok_or(DenseSetupError::NoDepth)?;
+        let has_colours = has_colours(rig);
+        if config.tsdf.colour && !has_colours {
+            return Err(DenseSetupError::NoColours);
+        }
         let from = engine.subscribe().ok_or(DenseSetupError::NoMapping)?;
         let camera_from_depth = model.body_from_camera.inverse() * sensor.body_from_depth;
         let mut all =
             Self::following(from, sensor.camera, sensor.metres_per_unit, camera_from_depth, config)?;
+        all.has_colours = has_colours;
         let locator = all.map.locator(RegisterConfig::default())?;
         let (after_s, threaded) = (engine.find_by_depth_s, engine.is_threaded());
         all.lost = Some(LostCamera::new(engine.depth_link(), locator, camera_from_depth, after_s, threaded));
@@ -118,14 +138,16 @@ impl DenseMapper {
             map.add_anchor(anchor(id), dense_map(k.map), k.world_from_camera)?;
         }
         let (offered, moved, counts) = (VecDeque::new(), BTreeMap::new(), DenseCounts::default());
-        Ok(Self { map, mirror, from, camera_from_depth, offered, moved, counts, ended: false, lost: None })
+        let (ended, has_colours, lost) = (false, false, None);
+        Ok(Self { map, mirror, from, camera_from_depth, offered, has_colours, moved, counts, ended, lost })
     }
 
     /// Takes the depth of a packet that the engine has processed, where its frame may become a key frame, and follows
     /// the changes of the map so far.
     pub fn on_packet(&mut self, packet: &FramePacket, output: &Output) {
         if let Some(depth) = packet.depth.as_ref().filter(|_| output.key_frame_requested) {
-            self.offer(packet.stamp, depth.clone());
+            let gray = packet.images.first().filter(|_| self.has_colours).cloned();
+            self.offer(packet.stamp, depth.clone(), gray);
         }
         self.follow();
         self.look_for_camera(packet, matches!(output.state, State::Lost { .. }));
@@ -156,12 +178,12 @@ impl DenseMapper {
         self.lost.as_ref().map(LostCamera::counts).unwrap_or_default()
     }
 
-    /// Takes the depth image of a frame that may become a key frame.
-    pub fn offer(&mut self, stamp: Stamp, depth: Arc<DepthImage>) {
+    /// Takes the depth image of a frame that may become a key frame, and the gray image of the same pixels.
+    pub fn offer(&mut self, stamp: Stamp, depth: Arc<DepthImage>, gray: Option<Arc<GrayImage>>) {
         if self.offered.len() >= MOST_OFFERED {
             self.offered.pop_front();
         }
-        self.offered.push_back((stamp, depth));
+        self.offered.push_back(Offered { stamp, depth, gray });
     }
 
     /// Follows all changes of the map so far; submaps are at their new poses afterwards.
@@ -181,11 +203,12 @@ impl DenseMapper {
         mirror.take_with(published, |mirror, change, removal| match change {
             Change::AddKeyFrame(k) => {
                 let Some(known) = mirror.key_frame(k.id) else { return };
-                let depth = offered.iter().position(|(stamp, _)| *stamp == k.stamp);
-                let depth = depth.and_then(|i| offered.drain(..=i).next_back());
+                let seen = offered.iter().position(|o| o.stamp == k.stamp);
+                let seen = seen.and_then(|i| offered.drain(..=i).next_back());
                 let (id, in_map, pose) = (anchor(k.id), dense_map(known.map), known.world_from_camera);
-                let fused =
-                    depth.is_some_and(|(_, d)| map.insert(id, in_map, pose, *camera_from_depth, &d).is_ok());
+                let fused = seen.is_some_and(|o| {
+                    map.insert(id, in_map, pose, *camera_from_depth, &o.depth, o.gray.as_deref()).is_ok()
+                });
                 counts.key_frames += usize::from(fused);
                 counts.without_depth += usize::from(!fused);
                 if !fused {
@@ -267,6 +290,12 @@ impl DenseMapper {
     pub fn surface(&mut self, map: MapId, config: TsdfConfig) -> Result<TsdfVolume, DenseError> {
         self.map.fuse_all(dense_map(map), config)
     }
+}
+
+/// Whether the first camera's image shows the pixels of the depth.
+pub fn has_colours(rig: &Rig) -> bool {
+    let first = rig.cameras.first().map(|c| c.camera);
+    rig.depth.as_ref().is_some_and(|d| d.registered && Some(d.camera) == first)
 }
 
 /// Moves the anchors of key frames.

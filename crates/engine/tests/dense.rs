@@ -142,7 +142,7 @@ impl Followed {
             let snapshot = self.atlas.latest().clone();
             let id = snapshot.next_key_frame_id();
             if let Event::Add { x, depth: true, .. } = event {
-                self.mapper.offer(Stamp(id.index() as i64 + 1), Arc::new(seen(*x)));
+                self.mapper.offer(Stamp(id.index() as i64 + 1), Arc::new(seen(*x)), None);
                 self.fused.push((id, *x));
             }
             self.atlas.commit(changes(event, &snapshot));

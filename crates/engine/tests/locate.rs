@@ -48,7 +48,7 @@ fn a_lost_camera_finds_its_place_and_not_one_in_another_room() {
         let id = atlas.latest().next_key_frame_id();
         let mut frame = Frame::default();
         frame.stamp = Stamp(id.index() as i64 + 1);
-        mapper.offer(frame.stamp, Arc::new(depth(&room(), &pose)));
+        mapper.offer(frame.stamp, Arc::new(depth(&room(), &pose)), None);
         let parent = first;
         first = first.or(Some(id));
         atlas.commit(vec![Change::AddKeyFrame(Box::new(KeyFrame::new(id, Arc::new(frame), pose, parent)))]);

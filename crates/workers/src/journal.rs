@@ -49,12 +49,14 @@ pub enum JournalError {
         source: io::Error,
     },
     /// A log of another release.
-    #[error("{}: changes of format {found}, this program has format {COMMIT_VERSION}", path.display())]
+    #[error("{}: it has format {found}, this program has format {expected}", path.display())]
     Version {
         /// The file.
         path: PathBuf,
         /// Its format.
         found: u32,
+        /// That of this program.
+        expected: u32,
     },
     /// The base cannot be saved or read.
     #[error(transparent)]
@@ -210,7 +212,7 @@ pub fn recover(folder: &Path) -> Result<Option<Recovered>, JournalError> {
             let octaves = file.snapshot.octaves();
             let Ok(commit) = decode_commit(record, &file.about.camera, octaves) else { break };
             if commit.version > file.snapshot.version() {
-                let Some(snapshot) = applied(&file.snapshot, commit) else { break };
+                let Some(snapshot) = applied(&file.snapshot, &commit) else { break };
                 file.snapshot = snapshot;
                 commits += 1;
             }
@@ -233,11 +235,12 @@ pub fn remove(folder: &Path) -> Result<(), JournalError> {
 }
 
 /// The map after a commit; `None` when it is not the next one.
-pub fn applied(snapshot: &Snapshot, commit: Published) -> Option<Snapshot> {
+pub fn applied(snapshot: &Snapshot, commit: &Published) -> Option<Snapshot> {
     if commit.version != snapshot.version() + 1 {
         return None;
     }
-    let (next, applied) = snapshot.apply(&ChangeSet { base: snapshot.version(), changes: commit.changes });
+    let changes = commit.changes.clone();
+    let (next, applied) = snapshot.apply(&ChangeSet { base: snapshot.version(), changes });
     (applied.dropped == 0).then_some(next)
 }
 
@@ -279,12 +282,12 @@ fn check(path: &Path, bytes: &[u8]) -> Result<Option<usize>, JournalError> {
     let Some(format) = bytes.get(8..HEADER).filter(|_| bytes[..8] == MAGIC) else { return Ok(None) };
     match u32::from_le_bytes(std::array::from_fn(|i| format[i])) {
         COMMIT_VERSION => Ok(Some(HEADER)),
-        found => Err(JournalError::Version { path: path.to_owned(), found }),
+        found => Err(JournalError::Version { path: path.to_owned(), found, expected: COMMIT_VERSION }),
     }
 }
 
 /// The record at a place of a log, and the place of the next; `None` where it is not whole.
-fn record(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
+pub(crate) fn record(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
     let (length, rest) = bytes.get(at..)?.split_first_chunk::<4>()?;
     let (crc, rest) = rest.split_first_chunk::<4>()?;
     let length = u32::from_le_bytes(*length) as usize;
@@ -292,7 +295,7 @@ fn record(bytes: &[u8], at: usize) -> Option<(&[u8], usize)> {
     (crc32fast::hash(record) == u32::from_le_bytes(*crc)).then_some((record, at + 8 + length))
 }
 
-fn failed(path: &Path, doing: &'static str) -> impl Fn(io::Error) -> JournalError {
+pub(crate) fn failed(path: &Path, doing: &'static str) -> impl Fn(io::Error) -> JournalError {
     let path = path.to_owned();
     move |source| JournalError::Io { path: path.clone(), doing, source }
 }

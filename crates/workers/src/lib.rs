@@ -4,6 +4,8 @@
 mod anchored;
 mod backoff;
 pub mod capture;
+pub mod dense;
+pub mod depth_log;
 pub mod guide;
 pub mod journal;
 mod limits;
@@ -40,6 +42,8 @@ pub enum Role {
     Capture,
     /// Tracks and maps.
     Slam,
+    /// Makes surfaces.
+    Dense,
     /// Guides along a route.
     Guide,
     /// Serves the page of a walk: its session, with recording and guide.
@@ -52,6 +56,7 @@ impl Role {
         match self {
             Self::Capture => "capture",
             Self::Slam => "slam",
+            Self::Dense => "dense",
             Self::Guide => "guide",
             Self::Walk => "walk",
         }
@@ -59,7 +64,8 @@ impl Role {
 
     /// The role of this name.
     pub fn named(name: &str) -> Option<Self> {
-        [Self::Capture, Self::Slam, Self::Guide, Self::Walk].into_iter().find(|role| role.name() == name)
+        let all = [Self::Capture, Self::Slam, Self::Dense, Self::Guide, Self::Walk];
+        all.into_iter().find(|role| role.name() == name)
     }
 }
 

@@ -47,6 +47,8 @@ pub enum Order {
         opened: Opened,
         /// The number of this process among all of the run: odometry of another one is in another frame.
         start: u64,
+        /// What surfaces need of key frames; `None` where there are none.
+        surfaces: Option<OfKeyFrames>,
         /// For a session that is in another process: the engine's configuration. Every frame is then told with all that
         /// a session needs (`Seen`).
         session: Option<Box<Config>>,
@@ -74,6 +76,15 @@ pub enum Order {
     End,
 }
 
+/// What surfaces need of key frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum OfKeyFrames {
+    /// Their depth.
+    Depth,
+    /// Their depth and what its pixels look like.
+    DepthAndGray,
+}
+
 /// From a worker.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum Report {
@@ -87,13 +98,15 @@ pub enum Report {
     SourceEnded,
     /// SLAM or dense has begun, in a map of so many key frames.
     Ready {
-        /// Key frames of the map it goes on with.
+        /// Key frames of the map it goes on with; of dense, those whose depth it has.
         key_frames: usize,
         /// The version of that map.
         version: u64,
     },
     /// SLAM: a frame is done.
     Tracked(Box<Tracked>),
+    /// Dense: it has followed all that was written.
+    Followed,
     /// SLAM: the pose of an earlier frame is known by now.
     Amended {
         /// Its number.

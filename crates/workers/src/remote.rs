@@ -178,6 +178,7 @@ impl RemoteSlam {
             folder: self.folder.clone(),
             opened: self.opened.clone(),
             start,
+            surfaces: None,
             session: Some(Box::new(self.config.clone())),
         });
         (self.tell)(Told::Started { role, id: process.id() });

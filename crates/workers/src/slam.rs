@@ -3,32 +3,45 @@
 //! It begins in the map of the journal, where there is one: tracking then starts lost and relocalises with the first frame
 //! that shows a known place. Everything it knows that is worth keeping is in the journal; it may be killed at any moment.
 
+use crate::depth_log::DepthWriter;
 use crate::journal::{JournalWriter, recover};
 use crate::message::{
-    Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Place, Report, Tracked, read, write,
+    Anchored, Failure, Finished, Frame, OfKeyFrames, Opened, Order, Outcome, Place, Report, Tracked, read,
+    write,
 };
 use crate::ring::{Borrowed, Ring};
 use crate::seen::Seen;
 use crate::{mode_of, pixels};
-use cairn_atlas::Subscription;
+use cairn_atlas::{Change, Published, Subscription};
+use cairn_dense::{PackedDepth, PackedGray};
 use cairn_engine::{Config, Engine, Joined, Runner, Verdict, record_input};
-use cairn_sensor::{FramePacket, ImuSample, Stamp};
+use cairn_sensor::{DepthImage, FramePacket, GrayImage, ImuSample, Stamp};
 use cairn_session::TrackedPlace;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::{Read, Write};
 use std::path::Path;
+use std::sync::Arc;
 
 /// The map at the end of the run, in the journal's folder.
 pub const FINAL_MAP: &str = "final.cairn";
+
+/// Depth images that wait for mapping to make their frame a key frame, at most; the oldest are dropped.
+const MOST_OFFERED: usize = 48;
 
 /// Frames without a pose that may get one later: initialisation with one camera takes no longer.
 const MOST_UNPOSED: usize = 1000;
 
 /// Runs until the frames have ended or the supervisor is gone.
 pub fn run(mut from: impl Read, mut to: impl Write, config: &Config, runner: Runner) {
-    let Ok(Some(Order::Map { ring, folder, opened, start, session })) = read(&mut from) else { return };
+    let Ok(Some(Order::Map { ring, folder, opened, start, surfaces, session })) = read(&mut from) else {
+        return;
+    };
     let (config, whole) = (session.as_deref().unwrap_or(config), session.is_some());
     let said = Slam::begin(&ring, &folder, &opened, start, config, runner)
+        .and_then(|slam| match surfaces {
+            Some(what) => slam.with_depth(what),
+            None => Ok(slam),
+        })
         .map(|slam| Slam { whole, ..slam })
         .and_then(|slam| slam.work(&mut from, &mut to));
     if let Err(why) = said {
@@ -43,6 +56,8 @@ struct Slam<'a> {
     folder: &'a Path,
     journal: JournalWriter,
     commits: Subscription,
+    /// Where the depth of key frames is written, if it is wanted.
+    depth: Option<DepthOf>,
     /// IMU samples of frames that the ring no longer had: the next frame takes them.
     imu: Vec<ImuSample>,
     /// Frames of this process that were told without a pose: number and index in the engine's log.
@@ -52,6 +67,37 @@ struct Slam<'a> {
     /// It works for a session, which needs all of a frame's output.
     whole: bool,
     bytes: Vec<u8>,
+}
+
+/// The depth of frames that may become key frames, and where that of key frames goes.
+struct DepthOf {
+    to: DepthWriter,
+    what: OfKeyFrames,
+    offered: VecDeque<(Stamp, Arc<DepthImage>, Option<Arc<GrayImage>>)>,
+}
+
+impl DepthOf {
+    fn offer(&mut self, packet: &FramePacket) {
+        let Some(depth) = &packet.depth else { return };
+        if self.offered.len() >= MOST_OFFERED {
+            self.offered.pop_front();
+        }
+        let gray = packet.images.first().filter(|_| self.what == OfKeyFrames::DepthAndGray);
+        self.offered.push_back((packet.stamp, depth.clone(), gray.cloned()));
+    }
+
+    /// Writes the depth of the key frames that a commit adds; to be called before the commit is written.
+    fn write(&mut self, commit: &Published) -> Result<(), crate::JournalError> {
+        for change in &commit.changes {
+            let Change::AddKeyFrame(k) = change else { continue };
+            let Some(i) = self.offered.iter().position(|(stamp, ..)| *stamp == k.stamp) else { continue };
+            if let Some((stamp, depth, gray)) = self.offered.drain(..=i).next_back() {
+                let gray = gray.map(|gray| PackedGray::pack(&gray));
+                self.to.append(k.id, stamp, &PackedDepth::pack(&depth), gray.as_ref())?;
+            }
+        }
+        Ok(())
+    }
 }
 
 impl<'a> Slam<'a> {
@@ -97,6 +143,7 @@ impl<'a> Slam<'a> {
             folder,
             journal,
             commits,
+            depth: None,
             imu: Vec::new(),
             unposed: Vec::new(),
             finished: Finished::default(),
@@ -104,6 +151,13 @@ impl<'a> Slam<'a> {
             whole: false,
             bytes: Vec::new(),
         })
+    }
+
+    /// With the depth of its key frames in a file of the folder.
+    fn with_depth(self, what: OfKeyFrames) -> Result<Self, Failure> {
+        let to = DepthWriter::open(self.folder, &self.engine.snapshot());
+        let to = to.map_err(|e| Failure::new("the depth of key frames", e, "free some shared memory"))?;
+        Ok(Self { depth: Some(DepthOf { to, what, offered: VecDeque::new() }), ..self })
     }
 
     /// `Ok` when all is done or the supervisor is gone.
@@ -161,6 +215,9 @@ impl<'a> Slam<'a> {
         match self.engine.on_packet(&packet) {
             Ok(output) => {
                 self.count(&output.verdicts);
+                if let (Some(depth), true) = (&mut self.depth, output.key_frame_requested) {
+                    depth.offer(&packet);
+                }
                 tracked.outcome = Outcome::State(format!("{:?}", output.state));
                 tracked.pose = output.anchored.as_ref().map(Anchored::of);
                 let seen = record_input(&output, &self.engine.snapshot());
@@ -196,6 +253,9 @@ impl<'a> Slam<'a> {
         let failed =
             |e: crate::JournalError| Failure::new("the journal of the map", e, "free some shared memory");
         for commit in self.commits.changes.try_iter() {
+            if let Some(depth) = &mut self.depth {
+                depth.write(&commit).map_err(failed)?;
+            }
             self.journal.append(&commit).map_err(failed)?;
         }
         if self.journal.is_long() {
@@ -204,6 +264,9 @@ impl<'a> Slam<'a> {
             let behind = self.commits.behind(map.snapshot.version());
             let more: Vec<_> = self.commits.changes.try_iter().collect();
             for commit in &more {
+                if let Some(depth) = &mut self.depth {
+                    depth.write(commit).map_err(failed)?;
+                }
                 self.journal.append(commit).map_err(failed)?;
             }
             if behind == 0 && more.is_empty() {

@@ -1,7 +1,7 @@
 //! How a run is supervised, what is told meanwhile, and what it gives.
 
 use crate::Role;
-use crate::message::{Anchored, Finished, LeftOut, Opened, Said, Tracked};
+use crate::message::{Anchored, Failure, Finished, LeftOut, OfKeyFrames, Opened, Said, Tracked};
 use cairn_atlas::store::MapFile;
 use cairn_engine::PoseTime;
 use cairn_geometry::Se3;
@@ -21,6 +21,8 @@ pub struct Supervision {
     pub guide: bool,
     /// Whether it records.
     pub records: bool,
+    /// What surfaces are made of, if any are wanted.
+    pub surfaces: Option<OfKeyFrames>,
 }
 
 /// What the supervisor tells while the run goes on.
@@ -51,6 +53,13 @@ pub enum Told<'a> {
     /// SLAM goes on after a death.
     Resumed {
         /// Key frames of the map that it goes on with.
+        key_frames: usize,
+        /// Seconds since the death.
+        after_s: f64,
+    },
+    /// Dense goes on after a death.
+    DenseResumed {
+        /// Key frames whose depth it has.
         key_frames: usize,
         /// Seconds since the death.
         after_s: f64,
@@ -107,6 +116,8 @@ pub struct Supervised {
     /// The points of the recorded route, or why its file does not hold all of it; `None` where none is recorded, or who records
     /// it was given up.
     pub recorded: Option<Result<usize, String>>,
+    /// Why there is no surface, and no depth in the map, although they were asked for.
+    pub surfaces: Result<(), Failure>,
     /// Processes that died.
     pub deaths: Vec<Death>,
     /// Frames without a pose after each death of SLAM, and seconds from its death to the next pose.

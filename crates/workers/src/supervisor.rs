@@ -5,7 +5,7 @@
 //! source. It has one thread, and sees everything as one queue of events.
 
 use crate::capture::SLOTS;
-use crate::message::{Finished, Frame, LeftOut, Opened, Order, Outcome, Report, Tracked};
+use crate::message::{Failure, Finished, Frame, LeftOut, Opened, Order, Outcome, Report, Tracked};
 use crate::process::{Event, Process, What};
 use crate::run_folder::RunFolder;
 use crate::slam::FINAL_MAP;
@@ -49,6 +49,7 @@ pub fn supervise(
         starts: 0,
         capture: Worker::new(),
         slam: Worker::new(),
+        dense: Worker::new(),
         guide: Worker::new(),
         poses_come: true,
         opened: None,
@@ -67,6 +68,8 @@ pub fn supervise(
         recorded: None,
         guide_waits: how.records,
         guide_given_up: false,
+        surfaces: if how.surfaces.is_some() { Surfaces::Growing } else { Surfaces::Ended(Ok(())) },
+        dense_died: None,
         deaths: Vec::new(),
         died_at: (u64::MAX, 0),
         recovering: None,
@@ -84,6 +87,14 @@ struct Recovering {
     frames: usize,
 }
 
+/// What becomes of surfaces.
+enum Surfaces {
+    /// They grow with the map.
+    Growing,
+    /// They are written, or there are none and why; also where none were asked for.
+    Ended(Result<(), Failure>),
+}
+
 struct Run<'a, 't> {
     how: &'a Supervision,
     folder: &'a RunFolder,
@@ -93,6 +104,7 @@ struct Run<'a, 't> {
     starts: u64,
     capture: Worker,
     slam: Worker,
+    dense: Worker,
     guide: Worker,
     /// Poses of frames before this one are old: capture has died since.
     fresh_from: u64,
@@ -117,6 +129,9 @@ struct Run<'a, 't> {
     /// A guide that records has not said yet what it has: frames are kept for it.
     guide_waits: bool,
     guide_given_up: bool,
+    surfaces: Surfaces,
+    /// When the process of surfaces died, until the next one has begun.
+    dense_died: Option<Instant>,
     deaths: Vec<Death>,
     /// The frame at which SLAM died last, and how often.
     died_at: (u64, usize),
@@ -127,7 +142,7 @@ struct Run<'a, 't> {
 impl Run<'_, '_> {
     fn go(&mut self, events: &Receiver<Event>, stop: &AtomicBool) -> Result<(), SuperviseError> {
         let mut looked = Instant::now();
-        while self.finished.is_none() || self.is_recording() {
+        while self.finished.is_none() || self.is_recording() || self.makes_surfaces() {
             match events.recv_timeout(TICK) {
                 Ok(event) => self.event(event)?,
                 Err(RecvTimeoutError::Timeout) => {}
@@ -137,7 +152,7 @@ impl Run<'_, '_> {
             // A supervisor that was stopped itself must not take its workers for hanging.
             let was_away = looked.elapsed() > Duration::from_secs(1);
             looked = Instant::now();
-            for role in [Role::Capture, Role::Slam, Role::Guide] {
+            for role in [Role::Capture, Role::Slam, Role::Dense, Role::Guide] {
                 if was_away {
                     self.worker(role).heard = looked;
                 }
@@ -160,10 +175,15 @@ impl Run<'_, '_> {
         self.how.records && self.recorded.is_none() && !self.guide_given_up
     }
 
+    fn makes_surfaces(&self) -> bool {
+        matches!(self.surfaces, Surfaces::Growing)
+    }
+
     fn worker(&mut self, role: Role) -> &mut Worker {
         match role {
             Role::Capture => &mut self.capture,
             Role::Slam => &mut self.slam,
+            Role::Dense => &mut self.dense,
             // A walk has a supervisor of its own (`respawn`): nothing of it is here.
             Role::Guide | Role::Walk => &mut self.guide,
         }
@@ -187,13 +207,14 @@ impl Run<'_, '_> {
                 delivered: self.first_stamp.zip(self.last_stamp),
                 until: self.credit,
             },
-            Role::Slam => {
+            Role::Slam | Role::Dense => {
                 let Some(opened) = self.opened.clone() else { return Ok(()) };
                 Order::Map {
                     ring: self.folder.ring(),
                     folder: self.folder.path().to_owned(),
                     opened,
                     start,
+                    surfaces: self.how.surfaces,
                     session: None,
                 }
             }
@@ -241,6 +262,9 @@ impl Run<'_, '_> {
                     (self.tell)(Told::Opened(&opened));
                     self.opened = Some(opened);
                     self.start(Role::Slam)?;
+                    if self.how.surfaces.is_some() {
+                        self.start(Role::Dense)?;
+                    }
                     if self.how.guide {
                         self.start(Role::Guide)?;
                     }
@@ -258,6 +282,12 @@ impl Run<'_, '_> {
                 self.capture.process = None;
             }
             Report::Ready { .. } if role == Role::Guide => self.guide.ready = true,
+            Report::Ready { key_frames, .. } if role == Role::Dense => {
+                self.dense.ready = true;
+                if let Some(died) = self.dense_died.take() {
+                    (self.tell)(Told::DenseResumed { key_frames, after_s: died.elapsed().as_secs_f64() });
+                }
+            }
             Report::Ready { key_frames, .. } => {
                 self.slam.ready = true;
                 if let Some(r) = &mut self.recovering {
@@ -278,7 +308,20 @@ impl Run<'_, '_> {
                 self.guide.process = None;
             }
             Report::Said(said) => (self.tell)(Told::Said(&said)),
-            Report::Finished(finished) => self.finished = Some(finished),
+            Report::Followed => self.dense.progress = true,
+            Report::Finished(_) if role == Role::Dense => {
+                self.surfaces = Surfaces::Ended(Ok(()));
+                self.dense.process = None;
+            }
+            Report::Finished(finished) => {
+                self.finished = Some(finished);
+                self.slam.process = None;
+            }
+            // What it did until now is worth more than the surface.
+            Report::Failed(why) if role == Role::Dense && self.dense.ready => {
+                self.surfaces = Surfaces::Ended(Err(why));
+                self.dense.process = None;
+            }
             Report::Failed(why) => return Err(why.into()),
         }
         Ok(())
@@ -334,6 +377,12 @@ impl Run<'_, '_> {
                 self.slam.ending = true;
                 self.slam.order(Order::End);
             }
+        }
+        if self.finished.is_some() && self.dense.ready && !self.dense.ending {
+            self.dense.ending = true;
+            // One that dies at its end again and again is in a crash loop, whatever it did before.
+            self.dense.progress = false;
+            self.dense.order(Order::End);
         }
         let has_all = self.source_ended && self.pending.is_empty() && !self.guide_waits;
         if self.is_recording() && has_all && self.guide.ready && !self.guide.ending {
@@ -393,14 +442,23 @@ impl Run<'_, '_> {
             self.fresh_from = self.next;
             self.left_out_before = self.left_out_before.and(&std::mem::take(&mut self.left_out));
         }
-        if role != Role::Guide {
+        if matches!(role, Role::Capture | Role::Slam) {
             self.poses_come(false);
         }
-        if role == Role::Guide && delay.is_none() {
+        if matches!(role, Role::Guide | Role::Dense) && delay.is_none() {
             (self.tell)(Told::GivenUp { role });
+            if role == Role::Dense {
+                let why = format!("the process that makes them died {times} times in a row: {}", death.how);
+                let cure = "run without --isolated to see where it fails";
+                self.surfaces = Surfaces::Ended(Err(Failure::new("surfaces", why, cure)));
+            } else {
+                self.guide_given_up = true;
+            }
             self.deaths.push(death);
-            self.guide_given_up = true;
             return Ok(());
+        }
+        if role == Role::Dense {
+            self.dense_died.get_or_insert_with(Instant::now);
         }
         let Some(delay) = delay else {
             return Err(SuperviseError::CrashLoop { role, how: death.how, times });
@@ -458,6 +516,10 @@ impl Run<'_, '_> {
             finished: self.finished.unwrap_or_default(),
             left_out: self.left_out_before.and(&self.left_out),
             recorded: self.recorded,
+            surfaces: match self.surfaces {
+                Surfaces::Ended(how) => how,
+                Surfaces::Growing => Ok(()),
+            },
             deaths: self.deaths,
             relocalised: self.relocalised,
         })

@@ -2,12 +2,14 @@
 #![cfg(unix)]
 
 use cairn_atlas::store::{About, COMMIT_VERSION, MapFile};
-use cairn_atlas::{Atlas, Change, KeyFrame, LandmarkId, Snapshot, Subscription};
+use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot, Subscription};
+use cairn_dense::PackedDepth;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_random::Random;
-use cairn_sensor::Stamp;
+use cairn_sensor::{DepthImage, Stamp};
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
 use cairn_workers::JournalError;
+use cairn_workers::depth_log::{DepthTail, DepthWriter};
 use cairn_workers::journal::{JournalWriter, Tail, recover};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -230,6 +232,51 @@ fn journal_of_another_release_is_told() {
     let why = recover(&folder.0).err().unwrap();
     assert!(matches!(why, JournalError::Version { found: 77, .. }));
     assert!(
-        why.to_string().ends_with(&format!("changes of format 77, this program has format {COMMIT_VERSION}"))
+        why.to_string().ends_with(&format!("it has format 77, this program has format {COMMIT_VERSION}"))
     );
+}
+
+#[test]
+fn depth_of_key_frames_outlives_its_writer_killed_at_any_byte() {
+    let folder = Folder::new("depth");
+    let id = |i| KeyFrameId::from_index(i).unwrap();
+    let image = |v: u16| PackedDepth::pack(&DepthImage::from_vec(16, 4, vec![v; 64]).unwrap());
+    let mut growing = Growing::new();
+    let mut journal = JournalWriter::begin(&folder.0, &file(growing.atlas.latest())).unwrap();
+    let mut depth = DepthWriter::open(&folder.0, growing.atlas.latest()).unwrap();
+    let log = folder.0.join("depth.log");
+    let (mut follower, mut lengths) = (DepthTail::new(&folder.0), Vec::new());
+    for i in 0..4 {
+        lengths.push(std::fs::metadata(&log).unwrap().len());
+        depth.append(id(i), Stamp(i as i64), &image(i as u16 + 1), None).unwrap();
+        growing.commit(&mut journal);
+        let read = follower.follow().unwrap();
+        assert_eq!((read.len(), read[0].id, read[0].stamp), (1, id(i), Stamp(i as i64)));
+        assert_eq!(read[0].packed, *image(i as u16 + 1).as_bytes());
+    }
+    // One whose key frame is not committed any more.
+    let uncommitted = std::fs::metadata(&log).unwrap().len();
+    depth.append(id(4), Stamp(40), &image(9), None).unwrap();
+    drop(depth);
+    let whole = std::fs::read(&log).unwrap();
+    for cut in 0..whole.len() {
+        std::fs::write(&log, &whole[..cut]).unwrap();
+        let mut depth = DepthWriter::open(&folder.0, growing.atlas.latest()).unwrap();
+        depth.append(id(5), Stamp(50), &image(5), None).unwrap();
+        let read = DepthTail::new(&folder.0).follow().unwrap();
+        let kept = lengths[1..].iter().chain([&uncommitted]).filter(|l| **l <= cut as u64).count();
+        let ids: Vec<usize> = read.iter().map(|d| d.id.index()).collect();
+        let expected: Vec<usize> = (0..kept).chain([5]).collect();
+        assert_eq!(ids, expected, "cut at {cut}");
+    }
+    // A number without a commit may come again: what was said of it is void for the next writer, once.
+    std::fs::write(&log, &whole).unwrap();
+    for _ in 0..2 {
+        DepthWriter::open(&folder.0, growing.atlas.latest()).unwrap();
+        let read = DepthTail::new(&folder.0).follow().unwrap();
+        let last: Vec<(usize, bool)> = read.iter().map(|d| (d.id.index(), d.packed.is_empty())).collect();
+        assert_eq!(last, [(0, false), (1, false), (2, false), (3, false), (4, false), (4, true)]);
+    }
+    std::fs::write(&log, b"another program's file").unwrap();
+    assert!(matches!(DepthTail::new(&folder.0).follow(), Err(JournalError::Version { .. })));
 }

@@ -2,14 +2,14 @@
 //! nothing. Programs that do not know them keep them as they are.
 //!
 //! ```text
-//! layout u8 = 2 | camera: width u32, height u32, fx fy cx cy f64, lens text, coefficients u8 and f64 each
+//! layout u8 = 2 or 3 | camera: width u32, height u32, fx fy cx cy f64, lens text, coefficients u8 and f64 each
 //! metres per unit f64 | submap: place | images u32
-//! image: place | bytes u32 | the compressed image
+//! image: place | bytes u32 | the compressed image | in layout 3: bytes u32 | the compressed gray image, which may be empty
 //! place: robot u16 and number u32 of a key frame, pose there as quaternion (x y z w) and translation, 7 f64
 //! ```
 //!
 //! Layout 1 differs only in how the images are compressed, and compressed images tell that themselves: both are read.
-//! The number went up so that programs that know only the older compression say so.
+//! The number went up so that programs that know only the older compression say so. Layout 3 is written only where images have colours.
 
 use super::about::{numbers, pose};
 use super::error::StoreError;
@@ -22,8 +22,9 @@ use std::sync::Arc;
 
 /// Prefix of the names of attached parts that hold depth.
 pub const DEPTH_PREFIX: &str = "depth/";
-/// The layout that is written; all older ones are read.
+/// The layouts that are written; all older ones are read.
 const LAYOUT: u8 = 2;
+const WITH_GRAY: u8 = 3;
 /// Images in one part: at about 0.2 MB each, a damaged part costs a few metres of a walk.
 const IMAGES: usize = 32;
 /// Pixels of a depth image, at most.
@@ -45,6 +46,8 @@ pub struct SavedDepth {
     pub place: Place,
     /// The image, compressed; the store does not look into it.
     pub packed: Arc<[u8]>,
+    /// What the same pixels look like, compressed likewise; empty where that is not known.
+    pub gray: Arc<[u8]>,
 }
 
 /// Depth images that belong to one submap.
@@ -63,7 +66,8 @@ pub struct DepthPart {
 impl DepthPart {
     fn encode(&self, images: &[SavedDepth]) -> Vec<u8> {
         let mut e = Encoder::default();
-        e.u8(LAYOUT);
+        let has_gray = images.iter().any(|image| !image.gray.is_empty());
+        e.u8(if has_gray { WITH_GRAY } else { LAYOUT });
         let c = &self.camera;
         e.u32(c.width as u32);
         e.u32(c.height as u32);
@@ -79,17 +83,20 @@ impl DepthPart {
             encode_place(&mut e, &image.place);
             e.u32(image.packed.len() as u32);
             e.0.extend_from_slice(&image.packed);
+            if has_gray {
+                e.u32(image.gray.len() as u32);
+                e.0.extend_from_slice(&image.gray);
+            }
         }
         e.0
     }
 
     fn decode(name: &str, bytes: &[u8]) -> Result<Self, StoreError> {
         let mut d = Decoder::new(name, bytes);
-        match d.u8()? {
-            1..=LAYOUT => {}
-            other => {
-                return Err(d.wrong(format!("depth in layout {other}, this program reads 1 to {LAYOUT}")));
-            }
+        let layout = d.u8()?;
+        if !(1..=WITH_GRAY).contains(&layout) {
+            let why = format!("depth in layout {layout}, this program reads 1 to {WITH_GRAY}");
+            return Err(d.wrong(why));
         }
         let camera = decode_camera(&mut d)?;
         let metres_per_unit = d.f64()?;
@@ -102,7 +109,9 @@ impl DepthPart {
         for _ in 0..count {
             let place = decode_place(&mut d)?;
             let length = d.u32()? as usize;
-            images.push(SavedDepth { place, packed: d.bytes(length)?.into() });
+            let packed = d.bytes(length)?.into();
+            let length = if layout == WITH_GRAY { d.u32()? as usize } else { 0 };
+            images.push(SavedDepth { place, packed, gray: d.bytes(length)?.into() });
         }
         d.end()?;
         Ok(Self { camera, metres_per_unit, submap, images })

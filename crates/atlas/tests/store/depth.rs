@@ -6,7 +6,7 @@ use cairn_atlas::store::{DEPTH_PREFIX, DepthPart, MapFile, Place, SavedDepth, in
 use cairn_sensor::{Camera, Distortion};
 use std::collections::BTreeSet;
 
-fn parts(dice: &mut Dice, images: &[usize]) -> Vec<DepthPart> {
+fn parts(dice: &mut Dice, images: &[usize], with_gray: bool) -> Vec<DepthPart> {
     let camera = Camera {
         distortion: Distortion::InverseRadialTangential([0.1, -0.2, 0.001, 0.002, 0.03]),
         ..Camera::pinhole(64, 48, 50.0, 51.0, 31.5, 23.5)
@@ -19,17 +19,29 @@ fn parts(dice: &mut Dice, images: &[usize]) -> Vec<DepthPart> {
         camera,
         metres_per_unit: 0.001,
         submap: place(),
-        images: (0..n).map(|i| SavedDepth { place: place(), packed: vec![i as u8; 40 + i].into() }).collect(),
+        images: (0..n)
+            .map(|i| SavedDepth {
+                place: place(),
+                packed: vec![i as u8; 40 + i].into(),
+                gray: vec![3; if with_gray { i % 3 } else { 0 }].into(),
+            })
+            .collect(),
     };
     images.iter().map(|&n| part(n)).collect()
 }
 
 #[test]
 fn depth_round_trips_and_splits_into_parts() {
+    for with_gray in [false, true] {
+        round_trips(with_gray);
+    }
+}
+
+fn round_trips(with_gray: bool) {
     let mut saved = file(3, 8, 6);
     assert_eq!((saved.depth().unwrap(), saved.depth_bytes()), (vec![], 0));
     let before = saved.clone();
-    let mut depth = parts(&mut Dice::new(7), &[3, 1, 70]);
+    let mut depth = parts(&mut Dice::new(7), &[3, 1, 70], with_gray);
     saved.add_depth(&depth);
     let names: Vec<&String> = saved.attached.keys().filter(|n| n.starts_with(DEPTH_PREFIX)).collect();
     assert_eq!(names.len(), 5, "70 images in three parts: {names:?}");
@@ -50,7 +62,7 @@ fn depth_round_trips_and_splits_into_parts() {
 fn damage_costs_the_part_it_hits() {
     let mut saved = file(3, 4, 6);
     saved.attached.clear();
-    saved.add_depth(&parts(&mut Dice::new(9), &[2, 2, 2]));
+    saved.add_depth(&parts(&mut Dice::new(9), &[2, 2, 2], true));
     let whole = saved.write().unwrap();
     let mut lost = BTreeSet::new();
     for cut in 1..90 {

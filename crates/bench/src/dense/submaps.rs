@@ -3,9 +3,11 @@
 use super::Row;
 use super::kitchen::{Kitchen, least, median, now_ms};
 use cairn_dense::{
-    AnchorId, Backend, DenseError, DenseMap, MapId, OccupancyConfig, OccupancyGrid, PackedDepth, SubmapConfig,
+    AnchorId, Backend, DenseError, DenseMap, MapId, OccupancyConfig, OccupancyGrid, PackedDepth,
+    SubmapConfig, TsdfConfig,
 };
 use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::GrayImage;
 
 /// Key frames of the loop.
 const KEY_FRAMES: usize = 1000;
@@ -22,7 +24,7 @@ pub fn submaps(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
         let aside = Vec3::new((i / images) as f64 * 20.0, 0.0, 0.0);
         let pose = Se3::new(pose.rotation, pose.translation + aside);
         let start = now_ms();
-        map.insert(AnchorId(i as u64), MapId(0), pose, Se3::identity(), image)?;
+        map.insert(AnchorId(i as u64), MapId(0), pose, Se3::identity(), image, None)?;
         insert.push(now_ms() - start);
         poses.push((AnchorId(i as u64), pose));
     }
@@ -52,7 +54,56 @@ pub fn submaps(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
         Ok(grid)
     })?;
     rows.push(Row::at_most("occupancy at 5 cm of 1,000 key frames fused again", ms, "ms", 500.0));
+    rows.extend(colours(kitchen)?);
     Ok(rows)
+}
+
+/// The same images into submaps without and with colours, in turn, and fused again after a loop.
+fn colours(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
+    let (mut insert, mut again, mut bytes) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()], [0, 0]);
+    for _ in 0..3 {
+        let config = |colour| {
+            let submaps = SubmapConfig::default();
+            SubmapConfig { tsdf: TsdfConfig { colour, ..submaps.tsdf }, ..submaps }
+        };
+        let new = |colour| DenseMap::new(config(colour), kitchen.camera, kitchen.metres_per_unit());
+        let mut maps = [new(false)?, new(true)?];
+        for (i, (image, (_, colours, pose))) in kitchen.raw().zip(&kitchen.fused).enumerate() {
+            let gray = colours.data().iter().map(|c| c[0]).collect();
+            let gray = GrayImage::from_vec(colours.width(), colours.height(), gray);
+            for (map, ms) in maps.iter_mut().zip(&mut insert) {
+                let start = now_ms();
+                map.insert(AnchorId(i as u64), MapId(0), *pose, Se3::identity(), image, gray.as_ref())?;
+                ms.push(now_ms() - start);
+            }
+        }
+        let images = kitchen.fused.len() as f64;
+        let bent: Vec<_> = (kitchen.fused.iter().enumerate())
+            .map(|(i, (_, _, pose))| (AnchorId(i as u64), bend(i as f64 / images) * *pose))
+            .collect();
+        for ((map, ms), bytes) in maps.iter_mut().zip(&mut again).zip(&mut bytes) {
+            map.align(&bent)?;
+            let (start, mut fused) = (now_ms(), 0);
+            loop {
+                let done = map.step(&Vec3::zeros(), 16);
+                fused += done.images;
+                if done.waiting == 0 {
+                    break;
+                }
+            }
+            ms.push((now_ms() - start) / fused.max(1) as f64);
+            *bytes = map.bytes()[1];
+        }
+    }
+    let ([plain, coloured], [plain_again, coloured_again]) = (insert.map(median), again.map(median));
+    let kept = |bytes| bytes as f64 / kitchen.fused.len() as f64 / 1e3;
+    Ok(vec![
+        Row::told("a key frame into submaps, median of 180, in turn with the next", plain, "ms"),
+        Row::at_most("a key frame into submaps with colour", coloured, "ms", 2.0 * plain),
+        Row::told("an image fused again, in turn with the next", plain_again, "ms"),
+        Row::at_most("an image fused again with colour", coloured_again, "ms", 2.0 * plain_again),
+        Row::told("a key frame's depth and shades, packed", kept(bytes[1]), "kB"),
+    ])
 }
 
 /// Rotates and moves by a share of the loop's error.

@@ -31,14 +31,17 @@ fn result_is_that_of_one_process() {
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let run = |name: &str, more: &[&str]| {
         let (poses, live) = (path(&format!("{name}.tum")), path(&format!("{name}-live.tum")));
-        let always =
-            ["run", WORLD, "--frames", "30", "--json", "--trajectory", &poses, "--live-trajectory", &live];
+        let mesh = path(&format!("{name}.ply"));
+        let always = ["run", WORLD, "--frames", "30", "--json", "--trajectory", &poses];
+        let always = [&always[..], &["--live-trajectory", &live, "--mesh", &mesh]].concat();
         let report = json(&cairn(&[&always[..], more].concat()));
         (report, [poses, live].map(|file| std::fs::read_to_string(file).unwrap()))
     };
+    let surface = |name: &str| std::fs::read(path(&format!("{name}.ply"))).unwrap();
     let (one, poses) = run("one", &[]);
     let (isolated, same) = run("isolated", &["--isolated", "--map-out", &path("isolated.map")]);
     assert_eq!(poses, same, "bit for bit");
+    assert_eq!(surface("one"), surface("isolated"), "bit for bit");
     for key in
         ["source", "sensor", "frames", "tracked", "coverage", "maps", "keyframes", "landmarks", "config"]
     {
@@ -48,6 +51,30 @@ fn result_is_that_of_one_process() {
     assert!(isolated["deaths"].as_array().unwrap().is_empty());
     let info = json(&cairn(&["map", "info", &path("isolated.map"), "--json"]));
     assert_eq!(info["maps"][0]["key_frames"], one["keyframes"], "{info}");
+    // The map carries the depth, also of a run that goes on from it.
+    let images = |map: &str| {
+        let surface =
+            json(&cairn(&["mesh", &path(map), "--out", &path("again.ply"), "--overwrite", "--json"]));
+        surface["images"].as_u64().unwrap_or_else(|| panic!("{surface}"))
+    };
+    let before = images("isolated.map");
+    assert!(before >= 3, "{before} images");
+    let always = [
+        "run",
+        WORLD,
+        "--dense",
+        "--colour",
+        "--map-in",
+        &path("isolated.map"),
+        "--map-out",
+        &path("on.map"),
+    ];
+    let on = cairn(&[&always[..], &["--isolated"]].concat());
+    assert_eq!(on.status.code(), Some(0), "{}", stderr(&on));
+    assert!(images("on.map") > before + 3, "{} images after {before}", images("on.map"));
+    let nothing = cairn(&["run", "sim:demo?duration=2&resolution=320x240", "--isolated", "--dense"]);
+    assert!(stderr(&nothing).contains("the run has no depth sensor"), "{}", stderr(&nothing));
+    assert_eq!(nothing.status.code(), Some(1));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

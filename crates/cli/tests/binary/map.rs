@@ -323,6 +323,24 @@ fn depth_is_saved_meshed_continued_and_merged() {
     let coarse = json(&cairn(&["mesh", &map, "--out", &path("a.glb"), "--voxel-m", "0.1", "--json"]));
     assert!(coarse["vertices"].as_u64().unwrap() < made["vertices"].as_u64().unwrap() / 4, "{coarse}");
     fails(&["mesh", &map, "--out", &mesh], &["a.ply: it exists already"]);
+    let heights = path("a.pgm");
+    json(&cairn(&["mesh", &map, "--out", &heights, "--json"]));
+    let bytes = std::fs::read(&heights).unwrap();
+    assert!(bytes.starts_with(b"P5\n# height_m = 0.001 * (pixel - 1) + "), "{:?}", &bytes[..60]);
+
+    // In colour, in the run and in the map.
+    let has_colours = |file: &str| {
+        let head = std::fs::read(file).unwrap();
+        String::from_utf8_lossy(&head[..head.len().min(500)]).contains("property uchar red")
+    };
+    assert!(!has_colours(&mesh));
+    let coloured = save_map(&folder, "c.map", &["--dense", "--colour", "--mesh", &path("c.ply")]);
+    json(&cairn(&["mesh", &coloured, "--out", &path("d.ply"), "--json"]));
+    assert!(has_colours(&path("c.ply")));
+    assert!(std::fs::read(path("c.ply")).unwrap() == std::fs::read(path("d.ply")).unwrap());
+    let alone = cairn(&["run", "sim:demo?duration=1&resolution=320x240&sensor=rgbd", "--colour"]);
+    assert!(stderr(&alone).contains("--colour: colours are those of surfaces"), "{}", stderr(&alone));
+
     let misused = cairn(&["mesh", &map, "--out", &path("b.ply"), "--every", "2"]);
     assert_eq!(misused.status.code(), Some(2), "{}", stderr(&misused));
     assert!(stderr(&misused).contains("a saved map has its own poses"), "{}", stderr(&misused));

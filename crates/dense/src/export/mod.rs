@@ -1,11 +1,13 @@
-//! Meshes and point clouds as files: PLY, OBJ, binary glTF, PCD. Writers take any `Write`; the caller opens files.
+//! Meshes and point clouds as files: PLY, OBJ, binary glTF, PCD, and heightmaps as PGM. Writers take any `Write`; the caller opens files.
 
 mod gltf;
+mod heights;
 mod obj;
 mod pcd;
 mod ply;
 
 pub use gltf::write_glb;
+pub use heights::write_heights;
 pub use obj::write_obj;
 pub use pcd::write_pcd;
 pub use ply::{write_ply, write_ply_points};

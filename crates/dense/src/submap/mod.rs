@@ -11,7 +11,7 @@ mod saved;
 #[cfg(test)]
 mod tests;
 
-pub use codec::PackedDepth;
+pub use codec::{PackedDepth, PackedGray};
 pub(crate) use codec::{Rows, broken};
 pub use locate::{Followed, Located, Locator, Place};
 pub use refuse::Progress;
@@ -22,7 +22,7 @@ use crate::{
     DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig, TsdfVolume,
 };
 use cairn_geometry::{Se3, Sim3, Vec3};
-use cairn_sensor::{Camera, DepthImage};
+use cairn_sensor::{Camera, DepthImage, GrayImage};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -39,7 +39,7 @@ pub struct MapId(pub u64);
 pub struct SubmapConfig {
     /// How depth images are interpreted.
     pub depth: DepthConfig,
-    /// The field; submaps store no colour.
+    /// The field; with colour the gray images of key frames are kept beside their depth.
     pub tsdf: TsdfConfig,
     /// The occupancy grid.
     pub occupancy: OccupancyConfig,
@@ -92,6 +92,7 @@ struct Kept {
     /// Its destination: another submap, after two are joined.
     target: usize,
     depth: PackedDepth,
+    gray: Option<PackedGray>,
 }
 
 /// The submap that a frame is fused in, and its pose there as it was fused.
@@ -102,6 +103,10 @@ struct Inside {
 }
 
 impl Kept {
+    fn bytes(&self) -> usize {
+        self.depth.bytes() + self.gray.as_ref().map_or(0, |gray| gray.as_bytes().len())
+    }
+
     /// The pose with which it is fused in a submap.
     fn inside(&self, submap: usize) -> Option<&Se3> {
         self.inside.as_ref().filter(|i| i.submap == submap).map(|i| &i.pose)
@@ -150,9 +155,6 @@ impl DenseMap {
         if !(config.reach_m > 0.0 && (0.0..1.0).contains(&config.overlap) && config.moved_m > 0.0) {
             return Err(DenseError::Config(format!("submaps: {config:?}")));
         }
-        if config.tsdf.colour {
-            return Err(DenseError::Config("submaps keep no colour".into()));
-        }
         TsdfVolume::new(config.tsdf)?;
         OccupancyGrid::new(config.occupancy)?;
         Ok(Self {
@@ -171,7 +173,8 @@ impl DenseMap {
         self.preparer.source()
     }
 
-    /// Adds a key frame with its depth: it goes into the submap it overlaps most, or starts a new one.
+    /// Adds a key frame with its depth: it goes into the submap it overlaps most, or starts a new one. `gray` shows the same pixels
+    /// as the depth; it is left aside where the field has no colours.
     ///
     /// # Errors
     /// A key frame that exists already, a pose that is not finite, depth that cannot be used. The map is then
@@ -183,6 +186,7 @@ impl DenseMap {
         world_from_anchor: Se3,
         anchor_from_camera: Se3,
         depth: &DepthImage,
+        gray: Option<&GrayImage>,
     ) -> Result<Fused, DenseError> {
         if self.anchors.contains_key(&id) {
             return Err(DenseError::Pose(format!("key frame {} is in the map already", id.0)));
@@ -192,6 +196,8 @@ impl DenseMap {
             return Err(DenseError::Pose("a number is not finite".into()));
         }
         let frame = self.preparer.prepare(depth)?.clone();
+        let gray = gray.filter(|_| self.config.tsdf.colour).map(PackedGray::pack);
+        let colours = self.preparer.colours_packed(gray.as_ref())?;
         let chosen = self.choose(map, &world_from_camera, &frame);
         let anchored = AnchoredPose { anchor: id, pose: Se3::identity() };
         let anchor = Anchor { map, world_from_anchor };
@@ -207,35 +213,15 @@ impl DenseMap {
             Some(fresh) => fresh,
             None => self.submaps[index].as_mut().ok_or(DenseError::UnknownAnchor(id.0))?,
         };
-        let result = Arc::make_mut(&mut submap.tsdf).integrate(&frame, None, &pose)?;
+        let result = Arc::make_mut(&mut submap.tsdf).integrate(&frame, colours.as_ref(), &pose)?;
         Arc::make_mut(&mut submap.occupancy).integrate(&frame, &pose)?;
         self.submaps.extend(fresh.map(Some));
         self.anchors.insert(id, anchor);
         self.active.insert(map, index);
         let anchored = AnchoredPose { anchor: id, pose: anchor_from_camera };
         let inside = Some(Inside { submap: index, pose });
-        self.kept.push(Kept { anchored, inside, target: index, depth: PackedDepth::pack(depth) });
+        self.kept.push(Kept { anchored, inside, target: index, depth: PackedDepth::pack(depth), gray });
         Ok(result)
-    }
-
-    /// Adds depth of a frame that is not a key frame: it updates the occupancy of the submap in use and is not
-    /// stored. False when there is no submap yet.
-    ///
-    /// # Errors
-    /// As [`Self::insert`]; an unknown map or anchor.
-    pub fn observe(
-        &mut self,
-        anchor: AnchorId,
-        anchor_from_camera: &Se3,
-        depth: &DepthImage,
-    ) -> Result<bool, DenseError> {
-        let known = *self.anchors.get(&anchor).ok_or(DenseError::UnknownAnchor(anchor.0))?;
-        let Some(&index) = self.active.get(&known.map) else { return Ok(false) };
-        let pose = self.world_from_submap(index)?.inverse() * known.world_from_anchor * *anchor_from_camera;
-        let frame = self.preparer.prepare(depth)?;
-        let Some(submap) = self.submaps.get_mut(index).and_then(Option::as_mut) else { return Ok(false) };
-        Arc::make_mut(&mut submap.occupancy).integrate(frame, &pose)?;
-        Ok(true)
     }
 
     fn empty_submap(&self, anchored: AnchoredPose) -> Result<Submap, DenseError> {
@@ -378,18 +364,20 @@ impl DenseMap {
         })
     }
 
-    /// One field of a whole map, fused from the stored depth with the current poses: without seams between submaps.
+    /// One field of a whole map, fused from the stored depth with the current poses: without seams between submaps. It has colours
+    /// where they are asked for and images of the map have them.
     ///
     /// # Errors
     /// A config value out of range; poses out of range.
     pub fn fuse_all(&mut self, map: MapId, tsdf: TsdfConfig) -> Result<TsdfVolume, DenseError> {
-        let mut out = TsdfVolume::new(tsdf)?;
+        let of = |k: &Kept| self.anchors.get(&k.anchored.anchor).filter(|a| a.map == map).copied();
+        let colour = tsdf.colour && self.kept.iter().any(|k| k.gray.is_some() && of(k).is_some());
+        let mut out = TsdfVolume::new(TsdfConfig { colour, ..tsdf })?;
         for kept in &self.kept {
-            let Some(anchor) = self.anchors.get(&kept.anchored.anchor).filter(|a| a.map == map) else {
-                continue;
-            };
+            let Some(anchor) = of(kept) else { continue };
+            let colours = self.preparer.colours_packed(kept.gray.as_ref().filter(|_| colour))?;
             let frame = self.preparer.prepare_packed(&kept.depth)?;
-            out.integrate(frame, None, &(anchor.world_from_anchor * kept.anchored.pose))?;
+            out.integrate(frame, colours.as_ref(), &(anchor.world_from_anchor * kept.anchored.pose))?;
         }
         Ok(out)
     }
@@ -414,10 +402,10 @@ impl DenseMap {
         Ok(out)
     }
 
-    /// Bytes of the volumes, and of the stored depth.
+    /// Bytes of the volumes, and of the stored images.
     pub fn bytes(&self) -> [usize; 2] {
         let volumes = self.submaps.iter().flatten().map(|s| s.tsdf.bytes() + s.occupancy.bytes()).sum();
-        [volumes, self.kept.iter().map(|k| k.depth.bytes()).sum()]
+        [volumes, self.kept.iter().map(Kept::bytes).sum()]
     }
 
     /// The state at a point of a map: occupied if any submap says so, else free if any submap does.

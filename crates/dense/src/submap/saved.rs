@@ -1,6 +1,6 @@
 //! The dense map as it is saved: depth with the poses it is anchored with; the volumes are fused again from it.
 
-use super::{AnchoredPose, DenseMap, Kept, PackedDepth};
+use super::{AnchoredPose, DenseMap, Kept, PackedDepth, PackedGray};
 use crate::{AnchorId, DenseError, MapId};
 use cairn_geometry::Se3;
 
@@ -13,6 +13,8 @@ pub struct SavedFrame {
     pub anchor_from_camera: Se3,
     /// The image.
     pub depth: PackedDepth,
+    /// What the same pixels look like.
+    pub gray: Option<PackedGray>,
 }
 
 /// A submap without its volumes.
@@ -33,6 +35,7 @@ impl DenseMap {
             anchor: k.anchored.anchor,
             anchor_from_camera: k.anchored.pose,
             depth: k.depth.clone(),
+            gray: k.gray.clone(),
         };
         let submaps = self.submaps.iter().enumerate().filter_map(|(i, s)| Some((i, s.as_ref()?.anchored)));
         let saved = submaps.map(|(index, anchored)| SavedSubmap {
@@ -56,11 +59,14 @@ impl DenseMap {
         for frame in &saved.frames {
             known(frame.anchor)?;
             finite &= frame.anchor_from_camera.is_finite();
-            let [width, height] = frame.depth.size();
-            if [width, height] != [camera.width, camera.height] {
+            let gray = frame.gray.as_ref().map(PackedGray::size);
+            for [width, height] in [frame.depth.size()].into_iter().chain(gray) {
                 let [expected_width, expected_height] = [camera.width, camera.height];
+                if [width, height] == [expected_width, expected_height] {
+                    continue;
+                }
                 return Err(DenseError::Size {
-                    what: "depth",
+                    what: "an image",
                     width,
                     height,
                     expected_width,
@@ -79,7 +85,13 @@ impl DenseMap {
         for frame in saved.frames {
             self.waiting.push(self.kept.len());
             let anchored = AnchoredPose { anchor: frame.anchor, pose: frame.anchor_from_camera };
-            self.kept.push(Kept { anchored, inside: None, target: index, depth: frame.depth });
+            self.kept.push(Kept {
+                anchored,
+                inside: None,
+                target: index,
+                depth: frame.depth,
+                gray: frame.gray,
+            });
         }
         Ok(())
     }

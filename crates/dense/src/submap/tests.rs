@@ -20,6 +20,21 @@ fn voxels(volume: &TsdfVolume) -> BTreeMap<[i32; 3], (f64, i32)> {
     volume.changed_since(0).flat_map(of).collect()
 }
 
+/// Sums of colours and how many pixels are in them.
+fn colours(volume: &TsdfVolume) -> BTreeMap<crate::BlockKey, Vec<[i32; 4]>> {
+    let of = |slot| {
+        let planes = volume.colours(slot).map(|c| c.planes);
+        planes.map(|p| (0..512).map(|i| [p[0][i], p[1][i], p[2][i], p[3][i]]).collect())
+    };
+    volume.slots().filter_map(|(key, slot)| Some((key, of(slot)?))).collect()
+}
+
+/// What the camera of [`wall`] sees: shades that differ from place to place.
+fn stripes(x: f64) -> GrayImage {
+    let at = |i: usize| (60.0 + 40.0 * (x + (i % 80) as f64 / 30.0).sin() + (i / 80) as f64) as u8;
+    GrayImage::from_vec(80, 60, (0..80 * 60).map(at).collect()).expect("all pixels")
+}
+
 fn finish(map: &mut DenseMap) {
     for _ in 0..10_000 {
         if map.step(&Vec3::zeros(), 7).waiting == 0 {
@@ -50,13 +65,16 @@ fn check(map: &mut DenseMap) -> usize {
             let wanted = world_from_submap.inverse()
                 * map.anchors[&kept.anchored.anchor].world_from_anchor
                 * kept.anchored.pose;
-            field.integrate(&frame, None, &fused).expect("a pose");
+            let gray = kept.gray.as_ref().map(|g| g.unpack().expect("whole"));
+            let colours = gray.map(|g| map.preparer.colours(&g).expect("its size"));
+            field.integrate(&frame, colours.as_ref(), &fused).expect("a pose");
             grid.integrate(&frame, &fused).expect("a pose");
             let off = fused.inverse() * wanted;
             assert!(off.translation.norm() + 2.0 * off.rotation.log().norm() <= map.config.moved_m + 1e-9);
         }
         let submap = map.submaps[index].as_ref().expect("a place");
         assert_eq!(voxels(&submap.tsdf), voxels(&field));
+        assert_eq!(colours(&submap.tsdf), colours(&field));
         assert!(odds(&submap.occupancy) == odds(&grid), "occupancy of submap {index}");
         assert!(!submap.stale);
     }
@@ -87,15 +105,20 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_history_ends_as_if_fused_afresh(events in proptest::collection::vec(event(), 6..24)) {
-        let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+    fn any_history_ends_as_if_fused_afresh(events in proptest::collection::vec(event(), 6..24), colour: bool) {
+        let config = config();
+        let config = SubmapConfig { tsdf: TsdfConfig { colour, ..config.tsdf }, ..config };
+        let mut map = DenseMap::new(config, camera(), 0.001).expect("a camera");
         let mut next = 0;
         for event in events {
             match event {
                 Event::Insert { map: id, x } => {
                     // After a merge there is one map left.
                     let id = if map.anchors.values().any(|a| a.map == MapId(id)) || id == 0 { id } else { 1 };
-                    map.insert(AnchorId(next), MapId(id), pose(x, [0.0; 3]), Se3::identity(), &wall(x)).expect("depth");
+                    // Some come without a picture, as those of an older map.
+                    let gray = (next % 3 > 0).then(|| stripes(x));
+                    map.insert(AnchorId(next), MapId(id), pose(x, [0.0; 3]), Se3::identity(), &wall(x), gray.as_ref())
+                        .expect("depth");
                     next += 1;
                 }
                 Event::Align(by) => {
@@ -134,7 +157,7 @@ fn a_closed_loop_moves_submaps_at_once_and_frames_later() {
     let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
     for i in 0..12 {
         let x = f64::from(i) * 0.4;
-        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x))
+        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x), None)
             .expect("depth");
     }
     let before: Vec<Se3> = map.submaps().map(|s| s.world_from_submap).collect();
@@ -160,10 +183,11 @@ fn merged_maps_are_joined_and_no_wall_is_doubled() {
     let b_from_a = Se3::new(So3::exp(&Vec3::new(0.2, -0.4, 0.1)), Vec3::new(3.0, 1.0, -2.0));
     for i in 0..4 {
         let x = f64::from(i) * 0.2;
-        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x))
+        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x), None)
             .expect("depth");
         let id = AnchorId(100 + i as u64);
-        map.insert(id, MapId(1), b_from_a * pose(x, [0.0; 3]), Se3::identity(), &wall(x)).expect("depth");
+        map.insert(id, MapId(1), b_from_a * pose(x, [0.0; 3]), Se3::identity(), &wall(x), None)
+            .expect("depth");
     }
     assert_eq!(map.submaps().count(), 2);
     let a_from_b = b_from_a.inverse();
@@ -181,19 +205,52 @@ fn merged_maps_are_joined_and_no_wall_is_doubled() {
 }
 
 #[test]
+fn surface_has_the_shades_of_its_images() {
+    let in_colour = TsdfConfig { colour: true, ..config().tsdf };
+    for colour in [true, false] {
+        let tsdf = TsdfConfig { colour, ..in_colour };
+        let mut map = DenseMap::new(SubmapConfig { tsdf, ..config() }, camera(), 0.001).expect("a camera");
+        let bright = GrayImage::from_vec(80, 60, vec![200; 80 * 60]).expect("all pixels");
+        map.insert(AnchorId(0), MapId(0), Se3::identity(), Se3::identity(), &wall(0.0), Some(&bright))
+            .expect("depth");
+        let small = GrayImage::new(40, 30);
+        let refused =
+            map.insert(AnchorId(1), MapId(0), Se3::identity(), Se3::identity(), &wall(0.0), Some(&small));
+        assert_eq!(
+            refused.is_err(),
+            colour,
+            "a picture of another size, which nobody looks at without colours"
+        );
+        let mesh = Mesher::new(MeshConfig::of_key_frames())
+            .whole(&map.fuse_all(MapId(0), in_colour).expect("poses"));
+        assert_eq!(mesh.colours.len(), if colour { mesh.positions.len() } else { 0 });
+        assert!(!mesh.positions.is_empty() && mesh.colours.iter().all(|c| *c == [200; 3]));
+        // The same of a saved map.
+        let mut again = DenseMap::new(config(), camera(), 0.001).expect("a camera");
+        again.add_anchor(AnchorId(0), MapId(0), Se3::identity()).expect("finite");
+        again.add_anchor(AnchorId(1), MapId(0), Se3::identity()).expect("finite");
+        map.saved().into_iter().for_each(|submap| again.restore(submap).expect("known anchors"));
+        let same = Mesher::new(MeshConfig::of_key_frames())
+            .whole(&again.fuse_all(MapId(0), in_colour).expect("poses"));
+        assert_eq!(same.colours, mesh.colours);
+    }
+}
+
+#[test]
 fn bad_input_leaves_the_map_as_it_was() {
     let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
     let (id, nowhere) = (AnchorId(7), pose(f64::NAN, [0.0; 3]));
-    assert!(map.insert(id, MapId(0), nowhere, Se3::identity(), &wall(0.0)).is_err());
-    assert!(map.insert(id, MapId(0), Se3::identity(), Se3::identity(), &DepthImage::new(80, 60)).is_err());
+    assert!(map.insert(id, MapId(0), nowhere, Se3::identity(), &wall(0.0), None).is_err());
     assert!(
-        map.insert(id, MapId(0), pose(1e12, [0.0; 3]), Se3::identity(), &wall(0.0)).is_ok(),
+        map.insert(id, MapId(0), Se3::identity(), Se3::identity(), &DepthImage::new(80, 60), None).is_err()
+    );
+    assert!(
+        map.insert(id, MapId(0), pose(1e12, [0.0; 3]), Se3::identity(), &wall(0.0), None).is_ok(),
         "its own origin"
     );
-    assert!(map.insert(id, MapId(0), Se3::identity(), Se3::identity(), &wall(0.0)).is_err(), "twice");
+    assert!(map.insert(id, MapId(0), Se3::identity(), Se3::identity(), &wall(0.0), None).is_err(), "twice");
     assert!(map.align(&[(id, nowhere)]).is_err());
     assert!(map.remove(id, AnchorId(99)).is_err());
-    assert!(map.observe(AnchorId(99), &Se3::identity(), &wall(0.0)).is_err());
     assert_eq!(map.submaps().count(), 1);
     assert_eq!(map.step(&Vec3::zeros(), 10).waiting, 0);
 }
@@ -203,7 +260,7 @@ fn a_saved_map_goes_on_as_the_one_it_was_saved_from() {
     let mut map = DenseMap::new(config(), camera(), 0.001).expect("a camera");
     for i in 0..12 {
         let x = f64::from(i) * 0.4;
-        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x))
+        map.insert(AnchorId(i as u64), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x), None)
             .expect("depth");
     }
     // Saved with work waiting: it is done with the poses that were final.
@@ -221,7 +278,8 @@ fn a_saved_map_goes_on_as_the_one_it_was_saved_from() {
     assert_eq!(whole(&mut again), whole(&mut map), "before any work is done");
     // One more key frame while the work waits, then a loop.
     for map in [&mut map, &mut again] {
-        map.insert(AnchorId(20), MapId(0), pose(4.0, [0.0; 3]), Se3::identity(), &wall(4.0)).expect("depth");
+        map.insert(AnchorId(20), MapId(0), pose(4.0, [0.0; 3]), Se3::identity(), &wall(4.0), None)
+            .expect("depth");
         map.step(&Vec3::zeros(), 3);
         map.align(&[(AnchorId(2), pose(0.8, [0.0, 0.0, -0.1]))]).expect("finite");
         finish(map);

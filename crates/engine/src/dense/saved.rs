@@ -6,8 +6,11 @@
 use super::{DenseMapper, anchor, dense_map};
 use cairn_atlas::store::{DepthPart, MapFile, Place, SavedDepth, StoreError};
 use cairn_atlas::{KeyFrameId, Snapshot};
-use cairn_dense::{AnchorId, DenseError, DenseMap, PackedDepth, SavedFrame, SavedSubmap, SubmapConfig};
+use cairn_dense::{
+    AnchorId, DenseError, DenseMap, PackedDepth, PackedGray, SavedFrame, SavedSubmap, SubmapConfig,
+};
 use cairn_geometry::Se3;
+use std::sync::Arc;
 
 /// Why there is no dense map of a saved map.
 #[derive(Debug, thiserror::Error)]
@@ -77,7 +80,8 @@ impl DenseMapper {
         };
         let image = |f: SavedFrame| {
             let place = place(f.anchor, f.anchor_from_camera)?;
-            Some(SavedDepth { place, packed: f.depth.as_bytes().clone() })
+            let gray = f.gray.map_or_else(|| Arc::from([]), |gray| gray.as_bytes().clone());
+            Some(SavedDepth { place, packed: f.depth.as_bytes().clone(), gray })
         };
         let part = |s: SavedSubmap| {
             let submap = place(s.anchor, s.anchor_from_submap)?;
@@ -130,7 +134,8 @@ fn submap_of(
 ) -> Option<SavedSubmap> {
     let frame = |image: SavedDepth| {
         let (anchor, anchor_from_camera) = resolved(snapshot, &image.place)?;
-        Some((anchor, anchor_from_camera, PackedDepth::from_bytes(width, height, image.packed)))
+        let gray = (!image.gray.is_empty()).then(|| PackedGray::from_bytes(width, height, image.gray));
+        Some((anchor, anchor_from_camera, PackedDepth::from_bytes(width, height, image.packed), gray))
     };
     let frames: Vec<_> = images.into_iter().filter_map(frame).collect();
     // Where a submap's own frame is does not matter.
@@ -140,7 +145,12 @@ fn submap_of(
     let frames: Vec<SavedFrame> = frames
         .into_iter()
         .filter(|(id, ..)| map_of(*id) == map_of(root))
-        .map(|(id, anchor_from_camera, depth)| SavedFrame { anchor: anchor(id), anchor_from_camera, depth })
+        .map(|(id, anchor_from_camera, depth, gray)| SavedFrame {
+            anchor: anchor(id),
+            anchor_from_camera,
+            depth,
+            gray,
+        })
         .collect();
     (!frames.is_empty()).then(|| SavedSubmap { anchor: anchor(root), anchor_from_submap, frames })
 }

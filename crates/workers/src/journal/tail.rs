@@ -1,8 +1,8 @@
 //! Follows a journal that another process writes.
 
 use super::{HEADER, JournalError, applied, check, failed, record, recover, versions};
-use cairn_atlas::Snapshot;
 use cairn_atlas::store::{MapFile, decode_commit};
+use cairn_atlas::{Published, Snapshot};
 use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -43,6 +43,15 @@ impl Tail {
     /// # Errors
     /// As [`Tail::open`].
     pub fn follow(&mut self) -> Result<(), JournalError> {
+        self.follow_each(|_| ()).map(drop)
+    }
+
+    /// As [`Tail::follow`]; `then` is given each commit. False where the map is a later one by now without all commits up to it
+    /// having been read: a newer base has replaced them.
+    ///
+    /// # Errors
+    /// As [`Tail::open`].
+    pub fn follow_each(&mut self, mut then: impl FnMut(Published)) -> Result<bool, JournalError> {
         loop {
             let Some(bytes) = self.written()? else { return self.begin_again() };
             let mut read = 0;
@@ -50,16 +59,17 @@ impl Tail {
                 let octaves = self.file.snapshot.octaves();
                 let Ok(commit) = decode_commit(commit, &self.file.about.camera, octaves) else { break };
                 if commit.version > self.file.snapshot.version() {
-                    let Some(snapshot) = applied(&self.file.snapshot, commit) else {
+                    let Some(snapshot) = applied(&self.file.snapshot, &commit) else {
                         return self.begin_again();
                     };
                     self.file.snapshot = snapshot;
+                    then(commit);
                 }
                 read = next;
             }
             self.at += read as u64;
             if !self.next_log()? {
-                return Ok(());
+                return Ok(true);
             }
         }
     }
@@ -92,10 +102,12 @@ impl Tail {
         Ok(true)
     }
 
-    fn begin_again(&mut self) -> Result<(), JournalError> {
+    fn begin_again(&mut self) -> Result<bool, JournalError> {
         if let Some(anew) = Self::open(&self.folder)?.filter(|t| t.map().version() >= self.map().version()) {
+            let has_all = anew.map().version() == self.map().version();
             *self = anew;
+            return Ok(has_all);
         }
-        Ok(())
+        Ok(true)
     }
 }

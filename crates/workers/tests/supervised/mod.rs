@@ -1,13 +1,14 @@
 //! The tests, and the workers that they start.
 
-use cairn_engine::{Config, Engine, PoseTime, Runner, SensorMode};
+use cairn_dense::{MeshConfig, Mesher, SubmapConfig, TsdfConfig, write_ply};
+use cairn_engine::{Config, DenseMapper, Engine, PoseTime, Runner, SensorMode};
 use cairn_random::Random;
 use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, open};
 use cairn_workers::capture::rest_of;
-use cairn_workers::message::{Failure, Outcome};
+use cairn_workers::message::{Failure, OfKeyFrames, Outcome};
 use cairn_workers::{
-    Role, RunFolder, SuperviseError, Supervised, Supervision, Told, capture, slam, supervise,
+    Role, RunFolder, SuperviseError, Supervised, Supervision, Told, capture, dense, slam, supervise,
 };
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
@@ -23,13 +24,12 @@ pub fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.first().map(String::as_str) {
         Some("worker") => worker(arguments.get(1).and_then(|name| Role::named(name)).expect("a role")),
-        Some("fifty") => fifty_kills(),
         filter => tests(filter.unwrap_or_default()),
     }
 }
 
 fn tests(filter: &str) {
-    let all: [(&str, fn()); 7] = [
+    let all: [(&str, fn()); 8] = [
         ("result_equals_that_of_one_process", result_equals_that_of_one_process),
         ("killed_processes_go_on", killed_processes_go_on),
         ("stopped_process_is_started_again", stopped_process_is_started_again),
@@ -37,6 +37,7 @@ fn tests(filter: &str) {
         ("crash_loop_backs_off_and_is_given_up", crash_loop_backs_off_and_is_given_up),
         ("failure_of_a_worker_is_told", failure_of_a_worker_is_told),
         ("run_folder_is_removed", run_folder_is_removed),
+        ("surface_is_the_same_whatever_becomes_of_dense", surface_is_the_same_whatever_becomes_of_dense),
     ];
     if data().is_none() {
         println!("skipped: processes on a recording: no euroc-mh01 in CAIRN_DATA");
@@ -52,7 +53,13 @@ fn tests(filter: &str) {
 fn data() -> Option<PathBuf> {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
     let folder = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(root), PathBuf::from);
-    Some(folder.join("euroc-mh01")).filter(|path| path.is_dir())
+    let name = if with_depth() { "7scenes-kitchen" } else { "euroc-mh01" };
+    Some(folder.join(name)).filter(|path| path.is_dir())
+}
+
+/// A worker of a run with depth and surfaces.
+fn with_depth() -> bool {
+    std::env::var_os("WITH_DEPTH").is_some()
 }
 
 fn source() -> Box<dyn Source> {
@@ -72,7 +79,14 @@ fn worker(role: Role) {
         }
         Role::Capture => capture::run(from, to, false, |delivered| {
             let source = delivered.map_or_else(|| Ok(source()), |d| rest_of(source(), &d))?;
-            Ok((source, "stereo".to_owned()))
+            Ok((source, if with_depth() { "rgbd" } else { "stereo" }.to_owned()))
+        }),
+        Role::Dense if std::env::var_os("DIES_AT_THE_END").is_some() => dense::run(from, to, || {
+            let surface = |_: &mut DenseMapper, _| std::process::exit(3);
+            Ok(dense::Work { config: in_colour(), saved: Vec::new(), surface: Some(surface) })
+        }),
+        Role::Dense => dense::run(from, to, || {
+            Ok(dense::Work { config: in_colour(), saved: Vec::new(), surface: Some(surface) })
         }),
         Role::Slam => {
             let bound_mb = std::env::var("BOUND_MB").ok().and_then(|mb| mb.parse::<u64>().ok());
@@ -122,15 +136,26 @@ fn run_with(
     mut tell: impl FnMut(&Told, &BTreeMap<Role, u32>),
 ) -> Result<Supervised, SuperviseError> {
     let folder = RunFolder::create(&std::env::temp_dir()).unwrap();
+    supervised(command, hang_limit, &folder, false, &mut tell)
+}
+
+fn supervised(
+    command: impl Fn(Role) -> Command + 'static,
+    hang_limit: Duration,
+    folder: &RunFolder,
+    dense: bool,
+    tell: &mut dyn FnMut(&Told, &BTreeMap<Role, u32>),
+) -> Result<Supervised, SuperviseError> {
     let how = Supervision {
         command: Box::new(command),
         hang_limit,
         late_limit: hang_limit,
         guide: false,
         records: false,
+        surfaces: dense.then_some(OfKeyFrames::DepthAndGray),
     };
     let mut ids = BTreeMap::new();
-    supervise(&how, &folder, &AtomicBool::new(false), &mut |told| {
+    supervise(&how, folder, &AtomicBool::new(false), &mut |told| {
         if let Told::Started { role, id } = told {
             ids.insert(role, id);
         }
@@ -199,47 +224,79 @@ fn killed_processes_go_on() {
     }
 }
 
-/// `cargo test --release -p cairn-workers --test processes -- fifty`: each process killed at fifty random moments, with
-/// the times until it works again.
-fn fifty_kills() {
-    println!(
-        "process | kills | started again after [s] median, max | pose after [s] median, max | frames without pose | lost"
-    );
-    for role in [Role::Slam, Role::Capture] {
-        let (mut random, mut back_s, mut pose_s) = (Random::new(11), Vec::new(), Vec::new());
-        let (mut kills, mut unposed, mut lost) = (0, 0, 0);
-        while kills < 50 {
-            let (mut due, mut killed) = (random.below(25) as u64, None);
-            let run = run(|told, ids| match told {
-                Told::Tracked(frame) if frame.number >= due && kills < 50 && killed.is_none() => {
-                    // At any moment of the frames after.
-                    std::thread::sleep(Duration::from_micros(random.below(30_000) as u64));
-                    // Capture that has delivered its last frame is gone.
-                    let id = Pid::from_raw(ids[&role] as i32).unwrap();
-                    if kill_process(id, Signal::KILL).is_ok() {
-                        (killed, kills) = (Some(Instant::now()), kills + 1);
-                    }
-                    due = frame.number + 8 + random.below(25) as u64;
-                }
-                Told::Started { role: started, .. } if *started == role => {
-                    back_s.extend(killed.take().map(|at: Instant| at.elapsed().as_secs_f64()));
-                }
-                _ => {}
-            });
-            let run = run.unwrap();
-            no_frame_is_lost(&run);
-            assert_eq!(run.map.snapshot.maps().count(), 1);
-            unposed += run.frames.iter().filter(|f| f.pose.is_none()).count();
-            lost += FRAMES - run.frames.len();
-            pose_s.extend(run.relocalised.iter().map(|(_, after_s)| *after_s));
+fn in_colour() -> SubmapConfig {
+    let tsdf = TsdfConfig { colour: true, ..TsdfConfig::default() };
+    SubmapConfig { tsdf, ..SubmapConfig::default() }
+}
+
+/// The largest map's surface.
+fn surface(mapper: &mut DenseMapper, _: bool) -> Result<Vec<u8>, Failure> {
+    let map = mapper.largest_map().expect("a map");
+    let volume = mapper.surface(map, in_colour().tsdf).expect("poses");
+    let mut bytes = Vec::new();
+    write_ply(&Mesher::new(MeshConfig::of_key_frames()).whole(&volume), &mut bytes).expect("memory");
+    Ok(bytes)
+}
+
+/// A run with depth, and the bytes of its surface.
+fn with_surface(
+    variable: &'static str,
+    mut tell: impl FnMut(&Told, &BTreeMap<Role, u32>),
+) -> (Supervised, Option<Vec<u8>>) {
+    let folder = RunFolder::create(&std::env::temp_dir()).unwrap();
+    let command = move |role| {
+        let mut command = this_program(role);
+        command.env("WITH_DEPTH", "1").env(variable, "1");
+        command
+    };
+    let run = supervised(command, Duration::from_secs(1), &folder, true, &mut tell).unwrap();
+    let surface = std::fs::read(folder.path().join(dense::SURFACE)).ok();
+    (run, surface)
+}
+
+/// Nobody waits for the process of surfaces, and the next one goes on from the same changes.
+fn surface_is_the_same_whatever_becomes_of_dense() {
+    let (whole, surface) = with_surface("WITH_DEPTH", |_, _| ());
+    let images = |run: &Supervised| run.map.depth().unwrap().iter().map(|p| p.images.len()).sum::<usize>();
+    assert!(whole.deaths.is_empty() && surface.as_ref().is_some_and(|bytes| bytes.len() > 100_000));
+    assert!(images(&whole) >= 5 && images(&whole) >= whole.map.snapshot.key_frame_count());
+    let mut resumed = Vec::new();
+    let (killed, same) = with_surface("WITH_DEPTH", |told, ids| match told {
+        Told::Tracked(frame) if [20, 90, FRAMES as u64 - 1].contains(&frame.number) => {
+            signal(ids[&Role::Dense], Signal::KILL)
         }
-        let words = |s: &mut Vec<f64>| {
-            s.sort_by(f64::total_cmp);
-            s.last().map_or("-".into(), |last| format!("{:.3}, {last:.3}", s[s.len() / 2]))
-        };
-        let (back, pose) = (words(&mut back_s), words(&mut pose_s));
-        println!("{} | {kills} | {back} | {pose} | {unposed} | {lost}", role.name());
-    }
+        Told::DenseResumed { key_frames, .. } => resumed.push(*key_frames),
+        _ => {}
+    });
+    no_frame_is_lost(&killed);
+    println!("  dense went on with the depth of {resumed:?} key frames");
+    assert!(resumed.len() == 3 && resumed[2] >= 5, "{resumed:?}");
+    assert!(killed.deaths.len() == 3 && killed.deaths.iter().all(|d| d.role == Role::Dense));
+    assert!(same == surface, "killed three times: another surface");
+    assert_eq!(images(&killed), images(&whole));
+    assert_eq!(killed.trajectory(PoseTime::Corrected), whole.trajectory(PoseTime::Corrected));
+    let (hung, same) = with_surface("WITH_DEPTH", |told, ids| match told {
+        Told::Tracked(frame) if frame.number == 60 => signal(ids[&Role::Dense], Signal::STOP),
+        _ => {}
+    });
+    no_frame_is_lost(&hung);
+    let deaths: Vec<_> = hung.deaths.iter().map(|d| (d.role, d.how.as_str())).collect();
+    assert_eq!(deaths, [(Role::Dense, "it did not answer for 1.0 s and was killed")]);
+    assert!(same == surface, "stopped: another surface");
+    // SLAM that dies takes no depth with it.
+    let (slam, _) = with_surface("WITH_DEPTH", |told, ids| match told {
+        Told::Tracked(frame) if frame.number == 90 => signal(ids[&Role::Slam], Signal::KILL),
+        _ => {}
+    });
+    no_frame_is_lost(&slam);
+    assert!(images(&slam) >= slam.map.snapshot.key_frame_count(), "{} images", images(&slam));
+    // One that dies again and again is given up, and the rest of the run is there.
+    let (without, none) = with_surface("DIES_AT_THE_END", |_, _| ());
+    no_frame_is_lost(&without);
+    let why = without.surfaces.as_ref().unwrap_err().to_string();
+    assert!(why.contains("died 7 times in a row: it ended with code 3"), "{why}");
+    assert!(none.is_none());
+    assert_eq!(without.trajectory(PoseTime::Corrected), whole.trajectory(PoseTime::Corrected));
 }
 
 fn stopped_process_is_started_again() {

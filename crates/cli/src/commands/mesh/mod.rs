@@ -11,7 +11,7 @@ use cairn_dense::{DepthConfig, TsdfConfig};
 use cairn_geometry::Vec3;
 use std::path::{Path, PathBuf};
 
-/// Fuses the depth images of a recording or of a saved map into a surface and writes it as PLY, glTF (.glb) or OBJ.
+/// Fuses the depth images of a recording or of a saved map into a surface and writes it as PLY, glTF (.glb), OBJ, or heights along gravity (.pgm).
 ///
 /// Poses of a recording are its own, or those of a trajectory (as `cairn run --trajectory` writes it). A map carries depth
 /// when it was saved by `cairn run --dense --map-out`; its poses are those of its key frames.
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// A recording with depth, a simulated world with depth (sim:...), or a saved map.
     source: String,
-    /// The file to write; its ending chooses the form: .ply, .glb or .obj.
+    /// The file to write; its ending chooses the form: .ply, .glb or .obj, or .pgm for a heightmap.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Poses of the body in TUM, KITTI or EuRoC form, in place of the recording's own.

@@ -5,7 +5,6 @@ use crate::failure::Failure;
 use cairn_dense::{DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume};
 use cairn_eval::load_trajectory;
 use cairn_geometry::Trajectory;
-use cairn_sensor::{FramePacket, Image};
 use cairn_sources::{OpenOptions, open};
 
 /// What was made.
@@ -44,7 +43,7 @@ pub fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
     let poses = poses(arguments, source.info().truth.iter().map(|(t, p)| (t.0, *p)).collect())?;
     let config = DepthConfig { farthest_m: arguments.farthest, ..DepthConfig::default() };
     let mut preparer = DepthPreparer::new(config, sensor.camera, sensor.metres_per_unit).map_err(dense)?;
-    let colour = sensor.registered && sensor.camera == source.rig().cameras[0].camera;
+    let colour = cairn_engine::has_colours(source.rig());
     let tsdf = TsdfConfig { voxel_m: arguments.voxel, colour, ..TsdfConfig::default() };
     let mut volume = TsdfVolume::new(tsdf).map_err(dense)?;
     let mut report =
@@ -59,10 +58,10 @@ pub fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
             report.without_pose += 1;
             continue;
         };
-        let gray = colour.then(|| gray(&packet)).flatten();
+        let colours = packet.images.first().filter(|_| colour).and_then(|gray| preparer.colours(gray).ok());
         match preparer.prepare(depth) {
             Ok(frame) => {
-                volume.integrate(frame, gray.as_ref(), &(pose * sensor.body_from_depth)).map_err(dense)?
+                volume.integrate(frame, colours.as_ref(), &(pose * sensor.body_from_depth)).map_err(dense)?
             }
             Err(_) => {
                 report.refused += 1;
@@ -103,10 +102,4 @@ fn poses(arguments: &Arguments, own: Vec<(i64, cairn_geometry::Se3)>) -> Result<
 fn nearest(poses: &Trajectory, stamp_ns: i64) -> Option<cairn_geometry::Se3> {
     let i = poses.nearest(stamp_ns)?;
     (poses.stamps_ns()[i].abs_diff(stamp_ns) <= APART_NS).then(|| poses.poses()[i])
-}
-
-/// The first image as gray colours.
-fn gray(packet: &FramePacket) -> Option<Image<[u8; 3]>> {
-    let image = packet.images.first()?;
-    Image::from_vec(image.width(), image.height(), image.data().iter().map(|&v| [v; 3]).collect())
 }

@@ -50,7 +50,7 @@ pub fn fuse(a: &Arguments) -> Result<(Surface, Report), Failure> {
         return Err(Failure::usage(option, "a saved map has its own poses and frames", hint));
     }
     let file = open(path)?;
-    let tsdf = TsdfConfig { voxel_m: a.voxel, ..TsdfConfig::default() };
+    let tsdf = TsdfConfig { voxel_m: a.voxel, colour: true, ..TsdfConfig::default() };
     let depth = DepthConfig { farthest_m: a.farthest, ..DepthConfig::default() };
     let config = SubmapConfig { depth, tsdf, ..SubmapConfig::default() };
     let dense = |e: cairn_dense::DenseError| {

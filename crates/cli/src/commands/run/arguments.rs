@@ -121,6 +121,10 @@ pub struct Arguments {
     /// has depth goes on with it; --mesh keeps it too. See cairn mesh.
     #[arg(help_heading = MAPS, long)]
     pub dense: bool,
+    /// Gives surfaces what the camera saw: for --mesh, and for what is kept with --dense (half as much again). Needs depth that is
+    /// registered to the camera.
+    #[arg(help_heading = MAPS, long)]
+    pub colour: bool,
     /// Seconds between saves of the map during the run.
     #[arg(help_heading = MAPS, long, default_value_t = 30.0, value_name = "S", requires = "map_out")]
     pub map_every: f64,
@@ -154,7 +158,7 @@ pub struct Arguments {
     /// Watches the way of a guided walker with the depth sensor, and stops him for what is in it.
     #[arg(help_heading = RUNNING, long)]
     pub watch_way: bool,
-    /// Writes the surface of what the depth sensor saw, from the final poses: .ply, .glb or .obj.
+    /// Writes the surface of what the depth sensor saw, from the final poses: .ply, .glb or .obj, or .pgm for a heightmap.
     #[arg(help_heading = RESULTS, long, value_name = "OUT.ply")]
     pub mesh: Option<PathBuf>,
     #[command(flatten)]
@@ -245,8 +249,8 @@ impl FacingArgument {
 /// The arguments of a run as processes.
 #[derive(clap::Args)]
 pub struct Isolated {
-    /// Runs capture, SLAM and the guide as processes under a supervisor: one that dies or hangs is started again, the guide
-    /// says stop meanwhile, and the run goes on in the map of a moment ago. Needs /dev/shm.
+    /// Runs capture, SLAM, surfaces and the guide as processes under a supervisor: one that dies or hangs is started again, the
+    /// guide says stop meanwhile, and the run goes on in the map of a moment ago. Needs /dev/shm.
     #[arg(help_heading = RUNNING, long, conflicts_with_all = NOT_ISOLATED)]
     pub isolated: bool,
     /// Memory that each process may use, MB; one that needs more dies and is started again.
@@ -268,7 +272,7 @@ pub enum FrontEnd {
 }
 
 /// What only one process can do so far.
-const NOT_ISOLATED: [&str; 16] = [
+const NOT_ISOLATED: [&str; 14] = [
     "front_end",
     "frame",
     "script",
@@ -278,8 +282,6 @@ const NOT_ISOLATED: [&str; 16] = [
     "mcap",
     "rerun",
     "watch_way",
-    "mesh",
-    "dense",
     "journal",
     "replay",
     "report_html",

@@ -44,13 +44,15 @@ mod unix {
     use super::super::{map, open_part, open_source, problems, results, tally};
     use super::*;
     use crate::commands::given::read_config;
+    use crate::commands::map::failed;
     use crate::interrupt;
     use crate::map_lock::MapLock;
     use crate::output::warn;
     use crate::processes::{SHARED_MEMORY, folder_in, line, this_program};
     use crate::progress::Progress;
+    use crate::surface::{Surface, form};
     use cairn_atlas::store::MapFile;
-    use cairn_engine::{PoseTime, Runner};
+    use cairn_engine::{DenseMapper, PoseTime, Runner};
     use cairn_eval::{Align, EvalOptions, Lost, Percentiles, RunReport, evaluate};
     use cairn_geometry::{Se3, Trajectory};
     use cairn_guide::{Cue, CueKind, Route, StopReason, Travel};
@@ -60,8 +62,8 @@ mod unix {
     use cairn_voice::Voice;
     use cairn_workers::capture::{Delivered, rest_of};
     use cairn_workers::guide::{RecordTo, Work};
-    use cairn_workers::message::{Said, Tracked};
-    use cairn_workers::{Death, Role, RunFolder, Supervised, Supervision, Told};
+    use cairn_workers::message::{OfKeyFrames, Said, Tracked};
+    use cairn_workers::{Death, Role, RunFolder, Supervised, Supervision, Told, dense};
     use serde::Serialize;
     use std::collections::BTreeMap;
     use std::sync::Arc;
@@ -134,6 +136,7 @@ mod unix {
                 }
                 cairn_workers::slam::run(from, to, &config, runner(a));
             }
+            Role::Dense => cairn_workers::dense::run(from, to, || dense_of(a)),
             Role::Guide => cairn_workers::guide::run(from, to, a.realtime, || match &a.record {
                 Some(path) => Ok(Work::Record(record_to(a, path)?)),
                 None => guide_of(a).map(|guide| Work::Guide(Box::new(guide))),
@@ -154,6 +157,27 @@ mod unix {
             true => (a.start, a.frames),
             false => (start_s, None),
         }
+    }
+
+    type Mesh = Box<dyn FnMut(&mut DenseMapper, bool) -> Result<Vec<u8>, cairn_workers::message::Failure>>;
+
+    /// Surfaces, from the depth of --map-in on.
+    fn dense_of(a: &Arguments) -> Result<dense::Work<Mesh>, cairn_workers::message::Failure> {
+        let told = |e: Failure| cairn_workers::message::Failure::new(e.what, e.why, e.hint);
+        let saved = match map::opened(a).map_err(told)? {
+            Some(mut file) => file
+                .take_depth()
+                .map_err(|e| cairn_workers::message::Failure::new("--map-in", e, "see cairn map repair"))?,
+            None => Vec::new(),
+        };
+        let surface = a.mesh.clone().map(|path| -> Mesh {
+            Box::new(move |mapper, gravity_aligned| {
+                let write = form(&path).map_err(told)?;
+                let surface = Surface::of(mapper, gravity_aligned).map_err(told)?;
+                surface.bytes(write, &path.display().to_string()).map_err(told)
+            })
+        });
+        Ok(dense::Work { config: super::super::surface::config(a), saved, surface })
     }
 
     /// The route of --record.
@@ -207,6 +231,11 @@ mod unix {
         let _lock = outputs.file("--map-out").map(MapLock::take).transpose()?;
         let config = config_of(a)?;
         a.guide.as_deref().map(super::super::route::check).transpose()?;
+        a.mesh.as_deref().map(form).transpose()?;
+        if a.colour && !makes_surfaces(a) {
+            let hint = "add --mesh or --dense";
+            return Err(Failure::usage("--colour", "colours are those of surfaces", hint));
+        }
         if a.guide.is_some() && a.map_in.is_none() {
             let hint = "load its map with --map-in";
             return Err(Failure::usage("--guide", "the route needs the map it was recorded in", hint));
@@ -235,6 +264,10 @@ mod unix {
             late_limit,
             guide: a.guide.is_some() || a.record.is_some(),
             records: a.record.is_some(),
+            surfaces: makes_surfaces(a).then_some(match a.colour {
+                true => OfKeyFrames::DepthAndGray,
+                false => OfKeyFrames::Depth,
+            }),
         };
         let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
         let mut monitor = Monitor::new(a, began, voice);
@@ -244,10 +277,15 @@ mod unix {
             e => Failure::new("the run", e.to_string(), "run without --isolated to see where it fails"),
         })?;
         let heard = monitor.voice.end().map_err(super::super::say::fail);
-        run.map.attached = attached;
+        run.map.attached.extend(attached);
         drop(std::mem::replace(&mut monitor.progress, Progress::hidden()));
         let report = report(a, &run, &monitor, &config, began);
-        let written = written(a, outputs, output, &run, &report);
+        let surface = || {
+            let path = folder.path().join(dense::SURFACE);
+            std::fs::read(&path)
+                .map_err(|e| Failure::new("the surface", e.to_string(), "free some shared memory"))
+        };
+        let written = written(a, outputs, output, &run, &report, &surface);
         heard.and(written)
     }
 
@@ -268,7 +306,17 @@ mod unix {
         let base = MapFile { attached: BTreeMap::new(), ..file };
         cairn_workers::journal::JournalWriter::begin(folder.path(), &base)
             .map_err(|e| Failure::new(SHARED_MEMORY, e.to_string(), "free some of it"))?;
-        Ok(map::opened(a)?.map_or_else(BTreeMap::new, |file| file.attached))
+        let Some(mut file) = map::opened(a)? else { return Ok(BTreeMap::new()) };
+        if makes_surfaces(a) {
+            // Dense goes on from it, and gives it back with what it adds.
+            let path = a.map_in.as_deref().unwrap_or(Path::new("--map-in"));
+            file.take_depth().map_err(|e| failed(path, &e))?;
+        }
+        Ok(file.attached)
+    }
+
+    fn makes_surfaces(a: &Arguments) -> bool {
+        a.mesh.is_some() || a.dense
     }
 
     /// What is shown and counted while the run goes on.
@@ -403,6 +451,7 @@ mod unix {
         output: &Output,
         run: &Supervised,
         report: &RunReport,
+        surface: &dyn Fn() -> Result<Vec<u8>, Failure>,
     ) -> Result<(), Failure> {
         let (interrupted, problems) = (interrupt::requested(), problems::of(report));
         let outcome = Outcome { report, interrupted, problems, searches: None };
@@ -439,6 +488,10 @@ mod unix {
                 format!("no frame got a pose: {why}"),
                 super::super::NO_POSE,
             ));
+        }
+        match &run.surfaces {
+            Ok(()) => failures.extend(outputs.write("--mesh", surface).err()),
+            Err(e) => failures.push(Failure::new(e.what.clone(), e.why.clone(), e.cure.clone())),
         }
         match &run.recorded {
             Some(Err(why)) => {

@@ -7,10 +7,16 @@ use crate::output::warn;
 use crate::outputs::Outputs;
 use crate::surface::{Surface, form};
 use cairn_atlas::store::MapFile;
-use cairn_dense::SubmapConfig;
+use cairn_dense::{SubmapConfig, TsdfConfig};
 use cairn_engine::{DenseMapper, DenseSetupError, Engine, SensorMode};
 use cairn_sensor::Rig;
 use cairn_session::Session;
+
+/// How submaps are made.
+pub fn config(a: &Arguments) -> SubmapConfig {
+    let submaps = SubmapConfig::default();
+    SubmapConfig { tsdf: TsdfConfig { colour: a.colour, ..submaps.tsdf }, ..submaps }
+}
 
 /// A dense mapper that follows the engine, if a surface is wanted or the opened map has depth; it goes on from that
 /// depth, which is taken out of the file, and looks for a lost camera in it. Depth that cannot be continued stays there, to be saved as it is.
@@ -25,13 +31,19 @@ pub fn begin(
 ) -> Result<Option<DenseMapper>, Failure> {
     a.mesh.as_deref().map(form).transpose()?;
     let asked = a.mesh.as_ref().map(|_| "--mesh").or(a.dense.then_some("--dense"));
+    if a.colour && asked.is_none() {
+        return Err(Failure::usage("--colour", "colours are those of surfaces", "add --mesh or --dense"));
+    }
     let saved = map_in.as_ref().is_some_and(|file| file.depth_bytes() > 0);
     if asked.is_none() && !saved {
         return Ok(None);
     }
-    let mut mapper = match (DenseMapper::new(engine, rig, SubmapConfig::default()), asked) {
+    let mut mapper = match (DenseMapper::new(engine, rig, config(a)), asked) {
         (Ok(mapper), _) => mapper,
         (Err(DenseSetupError::NoDepth), None) => return Ok(None),
+        (Err(e @ DenseSetupError::NoColours), _) => {
+            return Err(Failure::usage("--colour", e.to_string(), "leave it out"));
+        }
         (Err(e), _) => {
             let what = asked.unwrap_or("the depth of the map");
             return Err(Failure::usage(what, e.to_string(), "give a source with depth and --sensor rgbd"));

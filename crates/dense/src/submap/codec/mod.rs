@@ -4,6 +4,7 @@
 //! with a zero byte: its first two numbers, empty and full pixels, are not both zero.
 
 mod blocks;
+mod gray;
 mod rvl;
 
 use crate::{Backend, DenseError};
@@ -11,6 +12,7 @@ use cairn_sensor::DepthImage;
 use std::sync::Arc;
 
 pub(crate) use blocks::Rows;
+pub use gray::PackedGray;
 
 /// The first byte of images packed in blocks.
 const BLOCKS: u8 = 0;
