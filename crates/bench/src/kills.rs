@@ -153,7 +153,7 @@ pub fn work(role: &str) -> Result<(), String> {
     config.inertial.enabled = false;
     match role {
         Role::Capture => capture::run(from, to, false, |delivered| {
-            let source = delivered.map_or_else(source, |d| rest_of(source()?, &d).map_err(Failure::from))?;
+            let source = delivered.map_or_else(source, |d| rest_of(source()?, &d))?;
             Ok((source, "rgbd".to_owned()))
         }),
         Role::Slam => slam::run(from, to, &config, Runner::Lockstep),

@@ -84,7 +84,7 @@ fn damage_costs_the_part_it_hits() {
 #[test]
 fn every_altered_byte_of_a_part_is_an_error_or_other_numbers() {
     let mut saved = file(3, 4, 6);
-    saved.add_depth(&parts(&mut Dice::new(11), &[2]));
+    saved.add_depth(&parts(&mut Dice::new(11), &[2], false));
     let name = format!("{DEPTH_PREFIX}00000");
     let whole = saved.attached[&name].clone();
     let mut refused = 0;
@@ -111,7 +111,7 @@ fn every_altered_byte_of_a_part_is_an_error_or_other_numbers() {
 #[test]
 fn older_layouts_are_read_and_newer_ones_refused() {
     let mut saved = file(3, 4, 6);
-    let depth = parts(&mut Dice::new(13), &[2]);
+    let depth = parts(&mut Dice::new(13), &[2], false);
     saved.add_depth(&depth);
     let name = format!("{DEPTH_PREFIX}00000");
     for (layout, read) in [(0, false), (1, true), (2, true), (3, false)] {
