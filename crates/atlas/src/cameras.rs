@@ -79,7 +79,7 @@ impl Snapshot {
         }
         snapshot.right_offset = right_offset;
         snapshot.other_cameras = Arc::new(others);
-        snapshot.made_by = MadeBy::of(&snapshot);
+        snapshot.made_by = MadeBy::of(snapshot.key_frames());
         snapshot
     }
 }

@@ -64,7 +64,7 @@ impl Snapshot {
             }
             piece.landmarks.insert(own.id.index(), own);
         }
-        piece.made_by = MadeBy::of(&piece);
+        piece.made_by = MadeBy::of(piece.key_frames());
         piece.recount_covisible();
         piece.places = PlaceIndex::of(piece.key_frames().map(|k| (k.id, k.bag.shared())));
         Some(piece)

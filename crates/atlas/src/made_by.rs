@@ -1,7 +1,7 @@
 //! By what the key frames of each map were made: how many by the atlas's camera, how many by others with depth. Kept as key
 //! frames come and go, because whether lengths in a map are metres is asked with every frame.
 
-use crate::{KeyFrame, MapId, Snapshot};
+use crate::{KeyFrame, MapId};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -31,10 +31,10 @@ impl Count {
 }
 
 impl MadeBy {
-    /// Counts all key frames.
-    pub fn of(snapshot: &Snapshot) -> Self {
+    /// Counts these key frames.
+    pub fn of<'a>(key_frames: impl Iterator<Item = &'a KeyFrame>) -> Self {
         let mut made_by = Self::default();
-        snapshot.key_frames().for_each(|k| made_by.add(k));
+        key_frames.for_each(|k| made_by.add(k));
         made_by
     }
 

@@ -272,7 +272,7 @@ impl Snapshot {
                 return Err(format!("{:?} has a loop with {other:?}, which does not list it", k.id));
             }
         }
-        if self.made_by != MadeBy::of(self) {
+        if self.made_by != MadeBy::of(self.key_frames()) {
             return Err("the key frames of a map are counted wrongly".into());
         }
         for map in self.maps.keys() {

@@ -87,9 +87,7 @@ impl GroundGrid {
         let key_from_sensor = key_pose.inverse() * base * self.scanner.body_from_sensor();
         let scanned = self.grid.insert_scan(key, &key_pose, key_from_sensor, &rays);
         // The camera does not see the ground below it.
-        let stood = scanned
-            .and_then(|_| self.grid.insert_step(key, &key_pose, key_pose.inverse() * base, self.stood_m));
-        stood
+        scanned.and_then(|_| self.grid.insert_step(key, &key_pose, key_pose.inverse() * base, self.stood_m))
     }
 
     /// Lays the grid anew where key frames have moved.

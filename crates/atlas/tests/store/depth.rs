@@ -114,7 +114,7 @@ fn older_layouts_are_read_and_newer_ones_refused() {
     let depth = parts(&mut Dice::new(13), &[2], false);
     saved.add_depth(&depth);
     let name = format!("{DEPTH_PREFIX}00000");
-    for (layout, read) in [(0, false), (1, true), (2, true), (3, false)] {
+    for (layout, read) in [(0, false), (1, true), (2, true), (4, false)] {
         saved.attached.get_mut(&name).unwrap()[0] = layout;
         match saved.depth() {
             Ok(found) => assert!(read && found == depth, "layout {layout}"),
