@@ -101,9 +101,9 @@ pub enum SuperviseError {
     Interrupted,
 }
 
-/// The rig of a source, read back from its text.
+/// The rig of a source, read back from its text. Each process has a file of its own: none reads what another is writing.
 fn rig_of(folder: &Path, opened: &Opened) -> Result<Rig, Failure> {
-    let path = folder.join("rig.toml");
+    let path = folder.join(format!("rig-{}.toml", std::process::id()));
     let cure = "free some shared memory, or run without --isolated";
     std::fs::write(&path, &opened.rig).map_err(|e| Failure::new(path.display().to_string(), e, cure))?;
     Ok(cairn_sources::read_rig(&path)?)

@@ -70,6 +70,7 @@ pub fn supervise(
         guide_given_up: false,
         surfaces: if how.surfaces.is_some() { Surfaces::Growing } else { Surfaces::Ended(Ok(())) },
         dense_died: None,
+        finished_at: None,
         deaths: Vec::new(),
         died_at: (u64::MAX, 0),
         recovering: None,
@@ -132,6 +133,8 @@ struct Run<'a, 't> {
     surfaces: Surfaces,
     /// When the process of surfaces died, until the next one has begun.
     dense_died: Option<Instant>,
+    /// When SLAM had finished.
+    finished_at: Option<Instant>,
     deaths: Vec<Death>,
     /// The frame at which SLAM died last, and how often.
     died_at: (u64, usize),
@@ -315,6 +318,7 @@ impl Run<'_, '_> {
             }
             Report::Finished(finished) => {
                 self.finished = Some(finished);
+                self.finished_at = Some(Instant::now());
                 self.slam.process = None;
             }
             // What it did until now is worth more than the surface.
@@ -378,7 +382,9 @@ impl Run<'_, '_> {
                 self.slam.order(Order::End);
             }
         }
-        if self.finished.is_some() && self.dense.ready && !self.dense.ending {
+        // Its end may take minutes, so that one that hangs is to be found out before.
+        let answers = self.finished_at.is_some_and(|at| self.dense.has_answered_since(at));
+        if answers && self.dense.ready && !self.dense.ending {
             self.dense.ending = true;
             // One that dies at its end again and again is in a crash loop, whatever it did before.
             self.dense.progress = false;

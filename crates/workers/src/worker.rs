@@ -30,6 +30,11 @@ pub struct Worker {
 }
 
 impl Worker {
+    /// Whether it has answered a ping that was sent later than this.
+    pub fn has_answered_since(&self, since: Instant) -> bool {
+        self.pinged >= since && self.heard >= self.pinged
+    }
+
     /// One that is not started yet.
     pub fn new() -> Self {
         let now = Instant::now();
