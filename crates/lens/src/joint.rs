@@ -144,22 +144,13 @@ impl<'a> Joint<'a> {
         let poses = self.state.poses.len();
         let stretch = |pose: usize| pose * STRETCHES / poses.max(1);
         let mut pulls = [Vector2::zeros(); STRETCHES];
-        let rotations: Vec<Mat3> = self.state.poses.iter().map(|p| p.rotation.inverse().matrix()).collect();
-        let views: Vec<Se3> = self.state.poses.iter().map(Se3::inverse).collect();
-        for o in &self.problem.bundle.observations {
-            let (i, j) = (o.pose as usize, o.point as usize);
-            let q = views[i] * self.state.points[j];
-            if q.z <= LEAST_DEPTH {
-                return None;
-            }
-            let seen = self.problem.linearised(&self.state.lens, o, &q, &rotations[i]);
-            let (_, slope) = huber(seen.residual.norm_squared() * o.weight, Bundle::bound(o));
+        each_observation(self.problem, &self.state, |i, j, seen, w| {
             let mut by_lens = seen.by_lens * of_lens + seen.by_point * by_points[j];
             if let Some(a) = Self::of_pose(i) {
                 by_lens += seen.by_pose * by_all.fixed_view::<6, 2>(a, 0);
             }
-            pulls[stretch(i)] += by_lens.tr_mul(&seen.residual) * (o.weight * slope);
-        }
+            pulls[stretch(i)] += by_lens.tr_mul(&seen.residual) * w;
+        })?;
         let times = STRETCHES as f64 / (STRETCHES - 1) as f64;
         Some(pulls.iter().map(|pull| pull * pull.transpose() * times).sum())
     }
@@ -237,17 +228,7 @@ impl<'a> Joint<'a> {
     /// The observations; `None` where a landmark is behind a camera.
     fn add_observations(&mut self) -> Option<()> {
         let lens_at = self.of_lens();
-        let rotations: Vec<Mat3> = self.state.poses.iter().map(|p| p.rotation.inverse().matrix()).collect();
-        let views: Vec<Se3> = self.state.poses.iter().map(Se3::inverse).collect();
-        for o in &self.problem.bundle.observations {
-            let (i, j) = (o.pose as usize, o.point as usize);
-            let q = views[i] * self.state.points[j];
-            if q.z <= LEAST_DEPTH {
-                return None;
-            }
-            let seen = self.problem.linearised(&self.state.lens, o, &q, &rotations[i]);
-            let (_, slope) = huber(seen.residual.norm_squared() * o.weight, Bundle::bound(o));
-            let w = o.weight * slope;
+        each_observation(self.problem, &self.state, |i, j, seen, w| {
             let point = &mut self.points[j];
             point.block += seen.by_point.tr_mul(&seen.by_point) * w;
             point.gradient += seen.by_point.tr_mul(&seen.residual) * w;
@@ -265,8 +246,7 @@ impl<'a> Joint<'a> {
                 g += seen.by_pose.tr_mul(&seen.residual) * w;
                 point.by_pose.push((at, seen.by_pose.tr_mul(&seen.by_point) * w));
             }
-        }
-        Some(())
+        })
     }
 
     /// Eliminates the landmarks and factors what is left; `None` where it is singular.
@@ -342,6 +322,27 @@ impl Problem for Joint<'_> {
     fn accept(&mut self) {
         std::mem::swap(&mut self.state, &mut self.trial);
     }
+}
+
+/// Gives pose, landmark, linearised residual and weight of each observation; `None` where a landmark is behind a camera.
+fn each_observation(
+    problem: &LensProblem,
+    state: &State,
+    mut give: impl FnMut(usize, usize, Seen, f64),
+) -> Option<()> {
+    let rotations: Vec<Mat3> = state.poses.iter().map(|p| p.rotation.inverse().matrix()).collect();
+    let views: Vec<Se3> = state.poses.iter().map(Se3::inverse).collect();
+    for o in &problem.bundle.observations {
+        let (i, j) = (o.pose as usize, o.point as usize);
+        let q = views[i] * state.points[j];
+        if q.z <= LEAST_DEPTH {
+            return None;
+        }
+        let seen = problem.linearised(&state.lens, o, &q, &rotations[i]);
+        let (_, slope) = huber(seen.residual.norm_squared() * o.weight, Bundle::bound(o));
+        give(i, j, seen, o.weight * slope);
+    }
+    Some(())
 }
 
 impl LensProblem {

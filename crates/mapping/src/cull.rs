@@ -77,7 +77,7 @@ pub(crate) fn redundant(
     candidates
         .filter_map(|id| snapshot.key_frame(id))
         .filter(|k| k.parent.is_some() && !keeps_factors_short(snapshot, k, here))
-        .filter(|k| camera.has_depth() || !carries_scale(snapshot, k))
+        .filter(|k| !carries_scale(snapshot, camera, k))
         .map(|k| (redundancy(snapshot, camera, k), k.id))
         .filter(|(r, _)| *r > share)
         .max_by(|a, b| a.0.total_cmp(&b.0))
@@ -98,12 +98,12 @@ fn keeps_factors_short(snapshot: &Snapshot, k: &KeyFrame, newest: &KeyFrame) -> 
     after.is_some_and(|after| before.sum.seconds() + after.sum.seconds() > longest)
 }
 
-/// Whether the map's unit of length is handed on over a key frame: what comes after it shares few landmarks with what
+/// Whether the unit of length of a map that has no metres is handed on over a key frame: what comes after it shares few landmarks with what
 /// came before it, and more with it. Three later key frames may see all of its landmarks, and it is redundant for them;
 /// but without it, only directions are left of the parallax in which the near ones were seen on both sides, and what
 /// comes after may grow or shrink freely.
-fn carries_scale(snapshot: &Snapshot, k: &KeyFrame) -> bool {
-    if snapshot.is_gravity_aligned(k.map) {
+fn carries_scale(snapshot: &Snapshot, camera: &RectifiedCamera, k: &KeyFrame) -> bool {
+    if snapshot.is_metric_in(k.map, camera) {
         return false;
     }
     let Some(next) = snapshot.key_frames_from(k.id).find(|next| next.id != k.id && next.map == k.map) else {

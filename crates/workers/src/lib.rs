@@ -20,6 +20,7 @@ mod seen;
 pub mod slam;
 mod supervision;
 mod supervisor;
+mod surfaces;
 mod worker;
 
 pub use journal::JournalError;

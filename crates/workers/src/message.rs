@@ -107,6 +107,8 @@ pub enum Report {
     Tracked(Box<Tracked>),
     /// Dense: it has followed all that was written.
     Followed,
+    /// SLAM: why the depth of key frames is written no longer; the map goes on without surfaces.
+    NoSurfaces(Failure),
     /// SLAM: the pose of an earlier frame is known by now.
     Amended {
         /// Its number.

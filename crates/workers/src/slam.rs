@@ -38,9 +38,9 @@ pub fn run(mut from: impl Read, mut to: impl Write, config: &Config, runner: Run
     };
     let (config, whole) = (session.as_deref().unwrap_or(config), session.is_some());
     let said = Slam::begin(&ring, &folder, &opened, start, config, runner)
-        .and_then(|slam| match surfaces {
+        .map(|slam| match surfaces {
             Some(what) => slam.with_depth(what),
-            None => Ok(slam),
+            None => slam,
         })
         .map(|slam| Slam { whole, ..slam })
         .and_then(|slam| slam.work(&mut from, &mut to));
@@ -58,6 +58,8 @@ struct Slam<'a> {
     commits: Subscription,
     /// Where the depth of key frames is written, if it is wanted.
     depth: Option<DepthOf>,
+    /// Why it is written no longer, until that is told.
+    depth_failed: Option<Failure>,
     /// IMU samples of frames that the ring no longer had: the next frame takes them.
     imu: Vec<ImuSample>,
     /// Frames of this process that were told without a pose: number and index in the engine's log.
@@ -98,6 +100,10 @@ impl DepthOf {
         }
         Ok(())
     }
+}
+
+fn depth_failed(e: crate::JournalError) -> Failure {
+    Failure::new("the depth of key frames", e, "free some shared memory, or run without --mesh and --dense")
 }
 
 impl<'a> Slam<'a> {
@@ -144,6 +150,7 @@ impl<'a> Slam<'a> {
             journal,
             commits,
             depth: None,
+            depth_failed: None,
             imu: Vec::new(),
             unposed: Vec::new(),
             finished: Finished::default(),
@@ -154,10 +161,20 @@ impl<'a> Slam<'a> {
     }
 
     /// With the depth of its key frames in a file of the folder.
-    fn with_depth(self, what: OfKeyFrames) -> Result<Self, Failure> {
-        let to = DepthWriter::open(self.folder, &self.engine.snapshot());
-        let to = to.map_err(|e| Failure::new("the depth of key frames", e, "free some shared memory"))?;
-        Ok(Self { depth: Some(DepthOf { to, what, offered: VecDeque::new() }), ..self })
+    fn with_depth(self, what: OfKeyFrames) -> Self {
+        match DepthWriter::open(self.folder, &self.engine.snapshot()) {
+            Ok(to) => Self { depth: Some(DepthOf { to, what, offered: VecDeque::new() }), ..self },
+            Err(e) => Self { depth_failed: Some(depth_failed(e)), ..self },
+        }
+    }
+
+    /// Writes the depth of the key frames that a commit adds, then the commit. Without room for the depth there are no surfaces,
+    /// and the map goes on.
+    fn append(&mut self, commit: &Published) -> Result<(), crate::JournalError> {
+        if let Some(Err(e)) = self.depth.as_mut().map(|depth| depth.write(commit)) {
+            (self.depth, self.depth_failed) = (None, Some(depth_failed(e)));
+        }
+        self.journal.append(commit)
     }
 
     /// `Ok` when all is done or the supervisor is gone.
@@ -167,6 +184,7 @@ impl<'a> Slam<'a> {
         drop(snapshot);
         let mut reports = vec![ready];
         loop {
+            reports.extend(self.depth_failed.take().map(Report::NoSurfaces));
             for report in reports.drain(..) {
                 if write(to, &report).is_err() {
                     return Ok(());
@@ -252,11 +270,8 @@ impl<'a> Slam<'a> {
     fn flush(&mut self) -> Result<(), Failure> {
         let failed =
             |e: crate::JournalError| Failure::new("the journal of the map", e, "free some shared memory");
-        for commit in self.commits.changes.try_iter() {
-            if let Some(depth) = &mut self.depth {
-                depth.write(&commit).map_err(failed)?;
-            }
-            self.journal.append(&commit).map_err(failed)?;
+        while let Ok(commit) = self.commits.changes.try_recv() {
+            self.append(&commit).map_err(failed)?;
         }
         if self.journal.is_long() {
             let map = self.engine.to_save("cairn", BTreeMap::new());
@@ -264,10 +279,7 @@ impl<'a> Slam<'a> {
             let behind = self.commits.behind(map.snapshot.version());
             let more: Vec<_> = self.commits.changes.try_iter().collect();
             for commit in &more {
-                if let Some(depth) = &mut self.depth {
-                    depth.write(commit).map_err(failed)?;
-                }
-                self.journal.append(commit).map_err(failed)?;
+                self.append(commit).map_err(failed)?;
             }
             if behind == 0 && more.is_empty() {
                 self.journal.rebase(map).map_err(failed)?;

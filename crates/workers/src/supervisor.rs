@@ -10,6 +10,7 @@ use crate::process::{Event, Process, What};
 use crate::run_folder::RunFolder;
 use crate::slam::FINAL_MAP;
 use crate::supervision::{Death, Supervised, Supervision, Told};
+use crate::surfaces::Surfaces;
 use crate::worker::Worker;
 use crate::{Role, SuperviseError};
 use cairn_atlas::store::MapFile;
@@ -68,8 +69,7 @@ pub fn supervise(
         recorded: None,
         guide_waits: how.records,
         guide_given_up: false,
-        surfaces: if how.surfaces.is_some() { Surfaces::Growing } else { Surfaces::Ended(Ok(())) },
-        dense_died: None,
+        surfaces: Surfaces::new(how.surfaces.is_some()),
         finished_at: None,
         deaths: Vec::new(),
         died_at: (u64::MAX, 0),
@@ -86,14 +86,6 @@ struct Recovering {
     died: Instant,
     resumed: Option<Instant>,
     frames: usize,
-}
-
-/// What becomes of surfaces.
-enum Surfaces {
-    /// They grow with the map.
-    Growing,
-    /// They are written, or there are none and why; also where none were asked for.
-    Ended(Result<(), Failure>),
 }
 
 struct Run<'a, 't> {
@@ -131,8 +123,6 @@ struct Run<'a, 't> {
     guide_waits: bool,
     guide_given_up: bool,
     surfaces: Surfaces,
-    /// When the process of surfaces died, until the next one has begun.
-    dense_died: Option<Instant>,
     /// When SLAM had finished.
     finished_at: Option<Instant>,
     deaths: Vec<Death>,
@@ -145,7 +135,7 @@ struct Run<'a, 't> {
 impl Run<'_, '_> {
     fn go(&mut self, events: &Receiver<Event>, stop: &AtomicBool) -> Result<(), SuperviseError> {
         let mut looked = Instant::now();
-        while self.finished.is_none() || self.is_recording() || self.makes_surfaces() {
+        while self.finished.is_none() || self.is_recording() || self.surfaces.grow() {
             match events.recv_timeout(TICK) {
                 Ok(event) => self.event(event)?,
                 Err(RecvTimeoutError::Timeout) => {}
@@ -178,8 +168,15 @@ impl Run<'_, '_> {
         self.how.records && self.recorded.is_none() && !self.guide_given_up
     }
 
-    fn makes_surfaces(&self) -> bool {
-        matches!(self.surfaces, Surfaces::Growing)
+    /// Whether a process of this role has begun its work in this run.
+    fn has_begun(&mut self, role: Role) -> bool {
+        self.worker(role).ready || self.deaths.iter().any(|death| death.role == role)
+    }
+
+    /// Surfaces are written, or will not be.
+    fn end_surfaces(&mut self, how: Result<(), Failure>) {
+        self.surfaces.end(how);
+        self.dense.process = None;
     }
 
     fn worker(&mut self, role: Role) -> &mut Worker {
@@ -287,8 +284,8 @@ impl Run<'_, '_> {
             Report::Ready { .. } if role == Role::Guide => self.guide.ready = true,
             Report::Ready { key_frames, .. } if role == Role::Dense => {
                 self.dense.ready = true;
-                if let Some(died) = self.dense_died.take() {
-                    (self.tell)(Told::DenseResumed { key_frames, after_s: died.elapsed().as_secs_f64() });
+                if let Some(after_s) = self.surfaces.process_began() {
+                    (self.tell)(Told::DenseResumed { key_frames, after_s });
                 }
             }
             Report::Ready { key_frames, .. } => {
@@ -312,20 +309,15 @@ impl Run<'_, '_> {
             }
             Report::Said(said) => (self.tell)(Told::Said(&said)),
             Report::Followed => self.dense.progress = true,
-            Report::Finished(_) if role == Role::Dense => {
-                self.surfaces = Surfaces::Ended(Ok(()));
-                self.dense.process = None;
-            }
+            Report::NoSurfaces(why) => self.end_surfaces(Err(why)),
+            Report::Finished(_) if role == Role::Dense => self.end_surfaces(Ok(())),
             Report::Finished(finished) => {
                 self.finished = Some(finished);
                 self.finished_at = Some(Instant::now());
                 self.slam.process = None;
             }
-            // What it did until now is worth more than the surface.
-            Report::Failed(why) if role == Role::Dense && self.dense.ready => {
-                self.surfaces = Surfaces::Ended(Err(why));
-                self.dense.process = None;
-            }
+            // What was done until now is worth more than the surface.
+            Report::Failed(why) if role == Role::Dense && self.has_begun(role) => self.end_surfaces(Err(why)),
             Report::Failed(why) => return Err(why.into()),
         }
         Ok(())
@@ -456,7 +448,7 @@ impl Run<'_, '_> {
             if role == Role::Dense {
                 let why = format!("the process that makes them died {times} times in a row: {}", death.how);
                 let cure = "run without --isolated to see where it fails";
-                self.surfaces = Surfaces::Ended(Err(Failure::new("surfaces", why, cure)));
+                self.surfaces.end(Err(Failure::new("surfaces", why, cure)));
             } else {
                 self.guide_given_up = true;
             }
@@ -464,7 +456,7 @@ impl Run<'_, '_> {
             return Ok(());
         }
         if role == Role::Dense {
-            self.dense_died.get_or_insert_with(Instant::now);
+            self.surfaces.process_died();
         }
         let Some(delay) = delay else {
             return Err(SuperviseError::CrashLoop { role, how: death.how, times });
@@ -522,10 +514,7 @@ impl Run<'_, '_> {
             finished: self.finished.unwrap_or_default(),
             left_out: self.left_out_before.and(&self.left_out),
             recorded: self.recorded,
-            surfaces: match self.surfaces {
-                Surfaces::Ended(how) => how,
-                Surfaces::Growing => Ok(()),
-            },
+            surfaces: self.surfaces.outcome(),
             deaths: self.deaths,
             relocalised: self.relocalised,
         })

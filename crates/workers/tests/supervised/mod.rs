@@ -29,7 +29,7 @@ pub fn main() {
 }
 
 fn tests(filter: &str) {
-    let all: [(&str, fn()); 8] = [
+    let all: [(&str, fn()); 9] = [
         ("result_equals_that_of_one_process", result_equals_that_of_one_process),
         ("killed_processes_go_on", killed_processes_go_on),
         ("stopped_process_is_started_again", stopped_process_is_started_again),
@@ -38,6 +38,7 @@ fn tests(filter: &str) {
         ("failure_of_a_worker_is_told", failure_of_a_worker_is_told),
         ("run_folder_is_removed", run_folder_is_removed),
         ("surface_is_the_same_whatever_becomes_of_dense", surface_is_the_same_whatever_becomes_of_dense),
+        ("run_goes_on_where_depth_cannot_be_kept", run_goes_on_where_depth_cannot_be_kept),
     ];
     if data().is_none() {
         println!("skipped: processes on a recording: no euroc-mh01 in CAIRN_DATA");
@@ -297,6 +298,31 @@ fn surface_is_the_same_whatever_becomes_of_dense() {
     assert!(why.contains("died 7 times in a row: it ended with code 3"), "{why}");
     assert!(none.is_none());
     assert_eq!(without.trajectory(PoseTime::Corrected), whole.trajectory(PoseTime::Corrected));
+}
+
+/// Without a place for the depth of key frames there is no surface; the map and all poses are there.
+fn run_goes_on_where_depth_cannot_be_kept() {
+    let folder = RunFolder::create(&std::env::temp_dir()).unwrap();
+    let log = folder.path().join("depth.log");
+    let command = |role| {
+        let mut command = this_program(role);
+        command.env("WITH_DEPTH", "1");
+        command
+    };
+    let mut spoil = |told: &Told, ids: &BTreeMap<Role, u32>| match told {
+        Told::Tracked(frame) if frame.number == 60 => {
+            std::fs::remove_file(&log).unwrap();
+            std::fs::create_dir(&log).unwrap();
+            signal(ids[&Role::Slam], Signal::KILL);
+        }
+        _ => {}
+    };
+    let run = supervised(command, Duration::from_secs(1), &folder, true, &mut spoil).unwrap();
+    no_frame_is_lost(&run);
+    let why = run.surfaces.as_ref().unwrap_err().to_string();
+    assert!(why.contains("depth.log"), "{why}");
+    assert!(run.map.snapshot.key_frame_count() > 5);
+    assert!(run.deaths.iter().all(|death| death.role == Role::Slam), "{:?}", run.deaths);
 }
 
 fn stopped_process_is_started_again() {
