@@ -186,6 +186,22 @@ fn found(id: KeyFrameId, atlas: &Atlas, stamp_s: f64) -> FoundByDepth {
     FoundByDepth { key_frame: id, frames: frames.collect(), covariance: Matrix6::identity() * 1e-4 }
 }
 
+/// A tracker whose last pose its depth has carried, and where it is.
+pub(crate) fn tracker_carried_by_depth(is_front_end: bool) -> (Tracker, Se3) {
+    let (world, dark) = (World::around(stereo(), 85), World::empty(stereo()));
+    let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    let config = TrackerConfig { dense: is_front_end, ..TrackerConfig::default() };
+    let mut tracker =
+        Tracker::new(world.camera, FEATURES, RATE_HZ, config).with_depth(&sensor(), Se3::identity());
+    tracker.map_created(atlas.latest(), ids[3]);
+    for n in 0..16 {
+        let seen = if n < 10 { &world } else { &dark };
+        tracker.depth_seen(Some(room(&at(n), RIGHT)));
+        step(&mut tracker, atlas.latest(), &seen.see(&at(n), 1.5 + STEP_S * (n + 1) as f64));
+    }
+    (tracker, at(15))
+}
+
 #[test]
 fn found_by_depth_goes_on_by_depth_where_a_lost_camera_is() {
     let (_, atlas, ids, mut tracker, now) = lost(1.0, TrackerConfig::default());

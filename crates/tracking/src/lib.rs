@@ -28,6 +28,8 @@ mod start;
 mod start_tests;
 mod state;
 #[cfg(test)]
+mod step_tests;
+#[cfg(test)]
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
 #[cfg(test)]

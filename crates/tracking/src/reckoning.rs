@@ -197,6 +197,22 @@ mod tests {
     }
 
     #[test]
+    fn uncertain_step_is_the_last_motion_with_its_own_variances() {
+        let mut reckoning = DeadReckoning::default();
+        reckoning.restart(true);
+        for (x, sigma_m) in [(0.1, 0.02), (0.3, 0.05)] {
+            let measured = MeasuredMotion { sigma_m, ..motion(x, 0.2) };
+            reckoning.measured(Some(&measured), &Se3::identity());
+            reckoning.advance();
+            let (step, variance) = reckoning.uncertain_step().expect("measured");
+            assert_eq!(step, measured.last_from_now);
+            assert_eq!(variance, [sigma_m * sigma_m, 1e-4]);
+        }
+        reckoning.advance();
+        assert_eq!(reckoning.uncertain_step(), None, "nothing was measured");
+    }
+
+    #[test]
     fn the_gate_widens_as_the_pose_becomes_uncertain_and_coasting_ends() {
         let mut reckoning = DeadReckoning::default();
         reckoning.restart(true);

@@ -275,6 +275,17 @@ mod tests {
     }
 
     #[test]
+    fn is_early_for_the_first_second_of_walking() {
+        let mut comparison = PaceComparison { map: MapId(KeyFrameId::FIRST), pace: 1.0, done: 0 };
+        let mut pace = Pace::default();
+        for k in 1..=60 {
+            pace.push(0.8);
+            comparison.due(&pace, 20.0);
+            assert_eq!(comparison.is_early(), k < 20, "after {k} frames of a twentieth of a second");
+        }
+    }
+
+    #[test]
     fn a_map_is_rescaled_soon_and_again_by_the_pace() {
         let map = MapId(KeyFrameId::FIRST);
         let mut comparison = PaceComparison { map, pace: 1.2, done: 0 };

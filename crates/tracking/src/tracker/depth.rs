@@ -46,7 +46,7 @@ impl Tracker {
     }
 
     /// Whether features that suffice by themselves contradict the depth, where that only helps them out.
-    pub(super) fn contradicts_depth(&self, pose: &Se3, matches: &Matches) -> bool {
+    pub(crate) fn contradicts_depth(&self, pose: &Se3, matches: &Matches) -> bool {
         let helping = self.dense.as_ref().filter(|dense| !dense.is_front_end());
         let aligned = helping.and_then(|dense| dense.aligned());
         aligned.is_some_and(|a| !a.reckoned.agrees(pose)) && matches.count() >= self.config.min_inliers
