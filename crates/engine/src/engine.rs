@@ -73,9 +73,9 @@ impl Engine {
         let snapshot = snapshot.continued_by(config.robot);
         // Opened and checked before the first image rather than at it.
         cairn_vision::bow::Vocabulary::current();
-        let rows = rig.cameras.first().map_or(0, |c| c.camera.height);
+        let size = rig.cameras.first().map_or([0; 2], |c| [c.camera.width, c.camera.height]);
         let features = config.front_end_for(rig).orb.features;
-        let tracker = Tracker::new(model, features, rate_hz, config.tracker).with_rows(rows);
+        let tracker = Tracker::new(model, features, rate_hz, config.tracker).with_size(size);
         let tracker = match rig.depth.as_ref().filter(|_| mode == SensorMode::Rgbd) {
             Some(sensor) => {
                 tracker.with_depth(sensor, model.body_from_camera.inverse() * sensor.body_from_depth)

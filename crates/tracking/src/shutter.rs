@@ -8,7 +8,8 @@
 //! angular velocity is the gyroscope's, or that of the last frames; depths are those of landmarks seen nearby.
 //!
 //! The readout time may be estimated: bundle adjustment does, with poses and points ([`cairn_atlas::Readout`]). For that each
-//! frame keeps by how much its features move for each second of readout ([`Rolling`]).
+//! frame keeps by how much its features move for each second of readout ([`Rolling`]). Sensors have long rows and read one
+//! after the other along the shorter side: of an upright image those rows are columns.
 
 use cairn_atlas::{Readout, Snapshot};
 use cairn_geometry::{Se3, Vec3};
@@ -31,14 +32,16 @@ pub(crate) struct Moving {
 pub(crate) struct Shutter {
     /// Seconds from the first row to the last, negative where the last row is first; `None` where it is estimated.
     given_s: Option<f64>,
-    /// Rows of the raw image.
+    /// The axis of the raw image along which the rows follow each other, and their number.
+    along: usize,
     rows: f64,
 }
 
 impl Shutter {
-    /// For images of so many rows.
-    pub fn new(given_s: Option<f64>, rows: usize) -> Self {
-        Self { given_s, rows: rows.max(1) as f64 }
+    /// For images of so many columns and rows.
+    pub fn new(given_s: Option<f64>, size: [usize; 2]) -> Self {
+        let along = usize::from(given_s.is_some() || size[1] <= size[0]);
+        Self { given_s, along, rows: size[along].max(1) as f64 }
     }
 
     /// Whether nothing is to be done: all rows at once, as far as is known.
@@ -65,7 +68,7 @@ impl Shutter {
         let mut slopes = Vec::with_capacity(frame.len());
         for i in 0..frame.len() {
             let ray = camera.unproject(frame.px[i], 1.0);
-            let share = (f64::from(frame.raw[i][1]) + 0.5) / self.rows - 0.5;
+            let share = (f64::from(frame.raw[i][self.along]) + 0.5) / self.rows - 0.5;
             let a = moving.turning.cross(&ray) + depths.inverse(camera, frame.px[i]) * moving.velocity;
             let slope = [camera.fx * (a.x - ray.x * a.z) * share, camera.fy * (a.y - ray.y * a.z) * share];
             let slope = if slope.iter().all(|s| s.is_finite()) { slope } else { [0.0; 2] };

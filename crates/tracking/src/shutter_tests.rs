@@ -8,7 +8,8 @@ use cairn_geometry::{Se3, So3, Vec3};
 use cairn_random::Random;
 use cairn_vision::{Frame, RectifiedCamera, triangulate_views};
 
-const ROWS: usize = 480;
+const SIZE: [usize; 2] = [640, 480];
+const ROWS: usize = SIZE[1];
 
 /// A frame, and where each of its points would be at the middle row.
 type Seen = (Frame, Vec<[f64; 2]>);
@@ -69,7 +70,7 @@ fn features_come_to_where_the_middle_row_saw_them() {
     for readout_s in [0.025, -0.025] {
         let (mut frame, ideal) = seen(&camera, &points, &walking(), readout_s);
         let before = farthest(&frame, &ideal);
-        let shutter = Shutter::new(Some(readout_s), ROWS);
+        let shutter = Shutter::new(Some(readout_s), SIZE);
         shutter.correct(&mut frame, &camera, readout_s, &walking(), points.iter().copied());
         let after = farthest(&frame, &ideal);
         println!("readout {readout_s} s: {before:.2} px off, corrected {after:.2}");
@@ -84,7 +85,7 @@ fn rotation_is_corrected_where_no_depth_is_known() {
     let turning = Moving { velocity: Vec3::zeros(), ..walking() };
     let (mut frame, ideal) = seen(&camera, &points, &turning, 0.02);
     let before = farthest(&frame, &ideal);
-    Shutter::new(Some(0.02), ROWS).correct(&mut frame, &camera, 0.02, &walking(), std::iter::empty());
+    Shutter::new(Some(0.02), SIZE).correct(&mut frame, &camera, 0.02, &walking(), std::iter::empty());
     assert!(before > 1.5 && farthest(&frame, &ideal) < 0.1, "{before} {}", farthest(&frame, &ideal));
 }
 
@@ -93,7 +94,7 @@ fn a_frame_is_corrected_with_another_readout_time_later() {
     let camera = mono();
     let points = points(&mut Random::new(3));
     let (mut frame, ideal) = seen(&camera, &points, &walking(), -0.023);
-    let shutter = Shutter::new(None, ROWS);
+    let shutter = Shutter::new(None, SIZE);
     let mut map = Atlas::new(Snapshot::new());
     assert_eq!(shutter.readout(map.latest()).seconds, 0.0);
     shutter.correct(&mut frame, &camera, 0.01, &walking(), points.iter().copied());
@@ -105,12 +106,39 @@ fn a_frame_is_corrected_with_another_readout_time_later() {
     assert!(farthest(&frame, &ideal) < 0.05, "{}", farthest(&frame, &ideal));
 }
 
+/// A phone held upright: its camera, and what it sees, turned by a quarter.
+#[test]
+fn an_upright_image_is_read_along_its_width() {
+    let points = points(&mut Random::new(6));
+    let (mut frame, ideal) = seen(&mono(), &points, &walking(), 0.02);
+    let quarter = |v: Vec3| Vec3::new(-v.y, v.x, v.z);
+    let camera = mono();
+    let upright = RectifiedCamera {
+        fx: camera.fy,
+        fy: camera.fx,
+        cx: f64::from(SIZE[1] as u32) - 1.0 - camera.cy,
+        cy: camera.cx,
+        bounds: [0.0, 0.0, SIZE[1] as f64, SIZE[0] as f64],
+        ..camera
+    };
+    let turn = |p: [f32; 2]| [(SIZE[1] - 1) as f32 - p[1], p[0]];
+    frame.px = frame.px.iter().map(|p| turn(*p)).collect();
+    frame.raw = frame.px.clone();
+    let ideal: Vec<[f64; 2]> = ideal.iter().map(|p| [(SIZE[1] - 1) as f64 - p[1], p[0]]).collect();
+    let moving = Moving { turning: quarter(walking().turning), velocity: quarter(walking().velocity) };
+    assert!(farthest(&frame, &ideal) > 2.0);
+    // Its first column is the last row of the sensor.
+    let shutter = Shutter::new(None, [SIZE[1], SIZE[0]]);
+    shutter.correct(&mut frame, &upright, -0.02, &moving, points.iter().map(|p| quarter(*p)));
+    assert!(farthest(&frame, &ideal) < 0.05, "{}", farthest(&frame, &ideal));
+}
+
 #[test]
 fn global_shutter_is_left_alone_whatever_the_map_estimates() {
     let camera = mono();
     let points = points(&mut Random::new(4));
     let (mut frame, ideal) = seen(&camera, &points, &walking(), 0.0);
-    let shutter = Shutter::new(Some(0.0), ROWS);
+    let shutter = Shutter::new(Some(0.0), SIZE);
     assert!(shutter.is_global());
     let mut map = Atlas::new(Snapshot::new());
     map.commit(vec![Change::Readout(Readout { seconds: 0.02, sigma_s: 1e-3 })]);
@@ -152,7 +180,7 @@ fn stages(correct: bool) -> [f64; 4] {
         let here: Vec<Vec3> = in_camera(pose, points.iter().copied()).collect();
         let (mut frame, ideal) = seen(&camera, &here, moving, readout_s);
         if correct {
-            let shutter = Shutter::new(Some(readout_s), ROWS);
+            let shutter = Shutter::new(Some(readout_s), SIZE);
             shutter.correct(&mut frame, &camera, readout_s, moving, here.into_iter());
         }
         (frame, ideal)

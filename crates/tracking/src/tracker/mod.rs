@@ -57,7 +57,8 @@ pub struct TrackerConfig {
     /// row is first, 0 where all are exposed at once. Stamps are those of the middle row.
     #[setting(default = 0.0, range = -0.05..=0.05)]
     pub readout_s: f64,
-    /// True to estimate the time above from the images and the motion, whatever is given.
+    /// True to estimate the time above from the images and the motion, whatever is given; the rows of an upright image are
+    /// taken for the columns of the sensor.
     #[setting(default = false)]
     pub estimate_readout: bool,
     /// True to take the pose of each frame from its depth image (`--front-end dense`); features still find places again. Without
@@ -165,7 +166,7 @@ impl Tracker {
             dense: None,
             found: None,
             odometry: OdometryFilter::new(camera),
-            shutter: Shutter::new(given_s(&config), rows_of(&camera)),
+            shutter: Shutter::new(given_s(&config), size_of(&camera)),
         }
     }
 
@@ -174,9 +175,10 @@ impl Tracker {
         Self { inertial: Some(InertialFilter::new(sensor, imu_from_camera, noise_times)), ..self }
     }
 
-    /// The rows of the raw image, for a rolling shutter; without them, they are taken from the bounds of the rectified one.
-    pub fn with_rows(self, rows: usize) -> Self {
-        let shutter = Shutter::new(given_s(&self.config), rows);
+    /// Columns and rows of the raw image, for a rolling shutter; without them, they are taken from the bounds of the rectified
+    /// one.
+    pub fn with_size(self, size: [usize; 2]) -> Self {
+        let shutter = Shutter::new(given_s(&self.config), size);
         Self { shutter, ..self }
     }
 
@@ -410,7 +412,7 @@ fn given_s(config: &TrackerConfig) -> Option<f64> {
     (!config.estimate_readout).then_some(config.readout_s)
 }
 
-/// Rows of the image, by the bounds of its rectified pixels.
-fn rows_of(camera: &RectifiedCamera) -> usize {
-    (camera.bounds[3] - camera.bounds[1]).round().max(1.0) as usize
+/// Columns and rows of the image, by the bounds of its rectified pixels.
+fn size_of(camera: &RectifiedCamera) -> [usize; 2] {
+    [0, 1].map(|i| (camera.bounds[i + 2] - camera.bounds[i]).round().max(1.0) as usize)
 }
