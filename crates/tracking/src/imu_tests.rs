@@ -1,6 +1,7 @@
 //! The inertial filter on synthetic maps: what it says of its own uncertainty while the readings carry the pose.
 
 use crate::imu::InertialFilter;
+use crate::on_the_spot::Spot;
 use crate::state::{AnchoredPose, Last, State, anchored_at};
 use crate::synthetic::{FEATURES, RATE_HZ, World, pose, sideways, stereo};
 use crate::tests::tracker as new_tracker;
@@ -238,6 +239,15 @@ fn is_stationary_where_the_readings_rest_and_the_estimate_does() {
     assert!(stands(0.0, false));
     assert!(!stands(1.0, false), "it is shaken");
     assert!(!stands(0.0, true), "at constant speed the readings rest too");
+}
+
+#[test]
+fn still_sigma_is_what_the_images_tell_where_the_readings_tell_of_no_rest() {
+    let (_, _, filter, _) = begun(&readings(2.0, 6.0));
+    let sigma = |spot| filter.still_sigma(seconds(2.5), spot);
+    assert_eq!(sigma(Spot::No), None, "it walks on steadily");
+    let [new, holds] = [Spot::New, Spot::Holds].map(|spot| sigma(spot).expect("a turn on the spot"));
+    assert!(0.05 < new && new < holds && holds < 0.5, "{new} m/s now, {holds} m/s a moment ago");
 }
 
 #[test]

@@ -67,7 +67,7 @@ pub struct Odometry {
 
 /// A frame with a pose.
 #[derive(Clone, Debug)]
-struct Placed {
+struct PosedFrame {
     frame: Arc<Frame>,
     landmarks: Vec<Option<LandmarkId>>,
     anchored: AnchoredPose,
@@ -90,7 +90,7 @@ struct Motion {
 pub(crate) struct OdometryFilter {
     camera: RectifiedCamera,
     /// The last frame with a pose, and its odometry.
-    last: Option<(Placed, Odometry)>,
+    last: Option<(PosedFrame, Odometry)>,
     /// Frames without a pose since then.
     missed: usize,
     /// The length of a unit of `odom` in the map's unit.
@@ -131,7 +131,9 @@ impl OdometryFilter {
         landmarks: Vec<Option<LandmarkId>>,
         other_motion: Option<(Se3, MotionSource)>,
     ) {
-        let Some(now) = Placed::at(snapshot, frame, state, anchored, landmarks) else { return self.miss() };
+        let Some(now) = PosedFrame::at(snapshot, frame, state, anchored, landmarks) else {
+            return self.miss();
+        };
         let last = self.last.take();
         let motion =
             last.as_ref().and_then(|(last, _)| self.motion(snapshot, last, &now, state, other_motion));
@@ -149,7 +151,7 @@ impl OdometryFilter {
         let Some(k) = snapshot.key_frame(id) else { return };
         let anchored = AnchoredPose::at(id, k.world_from_camera);
         let Some(now) =
-            Placed::at(snapshot, &k.frame.shared(), State::Tracking, anchored, k.landmarks.clone())
+            PosedFrame::at(snapshot, &k.frame.shared(), State::Tracking, anchored, k.landmarks.clone())
         else {
             return;
         };
@@ -174,8 +176,8 @@ impl OdometryFilter {
     fn motion(
         &mut self,
         snapshot: &Snapshot,
-        last: &Placed,
-        now: &Placed,
+        last: &PosedFrame,
+        now: &PosedFrame,
         state: State,
         other_motion: Option<(Se3, MotionSource)>,
     ) -> Option<Motion> {
@@ -214,8 +216,8 @@ impl OdometryFilter {
     fn shared_motion(
         &self,
         snapshot: &Snapshot,
-        last: &Placed,
-        now: &Placed,
+        last: &PosedFrame,
+        now: &PosedFrame,
         before: &Se3,
         resolved: &Se3,
     ) -> Option<Se3> {
@@ -258,7 +260,13 @@ impl OdometryFilter {
     }
 
     /// The next pose of a segment.
-    fn go_on(&mut self, snapshot: &Snapshot, before: &Odometry, now: &Placed, motion: &Motion) -> Odometry {
+    fn go_on(
+        &mut self,
+        snapshot: &Snapshot,
+        before: &Odometry,
+        now: &PosedFrame,
+        motion: &Motion,
+    ) -> Odometry {
         let mut camera = motion.last_from_now;
         if motion.source != MotionSource::Velocity && motion.elapsed_s > 0.0 {
             let in_odom = Se3::new(camera.rotation, camera.translation / self.scale);
@@ -272,7 +280,7 @@ impl OdometryFilter {
     }
 
     /// The first pose of a segment, placed where the previous segment predicts it, in the map's unit.
-    fn begin(&mut self, snapshot: &Snapshot, before: Option<Odometry>, now: &Placed) -> Odometry {
+    fn begin(&mut self, snapshot: &Snapshot, before: Option<Odometry>, now: &PosedFrame) -> Odometry {
         (self.scale, self.velocity) = (1.0, None);
         let world_from_odom = before.map_or(Similarity::new(Sim3::identity()), |b| b.world_from_odom);
         let odom_from_body = world_from_odom.inverse().then(&self.world_from_body(snapshot, now));
@@ -282,28 +290,28 @@ impl OdometryFilter {
     }
 
     /// `odometry` with the similarity that transforms it to the pose in the map.
-    fn at(&self, snapshot: &Snapshot, now: &Placed, odometry: &Odometry) -> Odometry {
+    fn at(&self, snapshot: &Snapshot, now: &PosedFrame, odometry: &Odometry) -> Odometry {
         let world_from_body = self.world_from_body(snapshot, now);
         let world_from_odom = Similarity::between(&world_from_body, &odometry.odom_from_body, self.scale);
         Odometry { world_from_odom, ..*odometry }
     }
 
-    fn world_from_body(&self, snapshot: &Snapshot, now: &Placed) -> Pose<World, Body> {
+    fn world_from_body(&self, snapshot: &Snapshot, now: &PosedFrame) -> Pose<World, Body> {
         let metric = self.is_metric(snapshot, now);
         Pose::new(self.camera.world_from_body(&now.anchored.world_from_camera, metric))
     }
 
-    fn map(&self, snapshot: &Snapshot, placed: &Placed) -> Option<MapId> {
+    fn map(&self, snapshot: &Snapshot, placed: &PosedFrame) -> Option<MapId> {
         let (id, _) = snapshot.surviving_ancestor(placed.anchored.reference)?;
         Some(snapshot.key_frame(id)?.map)
     }
 
-    fn is_metric(&self, snapshot: &Snapshot, placed: &Placed) -> bool {
+    fn is_metric(&self, snapshot: &Snapshot, placed: &PosedFrame) -> bool {
         self.map(snapshot, placed).is_some_and(|map| snapshot.is_metric_in(map, &self.camera))
     }
 }
 
-impl Placed {
+impl PosedFrame {
     fn at(
         snapshot: &Snapshot,
         frame: &Arc<Frame>,

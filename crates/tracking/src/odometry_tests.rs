@@ -1,5 +1,6 @@
 //! The odometry on synthetic maps: map corrections cause no jump in it, and unknown motion is reported.
 
+use crate::odometry::OdometryFilter;
 use crate::synthetic::{FEATURES, RATE_HZ, World, mono, off, pose, sideways, stereo};
 use crate::{MotionSource, Odometry, State, Tracked, Tracker, TrackerConfig};
 use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, Snapshot};
@@ -329,4 +330,16 @@ fn without_a_map_there_is_no_odometry() {
     let view = world.see(&Se3::identity(), 0.0);
     tracker.step(view.frame, &[], &Snapshot::new(), true, true);
     assert!(tracker.odometry().is_none());
+}
+
+#[test]
+fn last_stamp_is_that_of_the_last_frame_and_none_after_a_frame_without_a_pose() {
+    let world = World::around(stereo(), 57);
+    let (atlas, ids) = world.exact_map(&sideways(3, 0.2));
+    let mut odometry = OdometryFilter::new(world.camera);
+    assert_eq!(odometry.last_stamp(), None);
+    odometry.map_created(atlas.latest(), ids[2]);
+    assert_eq!(odometry.last_stamp(), atlas.latest().key_frame(ids[2]).map(|k| k.stamp));
+    odometry.miss();
+    assert_eq!(odometry.last_stamp(), None);
 }

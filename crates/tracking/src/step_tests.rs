@@ -2,7 +2,6 @@
 
 use crate::match_last::Matches;
 use crate::scale::PaceComparison;
-use crate::state::State;
 use crate::synthetic::{FEATURES, RATE_HZ, View, World, mono, off, pose, sideways, stereo};
 use crate::tests::{STEP_S, step, tracker, tracker_at_end};
 use crate::{Tracker, TrackerConfig};
@@ -99,29 +98,30 @@ fn seen_by_rows(world: &World, middle: &Se3, moving: (Vec3, Vec3), readout_s: f6
 }
 
 #[test]
-fn learn_readout_finds_the_readout_time_while_a_walk_is_tracked() {
+fn at_middle_row_corrects_each_frame_by_the_motion_of_those_before() {
     let world = World::around(mono(), 103);
     let (atlas, ids) = world.exact_map(&sideways(6, 0.2));
-    let config = TrackerConfig { estimate_readout: true, ..TrackerConfig::default() };
-    let mut tracker = Tracker::new(world.camera, FEATURES, RATE_HZ, config);
-    tracker.map_created(atlas.latest(), ids[5]);
-    let [before, unsure] = tracker.readout_s();
-    assert_eq!(before, 0.0);
-    let mut heading = 0.0;
-    for n in 1..=60 {
-        let k = f64::from(n);
-        // To and fro, looking about.
-        let turning = 0.5 * (0.35 * k).cos();
-        heading += turning * STEP_S;
-        let at = pose(1.0 - 0.4 * (0.15 * k).sin(), 0.0, heading);
-        let speed = -0.4 * 0.15 / STEP_S * (0.15 * k).cos();
-        let moving = (at.rotation.inverse() * Vec3::new(speed, 0.0, 0.0), Vec3::y() * turning);
-        let view = seen_by_rows(&world, &at, moving, 0.02, 2.5 + STEP_S * k);
-        assert_eq!(step(&mut tracker, atlas.latest(), &view).state, State::Tracking, "frame {n}");
+    let mut errors = Vec::new();
+    for readout_s in [0.02, 0.0] {
+        let config = TrackerConfig { readout_s, ..TrackerConfig::default() };
+        let mut tracker = Tracker::new(world.camera, FEATURES, RATE_HZ, config);
+        tracker.map_created(atlas.latest(), ids[5]);
+        let mut worst = 0.0f64;
+        for n in 1..=30 {
+            let k = f64::from(n);
+            let moving = (Vec3::new(-0.6, 0.0, 0.0), Vec3::y() * 0.3);
+            let heading = 0.3 * STEP_S * k;
+            let at = pose(1.0 - 0.6 * STEP_S * k, 0.0, heading);
+            let moving = (at.rotation.inverse() * moving.0, moving.1);
+            let view = seen_by_rows(&world, &at, moving, 0.02, 2.5 + STEP_S * k);
+            let tracked = step(&mut tracker, atlas.latest(), &view);
+            let (m, rad) = off(&tracked.pose.expect("a pose").world_from_camera, &at);
+            // Of the first frames the motion is not known yet.
+            worst = worst.max(if n > 5 { m.max(rad) } else { 0.0 });
+        }
+        errors.push(worst);
     }
-    let [found, sigma] = tracker.readout_s();
-    assert!((found - 0.02).abs() < 2e-3, "{found} s");
-    assert!(sigma < 0.2 * unsure, "{sigma} s, before {unsure} s");
+    assert!(errors[0] < 1e-3 && errors[1] > 2.0 * errors[0], "{errors:?}");
 }
 
 #[test]
@@ -177,4 +177,31 @@ fn contradicts_depth_only_where_enough_features_lead_away_from_a_depth_that_help
         assert!(!tracker.contradicts_depth(&elsewhere, &matches(24)), "too few features");
     }
     assert!(!tracker(stereo()).contradicts_depth(&Se3::identity(), &matches(40)), "no depth");
+}
+
+#[test]
+fn by_motion_finds_the_pose_around_where_a_steady_motion_leads() {
+    let world = World::around(stereo(), 107);
+    let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
+    for n in 1..=3 {
+        let k = f64::from(n);
+        step(&mut tracker, atlas.latest(), &world.see(&pose(0.6 - 0.05 * k, 0.0, 0.0), from_s + STEP_S * k));
+    }
+    // Four frames are missing; they would be searched in vain around the last pose.
+    let truth = pose(0.2, 0.0, 0.0);
+    let view = world.see(&truth, from_s + STEP_S * 8.0);
+    let (found, matches) = tracker.by_motion(&view.frame, atlas.latest(), None).expect("a pose");
+    let (metres, radians) = off(&found, &truth);
+    assert!(metres < 1e-3 && radians < 1e-3 && matches.count() > 100, "{metres} m, {}", matches.count());
+}
+
+#[test]
+fn on_the_spot_sigma_grows_with_the_time_and_is_in_the_unit_of_the_map() {
+    let (depth, mut single) = (tracker(stereo()), tracker(mono()));
+    assert!((depth.on_the_spot_sigma(0.0) - 0.3).abs() < 1e-12);
+    assert!((depth.on_the_spot_sigma(5.0) - 1.3).abs() < 1e-12);
+    // At 0.3 units a second 0.2 are a metre.
+    (0..30).for_each(|_| single.pace.push(0.3));
+    assert!((single.on_the_spot_sigma(5.0) - 0.26).abs() < 1e-9);
 }

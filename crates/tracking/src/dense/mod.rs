@@ -47,7 +47,7 @@ pub(crate) struct Prediction {
 }
 
 /// A frame with a pose.
-struct Placed {
+struct PosedFrame {
     stamp: Stamp,
     anchored: AnchoredPose,
     /// Of the right perturbation, since features located the camera last.
@@ -82,7 +82,7 @@ pub(crate) struct DenseAligner {
     located: usize,
     /// Frames aligned since then.
     carried: usize,
-    last: Option<Placed>,
+    last: Option<PosedFrame>,
     aligned: Option<Aligned>,
     was_tried: bool,
     limit_m: f64,
@@ -222,7 +222,7 @@ impl DenseAligner {
             let pose = snapshot.resolve(l.anchored.reference, &l.anchored.reference_from_camera)?;
             Some(pose.local(&anchored.world_from_camera) / seconds)
         });
-        self.last = Some(Placed { stamp, anchored, covariance, velocity: moved.unwrap_or_default() });
+        self.last = Some(PosedFrame { stamp, anchored, covariance, velocity: moved.unwrap_or_default() });
         let is_needed = self.located < LOCATED && (self.is_active || by != Placement::Sure);
         self.is_active = self.is_front_end || is_needed;
         if !self.is_active {
@@ -253,7 +253,7 @@ impl DenseAligner {
                     let moved = last.anchored.world_from_camera.local(&anchored.world_from_camera);
                     moved / (*stamp - last.stamp)
                 });
-            self.last = Some(Placed { stamp: *stamp, anchored: *anchored, covariance, velocity });
+            self.last = Some(PosedFrame { stamp: *stamp, anchored: *anchored, covariance, velocity });
             self.surface.take(image.clone(), *anchored);
         }
         (self.is_active, self.located, self.carried) = (true, 0, 0);
@@ -290,7 +290,12 @@ fn is_sound(tracked: &DenseTracked) -> bool {
 }
 
 /// The pose that a measured motion, else constant velocity, predicts.
-fn predict(last: &Placed, before: &Se3, stamp: Stamp, step: Option<(Se3, [f64; 2])>) -> Option<Prediction> {
+fn predict(
+    last: &PosedFrame,
+    before: &Se3,
+    stamp: Stamp,
+    step: Option<(Se3, [f64; 2])>,
+) -> Option<Prediction> {
     let seconds = stamp - last.stamp;
     if !(seconds > 0.0 && seconds < PREDICTED_S) {
         return None;
