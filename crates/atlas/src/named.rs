@@ -41,11 +41,6 @@ impl Snapshot {
         LandmarkName { robot, seq }
     }
 
-    /// The id in this atlas of the landmark with a name, also of a removed one; `None` where it was never here.
-    pub fn landmark_named(&self, name: LandmarkName) -> Option<LandmarkId> {
-        LandmarkId::from_index(self.names.landmarks.index(name.robot, name.seq, self.next_landmark)?)
-    }
-
     /// New numbers for those robots of another snapshot of which both have a key frame or landmark of the same name;
     /// `None` when there are no more numbers.
     pub(crate) fn renamed_robots(&self, other: &Snapshot) -> Option<BTreeMap<RobotId, RobotId>> {

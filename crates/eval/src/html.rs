@@ -48,11 +48,6 @@ impl Page {
         self.section_open = true;
     }
 
-    /// A heading within a section.
-    pub fn subheading(&mut self, text: &str) {
-        let _ = write!(self.body, "<h3>{}</h3>", escape(text));
-    }
-
     /// A paragraph.
     pub fn paragraph(&mut self, text: &str) {
         let _ = write!(self.body, "<p>{}</p>", escape(text));

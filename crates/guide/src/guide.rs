@@ -174,11 +174,6 @@ impl Guide {
             }
     }
 
-    /// The heading of a detour under way, in radians.
-    pub fn detour_heading(&self) -> Option<f64> {
-        self.follower.detour
-    }
-
     /// Where the walker is led now: the next point of the route to go to, never past the next turn, and metres along the
     /// route to it. `None` before the first good pose.
     pub fn aim_point(&self) -> Option<(f64, Vec2)> {

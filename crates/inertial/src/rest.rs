@@ -10,7 +10,6 @@ use crate::Bias;
 use cairn_geometry::Vec3;
 use cairn_sensor::GRAVITY_M_S2;
 use cairn_sensor::{ImuNoise, ImuSample};
-use nalgebra::SMatrix;
 
 /// Bounds of what counts as rest.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -138,11 +137,6 @@ impl Rest {
     pub fn down(&self, accel_bias_sigma: f64) -> Option<(Vec3, f64)> {
         let down = -self.accel_mean.try_normalize(1.0).filter(|_| self.is_still())?;
         Some((down, accel_bias_sigma / GRAVITY_M_S2))
-    }
-
-    /// Covariance of a measurement "velocity is zero" that goes with it, (m/s)^2: as far as the variation carries.
-    pub fn velocity_covariance(&self) -> SMatrix<f64, 3, 3> {
-        SMatrix::identity() * (self.accel_deviation * 0.01).max(1e-3).powi(2)
     }
 
     fn judge(&self, n: f64, noise: &ImuNoise, bias: Option<&Bias>, s: &RestConfig) -> Option<Moves> {

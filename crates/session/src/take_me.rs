@@ -68,7 +68,6 @@ struct Resolved<'a> {
 /// All recorded routes of a snapshot.
 pub struct WalkedRoutes<'a> {
     routes: Vec<Resolved<'a>>,
-    config: WalkedConfig,
     /// Metres per unit of the map.
     metres_per_unit: f64,
     ground: Ground,
@@ -82,13 +81,7 @@ impl<'a> WalkedRoutes<'a> {
         let first = resolved.first();
         let metres_per_unit = first.map_or(1.0, |r| r.route.metres_per_unit(&r.points));
         let ground = first.map_or_else(Ground::z_up, |r| ground_of(map, r.route, &r.points));
-        Self { routes: resolved, config: WalkedConfig::default(), metres_per_unit, ground }
-    }
-
-    /// When stretches are joined, in metres.
-    #[must_use]
-    pub fn with_config(self, config: WalkedConfig) -> Self {
-        Self { config, ..self }
+        Self { routes: resolved, metres_per_unit, ground }
     }
 
     /// The start and the end of every route, in the order of the routes.
@@ -138,7 +131,7 @@ impl<'a> WalkedRoutes<'a> {
         let known = points.filter_map(|(p, map)| Some((away(p), p, (*map)?)));
         let nearest = known.filter(|n| n.0.is_finite()).min_by(|a, b| a.0.total_cmp(&b.0));
         let (distance_m, point, map) = nearest.ok_or(NotWalked::NoRoute)?;
-        if distance_m > self.config.reach_m {
+        if distance_m > WalkedConfig::default().reach_m {
             return Err(
                 NotWalked::FarFromRoutes { place: cairn_plan::search::Place::Goal, distance_m }.into()
             );
@@ -161,7 +154,7 @@ impl<'a> WalkedRoutes<'a> {
             return Err(NoWay::OtherMap);
         }
         let lines: Vec<Vec<Vec3>> = self.routes.iter().map(|r| self.line(r, map)).collect();
-        let graph = WalkedGraph::new(&lines, self.config);
+        let graph = WalkedGraph::new(&lines, WalkedConfig::default());
         let path = graph.path(self.in_metres(&from), self.in_metres(&to.at))?;
         Ok(Planned { route: self.route(&path, &to.name), path, to: to.clone() })
     }

@@ -328,18 +328,6 @@ impl OccupancyGrid {
         if entry & FULL == 0 { value(entry) } else { self.blocks.at(entry & !FULL).0[i] }
     }
 
-    /// Blocks that are stored voxel by voxel, in a fixed order.
-    pub fn full_blocks(&self) -> impl Iterator<Item = (BlockKey, &[i8; VOXELS])> {
-        self.keys.iter().filter_map(|key| Some((key, self.table.get(key)?))).flat_map(move |(key, slot)| {
-            let entries = self.groups.at(*slot).0.iter().enumerate().filter(|(_, e)| **e & FULL != 0);
-            entries.map(move |(i, &e)| {
-                let place = [i & 3, i >> 2 & 3, i >> 4].map(|v| v as i32);
-                let block = BlockKey(std::array::from_fn(|k| key.0[k] * GROUP + place[k]));
-                (block, &self.blocks.at(e & !FULL).0)
-            })
-        })
-    }
-
     /// Calls `f` with the centre of each voxel in a box (metres, of the grid's frame) whose log-odds are at least
     /// `least`, which is above zero; in a fixed order.
     pub fn occupied_within(&self, low: &Vec3, high: &Vec3, least: i8, mut f: impl FnMut(Vec3)) {

@@ -21,7 +21,7 @@ use crate::prepare::DepthPreparer;
 use crate::{
     DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig, TsdfVolume,
 };
-use cairn_geometry::{Se3, Sim3, Vec3};
+use cairn_geometry::{Se3, Sim3};
 use cairn_sensor::{Camera, DepthImage, GrayImage};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -406,18 +406,5 @@ impl DenseMap {
     pub fn bytes(&self) -> [usize; 2] {
         let volumes = self.submaps.iter().flatten().map(|s| s.tsdf.bytes() + s.occupancy.bytes()).sum();
         [volumes, self.kept.iter().map(Kept::bytes).sum()]
-    }
-
-    /// The state at a point of a map: occupied if any submap says so, else free if any submap does.
-    pub fn occupancy_at(&self, map: MapId, world: &Vec3) -> crate::Occupancy {
-        use crate::Occupancy::{Free, Occupied, Unknown};
-        let said = self.submaps().filter(|s| s.map == map);
-        said.map(|s| s.occupancy.at(&(s.world_from_submap.inverse() * *world))).fold(Unknown, |all, one| {
-            match (all, one) {
-                (Occupied, _) | (_, Occupied) => Occupied,
-                (Free, _) | (_, Free) => Free,
-                _ => Unknown,
-            }
-        })
     }
 }

@@ -238,9 +238,4 @@ impl EkfSlam {
     pub fn active_size(&self) -> usize {
         self.active.size()
     }
-
-    /// The whole active covariance, in column-major order, and the state; for consistency tests.
-    pub fn active_state(&self) -> (&[f64], Vec<f64>) {
-        (&self.active.x, self.active.covariance.matrix())
-    }
 }
