@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::{MeshConfig, Mesher};
-use cairn_geometry::So3;
+use cairn_geometry::{So3, Vec3};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
