@@ -4,6 +4,7 @@
 //! After Reijgwart et al., "Voxgraph" (RA-L 2020), section III, for submaps anchored to the pose graph, and Dai et
 //! al., "BundleFusion" (TOG 2017), section 5, for removing images and fusing them again.
 
+mod changes;
 mod codec;
 mod locate;
 mod refuse;
@@ -11,6 +12,7 @@ mod saved;
 #[cfg(test)]
 mod tests;
 
+pub use changes::{SurfaceChange, SurfaceChanges};
 pub use codec::{PackedDepth, PackedGray};
 pub(crate) use codec::{Rows, broken};
 pub use locate::{Followed, Located, Locator, Place};
