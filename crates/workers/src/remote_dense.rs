@@ -142,7 +142,7 @@ impl Looking {
                 self.worker.backoff.calm();
             }
             // Without a receiver the session has ended, and this soon does.
-            Report::Shown(shown) => return shown.to_change().is_none_or(|c| self.changes.send(c).is_ok()),
+            Report::Shown(shown) => return shown.into_change().is_none_or(|c| self.changes.send(c).is_ok()),
             Report::Failed(why) => {
                 (self.tell)(Told::NoSurfaces(&why));
                 return false;

@@ -37,7 +37,7 @@ impl Shown {
     }
 
     /// Back; `None` when a pose is none.
-    pub fn to_change(self) -> Option<SurfaceChange> {
+    pub fn into_change(self) -> Option<SurfaceChange> {
         let submaps = self.submaps.iter().map(|(n, pose)| Some((*n, se3(pose)?)));
         let mesh = |(number, key, positions, triangles): Block| {
             (number, BlockKey(key), Mesh { positions, triangles, ..Mesh::default() })
@@ -70,7 +70,7 @@ mod tests {
         for message in messages {
             let bytes = postcard::to_stdvec(&message).expect("bytes");
             assert!(bytes.len() < 4 << 20, "{} bytes", bytes.len());
-            let part = postcard::from_bytes::<Shown>(&bytes).expect("a message").to_change().expect("poses");
+            let part = postcard::from_bytes::<Shown>(&bytes).expect("a message").into_change().expect("poses");
             back.submaps = part.submaps;
             back.blocks.extend(part.blocks);
         }
