@@ -83,6 +83,7 @@ mod unix {
             Told::DenseResumed { key_frames, after_s } => {
                 format!("dense goes on with the depth of {key_frames} key frames after {after_s:.2} s")
             }
+            Told::NoSurfaces(why) => format!("no surfaces any more: {why}"),
             Told::Relocalised { frames, after_s, .. } => {
                 format!("slam has a pose again after {after_s:.2} s, {frames} frames without one")
             }

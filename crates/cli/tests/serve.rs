@@ -236,8 +236,9 @@ fn slam_begins_again_with_another_lens_in_a_map_of_its_own() {
             imu: false,
             rate_hz: 10.0,
             config: Config::default(),
-            command: Box::new(command),
-            tell: Box::new(move |told| {
+            dense: false,
+            command: Arc::new(command),
+            tell: Arc::new(move |told| {
                 if let Told::Started { id, .. } = told {
                     started.lock().unwrap().push(id);
                 }

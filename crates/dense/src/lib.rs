@@ -37,7 +37,7 @@ pub use register::{RegisterConfig, Registration, Surface, SurfaceFeatures, Verdi
 pub use rendered::RayCast;
 pub use submap::{
     AnchorId, DenseMap, Followed, Located, Locator, MapId, PackedDepth, PackedGray, Place, Progress,
-    SavedFrame, SavedSubmap, SubmapConfig, SubmapView,
+    SavedFrame, SavedSubmap, SubmapConfig, SubmapView, SurfaceChange, SurfaceChanges,
 };
 pub use track::{DenseTracked, TrackConfig, track, track_from};
 pub use tsdf::{Fused, TsdfConfig, TsdfVolume};

@@ -1,6 +1,8 @@
 //! Accuracy of the surface of a simulated walk against the world's true surface:
 //! `cargo run --release -p cairn-engine --example surface -- sim:corridor?sensor=rgbd&seed=1 [VOXEL_M [FROM_S TO_S]]`.
 //!
+//! An address with `seed=1-20` is walked with each of these seeds, and the figures are printed as a table.
+//!
 //! From FROM_S to TO_S the camera is covered: it is lost, a new map begins, and is merged where a place is recognised.
 //! A wall that is doubled then has vertices far from every face, in the surface or in the submaps together.
 //!
@@ -25,6 +27,64 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let address = arguments.first().map_or("sim:corridor?sensor=rgbd&seed=1", String::as_str);
     let number = |i: usize, otherwise: f64| arguments.get(i).map_or(Ok(otherwise), |v| v.parse::<f64>());
     let (voxel_m, covered_s) = (number(1, 0.02)?, [number(2, 0.0)?, number(3, 0.0)?]);
+    let Some((before, seeds)) = address.split_once("seed=").filter(|(_, after)| after.contains('-')) else {
+        return walk(address, voxel_m, covered_s).map(drop);
+    };
+    let (seeds, after) = seeds.split_at(seeds.find('&').unwrap_or(seeds.len()));
+    let (first, last) = seeds.split_once('-').ok_or("seed=FIRST-LAST")?;
+    let mut rows = String::new();
+    for seed in first.parse::<u64>()?..=last.parse()? {
+        let walked = walk(&format!("{before}seed={seed}{after}"), voxel_m, covered_s)?;
+        rows += &walked.row(seed);
+        println!("\n{HEAD}{rows}");
+    }
+    Ok(())
+}
+
+/// The head of the table.
+const HEAD: &str = "| seed | loops and merges | maps | with the pose when made | following the map | its submaps together | farther \
+    than 5 cm | complete | trajectory |\n|---|---|---|---|---|---|---|---|---|\n";
+
+/// What a walk gave: the surface with the poses at the time, the one that follows the map, and the submaps together.
+struct Walked {
+    joined: usize,
+    maps: usize,
+    surfaces: [Figures; 3],
+}
+
+/// Figures of a surface.
+#[derive(Clone, Copy, Default)]
+struct Figures {
+    mean_mm: f64,
+    most_mm: f64,
+    far: f64,
+    complete: f64,
+    trajectory_mm: f64,
+}
+
+impl Walked {
+    fn row(&self, seed: u64) -> String {
+        let [made, whole, together] = &self.surfaces;
+        let mm = |f: &Figures| format!("{:.1} / {:.1} mm", f.mean_mm, f.most_mm);
+        format!(
+            "| {seed} | {} | {} | {} | {} | {} | {:.2} -> {:.2} -> {:.2} % | {:.1} % | {:.1} -> {:.1} mm |\n",
+            self.joined,
+            self.maps,
+            mm(made),
+            mm(whole),
+            mm(together),
+            made.far,
+            whole.far,
+            together.far,
+            whole.complete,
+            made.trajectory_mm,
+            whole.trajectory_mm
+        )
+    }
+}
+
+/// Walks once, and prints what there is to tell.
+fn walk(address: &str, voxel_m: f64, covered_s: [f64; 2]) -> Result<Walked, Box<dyn std::error::Error>> {
     let config = SimConfig::parse(address)?;
     let mut source = SimSource::new(&config)?;
     let rig = source.rig().clone();
@@ -110,12 +170,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let maps = engine.snapshot().maps().count();
     println!("{maps} maps in the end, {} merged", mapper.counts().merges);
     let whole = mapper.surface(map, tsdf)?;
-    for (name, volume, poses) in
+    let mut surfaces = [Figures::default(); 3];
+    for (i, (name, volume, poses)) in
         [("as the poses were at the time", &as_made, &live), ("following the map", &whole, &corrected)]
+            .into_iter()
+            .enumerate()
     {
         let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(volume);
         let world_from_map = aligned(poses, &truth)?;
-        report(
+        surfaces[i] = report(
             name,
             &mesh,
             &world_from_map,
@@ -126,8 +189,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     let world_from_map = aligned(&corrected, &truth)?;
     let rms = engine_rms(&corrected, &truth, &world_from_map);
-    report("its submaps together", &together(&mapper, map)?, &world_from_map, source.world(), &seen, rms);
-    Ok(())
+    surfaces[2] =
+        report("its submaps together", &together(&mapper, map)?, &world_from_map, source.world(), &seen, rms);
+    Ok(Walked { joined: loops, maps, surfaces })
 }
 
 /// The surfaces of all submaps of a map, where they lie.
@@ -193,7 +257,14 @@ fn seen(
     Ok(out)
 }
 
-fn report(name: &str, mesh: &Mesh, place: &Sim3, world: &Arc<cairn_sim::World>, seen: &[Vec3], ate_m: f64) {
+fn report(
+    name: &str,
+    mesh: &Mesh,
+    place: &Sim3,
+    world: &Arc<cairn_sim::World>,
+    seen: &[Vec3],
+    ate_m: f64,
+) -> Figures {
     let vertices: Vec<Vec3> = mesh
         .positions
         .iter()
@@ -223,4 +294,11 @@ fn report(name: &str, mesh: &Mesh, place: &Sim3, world: &Arc<cairn_sim::World>, 
         vertices.len(),
         ate_m * 1e3
     );
+    Figures {
+        mean_mm: mean * 1e3,
+        most_mm: at(0.95) * 1e3,
+        far: 100.0 * doubled,
+        complete: 100.0 * covered,
+        trajectory_mm: ate_m * 1e3,
+    }
 }

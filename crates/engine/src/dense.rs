@@ -9,9 +9,11 @@
 //! own where the engine has threads.
 
 mod lost;
+mod offered;
 mod saved;
 mod search;
 
+pub use offered::{Offered, OfferedDepth};
 pub use saved::{Restored, SavedDepthError, saved_dense_map};
 pub use search::{RefusedLooks, SearchCounts};
 
@@ -25,13 +27,9 @@ use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthImage, FramePacket, GrayImage, Rig, Stamp};
 use cairn_tracking::State;
 use lost::LostCamera;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::mpsc::TryRecvError;
-
-/// Depth images that wait for mapping to make their frame a key frame: at most so many, the oldest are dropped. At
-/// 640x480 one takes 0.6 MB.
-const MOST_OFFERED: usize = 48;
 
 /// Why a dense mapper cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -67,20 +65,13 @@ pub struct DenseCounts {
     pub refused: usize,
 }
 
-/// The images of a frame that may become a key frame.
-struct Offered {
-    stamp: Stamp,
-    depth: Arc<DepthImage>,
-    gray: Option<Arc<GrayImage>>,
-}
-
 /// Submaps that follow the engine's map.
 pub struct DenseMapper {
     map: DenseMap,
     mirror: Mirror,
     from: Subscription,
     camera_from_depth: Se3,
-    offered: VecDeque<Offered>,
+    offered: OfferedDepth,
     /// The depth is registered to the first camera's image, which has its colours.
     has_colours: bool,
     /// Key frames that moved since the dense map was last aligned.
@@ -137,7 +128,7 @@ impl DenseMapper {
         for (id, k) in mirror.key_frames() {
             map.add_anchor(anchor(id), dense_map(k.map), k.world_from_camera)?;
         }
-        let (offered, moved, counts) = (VecDeque::new(), BTreeMap::new(), DenseCounts::default());
+        let (offered, moved, counts) = (OfferedDepth::default(), BTreeMap::new(), DenseCounts::default());
         let (ended, has_colours, lost) = (false, false, None);
         Ok(Self { map, mirror, from, camera_from_depth, offered, has_colours, moved, counts, ended, lost })
     }
@@ -180,10 +171,7 @@ impl DenseMapper {
 
     /// Takes the depth image of a frame that may become a key frame, and the gray image of the same pixels.
     pub fn offer(&mut self, stamp: Stamp, depth: Arc<DepthImage>, gray: Option<Arc<GrayImage>>) {
-        if self.offered.len() >= MOST_OFFERED {
-            self.offered.pop_front();
-        }
-        self.offered.push_back(Offered { stamp, depth, gray });
+        self.offered.offer(Offered { stamp, depth, gray });
     }
 
     /// Follows all changes of the map so far; submaps are at their new poses afterwards.
@@ -203,8 +191,7 @@ impl DenseMapper {
         mirror.take_with(published, |mirror, change, removal| match change {
             Change::AddKeyFrame(k) => {
                 let Some(known) = mirror.key_frame(k.id) else { return };
-                let seen = offered.iter().position(|o| o.stamp == k.stamp);
-                let seen = seen.and_then(|i| offered.drain(..=i).next_back());
+                let seen = offered.take(k.stamp);
                 let (id, in_map, pose) = (anchor(k.id), dense_map(known.map), known.world_from_camera);
                 let fused = seen.is_some_and(|o| {
                     map.insert(id, in_map, pose, *camera_from_depth, &o.depth, o.gray.as_deref()).is_ok()

@@ -117,6 +117,12 @@ impl Engine {
         }
     }
 
+    /// In a map that another engine made until a moment ago, of the same camera: it is looked for where it was then, before any
+    /// other place. To be called before the first packet, with its stamp.
+    pub fn resume(&mut self, now: Stamp) {
+        self.tracker.resume(&self.mapping.latest(), now);
+    }
+
     /// The link to the search by depth.
     pub(crate) fn depth_link(&mut self) -> Link {
         self.depth_link.get_or_insert_default().clone()

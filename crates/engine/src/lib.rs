@@ -23,8 +23,8 @@ pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, O
 pub use cairn_vision::SensorMode;
 pub use config::Config;
 pub use dense::{
-    DenseCounts, DenseMapper, DenseSetupError, RefusedLooks, Restored, SavedDepthError, SearchCounts,
-    has_colours, saved_dense_map,
+    DenseCounts, DenseMapper, DenseSetupError, Offered, OfferedDepth, RefusedLooks, Restored,
+    SavedDepthError, SearchCounts, has_colours, saved_dense_map,
 };
 pub use engine::{Engine, PoseTime};
 pub use journal::{Journal, JournalError, ReplayError};

@@ -2,12 +2,13 @@
 
 use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
-use cairn_dense::SubmapConfig;
+use cairn_dense::{SubmapConfig, SurfaceChange};
 use cairn_engine::{DenseMapper, DenseSetupError, Engine, Output, Status};
 use cairn_sensor::{FramePacket, Rig};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::mpsc::Receiver;
 
 /// Why a packet has no result.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -21,6 +22,14 @@ pub enum NotTracked {
     /// What tracks is late, dead or being started again ([`Slam::away`]).
     #[error("{0}")]
     Away(String),
+}
+
+/// Who makes surfaces of the depth of key frames.
+pub enum Surfaces {
+    /// A mapper, which is given every packet.
+    Here(Box<DenseMapper>),
+    /// A process of its own, which sends what changes until the session's map ends.
+    Elsewhere(Receiver<SurfaceChange>),
 }
 
 /// Packets in, poses and a map out.
@@ -59,11 +68,11 @@ pub trait Slam {
     /// The latest map with its provenance, for saving.
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile;
 
-    /// A mapper that makes surfaces of the depth of key frames from now on, and follows this map.
+    /// Surfaces of the depth of key frames from now on, which follow this map.
     ///
     /// # Errors
-    /// Without a depth sensor; where the map is in another process ([`DenseSetupError::NoMapping`]).
-    fn dense_mapper(&mut self, _rig: &Rig, _config: SubmapConfig) -> Result<DenseMapper, DenseSetupError> {
+    /// Without a depth sensor, or without a map.
+    fn surfaces(&mut self, _rig: &Rig, _config: SubmapConfig) -> Result<Surfaces, DenseSetupError> {
         Err(DenseSetupError::NoMapping)
     }
 
@@ -94,8 +103,8 @@ impl Slam for Engine {
         Engine::to_save(self, program, attached)
     }
 
-    fn dense_mapper(&mut self, rig: &Rig, config: SubmapConfig) -> Result<DenseMapper, DenseSetupError> {
-        DenseMapper::new(self, rig, config)
+    fn surfaces(&mut self, rig: &Rig, config: SubmapConfig) -> Result<Surfaces, DenseSetupError> {
+        Ok(Surfaces::Here(Box::new(DenseMapper::new(self, rig, config)?)))
     }
 }
 
@@ -136,7 +145,7 @@ impl<S: Slam + ?Sized> Slam for Box<S> {
         (**self).to_save(program, attached)
     }
 
-    fn dense_mapper(&mut self, rig: &Rig, config: SubmapConfig) -> Result<DenseMapper, DenseSetupError> {
-        (**self).dense_mapper(rig, config)
+    fn surfaces(&mut self, rig: &Rig, config: SubmapConfig) -> Result<Surfaces, DenseSetupError> {
+        (**self).surfaces(rig, config)
     }
 }

@@ -23,6 +23,8 @@ pub struct SlamFor<'a> {
     pub rate_hz: f64,
     /// The engine's configuration.
     pub config: &'a Config,
+    /// Whether surfaces of its map will be asked for.
+    pub dense: bool,
 }
 
 /// SLAM, and small differences between the camera of its map and this one.

@@ -14,6 +14,7 @@ pub(crate) struct Start {
     pub has_imu: bool,
     pub rate_hz: f64,
     pub config: Config,
+    pub dense: bool,
 }
 
 impl Start {
@@ -26,6 +27,7 @@ impl Start {
             imu: self.has_imu,
             rate_hz: self.rate_hz,
             config: &self.config,
+            dense: self.dense,
         };
         (self.begin)(&with, map)
     }

@@ -84,20 +84,21 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
     let survives = serve.survives.map(SurvivesIn::new);
     let before = survives.as_ref().map(|s| s.before()).unwrap_or_default();
     let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
-    let mut start = Start { begin: serve.slam, name: name.clone(), rig, mode, has_imu, rate_hz, config };
+    let (begin, dense) = (serve.slam, serve.dense);
+    let mut start = Start { begin, name: name.clone(), rig, mode, has_imu, rate_hz, config, dense };
     let surface;
     let mut session = match lock {
         None => {
             let (mut slam, _) = start
                 .slam(None)
                 .map_err(|e| SourceError::new(&name, e.to_string(), "give a calibration with --rig"))?;
-            surface = serve.dense.then(|| surface_of(&mut slam, &start, hub)).transpose()?;
+            surface = dense.then(|| surface_of(&mut slam, &start, hub)).transpose()?;
             Session::new(slam, session_config)
         }
         Some(lock) => {
             let kept = MapKeeper::open_with(lock, before.atlas.clone(), |map| start.slam(map));
             let mut kept = kept.map_err(|e| SourceError::new(&name, e.to_string(), cure_of(&e)))?;
-            surface = serve.dense.then(|| surface_of(&mut kept.engine, &start, hub)).transpose()?;
+            surface = dense.then(|| surface_of(&mut kept.engine, &start, hub)).transpose()?;
             kept.notes.iter().for_each(|note| hub.broadcast(&ToPage::Doubt(note)));
             Session::new(kept.engine, session_config).keeping(kept.keeper.with_clock(wall_of(hub)))
         }
@@ -136,10 +137,10 @@ fn lens_of(hub: &Hub, folder: Option<PathBuf>, source: &mut PhoneSource) -> Opti
 fn surface_of(slam: &mut Box<dyn Slam>, start: &Start, hub: &Arc<Hub>) -> Result<SurfaceWork, SourceError> {
     let config = SubmapConfig::default();
     let failed = |why: String, cure| SourceError::new(&start.name, why, cure);
-    let mapper = slam
-        .dense_mapper(&start.rig, config)
+    let surfaces = slam
+        .surfaces(&start.rig, config)
         .map_err(|e| failed(e.to_string(), "give a source with depth and --sensor rgbd"))?;
-    SurfaceWork::begin(mapper, &config, hub.clone())
+    SurfaceWork::begin(surfaces, &config, hub.clone())
         .map_err(|e| failed(format!("no thread for its surface ({e})"), "close other programs"))
 }
 

@@ -8,12 +8,13 @@ use crate::depth_log::{DepthTail, KeyFrameDepth};
 use crate::journal::{JournalError, Tail};
 use crate::message::{Failure, Finished, Opened, Order, Report, read, write};
 use crate::mode_of;
+use crate::shown::Shown;
 use crate::slam::FINAL_MAP;
 use cairn_atlas::store::{DepthPart, MapFile, Place, SavedDepth};
 use cairn_atlas::{Change, Feed, KeyFrameId, Published, Snapshot};
-use cairn_dense::{PackedDepth, PackedGray, SubmapConfig};
+use cairn_dense::{PackedDepth, PackedGray, SubmapConfig, SurfaceChanges};
 use cairn_engine::{DenseMapper, DenseSetupError, SensorMode, has_colours};
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{DepthSensor, Rig};
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{Read, Write};
@@ -25,6 +26,10 @@ use std::time::{Duration, Instant};
 pub const SURFACE: &str = "surface";
 /// Work between two answers takes about so long.
 const SLICE: Duration = Duration::from_millis(200);
+/// Pages are told what has changed so often.
+const SHOW_EVERY: Duration = Duration::from_millis(500);
+/// Images that are fused again between two looks at the clock.
+const FUSED_AGAIN: usize = 4;
 
 /// What is asked of the process.
 pub struct Work<S> {
@@ -34,6 +39,8 @@ pub struct Work<S> {
     pub saved: Vec<DepthPart>,
     /// The bytes of a surface's file, for a map that is aligned with gravity or not; `None` where none is wanted.
     pub surface: Option<S>,
+    /// What changes is told while the surface grows, for pages.
+    pub shown: bool,
 }
 
 /// Runs until the surface is written or the supervisor is gone. `open` says what to do.
@@ -42,9 +49,10 @@ where
     F: FnOnce() -> Result<Work<S>, Failure>,
     S: FnMut(&mut DenseMapper, bool) -> Result<Vec<u8>, Failure>,
 {
-    let Ok(Some(Order::Map { folder, opened, .. })) = read(&mut from) else { return };
-    let said =
-        open().and_then(|work| Dense::new(&folder, &opened, work)).and_then(|d| d.work(&mut from, &mut to));
+    let Ok(Some(Order::Map { folder, opened, start, .. })) = read(&mut from) else { return };
+    let said = open()
+        .and_then(|work| Dense::new(&folder, &opened, start, work))
+        .and_then(|d| d.work(&mut from, &mut to));
     if let Err(why) = said {
         // Without a supervisor there is nobody to tell.
         let _ = write(&mut to, &Report::Failed(why));
@@ -57,6 +65,9 @@ struct Dense<S> {
     work: Work<S>,
     /// `None` until SLAM has begun its journal.
     following: Option<Following>,
+    /// Number of this process among those that made surfaces, and how often it has begun to follow the journal.
+    start: u64,
+    begun: u32,
 }
 
 /// The map as far as it was followed.
@@ -73,13 +84,18 @@ struct Following {
     others: Vec<DepthPart>,
     /// Images that it began with.
     restored: usize,
+    /// Where the newest key frame was when it was added.
+    newest: Vec3,
+    /// What pages know, and when they were told.
+    changes: SurfaceChanges,
+    told: Option<Instant>,
 }
 
 impl<S> Dense<S>
 where
     S: FnMut(&mut DenseMapper, bool) -> Result<Vec<u8>, Failure>,
 {
-    fn new(folder: &Path, opened: &Opened, work: Work<S>) -> Result<Self, Failure> {
+    fn new(folder: &Path, opened: &Opened, start: u64, work: Work<S>) -> Result<Self, Failure> {
         let rig = crate::rig_of(folder, opened)?;
         let (mode, _) = mode_of(&opened.sensor)?;
         if rig.depth.is_none() || mode != SensorMode::Rgbd {
@@ -89,7 +105,7 @@ where
         if work.config.tsdf.colour && !has_colours(&rig) {
             return Err(Failure::new("surfaces", DenseSetupError::NoColours, "leave out --colour"));
         }
-        Ok(Self { folder: folder.to_owned(), rig, work, following: None })
+        Ok(Self { folder: folder.to_owned(), rig, work, following: None, start, begun: 0 })
     }
 
     /// `Ok` when all is done or the supervisor is gone.
@@ -107,6 +123,9 @@ where
                 Ok(Some(Order::Ping)) => {
                     let has_all = self.follow(SLICE)?;
                     reports.extend(has_all.then_some(Report::Followed));
+                    if has_all && self.work.shown {
+                        reports.extend(self.show());
+                    }
                     reports.push(Report::Pong);
                 }
                 Ok(Some(Order::End)) => reports.push(self.end()?),
@@ -122,6 +141,7 @@ where
         if self.following.is_none() {
             let Some(tail) = Tail::open(&self.folder).map_err(failed)? else { return Ok(true) };
             self.following = Some(self.begin(tail).map_err(failed)??);
+            self.begun += 1;
         }
         let Some(following) = &mut self.following else { return Ok(true) };
         let commits = &mut following.commits;
@@ -132,6 +152,27 @@ where
         }
         following.ahead.extend(following.depth.follow().map_err(failed)?.into_iter().map(|d| (d.id, d)));
         Ok(following.apply(Instant::now() + limit))
+    }
+
+    /// Fuses again what has moved, and what has changed since pages were told; at first only once all of it is there.
+    fn show(&mut self) -> Vec<Report> {
+        let Some(f) = &mut self.following else { return Vec::new() };
+        let until = Instant::now() + SLICE;
+        while f.mapper.step(&f.newest, FUSED_AGAIN).waiting > 0 {
+            if Instant::now() > until {
+                if f.told.is_none() {
+                    return Vec::new();
+                }
+                break;
+            }
+        }
+        if f.told.is_some_and(|at| at.elapsed() < SHOW_EVERY) {
+            return Vec::new();
+        }
+        f.told = Some(Instant::now());
+        // No submap has the number that one had which was made before it from the same depth.
+        let first = (self.start as u32 & 0xff) << 24 | (self.begun & 0xff) << 16;
+        Shown::messages(f.changes.of(f.mapper.map()), first).into_iter().map(Report::Shown).collect()
     }
 
     /// Begins at the map as it is now, with the depth of all its key frames.
@@ -161,7 +202,10 @@ where
         let (restored, others) = mapper.restore(parts);
         let commits = VecDeque::new();
         let restored = restored.images;
-        Ok(Ok(Following { tail, feed, depth, mapper, commits, ahead, others, restored }))
+        let (newest, changes, told) = (Vec3::zeros(), SurfaceChanges::new(), None);
+        let following =
+            Following { tail, feed, depth, mapper, commits, ahead, others, restored, newest, changes, told };
+        Ok(Ok(following))
     }
 
     /// Writes the depth into the final map, and the surface.
@@ -193,6 +237,7 @@ impl Following {
         while let Some(commit) = self.commits.pop_front() {
             for change in &commit.changes {
                 let Change::AddKeyFrame(k) = change else { continue };
+                self.newest = k.world_from_camera.translation;
                 // What is of earlier numbers is of no key frame.
                 let later = self.ahead.split_off(&k.id);
                 self.ahead = later;

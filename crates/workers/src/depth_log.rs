@@ -161,6 +161,18 @@ fn parse(body: &[u8]) -> Option<KeyFrameDepth> {
     })
 }
 
+/// Removes the file of a folder.
+///
+/// # Errors
+/// [`JournalError`] when it is there and cannot be removed.
+pub fn remove(folder: &Path) -> Result<(), JournalError> {
+    let path = path_in(folder);
+    match std::fs::remove_file(&path) {
+        Err(e) if e.kind() != ErrorKind::NotFound => Err(failed(&path, "remove")(e)),
+        _ => Ok(()),
+    }
+}
+
 fn path_in(folder: &Path) -> PathBuf {
     folder.join("depth.log")
 }

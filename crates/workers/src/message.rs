@@ -8,6 +8,7 @@
 pub use crate::anchored::Anchored;
 use crate::anchored::{numbers, se3};
 use crate::seen::Seen;
+use crate::shown::Shown;
 use cairn_engine::Config;
 use cairn_geometry::{Pose, Se3, Sim3, Similarity, Vec3};
 use cairn_guide::{Anchor, Confidence};
@@ -107,6 +108,8 @@ pub enum Report {
     Tracked(Box<Tracked>),
     /// Dense: it has followed all that was written.
     Followed,
+    /// Dense: what has changed of the surfaces, for pages.
+    Shown(Shown),
     /// SLAM: why the depth of key frames is written no longer; the map goes on without surfaces.
     NoSurfaces(Failure),
     /// SLAM: the pose of an earlier frame is known by now.

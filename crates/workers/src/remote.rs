@@ -7,18 +7,20 @@
 //! process which lives had no time for go to it with the next.
 
 use crate::journal::{self, JournalWriter, Tail, recover};
-use crate::message::{Failure, Frame, Opened, Order, Report, Tracked};
+use crate::message::{Failure, Frame, OfKeyFrames, Opened, Order, Report, Tracked};
 use crate::process::{Event, Process, What};
+use crate::remote_dense::RemoteDense;
 use crate::ring::Ring;
 use crate::run_folder::ring_in;
 use crate::supervision::{Death, Told};
 use crate::worker::Worker;
-use crate::{Role, capture, pixels, sensor_name};
+use crate::{Role, capture, depth_log, pixels, sensor_name};
 use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, OpenMapError, Output, Runner, SensorMode, Status};
+use cairn_dense::SubmapConfig;
+use cairn_engine::{Config, DenseSetupError, Engine, OpenMapError, Output, Runner, SensorMode, Status};
 use cairn_sensor::{FramePacket, ImuSample, Rig, Stamp};
-use cairn_session::{NotTracked, Slam};
+use cairn_session::{NotTracked, Slam, Surfaces};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -36,6 +38,11 @@ const BEGIN_LIMIT: Duration = Duration::from_secs(60);
 /// Readings that are kept for the next frame at most: some seconds of them.
 const MOST_READINGS: usize = 4000;
 
+/// Makes the command that starts a worker; its standard input and output are taken.
+pub type Start = Arc<dyn Fn(Role) -> Command + Send + Sync>;
+/// Hears what becomes of processes.
+pub type Tell = Arc<dyn Fn(Told) + Send + Sync>;
+
 /// What SLAM is started with.
 pub struct RemoteSetup<'a> {
     /// The folder of the run: its ring, its rig, the journal of its map.
@@ -52,10 +59,12 @@ pub struct RemoteSetup<'a> {
     pub rate_hz: f64,
     /// The engine's configuration.
     pub config: Config,
-    /// The command that starts a worker; its standard input and output are taken.
-    pub command: Box<dyn Fn(Role) -> Command>,
-    /// Hears what becomes of the process.
-    pub tell: Box<dyn FnMut(Told)>,
+    /// Whether surfaces of its map will be asked for.
+    pub dense: bool,
+    /// Starts workers.
+    pub command: Start,
+    /// Hears what becomes of them.
+    pub tell: Tell,
 }
 
 /// SLAM in a process of its own. Dropped, it ends the process.
@@ -65,8 +74,12 @@ pub struct RemoteSlam {
     ring: Ring,
     opened: Opened,
     config: Config,
-    command: Box<dyn Fn(Role) -> Command>,
-    tell: Box<dyn FnMut(Told)>,
+    command: Start,
+    tell: Tell,
+    /// What SLAM writes for surfaces.
+    surfaces: Option<OfKeyFrames>,
+    /// Who makes them, once they were asked for.
+    dense: Option<RemoteDense>,
     events: Receiver<Event>,
     to: Sender<Event>,
     worker: Worker,
@@ -101,7 +114,7 @@ impl RemoteSlam {
     /// # Errors
     /// As `Engine::in_map`; also when the process cannot be started or says that it cannot go on.
     pub fn begin(setup: RemoteSetup, map: Option<&MapFile>) -> Result<(Self, Vec<String>), OpenMapError> {
-        let RemoteSetup { folder, name, rig, mode, imu, rate_hz, config, command, tell } = setup;
+        let RemoteSetup { folder, name, rig, mode, imu, rate_hz, config, dense, command, tell } = setup;
         let why = |e: &dyn std::fmt::Display| OpenMapError::Process(e.to_string());
         let mut checked = config.clone();
         checked.inertial.enabled = imu;
@@ -115,6 +128,7 @@ impl RemoteSlam {
         if !goes_on {
             // That of another camera, if any.
             journal::remove(folder).map_err(|e| why(&e))?;
+            depth_log::remove(folder).map_err(|e| why(&e))?;
         }
         let (engine, notes) = followed.map_or_else(|| begin(map), Ok)?;
         let (camera, base) = (*engine.front_end().model(), engine.to_save("cairn", BTreeMap::new()));
@@ -134,6 +148,8 @@ impl RemoteSlam {
             config,
             command,
             tell,
+            surfaces: dense.then_some(OfKeyFrames::Depth),
+            dense: None,
             events,
             to,
             worker: Worker::new(),
@@ -178,7 +194,7 @@ impl RemoteSlam {
             folder: self.folder.clone(),
             opened: self.opened.clone(),
             start,
-            surfaces: None,
+            surfaces: self.surfaces,
             session: Some(Box::new(self.config.clone())),
         });
         (self.tell)(Told::Started { role, id: process.id() });
@@ -218,6 +234,7 @@ impl RemoteSlam {
             Report::Failed(Failure { what, why, cure }) => {
                 self.died(Some(format!("{what}: {why}; {cure}")));
             }
+            Report::NoSurfaces(why) => (self.tell)(Told::NoSurfaces(&why)),
             _ => {}
         }
     }
@@ -373,6 +390,7 @@ impl Slam for RemoteSlam {
     fn end(&mut self) {
         // Its process is killed, and none is due any more.
         self.worker = Worker::new();
+        self.dense = None;
         // Else the next would begin in this map.
         let removed = journal::remove(&self.folder);
         self.fails(removed.err().map_or_else(|| "ended".into(), |e| e.to_string()));
@@ -392,6 +410,18 @@ impl Slam for RemoteSlam {
 
     fn status(&self) -> &Status {
         &self.status
+    }
+
+    fn surfaces(&mut self, rig: &Rig, _: SubmapConfig) -> Result<Surfaces, DenseSetupError> {
+        if rig.depth.is_none() || !self.opened.sensor.starts_with("rgbd") {
+            return Err(DenseSetupError::NoDepth);
+        }
+        let (ring, folder) = (self.ring_path.clone(), self.folder.clone());
+        let (command, tell) = (self.command.clone(), self.tell.clone());
+        let begun = RemoteDense::begin(ring, folder, self.opened.clone(), command, tell);
+        let (dense, changes) = begun.map_err(|_| DenseSetupError::NoMapping)?;
+        self.dense = Some(dense);
+        Ok(Surfaces::Elsewhere(changes))
     }
 
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {

@@ -14,19 +14,15 @@ use crate::seen::Seen;
 use crate::{mode_of, pixels};
 use cairn_atlas::{Change, Published, Subscription};
 use cairn_dense::{PackedDepth, PackedGray};
-use cairn_engine::{Config, Engine, Joined, Runner, Verdict, record_input};
-use cairn_sensor::{DepthImage, FramePacket, GrayImage, ImuSample, Stamp};
+use cairn_engine::{Config, Engine, Joined, Offered, OfferedDepth, Runner, Verdict, record_input};
+use cairn_sensor::{FramePacket, ImuSample, Stamp};
 use cairn_session::TrackedPlace;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::path::Path;
-use std::sync::Arc;
 
 /// The map at the end of the run, in the journal's folder.
 pub const FINAL_MAP: &str = "final.cairn";
-
-/// Depth images that wait for mapping to make their frame a key frame, at most; the oldest are dropped.
-const MOST_OFFERED: usize = 48;
 
 /// Frames without a pose that may get one later: initialisation with one camera takes no longer.
 const MOST_UNPOSED: usize = 1000;
@@ -66,6 +62,8 @@ struct Slam<'a> {
     unposed: Vec<(u64, usize)>,
     finished: Finished,
     start: u64,
+    /// It is in a map of the journal and has had no frame yet.
+    resumes: bool,
     /// It works for a session, which needs all of a frame's output.
     whole: bool,
     bytes: Vec<u8>,
@@ -75,25 +73,21 @@ struct Slam<'a> {
 struct DepthOf {
     to: DepthWriter,
     what: OfKeyFrames,
-    offered: VecDeque<(Stamp, Arc<DepthImage>, Option<Arc<GrayImage>>)>,
+    offered: OfferedDepth,
 }
 
 impl DepthOf {
     fn offer(&mut self, packet: &FramePacket) {
         let Some(depth) = &packet.depth else { return };
-        if self.offered.len() >= MOST_OFFERED {
-            self.offered.pop_front();
-        }
         let gray = packet.images.first().filter(|_| self.what == OfKeyFrames::DepthAndGray);
-        self.offered.push_back((packet.stamp, depth.clone(), gray.cloned()));
+        self.offered.offer(Offered { stamp: packet.stamp, depth: depth.clone(), gray: gray.cloned() });
     }
 
     /// Writes the depth of the key frames that a commit adds; to be called before the commit is written.
     fn write(&mut self, commit: &Published) -> Result<(), crate::JournalError> {
         for change in &commit.changes {
             let Change::AddKeyFrame(k) = change else { continue };
-            let Some(i) = self.offered.iter().position(|(stamp, ..)| *stamp == k.stamp) else { continue };
-            if let Some((stamp, depth, gray)) = self.offered.drain(..=i).next_back() {
+            if let Some(Offered { stamp, depth, gray }) = self.offered.take(k.stamp) {
                 let gray = gray.map(|gray| PackedGray::pack(&gray));
                 self.to.append(k.id, stamp, &PackedDepth::pack(&depth), gray.as_ref())?;
             }
@@ -155,6 +149,7 @@ impl<'a> Slam<'a> {
             unposed: Vec::new(),
             finished: Finished::default(),
             start,
+            resumes: recovered.is_some(),
             whole: false,
             bytes: Vec::new(),
         })
@@ -163,7 +158,7 @@ impl<'a> Slam<'a> {
     /// With the depth of its key frames in a file of the folder.
     fn with_depth(self, what: OfKeyFrames) -> Self {
         match DepthWriter::open(self.folder, &self.engine.snapshot()) {
-            Ok(to) => Self { depth: Some(DepthOf { to, what, offered: VecDeque::new() }), ..self },
+            Ok(to) => Self { depth: Some(DepthOf { to, what, offered: OfferedDepth::default() }), ..self },
             Err(e) => Self { depth_failed: Some(depth_failed(e)), ..self },
         }
     }
@@ -230,6 +225,9 @@ impl<'a> Slam<'a> {
         };
         let (stamp, imu) = (Stamp(frame.stamp), std::mem::take(&mut self.imu));
         let packet = FramePacket { stamp, images, depth, imu, decode_ms: frame.decode_ms };
+        if std::mem::take(&mut self.resumes) {
+            self.engine.resume(stamp);
+        }
         match self.engine.on_packet(&packet) {
             Ok(output) => {
                 self.count(&output.verdicts);

@@ -64,6 +64,8 @@ pub enum Told<'a> {
         /// Seconds since the death.
         after_s: f64,
     },
+    /// Why there are no surfaces any more; the run goes on without.
+    NoSurfaces(&'a Failure),
     /// SLAM has a pose again after a death.
     Relocalised {
         /// Frames without a pose since.

@@ -4,6 +4,7 @@
 //! After Reijgwart et al., "Voxgraph" (RA-L 2020), section III, for submaps anchored to the pose graph, and Dai et
 //! al., "BundleFusion" (TOG 2017), section 5, for removing images and fusing them again.
 
+mod changes;
 mod codec;
 mod locate;
 mod refuse;
@@ -11,6 +12,7 @@ mod saved;
 #[cfg(test)]
 mod tests;
 
+pub use changes::{SurfaceChange, SurfaceChanges};
 pub use codec::{PackedDepth, PackedGray};
 pub(crate) use codec::{Rows, broken};
 pub use locate::{Followed, Located, Locator, Place};
@@ -25,6 +27,10 @@ use cairn_geometry::{Se3, Sim3};
 use cairn_sensor::{Camera, DepthImage, GrayImage};
 use std::collections::BTreeMap;
 use std::sync::Arc;
+
+/// Thickness of a thin wall, metres; and the voxels of a truncation distance that a surface needs at least.
+const WALL_M: f64 = 0.1;
+const LEAST_BAND: f64 = 2.5;
 
 /// A key frame of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -367,12 +373,19 @@ impl DenseMap {
     /// One field of a whole map, fused from the stored depth with the current poses: without seams between submaps. It has colours
     /// where they are asked for and images of the map have them.
     ///
+    /// A map has walls that were seen from both sides. Truncation distances wider than such a wall would push its sides apart, so that with large
+    /// voxels it is shorter here than the config says.
+    ///
     /// # Errors
     /// A config value out of range; poses out of range.
     pub fn fuse_all(&mut self, map: MapId, tsdf: TsdfConfig) -> Result<TsdfVolume, DenseError> {
         let of = |k: &Kept| self.anchors.get(&k.anchored.anchor).filter(|a| a.map == map).copied();
         let colour = tsdf.colour && self.kept.iter().any(|k| k.gray.is_some() && of(k).is_some());
-        let mut out = TsdfVolume::new(TsdfConfig { colour, ..tsdf })?;
+        let widest = (WALL_M / tsdf.voxel_m).max(LEAST_BAND);
+        // A config out of range is refused.
+        TsdfVolume::new(tsdf)?;
+        let band_voxels = tsdf.band_voxels.min(widest);
+        let mut out = TsdfVolume::new(TsdfConfig { colour, band_voxels, ..tsdf })?;
         for kept in &self.kept {
             let Some(anchor) = of(kept) else { continue };
             let colours = self.preparer.colours_packed(kept.gray.as_ref().filter(|_| colour))?;

@@ -293,3 +293,24 @@ fn a_saved_map_goes_on_as_the_one_it_was_saved_from() {
     last.frames.iter().for_each(|f| small.add_anchor(f.anchor, MapId(0), Se3::identity()).expect("finite"));
     assert!(matches!(small.restore(last), Err(DenseError::Size { .. })));
 }
+
+/// A wall that was seen from both sides, with voxels so large that the truncation distance would be wider than the wall.
+#[test]
+fn sides_of_a_thin_wall_stay_where_they_are_in_a_whole_map() {
+    let (camera, thick) = (camera(), 0.16);
+    let facing = DepthImage::from_vec(camera.width, camera.height, vec![1000; camera.width * camera.height]);
+    let facing = facing.expect("all pixels");
+    let behind =
+        Se3::new(So3::exp(&Vec3::new(0.0, std::f64::consts::PI, 0.0)), Vec3::new(0.0, 0.0, 2.0 + thick));
+    let mut map = DenseMap::new(config(), camera, 0.001).expect("a camera");
+    for (id, at) in [(0, Se3::identity()), (1, behind)] {
+        map.insert(AnchorId(id), MapId(0), at, Se3::identity(), &facing, None).expect("depth");
+    }
+    let tsdf = TsdfConfig { voxel_m: 0.05, ..TsdfConfig::default() };
+    let whole = map.fuse_all(MapId(0), tsdf).expect("poses");
+    let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(&whole);
+    let side = |z: f32| mesh.positions.iter().filter(|p| (p[2] - z).abs() < 0.01).count();
+    let (near, far, all) = (side(1.0), side(1.0 + thick as f32), mesh.positions.len());
+    assert!(near > 100 && far > 100 && near + far == all, "{near} and {far} of {all} vertices");
+    assert!(map.fuse_all(MapId(0), TsdfConfig { band_voxels: 17.0, ..tsdf }).is_err());
+}

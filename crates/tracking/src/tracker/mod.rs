@@ -207,6 +207,16 @@ impl Tracker {
         self.dense_map_created(snapshot, k.stamp, anchored);
     }
 
+    /// The camera was at the newest key frame a moment ago, when another tracker followed it: it is looked for there first. Nothing
+    /// where that was too long before `now` to tell where it is.
+    pub fn resume(&mut self, snapshot: &Snapshot, now: Stamp) {
+        let newest = snapshot.newest_key_frame().filter(|k| (0.0..BRIDGE_S).contains(&(now - k.stamp)));
+        let Some(k) = newest else { return };
+        let anchored = AnchoredPose::at(k.id, k.world_from_camera);
+        self.last = Some(Last { frame: k.frame.shared(), landmarks: k.landmarks.clone(), anchored });
+        (self.lost, self.located) = (true, Some(k.stamp));
+    }
+
     /// The odometry of the last frame; `None` when that has no pose.
     pub fn odometry(&self) -> Option<Odometry> {
         self.odometry.current()

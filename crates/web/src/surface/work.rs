@@ -1,12 +1,14 @@
-//! The thread that makes surfaces: depth of key frames into submaps, meshes of what has changed for the pages.
+//! The thread that keeps the surface of the pages: depth of key frames into submaps and meshes of what has changed, or what a
+//! process of surfaces sends.
 
 use super::Surface;
 use crate::hub::Hub;
-use cairn_dense::{BlockKey, Mesh, MeshConfig, Mesher, SubmapConfig, SubmapView};
+use cairn_dense::{SubmapConfig, SurfaceChange, SurfaceChanges};
 use cairn_engine::{DenseMapper, Output};
 use cairn_geometry::Vec3;
 use cairn_sensor::FramePacket;
-use std::collections::{BTreeMap, BTreeSet};
+use cairn_session::Surfaces;
+use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, PoisonError};
@@ -22,22 +24,34 @@ const FUSED_AGAIN: usize = 4;
 
 /// The running thread; it ends when this is dropped.
 pub(crate) struct SurfaceWork {
+    hub: Arc<Hub>,
+    /// Packets, where surfaces are made here.
     to: Option<SyncSender<(FramePacket, Output)>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl SurfaceWork {
-    /// Begins with a mapper that follows the session's map.
+    /// Begins with surfaces that follow the session's map.
     ///
     /// # Errors
     /// When the system provides no thread.
-    pub fn begin(mapper: DenseMapper, config: &SubmapConfig, hub: Arc<Hub>) -> std::io::Result<Self> {
-        let (to, from) = sync_channel(MOST_WAITING);
+    pub fn begin(surfaces: Surfaces, config: &SubmapConfig, hub: Arc<Hub>) -> std::io::Result<Self> {
         lock(&hub).voxels(config.tsdf.voxel_m as f32);
-        let work = Work { mapper, meshes: Meshes::new(), hub, began: Instant::now(), meshed: None };
-        let thread =
-            std::thread::Builder::new().name("cairn-surface".into()).spawn(move || work.run(&from))?;
-        Ok(Self { to: Some(to), thread: Some(thread) })
+        let named = std::thread::Builder::new().name("cairn-surface".into());
+        let shown = Shown { hub: hub.clone(), began: Instant::now() };
+        match surfaces {
+            Surfaces::Here(mapper) => {
+                let (to, from) = sync_channel(MOST_WAITING);
+                let work = Work { mapper: *mapper, changes: SurfaceChanges::new(), shown, meshed: None };
+                let thread = Some(named.spawn(move || work.run(&from))?);
+                Ok(Self { hub, to: Some(to), thread })
+            }
+            Surfaces::Elsewhere(changes) => {
+                // It ends with the session's map, which nobody waits for here.
+                named.spawn(move || changes.into_iter().for_each(|change| shown.put(&change)))?;
+                Ok(Self { hub, to: None, thread: None })
+            }
+        }
     }
 
     /// Takes a packet that the engine has processed; does not wait.
@@ -45,6 +59,8 @@ impl SurfaceWork {
         if let Some(to) = &self.to {
             // A thread that is behind misses a packet; one that has ended has said why.
             let _ = to.try_send((packet.clone(), output.clone()));
+        } else if let (Some(pose), Ok(mut surface)) = (output.world_from_body, self.hub.surface.try_lock()) {
+            at(&mut surface, &pose.se3.translation);
         }
     }
 }
@@ -62,11 +78,31 @@ fn lock(hub: &Hub) -> std::sync::MutexGuard<'_, Surface> {
     hub.surface.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-struct Work {
-    mapper: DenseMapper,
-    meshes: Meshes,
+fn at(surface: &mut Surface, camera: &Vec3) {
+    surface.camera_at([camera.x, camera.y, camera.z].map(|v| v as f32));
+}
+
+/// The surface that pages draw.
+struct Shown {
     hub: Arc<Hub>,
     began: Instant,
+}
+
+impl Shown {
+    fn put(&self, change: &SurfaceChange) {
+        let now = (10.0 * self.began.elapsed().as_secs_f64()) as u32;
+        let numbers: BTreeSet<u32> = change.submaps.iter().map(|(number, _)| *number).collect();
+        let mut surface = lock(&self.hub);
+        surface.keep(|number| numbers.contains(&number));
+        change.submaps.iter().for_each(|(number, pose)| surface.place(*number, pose));
+        change.blocks.iter().for_each(|(number, key, mesh)| surface.set(*number, *key, mesh, now));
+    }
+}
+
+struct Work {
+    mapper: DenseMapper,
+    changes: SurfaceChanges,
+    shown: Shown,
     meshed: Option<Instant>,
 }
 
@@ -85,57 +121,12 @@ impl Work {
             }
             self.mapper.step(&camera, FUSED_AGAIN);
             let is_due = self.meshed.is_none_or(|at| at.elapsed() >= MESH_EVERY);
-            if is_due && self.hub.surfaces_wanted.load(Ordering::Relaxed) > 0 {
+            if is_due && self.shown.hub.surfaces_wanted.load(Ordering::Relaxed) > 0 {
                 self.meshed = Some(Instant::now());
-                self.mesh(&camera);
+                let change = self.changes.of(self.mapper.map());
+                at(&mut lock(&self.shown.hub), &camera);
+                self.shown.put(&change);
             }
         }
-    }
-
-    /// Meshes what has changed, for the pages.
-    fn mesh(&mut self, camera: &Vec3) {
-        let now = (10.0 * self.began.elapsed().as_secs_f64()) as u32;
-        let submaps: Vec<SubmapView> = self.mapper.map().submaps().collect();
-        let numbers: BTreeSet<u32> = submaps.iter().map(|s| s.number as u32).collect();
-        let changed: Vec<(u32, BlockKey, Mesh)> =
-            submaps.iter().flat_map(|submap| self.meshes.changed(submap)).collect();
-        self.meshes.known.retain(|number, _| numbers.contains(number));
-        let mut surface = lock(&self.hub);
-        surface.camera_at([camera.x, camera.y, camera.z].map(|v| v as f32));
-        surface.keep(|number| numbers.contains(&number));
-        submaps.iter().for_each(|s| surface.place(s.number as u32, &s.world_from_submap));
-        changed.iter().for_each(|(number, key, mesh)| surface.set(*number, *key, mesh, now));
-    }
-}
-
-/// What has been meshed.
-struct Meshes {
-    mesher: Mesher,
-    /// For each submap the revision of its field, and the blocks that it had.
-    known: BTreeMap<u32, (u64, BTreeSet<BlockKey>)>,
-}
-
-impl Meshes {
-    fn new() -> Self {
-        Self { mesher: Mesher::new(MeshConfig::of_key_frames()), known: BTreeMap::new() }
-    }
-
-    /// The meshes of a submap's blocks that have changed since it was asked last.
-    fn changed(&mut self, submap: &SubmapView) -> Vec<(u32, BlockKey, Mesh)> {
-        let (number, field) = (submap.number as u32, submap.tsdf);
-        let (revision, had) = self.known.entry(number).or_default();
-        if *revision == field.revision() {
-            return Vec::new();
-        }
-        let has: BTreeSet<BlockKey> = field.changed_since(0).collect();
-        // A block that is gone is none of those that have changed.
-        let gone = Mesher::affected(had.difference(&has).copied());
-        let mut out: Vec<(BlockKey, Mesh)> = self.mesher.changed(field, *revision).collect();
-        let known: BTreeSet<BlockKey> = out.iter().map(|(key, _)| *key).collect();
-        for key in gone.into_iter().filter(|key| !known.contains(key)) {
-            out.push((key, self.mesher.block(field, key)));
-        }
-        (*revision, *had) = (field.revision(), has);
-        out.into_iter().map(|(key, mesh)| (number, key, mesh)).collect()
     }
 }

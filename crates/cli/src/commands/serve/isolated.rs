@@ -1,18 +1,20 @@
 //! `cairn serve --isolated`: the page with its walk in one process, SLAM in another, under a supervisor.
 //!
 //! The same command line runs them all. The supervisor adds `--worker walk` and the folder of the run, the process of the walk
-//! adds `--worker slam`. What must survive the walk lies in that folder: the access token and the port, so that the phone
+//! adds `--worker slam`, and with `--dense` one more with `--worker dense`. What must survive the walk lies in that folder: the access token and the port, so that the phone
 //! comes back, and the journal of the map.
 
 use crate::failure::Failure;
 use crate::processes::{folder_in, line, this_program};
 use crate::{interrupt, terminal};
-use cairn_engine::{Config, Runner};
+use cairn_dense::SubmapConfig;
+use cairn_engine::{Config, DenseMapper, Runner};
 use cairn_session::{Command, Slam};
 use cairn_web::{BeginSlam, Remote, Server};
-use cairn_workers::{RemoteSetup, RemoteSlam, Role, respawn};
+use cairn_workers::{RemoteSetup, RemoteSlam, Role, dense, respawn};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Interval of the signs of life.
@@ -111,8 +113,9 @@ pub fn slam_elsewhere(folder: PathBuf) -> BeginSlam {
             imu: s.imu,
             rate_hz: s.rate_hz,
             config: s.config.clone(),
-            command: Box::new(this_program),
-            tell: Box::new(|told| line(&told).iter().for_each(|line| eprintln!("{line}"))),
+            dense: s.dense,
+            command: Arc::new(this_program),
+            tell: Arc::new(|told| line(&told).iter().for_each(|line| eprintln!("{line}"))),
         };
         let (slam, notes) = RemoteSlam::begin(setup, map)?;
         Ok((Box::new(slam) as Box<dyn Slam>, notes))
@@ -122,4 +125,13 @@ pub fn slam_elsewhere(folder: PathBuf) -> BeginSlam {
 /// Does the work of SLAM for the walk that has started this process.
 pub fn work(config: &Config) {
     cairn_workers::slam::run(std::io::stdin(), std::io::stdout(), config, Runner::Threaded);
+}
+
+/// Makes surfaces for the walk that has started this process.
+pub fn surfaces() {
+    type Never = fn(&mut DenseMapper, bool) -> Result<Vec<u8>, cairn_workers::message::Failure>;
+    dense::run(std::io::stdin(), std::io::stdout(), || {
+        let (config, saved) = (SubmapConfig::default(), Vec::new());
+        Ok(dense::Work::<Never> { config, saved, surface: None, shown: true })
+    });
 }

@@ -58,7 +58,7 @@ pub struct Arguments {
     #[arg(long, alias = "ways", value_name = "DIR")]
     routes: Option<PathBuf>,
     /// Makes surfaces of the depth of key frames, and shows them on the page as they grow; needs a SOURCE with depth.
-    #[arg(long, requires = "source", conflicts_with = "isolated")]
+    #[arg(long, requires = "source")]
     dense: bool,
     #[command(flatten)]
     speaking: Speaking,
@@ -97,6 +97,11 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     #[cfg(unix)]
     if a.worker.as_deref() == Some("slam") {
         isolated::work(&config);
+        return Ok(());
+    }
+    #[cfg(unix)]
+    if a.worker.as_deref() == Some("dense") {
+        isolated::surfaces();
         return Ok(());
     }
     let source = a.source.as_deref().unwrap_or_default();
