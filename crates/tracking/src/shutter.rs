@@ -8,11 +8,13 @@
 //! angular velocity is the gyroscope's, or that of the last frames; depths are those of landmarks seen nearby.
 //!
 //! The readout time may be estimated: the residuals of each pose tell how much of that shift is missing or too much. The
-//! pose is marginalised out (Schur complement), so that what a change of pose could explain counts for nothing.
+//! pose is marginalised out (Schur complement), so that what a change of pose could explain counts for nothing; and so is the
+//! error of the velocity. Between two pictures a walker's body goes up and down: with a few pictures a second, the velocity of
+//! the last frames says nothing of that at the next one, or its opposite, and a readout time that is learnt from it is of the wrong sign.
 
 use cairn_geometry::{Se3, Vec3};
 use cairn_vision::{Frame, RectifiedCamera};
-use nalgebra::{Matrix2x3, SMatrix, SVector, Vector2};
+use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector2};
 
 /// Columns and rows of the grid in which depths are averaged.
 const CELLS: [usize; 2] = [8, 6];
@@ -24,6 +26,10 @@ const PRIOR_S: f64 = 0.02;
 const KEPT: f64 = 0.97;
 /// Residuals beyond this many standard deviations count less (Huber).
 const HUBER: f64 = 2.0;
+/// Least standard deviation of a velocity times the readout time, metres: it is taken as exact.
+const LEAST_SIGMA_M: f64 = 1e-9;
+/// What is added where nothing is known, so that it can be marginalised, 1/m^2: nothing beside what matches tell.
+const NO_INFORMATION: f64 = 1e-3;
 /// Matches needed for a frame to count.
 const LEAST_MATCHES: usize = 30;
 /// Largest readout time, seconds: that of an image at 20 a second.
@@ -36,7 +42,14 @@ pub(crate) struct Moving {
     pub turning: Vec3,
     /// Map units a second; zero where depths are not known.
     pub velocity: Vec3,
+    /// Standard deviation of the velocity; infinite where nothing is known of it.
+    pub velocity_sigma: f64,
 }
+
+/// Unknowns of what a frame tells: pose (6), missing velocity times readout time (3), readout time.
+const N: usize = 10;
+/// Unknowns that are marginalised.
+const OTHERS: usize = N - 1;
 
 /// Readout of the rows.
 #[derive(Clone, Debug)]
@@ -51,12 +64,15 @@ pub(crate) struct Shutter {
     sums: [f64; 2],
     /// For each feature of the last frame: by how many pixels it moves for each second of readout.
     slopes: Vec<[f32; 2]>,
+    /// The standard deviation of the velocity that these were computed with.
+    velocity_sigma: f64,
 }
 
 impl Shutter {
     /// For images of so many rows.
     pub fn new(readout_s: f64, estimated: bool, rows: usize) -> Self {
-        Self { readout_s, rows: rows.max(1) as f64, estimated, sums: [0.0; 2], slopes: Vec::new() }
+        let (rows, sums, slopes) = (rows.max(1) as f64, [0.0; 2], Vec::new());
+        Self { readout_s, rows, estimated, sums, slopes, velocity_sigma: 0.0 }
     }
 
     /// Whether nothing is to be done: all rows at once, as far as is known.
@@ -81,9 +97,10 @@ impl Shutter {
     ) {
         let depths = Depths::of(camera, points);
         self.slopes.clear();
+        self.velocity_sigma = moving.velocity_sigma;
         for i in 0..frame.len() {
             let ray = camera.unproject(frame.px[i], 1.0);
-            let share = (f64::from(frame.raw[i][1]) + 0.5) / self.rows - 0.5;
+            let share = self.share(frame, i);
             let a = moving.turning.cross(&ray) + depths.inverse(camera, frame.px[i]) * moving.velocity;
             let slope = [camera.fx * (a.x - ray.x * a.z) * share, camera.fy * (a.y - ray.y * a.z) * share];
             let slope = if slope.iter().all(|s| s.is_finite()) { slope } else { [0.0; 2] };
@@ -107,15 +124,17 @@ impl Shutter {
         if !self.estimated || self.slopes.len() != frame.len() {
             return;
         }
-        let mut h = SMatrix::<f64, 7, 7>::zeros();
-        let mut b = SVector::<f64, 7>::zeros();
+        let mut h = SMatrix::<f64, N, N>::zeros();
+        let mut b = SVector::<f64, N>::zeros();
+        let prior = (self.velocity_sigma * PRIOR_S).max(LEAST_SIGMA_M).powi(-2);
+        h.fixed_view_mut::<3, 3>(6, 6).copy_from(&(Matrix3::identity() * (prior + NO_INFORMATION)));
         let mut count = 0;
         for (i, p, sigma_px) in matches {
             let Some([u, v, _]) = camera.project(&p) else { continue };
             let [x, y] = frame.px[i].map(f64::from);
             let residual = Vector2::new(x - u, y - v);
             let slope = Vector2::new(f64::from(self.slopes[i][0]), f64::from(self.slopes[i][1]));
-            let jacobian = jacobian(camera, &p, &slope);
+            let jacobian = jacobian(camera, &p, self.share(frame, i), &slope);
             let size = residual.norm() / sigma_px;
             let weight = sigma_px.powi(-2) * (HUBER / size.max(HUBER));
             h += weight * jacobian.tr_mul(&jacobian);
@@ -127,13 +146,18 @@ impl Shutter {
         }
     }
 
-    /// Adds what one frame tells: its normal equations over (pose, readout time) with the pose marginalised.
-    fn add(&mut self, h: &SMatrix<f64, 7, 7>, b: &SVector<f64, 7>) {
-        let Some(pose) = h.fixed_view::<6, 6>(0, 0).into_owned().cholesky() else { return };
-        let cross = h.fixed_view::<6, 1>(0, 6).into_owned();
-        let solved = pose.solve(&cross);
-        let information = h[(6, 6)] - cross.dot(&solved);
-        let gradient = b[6] - b.fixed_rows::<6>(0).dot(&solved);
+    /// The time of a feature's row from the middle one, as a share of the readout time.
+    fn share(&self, frame: &Frame, i: usize) -> f64 {
+        (f64::from(frame.raw[i][1]) + 0.5) / self.rows - 0.5
+    }
+
+    /// Adds what one frame tells: its normal equations with all but the readout time marginalised.
+    fn add(&mut self, h: &SMatrix<f64, N, N>, b: &SVector<f64, N>) {
+        let Some(others) = h.fixed_view::<OTHERS, OTHERS>(0, 0).into_owned().cholesky() else { return };
+        let cross = h.fixed_view::<OTHERS, 1>(0, OTHERS).into_owned();
+        let solved = others.solve(&cross);
+        let information = h[(OTHERS, OTHERS)] - cross.dot(&solved);
+        let gradient = b[OTHERS] - b.fixed_rows::<OTHERS>(0).dot(&solved);
         if !(information > 0.0 && information.is_finite() && gradient.is_finite()) {
             return;
         }
@@ -143,8 +167,9 @@ impl Shutter {
     }
 }
 
-/// Derivative of a residual (pixel minus projection) by a change of pose and by the readout time.
-fn jacobian(camera: &RectifiedCamera, p: &Vec3, slope: &Vector2<f64>) -> SMatrix<f64, 2, 7> {
+/// Derivative of a residual (pixel minus projection) by a change of pose, by the missing velocity times the readout time, and by
+/// the readout time.
+fn jacobian(camera: &RectifiedCamera, p: &Vec3, share: f64, slope: &Vector2<f64>) -> SMatrix<f64, 2, N> {
     let inv = 1.0 / p.z;
     let projection = Matrix2x3::new(
         camera.fx * inv,
@@ -154,10 +179,11 @@ fn jacobian(camera: &RectifiedCamera, p: &Vec3, slope: &Vector2<f64>) -> SMatrix
         camera.fy * inv,
         -camera.fy * p.y * inv * inv,
     );
-    let mut out = SMatrix::<f64, 2, 7>::zeros();
+    let mut out = SMatrix::<f64, 2, N>::zeros();
     out.fixed_view_mut::<2, 3>(0, 0).copy_from(&projection);
     out.fixed_view_mut::<2, 3>(0, 3).copy_from(&(-projection * p.cross_matrix()));
-    out.set_column(6, slope);
+    out.fixed_view_mut::<2, 3>(0, 6).copy_from(&(projection * share));
+    out.set_column(OTHERS, slope);
     out
 }
 

@@ -59,7 +59,7 @@ fn farthest(frame: &Frame, ideal: &[[f64; 2]]) -> f64 {
 }
 
 fn walking() -> Moving {
-    Moving { turning: Vec3::new(0.3, -0.5, 0.2), velocity: Vec3::new(0.2, 0.3, 1.2) }
+    Moving { turning: Vec3::new(0.3, -0.5, 0.2), velocity: Vec3::new(0.2, 0.3, 1.2), velocity_sigma: 0.0 }
 }
 
 #[test]
@@ -88,15 +88,16 @@ fn rotation_is_corrected_where_no_depth_is_known() {
     assert!(before > 1.5 && farthest(&frame, &ideal) < 0.1, "{before} {}", farthest(&frame, &ideal));
 }
 
-#[test]
-fn readout_time_and_its_direction_are_estimated() {
+/// The readout time that is estimated from 60 frames, and its standard deviation; `told` is the velocity that the shutter is told
+/// of a true one, and its standard deviation.
+fn estimated(readout_s: f64, told: impl Fn(Vec3) -> (Vec3, f64)) -> [f64; 2] {
     let camera = mono();
-    for readout_s in [0.018, -0.023] {
+    {
         let mut rng = Random::new(3);
         let mut shutter = Shutter::new(0.0, true, ROWS);
         for _ in 0..60 {
             let mut around = |size: f64| Vec3::from_fn(|_, _| rng.uniform(-size, size));
-            let moving = Moving { turning: around(0.6), velocity: around(1.0) };
+            let moving = Moving { turning: around(0.6), velocity: around(1.0), velocity_sigma: 0.0 };
             // The pose found is not quite the true one, and corners are found to half a pixel.
             let (off_m, off_rad) = (around(0.003), around(0.002));
             let points = points(&mut rng);
@@ -106,14 +107,34 @@ fn readout_time_and_its_direction_are_estimated() {
             }
             let found = Se3::new(So3::exp(&off_rad), off_m);
             let matched: Vec<Vec3> = in_camera(&found, points.iter().copied()).collect();
+            let (velocity, velocity_sigma) = told(moving.velocity);
+            let moving = Moving { velocity, velocity_sigma, ..moving };
             shutter.correct(&mut frame, &camera, &moving, matched.iter().copied());
             let matches = matched.iter().enumerate().map(|(i, p)| (i, *p, 1.0));
             shutter.learn(&frame, &camera, matches);
         }
-        let [estimate, sigma] = shutter.readout_s();
+        shutter.readout_s()
+    }
+}
+
+#[test]
+fn readout_time_and_its_direction_are_estimated() {
+    for readout_s in [0.018, -0.023] {
+        let [estimate, sigma] = estimated(readout_s, |velocity| (velocity, 0.0));
         println!("readout {readout_s} s, estimated {estimate:.5} +- {sigma:.5}");
         assert!((estimate - readout_s).abs() < 1e-3 && sigma < 1e-3, "{estimate} {sigma}");
     }
+}
+
+#[test]
+fn a_velocity_that_nobody_knows_does_not_turn_the_readout_time_round() {
+    // As half a stride ago: what goes up is told to go down.
+    let opposite = |velocity: Vec3| -velocity;
+    let [believed, _] = estimated(0.02, |velocity| (opposite(velocity), 0.0));
+    let [estimate, sigma] = estimated(0.02, |velocity| (opposite(velocity), f64::INFINITY));
+    println!("estimated {estimate:.5} +- {sigma:.5}, {believed:.5} where the velocity is believed");
+    assert!(believed < 0.016, "{believed}");
+    assert!((estimate - 0.02).abs() < 1e-3 && sigma < 1e-3, "{estimate} {sigma}");
 }
 
 #[test]
@@ -141,7 +162,7 @@ fn turn_on_the_spot() -> Vec<(Se3, Moving)> {
         let rotation = So3::exp(&Vec3::new(0.0, angle, 0.0));
         let at = Vec3::new(0.25 * k as f64, 0.05 * k as f64, 0.1 * angle);
         let turning = Vec3::new(0.1, if k == 1 { 0.8 } else { 0.1 }, -0.1);
-        (Se3::new(rotation, at), Moving { turning, velocity: Vec3::new(0.25, 0.1, 0.1) })
+        (Se3::new(rotation, at), Moving { turning, velocity: Vec3::new(0.25, 0.1, 0.1), velocity_sigma: 0.0 })
     };
     (0..3).map(step).collect()
 }

@@ -78,6 +78,9 @@ pub struct TrackerConfig {
 /// Seconds without a pose up to which matches are still searched around the pose predicted by the motion
 /// model.
 const BRIDGE_S: f64 = 0.6;
+/// Standard deviation of the velocity that the readings predict for a frame, m/s.
+const PREDICTED_VELOCITY_SIGMA_M_S: f64 = 0.1;
+
 /// The tracking stage.
 #[derive(Debug)]
 pub struct Tracker {
@@ -118,8 +121,12 @@ pub struct Tracker {
     pub(crate) located: Option<Stamp>,
     /// When the last map was created, or the first frame arrived.
     pub(crate) map_created: Option<Stamp>,
+    /// Frame periods since the last key frame request, at the nominal rate: frames that did not come count too.
     pub(crate) since_key_frame: usize,
+    /// The same since the place was found again.
     since_recovery: usize,
+    /// When the last frame was taken.
+    stepped: Option<Stamp>,
     pub(crate) inertial: Option<InertialFilter>,
     /// Motion that is measured by other means than the camera and the IMU.
     pub(crate) reckoning: DeadReckoning,
@@ -160,6 +167,7 @@ impl Tracker {
             map_created: None,
             since_key_frame: 0,
             since_recovery: usize::MAX / 2,
+            stepped: None,
             inertial: None,
             reckoning: DeadReckoning::default(),
             dense: None,
@@ -230,6 +238,7 @@ impl Tracker {
         mapping: bool,
     ) -> Tracked {
         self.map_created.get_or_insert(frame.stamp);
+        let periods = self.periods_since_last(frame.stamp);
         self.reckoning.advance();
         if let Some(inertial) = &mut self.inertial {
             inertial.take(imu, snapshot);
@@ -238,8 +247,8 @@ impl Tracker {
             let frame = self.at_middle_row(frame, snapshot);
             return self.start(frame);
         }
-        self.since_key_frame = self.since_key_frame.saturating_add(1);
-        self.since_recovery = self.since_recovery.saturating_add(1);
+        self.since_key_frame = self.since_key_frame.saturating_add(periods);
+        self.since_recovery = self.since_recovery.saturating_add(periods);
         self.refresh_last(snapshot);
         if let Some(inertial) = &mut self.inertial {
             inertial.refresh(snapshot);
@@ -270,6 +279,13 @@ impl Tracker {
         tracked
     }
 
+    /// Frame periods at the nominal rate since the last frame, at least one: where a machine is too slow for every picture, what
+    /// is to happen after so many happens in time all the same.
+    pub(crate) fn periods_since_last(&mut self, stamp: Stamp) -> usize {
+        let since_s = self.stepped.replace(stamp).map_or(0.0, |last| stamp - last);
+        ((since_s * self.rate_hz).round() as usize).max(1)
+    }
+
     /// The frame as it would be if all rows were exposed with the middle one.
     fn at_middle_row(&mut self, mut frame: Arc<Frame>, snapshot: &Snapshot) -> Arc<Frame> {
         if self.shutter.is_global() {
@@ -282,7 +298,14 @@ impl Tracker {
             .or(last_motion.map(|v| v.fixed_rows::<3>(3).into_owned()));
         let velocity = (predicted.as_ref().map(|p| p.world_from_camera.rotation.inverse() * p.velocity))
             .or(last_motion.map(|v| v.fixed_rows::<3>(0).into_owned()));
-        let moving = Moving { turning: turning.unwrap_or_default(), velocity: velocity.unwrap_or_default() };
+        let velocity_sigma = match (&predicted, &self.inertial) {
+            (Some(_), _) => PREDICTED_VELOCITY_SIGMA_M_S,
+            (None, Some(_)) => f64::INFINITY,
+            // Without readings the last frames are all that tells the motion.
+            (None, None) => 0.0,
+        };
+        let (turning, velocity) = (turning.unwrap_or_default(), velocity.unwrap_or_default());
+        let moving = Moving { turning, velocity, velocity_sigma };
         let last = self.last.as_ref().filter(|_| known);
         let pose = predicted.map(|p| p.world_from_camera).or(last.map(|l| l.anchored.world_from_camera));
         let seen = last.into_iter().flat_map(|l| l.landmarks.iter().flatten());
@@ -292,8 +315,12 @@ impl Tracker {
         frame
     }
 
-    /// Learns the readout time from a pose that the camera alone gave.
+    /// Learns the readout time from a pose.
     fn learn_readout(&mut self, frame: &Frame, snapshot: &Snapshot, matches: &Matches, pose: &Se3) {
+        // Before the sensors have begun, or where they are silent, the turning was that between the last two frames.
+        if self.inertial.as_ref().is_some_and(|inertial| inertial.turning(frame.stamp).is_none()) {
+            return;
+        }
         let camera_from_world = pose.inverse();
         let octaves = snapshot.octaves();
         let found = matches.landmarks.iter().enumerate().filter_map(|(i, id)| {
