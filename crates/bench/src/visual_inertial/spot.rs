@@ -244,7 +244,7 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
             eprintln!(
                 "{t_s:6.2} {kind} {features} {expected} {matched} {inliers} off {off} offset {:.1} readout {:.1} key {} maps {} {failed}",
                 1e3 * engine.snapshot().imu_offset(),
-                1e3 * engine.readout_s()[0],
+                1e3 * engine.readout().seconds,
                 out.key_frame_requested,
                 engine.snapshot().maps().count(),
             );
@@ -256,7 +256,7 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
         walked.steps.push(Step { t_s: t_s - sets_out, state: out.state, inliers: out.evidence.inliers, off });
     }
     walked.offset_s[0] = engine.snapshot().imu_offset();
-    walked.readout_s[0] = engine.readout_s()[0];
+    walked.readout_s[0] = engine.readout().seconds;
     walked.scale_percent = scale_percent(&engine, &truth, turns);
     Ok(walked)
 }
