@@ -13,7 +13,7 @@ fn nobody_is_moved_by_a_turn_on_the_spot_and_the_first_steps_after_it() {
         let carried = steps.iter().filter(|s| matches!(s.state, State::Coasting { .. })).count();
         assert!(2 * carried > steps.len(), "seed {seed}: the map does not show what he turns to");
         let most = steps.iter().filter_map(|s| s.off).map(|off| off.norm()).fold(0.0, f64::max);
-        let step = |w: &[bench::visual_inertial::spot::Step]| Some((w[1].off? - w[0].off?).norm());
+        let step = |w: &[Step]| Some((w[1].off? - w[0].off?).norm());
         let jump = steps.windows(2).filter_map(step).fold(0.0, f64::max);
         println!("seed {seed}: at most {most:.3} m off, {jump:.3} m at once");
         assert!(most < 0.8 && jump < 0.3, "seed {seed}: {most} m off, {jump} m at once");

@@ -63,7 +63,7 @@ pub struct Chosen {
     pub noise: phone::Noise,
     /// Metres of the phone's route out.
     pub metres: f64,
-    /// Only every so-manieth picture comes in a walk with a turn on the spot.
+    /// Only every nth picture comes in a walk with a turn on the spot.
     pub every: usize,
     /// Runs of each configuration for the cost.
     pub times: usize,

@@ -34,7 +34,7 @@ pub struct Walk {
     pub metres: [f64; 2],
     /// Whether he walks home backwards, and looks about for so many seconds where the way out ended; otherwise he turns round.
     pub backwards_after_s: Option<f64>,
-    /// Only every so-manieth picture of 10 to 15 a second comes, as with a machine that is too slow for more.
+    /// Only every nth picture of 10 to 15 a second comes, as with a machine that is too slow for more.
     pub every: usize,
     /// Latencies of mapping; lockstep without.
     pub delays: Option<Delays>,
