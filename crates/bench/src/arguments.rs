@@ -318,6 +318,9 @@ pub enum Command {
         /// Metres of the phone's route out.
         #[arg(long, default_value_t = 19.5)]
         metres: f64,
+        /// Only every nth of a phone's 10 to 15 pictures a second comes (`--trials spot`).
+        #[arg(long, default_value_t = 1)]
+        every: usize,
         /// Runs of each configuration for the cost.
         #[arg(long, default_value_t = 3)]
         times: usize,

@@ -16,7 +16,7 @@ pub(crate) struct Situation<'a> {
     pub reference: KeyFrameId,
     /// Rotation of the camera since the reference key frame, radians.
     pub rotated_rad: f64,
-    /// Frames since the last key frame request.
+    /// Frame periods since the last key frame request.
     pub since: usize,
     /// Seconds since then; `None` without IMU readings.
     pub since_s: Option<f64>,
@@ -31,6 +31,11 @@ const TURNED: f64 = 0.2;
 /// A key frame is due when less than this share of the features shows landmarks: in front of a plain wall the few
 /// points shared with the last key frames would leave the rotation of the next one poorly constrained.
 const KNOWN_SHARE: f64 = 0.45;
+/// A key frame does not wait for mapping where less than this share of the reference's landmarks is left, with depth and without:
+/// without, new landmarks need two key frames, and the second has to see what the first one saw.
+const WEAK_SHARE: [f64; 2] = [0.25, 0.5];
+/// Least time between two of these without depth, seconds: their view does not grow before mapping has taken the first.
+const WEAK_GAP_S: f64 = 0.25;
 /// Seconds after the last key frame before which [`KNOWN_SHARE`] is not applied.
 const KNOWN_AFTER_S: f64 = 0.5;
 /// Longest time between key frames with an IMU, seconds: before gravity and scale are known, and afterwards.
@@ -83,7 +88,11 @@ pub(crate) fn wants_key_frame(s: &Situation, rate_hz: f64, min_gap: usize) -> bo
         || rotated
         || mostly_unmapped;
     let overdue = s.since as f64 >= rate_hz;
-    let weak = depth && ((s.inliers as f64) < 0.25 * tracked_points as f64 || lacks_close_points);
+    let is_weak = |share: f64| (s.inliers as f64) < share * tracked_points as f64;
+    let weak = match depth {
+        true => is_weak(WEAK_SHARE[0]) || lacks_close_points,
+        false => is_weak(WEAK_SHARE[1]) && s.since as f64 >= WEAK_GAP_S * rate_hz,
+    };
     // The shorter the time between key frames, the better an IMU factor constrains them.
     let longest_gap_s = match (s.stationary, s.snapshot.is_gravity_aligned(reference.map)) {
         (true, true) => IMU_GAP_STATIONARY_S,

@@ -197,6 +197,14 @@ impl InertialFilter {
         Some(last.estimate.world_from_camera.inverse() * self.predict(stamp)?.world_from_camera)
     }
 
+    /// By how much the camera has turned between two instants, by the gyroscope, whether or not the map is gravity-aligned; `None`
+    /// where readings are missing.
+    pub fn turned(&self, from: Stamp, to: Stamp) -> Option<So3> {
+        let (turned, ..) = self.buffer.preintegrate(self.bias, from, to).ok()?.gained(&self.bias);
+        let camera_from_imu = self.imu_from_camera.rotation.inverse();
+        Some(camera_from_imu * turned * self.imu_from_camera.rotation)
+    }
+
     /// Seconds in motion for which the pose was only predicted since it was last tracked.
     pub fn carried_s(&self, stamp: Stamp) -> f64 {
         self.carried_s + self.last.as_ref().map_or(0.0, |last| stamp - last.stamp)

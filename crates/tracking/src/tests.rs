@@ -6,6 +6,7 @@ use crate::synthetic::{FEATURES, RATE_HZ, View, World, mono, off, pose, sideways
 use crate::{KeyFrameRequest, State, Tracked, Tracker, TrackerConfig};
 use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, MapPrior, Snapshot};
 use cairn_geometry::{Se3, Sim3};
+use cairn_sensor::Stamp;
 use cairn_vision::RectifiedCamera;
 use std::sync::Arc;
 
@@ -121,7 +122,12 @@ fn a_place_too_far_to_have_been_reached_is_not_relocalised() {
 
 /// A situation in front of the last key frame of a map, in which no key frame is due.
 fn with_situation(change: impl FnOnce(&mut Situation)) -> bool {
-    let world = World::around(stereo(), 27);
+    with_situation_of(stereo(), change)
+}
+
+/// The same of a camera.
+fn with_situation_of(camera: RectifiedCamera, change: impl FnOnce(&mut Situation)) -> bool {
+    let world = World::around(camera, 27);
     let (atlas, ids) = world.exact_map(&sideways(4, 0.1));
     let snapshot = atlas.latest();
     let view = world.see(&pose(0.3, 0.0, 0.0), 2.0);
@@ -154,6 +160,22 @@ fn wants_key_frame_when_the_view_has_changed_and_mapping_can_take_it() {
     assert!(with_situation(|s| (s.inliers, s.idle) = (s.inliers / 8, false)), "too weak to wait");
     assert!(!with_situation(|s| (s.inliers, s.since) = (s.inliers / 2, 0)), "the last one was just now");
     assert!(!with_situation(|s| s.inliers = 5), "too few to hold a key frame");
+}
+
+#[test]
+fn wants_key_frame_of_one_camera_before_the_view_is_gone_though_mapping_is_busy() {
+    let wants = |left: f64| {
+        with_situation_of(mono(), |s| (s.inliers, s.idle) = ((left * s.inliers as f64) as usize, false))
+    };
+    assert!(!wants(0.8), "mapping is busy");
+    assert!(wants(0.4), "too weak to wait");
+}
+
+#[test]
+fn step_counts_frames_that_did_not_come() {
+    let mut tracker = tracker(mono());
+    let mut periods = |at: f64| tracker.periods_since_last(Stamp::from_seconds(10.0 + STEP_S * at));
+    assert_eq!([0.0, 1.0, 2.1, 6.0, 6.1].map(&mut periods), [1, 1, 1, 4, 1]);
 }
 
 #[test]

@@ -30,7 +30,7 @@ pub struct DrawnPhone {
 
 impl DrawnPhone {
     /// The phone of the config's seed in a motion. Its rig has the true lens, and of the motion sensors only what
-    /// [`phone_imu`] assumes.
+    /// [`phone_imu`] assumes. Only every `every`-th of its pictures comes, as with a server that is too slow for more.
     ///
     /// # Errors
     /// When the lens cannot be drawn.
@@ -39,12 +39,14 @@ impl DrawnPhone {
         world: &Arc<World>,
         motion: cairn_sim::Motion,
         traits: &PhoneTraits,
+        every: usize,
     ) -> Result<Self, String> {
         let effects = Effects { noise: 3.0, ..config.effects };
         let camera = RollingCamera::new(world, &traits.camera, traits.readout_s, effects, config.seed);
         let camera = camera.map_err(|e| e.to_string())?;
         let rig = Rig { imu: Some(phone_imu()), ..Rig::mono(traits.camera) };
-        let shots = shots(traits, motion.end(), config.seed);
+        let shots =
+            shots(traits, motion.end(), config.seed).into_iter().step_by(every.max(1)).collect::<Vec<_>>();
         let truth = shots.iter().map(|(at, stamp)| (*stamp, motion.pose(*at))).collect();
         let info = SourceInfo {
             name: format!("a phone, seed {}", config.seed),

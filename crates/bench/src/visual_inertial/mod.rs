@@ -32,6 +32,8 @@ pub enum Trial {
     Rest,
     /// Out and home with a phone's rates and assumed noise.
     Phone,
+    /// Out with a phone, a turn on the spot or a long stand, and the first steps home: how far from the truth.
+    Spot,
     /// The lens of a phone.
     Lens,
     /// Times with and without IMU.
@@ -61,6 +63,8 @@ pub struct Chosen {
     pub noise: phone::Noise,
     /// Metres of the phone's route out.
     pub metres: f64,
+    /// Only every nth picture comes in a walk with a turn on the spot.
+    pub every: usize,
     /// Runs of each configuration for the cost.
     pub times: usize,
     /// Configuration of the engine.
@@ -85,6 +89,8 @@ pub struct Measured {
     turns: Vec<walked::Turn>,
     rests: Vec<walked::Rest>,
     phones: Vec<phone::Walked>,
+    #[serde(skip)]
+    spots: Vec<spot::Walked>,
     costs: Vec<recorded::Cost>,
 }
 
@@ -137,6 +143,7 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
                     }
                 }
             }
+            Trial::Spot => spots(chosen, &mut out)?,
             Trial::Lens => {
                 for seed in chosen.seeds.clone() {
                     lens::walk(seed, chosen.noise, chosen.metres, &chosen.config)?;
@@ -150,6 +157,21 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
         }
     }
     Ok(out)
+}
+
+fn spots(chosen: &Chosen, out: &mut Measured) -> Result<(), String> {
+    let metres = [chosen.metres, spot::BACK_M];
+    for seed in chosen.seeds.clone() {
+        for backwards_after_s in [None, Some(spot::STANDS_S)] {
+            for delays in std::iter::once(None).chain(chosen.latencies().map(Some)) {
+                let walk = spot::Walk { seed, metres, backwards_after_s, every: chosen.every, delays };
+                let walked = spot::walk(&walk, &chosen.config, chosen.verbose)?;
+                eprint!("{}", walked.row());
+                out.spots.push(walked);
+            }
+        }
+    }
+    Ok(())
 }
 
 fn semi_real(data: &Path, chosen: &Chosen, options: &[RunOptions], out: &mut Measured) -> Result<(), String> {
@@ -239,6 +261,11 @@ pub fn tables(m: &Measured) -> String {
         t += phone::HEAD;
         m.phones.iter().for_each(|w| t += &phone::row(w));
         t += &phone::summary(&m.phones);
+    }
+    if !m.spots.is_empty() {
+        t += "\n## A phone's walker who turns on the spot, or stands for long, and goes home\n\n";
+        t += spot::HEAD;
+        m.spots.iter().for_each(|w| t += &w.row());
     }
     if !m.costs.is_empty() {
         t += "\n## Cost\n\n| sensors | image to pose ms without / with IMU | increase % | features to pose ms without / with IMU | increase % |\n|---|---|---|---|---|\n";

@@ -100,7 +100,7 @@ pub fn walk(
             if noise == Noise::Drawn {
                 traits.readout_s = 0.0;
             }
-            Box::new(DrawnPhone::new(&config, plain.world(), config.walker.motion(&corners), &traits)?)
+            Box::new(DrawnPhone::new(&config, plain.world(), config.walker.motion(&corners), &traits, 1)?)
         }
     };
     let mut rig = inner.rig().clone();

@@ -4,7 +4,7 @@
 
 use super::drawn::DrawnPhone;
 use super::phone::STATED;
-use cairn_engine::{Config, Delays, Engine, Runner, SensorMode, State};
+use cairn_engine::{Config, Delays, Engine, Evidence, Runner, SensorMode, State};
 use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Sim3, Trajectory, Vec2, Vec3};
 use cairn_random::Random;
@@ -20,6 +20,11 @@ const TURNING: [f64; 2] = [0.7, 2.0];
 /// Greatest speed, m/s, and acceleration, m/s^2.
 const WALKING: [f64; 2] = [0.8, 0.8];
 
+/// Metres of the way home, and seconds for which one who walks home backwards looks about before, in the table.
+pub const BACK_M: f64 = 8.0;
+/// See [`BACK_M`].
+pub const STANDS_S: f64 = 18.0;
+
 /// What is to be walked.
 #[derive(Clone, Copy, Debug)]
 pub struct Walk {
@@ -29,9 +34,64 @@ pub struct Walk {
     pub metres: [f64; 2],
     /// Whether he walks home backwards, and looks about for so many seconds where the way out ended; otherwise he turns round.
     pub backwards_after_s: Option<f64>,
+    /// Only every nth picture of 10 to 15 a second comes, as with a machine that is too slow for more.
+    pub every: usize,
     /// Latencies of mapping; lockstep without.
     pub delays: Option<Delays>,
 }
+
+/// A walk, walked.
+#[derive(Clone, Debug)]
+pub struct Walked {
+    /// The walk.
+    pub walk: Walk,
+    /// Pictures a second.
+    pub rate_hz: f64,
+    /// From the first picture to the first pose in metres, seconds.
+    pub metric_s: Option<f64>,
+    /// Pictures after the first pose in metres and before the turn that had no pose.
+    pub lost_before: usize,
+    /// Error of the scale that lays the way out, up to the turn, beside the truth, percent.
+    pub scale_percent: Option<f64>,
+    /// What was found at the end and is true: of the clocks' offset, and of the readout of the rows, seconds.
+    pub offset_s: [f64; 2],
+    /// See [`Walked::offset_s`].
+    pub readout_s: [f64; 2],
+    /// Frame by frame from the begin of the turn on.
+    pub steps: Vec<Step>,
+}
+
+impl Walked {
+    /// The greatest distance from the truth, and the last.
+    pub fn off_m(&self) -> [Option<f64>; 2] {
+        let off = || self.steps.iter().filter_map(|s| s.off).map(|off| off.norm());
+        [off().reduce(f64::max), off().next_back()]
+    }
+
+    /// A row of the table below [`HEAD`].
+    pub fn row(&self) -> String {
+        let or = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+        let [most, last] = self.off_m().map(|m| or(m, 2));
+        let lost = self.steps.iter().filter(|s| s.off.is_none()).count();
+        let ms = |[found, truth]: [f64; 2]| format!("{:.1} ({:+.1})", 1e3 * found, 1e3 * (found - truth));
+        format!(
+            "| {}{} | {} | {:.1} | {} | {} | {} | {most} | {last} | {lost} of {} | {} | {} |\n",
+            self.walk.seed,
+            self.walk.delays.map_or(String::new(), |d| format!(", delays {}", d.seed)),
+            if self.walk.backwards_after_s.is_some() { "backwards" } else { "home" },
+            self.rate_hz,
+            or(self.metric_s, 1),
+            self.lost_before,
+            or(self.scale_percent, 1),
+            self.steps.len(),
+            ms(self.offset_s),
+            ms(self.readout_s),
+        )
+    }
+}
+
+/// Header of the table of walks.
+pub const HEAD: &str = "| seed | walks home | pictures a second | metric after s | pictures without a pose before the turn | scale error of the way out % | most m off | last m off | pictures without a pose in metres from the turn on | clocks' offset ms (error) | readout ms (error) |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 /// A frame after the turn has begun.
 #[derive(Clone, Copy, Debug)]
@@ -114,11 +174,11 @@ fn motion(corners: &[Vec2], walk: &Walk) -> (Motion, f64, f64) {
     (body.motion().clone(), begins, sets_out)
 }
 
-/// Walks; what came of it, frame by frame from the begin of the turn on.
+/// Walks; what came of it. `verbose` prints every frame on stderr.
 ///
 /// # Errors
 /// When the phone or the engine fails.
-pub fn walk(walk: &Walk, config: &Config) -> Result<Vec<Step>, String> {
+pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, String> {
     let mut sim = SimConfig::new(WorldKind::Demo, walk.seed);
     sim.camera = Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5);
     let plain = SimSource::new(&sim).map_err(|e| e.to_string())?;
@@ -129,7 +189,7 @@ pub fn walk(walk: &Walk, config: &Config) -> Result<Vec<Step>, String> {
     config.inertial.enabled = true;
     config.tracker.estimate_readout = true;
     let (motion, begins, sets_out) = motion(&corners, walk);
-    let mut source = DrawnPhone::new(&sim, plain.world(), motion, &traits)?;
+    let mut source = DrawnPhone::new(&sim, plain.world(), motion, &traits, walk.every)?;
     let mut rig = source.rig().clone();
     if let Some(imu) = &mut rig.imu {
         imu.noise = STATED;
@@ -137,35 +197,91 @@ pub fn walk(walk: &Walk, config: &Config) -> Result<Vec<Step>, String> {
     let runner = walk.delays.map_or(Runner::Lockstep, Runner::Delayed);
     let mut engine = Engine::new(&rig, SensorMode::Mono, source.info().rate_hz, runner, &config)
         .map_err(|e| e.to_string())?;
-    let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
+    let truth: BTreeMap<Stamp, Se3> = source.info().truth.iter().copied().collect();
     let first = *truth.keys().next().ok_or("no frames")?;
-    let mut steps = Vec::new();
+    let last = *truth.keys().next_back().ok_or("no frames")?;
+    let turns = first.plus_seconds(begins);
+    let mut walked = Walked {
+        walk: *walk,
+        rate_hz: (truth.len() - 1) as f64 / (last - first),
+        metric_s: None,
+        lost_before: 0,
+        scale_percent: None,
+        offset_s: [0.0, traits.stamp_delay_s],
+        readout_s: [0.0, traits.readout_s],
+        steps: Vec::new(),
+    };
     while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
         if let Some(cause) = out.stage_failed {
             return Err(cause);
         }
         let t_s = packet.stamp - first;
-        if t_s < begins {
+        let pose = out.world_from_body.filter(|_| out.metric);
+        if pose.is_some() && walked.metric_s.is_none() {
+            walked.metric_s = Some(t_s);
+        }
+        let before = pose.is_some().then(|| beside(&engine, &truth, turns)).flatten();
+        let off = pose.zip(before).and_then(|(pose, before)| {
+            Some(before * pose.se3.translation - truth.get(&packet.stamp)?.translation)
+        });
+        if verbose {
+            let failed = out
+                .attempt
+                .iter()
+                .flat_map(|a| a.failed())
+                .map(|g| g.to_string())
+                .collect::<Vec<_>>()
+                .join(", ");
+            let off = off.map_or("-".to_owned(), |off| format!("{:.3}", off.norm()));
+            let Evidence { features, expected, matched, inliers } = out.evidence;
+            let kind = match out.state {
+                State::Tracking => "tracking",
+                State::Coasting { .. } => "coasting",
+                State::Lost { .. } => "lost",
+                _ => "other",
+            };
+            eprintln!(
+                "{t_s:6.2} {kind} {features} {expected} {matched} {inliers} off {off} offset {:.1} readout {:.1} key {} maps {} {failed}",
+                1e3 * engine.snapshot().imu_offset(),
+                1e3 * engine.readout().seconds,
+                out.key_frame_requested,
+                engine.snapshot().maps().count(),
+            );
+        }
+        if packet.stamp < turns {
+            walked.lost_before += usize::from(pose.is_none() && walked.metric_s.is_some());
             continue;
         }
-        let pose = out.anchored.filter(|_| out.metric).map(|a| a.world_from_camera);
-        let off = pose.and_then(|pose| {
-            let now = truth.get(&packet.stamp)?.translation;
-            Some(beside(&engine, &truth, first.plus_seconds(begins))? * pose.translation - now)
-        });
-        steps.push(Step { t_s: t_s - sets_out, state: out.state, inliers: out.evidence.inliers, off });
+        walked.steps.push(Step { t_s: t_s - sets_out, state: out.state, inliers: out.evidence.inliers, off });
     }
-    Ok(steps)
+    walked.offset_s[0] = engine.snapshot().imu_offset();
+    walked.readout_s[0] = engine.readout().seconds;
+    walked.scale_percent = scale_percent(&engine, &truth, turns);
+    Ok(walked)
 }
 
-/// What lays the way out, up to an instant, beside the truth as the map has it now.
-fn beside(engine: &Engine, truth: &BTreeMap<Stamp, Se3>, until: Stamp) -> Option<Sim3> {
+/// Ground truth and the engine's poses as the map has them now, up to an instant.
+fn both(engine: &Engine, truth: &BTreeMap<Stamp, Se3>, until: Stamp) -> Option<[Trajectory; 2]> {
     let (mut there, mut here) = (Trajectory::new(), Trajectory::new());
     for (stamp, pose) in engine.trajectory().into_iter().take_while(|(stamp, _)| *stamp < until) {
         there.push(stamp.0, *truth.get(&stamp)?).ok()?;
         here.push(stamp.0, pose).ok()?;
     }
+    Some([there, here])
+}
+
+/// What lays the way out, up to an instant, beside the truth as the map has it now.
+fn beside(engine: &Engine, truth: &BTreeMap<Stamp, Se3>, until: Stamp) -> Option<Sim3> {
+    let [there, here] = both(engine, truth, until)?;
     let options = EvalOptions { align: Align::Se3, ..EvalOptions::default() };
     Some(evaluate(&there, &here, &options).ok()?.reference_from_estimate)
+}
+
+/// By how much lengths of the way out are too large, percent.
+fn scale_percent(engine: &Engine, truth: &BTreeMap<Stamp, Se3>, until: Stamp) -> Option<f64> {
+    let [there, here] = both(engine, truth, until)?;
+    let options = EvalOptions { align: Align::Sim3, ..EvalOptions::default() };
+    let aligned = evaluate(&there, &here, &options).ok()?.reference_from_estimate;
+    Some(100.0 * (aligned.scale.recip() - 1.0))
 }

@@ -42,8 +42,8 @@ impl Tracker {
         located
     }
 
-    /// Predicts by the IMU, else by a measured motion, else by constant velocity, else by the last pose, and matches around
-    /// that.
+    /// Predicts by the IMU, else by a measured motion, else by constant velocity (with the gyroscope's rotation, where there is
+    /// one), else by the last pose, and matches around that.
     pub(crate) fn by_motion(
         &self,
         frame: &Frame,
@@ -52,7 +52,10 @@ impl Tracker {
     ) -> Option<(Se3, Matches)> {
         let last = self.last.as_ref()?;
         let elapsed = frame.stamp - last.frame.stamp;
-        let moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * elapsed)));
+        let mut moved = self.velocity.map_or(Se3::identity(), |v| Se3::exp(&(v * elapsed)));
+        if let Some(turned) = self.inertial.as_ref().and_then(|i| i.turned(last.frame.stamp, frame.stamp)) {
+            moved.rotation = turned;
+        }
         let reckoned = self.reckoned().map(|r| r.world_from_camera);
         let guess = predicted.map(|b| b.world_from_camera).or(reckoned);
         let guess = guess.unwrap_or(last.anchored.world_from_camera * moved);

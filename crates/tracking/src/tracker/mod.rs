@@ -119,8 +119,12 @@ pub struct Tracker {
     pub(crate) located: Option<Stamp>,
     /// When the last map was created, or the first frame arrived.
     pub(crate) map_created: Option<Stamp>,
+    /// Frame periods since the last key frame request, at the nominal rate: frames that did not come count too.
     pub(crate) since_key_frame: usize,
+    /// The same since the place was found again.
     since_recovery: usize,
+    /// When the last frame was taken.
+    stepped: Option<Stamp>,
     pub(crate) inertial: Option<InertialFilter>,
     /// Motion that is measured by other means than the camera and the IMU.
     pub(crate) reckoning: DeadReckoning,
@@ -161,6 +165,7 @@ impl Tracker {
             map_created: None,
             since_key_frame: 0,
             since_recovery: usize::MAX / 2,
+            stepped: None,
             inertial: None,
             reckoning: DeadReckoning::default(),
             dense: None,
@@ -242,6 +247,7 @@ impl Tracker {
         mapping: bool,
     ) -> Tracked {
         self.map_created.get_or_insert(frame.stamp);
+        let periods = self.periods_since_last(frame.stamp);
         self.reckoning.advance();
         if let Some(inertial) = &mut self.inertial {
             inertial.take(imu, snapshot);
@@ -250,8 +256,8 @@ impl Tracker {
             let frame = self.at_middle_row(frame, snapshot);
             return self.start(frame);
         }
-        self.since_key_frame = self.since_key_frame.saturating_add(1);
-        self.since_recovery = self.since_recovery.saturating_add(1);
+        self.since_key_frame = self.since_key_frame.saturating_add(periods);
+        self.since_recovery = self.since_recovery.saturating_add(periods);
         self.refresh_last(snapshot);
         if let Some(inertial) = &mut self.inertial {
             inertial.refresh(snapshot);
@@ -280,6 +286,13 @@ impl Tracker {
         }
         tracked.earlier = earlier;
         tracked
+    }
+
+    /// Frame periods at the nominal rate since the last frame, at least one: where a machine is too slow for every picture, what
+    /// is to happen after so many happens in time all the same.
+    pub(crate) fn periods_since_last(&mut self, stamp: Stamp) -> usize {
+        let since_s = self.stepped.replace(stamp).map_or(0.0, |last| stamp - last);
+        ((since_s * self.rate_hz).round() as usize).max(1)
     }
 
     /// The frame as it would be if all rows were exposed with the middle one.
