@@ -99,6 +99,18 @@ impl MapFile {
         Ok(self.in_atlas_with(about.sensor, &about.camera, other.snapshot.right_offset()))
     }
 
+    /// Whether some of its key frames may be of this camera.
+    pub fn has_key_frames_of(&self, sensor: SensorMode, camera: &RectifiedCamera) -> bool {
+        let octaves = self.snapshot.octaves();
+        let fits = |about: &About| about.fits(octaves, sensor, camera, octaves).is_ok();
+        let of = |other: &OtherCamera| About {
+            program: String::new(),
+            sensor: other.sensor,
+            camera: other.camera,
+        };
+        fits(&self.about) || self.snapshot.other_cameras().any(|other| fits(&of(other)))
+    }
+
     /// This map in an atlas of any camera, whose right x have this error.
     pub fn in_atlas_with(&self, sensor: SensorMode, camera: &RectifiedCamera, right_offset: f64) -> Self {
         let was = (self.about.sensor, self.about.camera);

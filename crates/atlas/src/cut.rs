@@ -1,10 +1,11 @@
-//! Cutting a piece out of a map: some of its key frames with the landmarks that they show, as a map of its own.
+//! Cutting a piece out of a map: some of its key frames with the landmarks that they show, as a map of its own; and leaving out
+//! whole maps.
 //!
 //! In: a snapshot and the key frames to keep. Out: a snapshot with one map of them, in the same coordinates. Ids and names stay
 //! those of the whole, so that what is anchored to a key frame by its name finds it in every piece that holds it.
 
 use crate::made_by::MadeBy;
-use crate::{KeyFrameId, LandmarkId, MapId, PlaceIndex, Snapshot};
+use crate::{KeyFrameId, Landmark, LandmarkId, MapId, PlaceIndex, Snapshot};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -69,6 +70,45 @@ impl Snapshot {
         piece.recount_covisible();
         piece.places = PlaceIndex::of(piece.key_frames().map(|k| (k.id, k.bag.shared())));
         Some(piece)
+    }
+
+    /// A snapshot without some of its maps. Ids and names stay; what is anchored in those maps is unknown, and so is how others lie to
+    /// them.
+    pub fn without_maps(&self, leave_out: impl Fn(MapId) -> bool) -> Snapshot {
+        let out: BTreeSet<MapId> = self.maps().map(|(map, _)| map).filter(|map| leave_out(*map)).collect();
+        let mut rest = self.clone();
+        if out.is_empty() {
+            return rest;
+        }
+        for k in self.key_frames().filter(|k| out.contains(&k.map)) {
+            rest.places.remove(k.id);
+            rest.made_by.remove(k);
+            rest.key_frames.remove(k.id.index());
+        }
+        let seen_from = |l: &Landmark| {
+            l.observations
+                .first()
+                .is_some_and(|o| self.key_frame(o.key_frame).is_some_and(|k| out.contains(&k.map)))
+        };
+        for l in self.landmarks().filter(|l| seen_from(l)) {
+            rest.landmarks.remove(l.id.index());
+        }
+        for (index, _) in self.removed.iter() {
+            let is_known =
+                KeyFrameId::from_index(index).is_some_and(|id| rest.surviving_ancestor(id).is_some());
+            if !is_known {
+                rest.removed.remove(index);
+            }
+        }
+        let maps = self.maps.iter().filter(|(map, _)| !out.contains(map)).map(|(map, prior)| {
+            let prior = prior.filter(|prior| rest.surviving_ancestor(prior.to).is_some());
+            (*map, prior)
+        });
+        rest.maps = Arc::new(maps.collect());
+        for of_maps in [&mut rest.gravity_alignments, &mut rest.rescalings] {
+            Arc::make_mut(of_maps).retain(|map, _| !out.contains(map));
+        }
+        rest
     }
 
     /// The nearest ancestor that is kept, from `parent` on.

@@ -44,7 +44,7 @@ const PIXELS_A_FEATURE: usize = 300;
 impl Config {
     /// The front end's configuration for a rig: without an explicit number of features, it follows from the
     /// size of the first camera's image.
-    pub(crate) fn front_end_for(&self, rig: &Rig) -> FrontEndConfig {
+    pub fn front_end_for(&self, rig: &Rig) -> FrontEndConfig {
         let mut front_end = self.front_end;
         if let (0, Some(first)) = (front_end.orb.features, rig.cameras.first()) {
             front_end.orb.features =

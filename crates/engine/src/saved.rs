@@ -13,10 +13,7 @@ pub enum OpenMapError {
     /// The rig cannot serve the mode.
     #[error(transparent)]
     Rig(#[from] RigError),
-    /// The map was made with another camera or other sensors.
-    #[error(transparent)]
-    Camera(#[from] Misfit),
-    /// It was, and cannot serve this one either.
+    /// The map was made with another camera or other sensors, and is of no use to this one.
     #[error("{misfit}; {why}")]
     OtherCamera {
         /// In what they differ.
@@ -30,13 +27,14 @@ pub enum OpenMapError {
 }
 
 impl Engine {
-    /// An engine in a saved map of its own camera. Tracking starts lost: there is no pose until a place is recognised. Also
-    /// returns a description of small differences between the camera of the map and this one.
+    /// An engine that continues a saved map: one of its own camera, or of another where both have metres. A map in metres is
+    /// continued by another camera with depth, and one that is aligned with gravity by another camera with an IMU: its key
+    /// frames keep the camera they were made with. Tracking starts lost: there is no pose until a place is recognised. Also
+    /// returns a description of the differences between the camera of the map and this one.
     ///
     /// # Errors
     ///
-    /// [`OpenMapError`] when the rig cannot serve the mode, or the map was made with another camera or other
-    /// sensors.
+    /// [`OpenMapError`] when the rig cannot serve the mode, or the map cannot be continued by this camera.
     pub fn in_map(
         rig: &Rig,
         mode: SensorMode,
@@ -45,14 +43,16 @@ impl Engine {
         config: &Config,
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
-        let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
-        let (snapshot, notes) = for_own_camera(file, mode, &front_end)?;
+        let opened = Opened::new(rig, mode, config, file)?;
+        if let Some(misfit) = opened.only_localises {
+            let why = "another camera that has neither depth nor an IMU cannot continue it";
+            return Err(OpenMapError::OtherCamera { misfit, why });
+        }
+        let Opened { front_end, snapshot, notes, .. } = opened;
         Ok((Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config), notes))
     }
 
-    /// The same in a map that any camera made. One in metres is continued by another camera with depth, and one that is
-    /// aligned with gravity by another camera with an IMU: its key frames keep the camera they were made with. A camera that
-    /// has neither only localises in a map that is aligned with gravity.
+    /// The same; a camera that has neither depth nor an IMU only localises in a map of another that is aligned with gravity.
     ///
     /// # Errors
     ///
@@ -65,23 +65,9 @@ impl Engine {
         config: &Config,
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
-        let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
-        let has_imu = rig.imu.is_some() && config.inertial.enabled;
-        let (snapshot, notes, continues) = match for_own_camera(file, mode, &front_end) {
-            Ok((snapshot, notes)) => (snapshot, notes, true),
-            Err(misfit) => match for_other_camera(file, mode, &front_end, has_imu) {
-                Ok((snapshot, true)) => {
-                    let how = "its key frames keep their camera, new ones have this one";
-                    (snapshot, vec![format!("{misfit}; {how}")], true)
-                }
-                Ok((snapshot, false)) => {
-                    (snapshot, vec![format!("{misfit}; this run only localises in it")], false)
-                }
-                Err(why) => return Err(OpenMapError::OtherCamera { misfit, why }),
-            },
-        };
+        let Opened { front_end, snapshot, notes, only_localises } = Opened::new(rig, mode, config, file)?;
         let engine = Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config);
-        Ok((if continues { engine } else { engine.localize_only() }, notes))
+        Ok((if only_localises.is_some() { engine.localize_only() } else { engine }, notes))
     }
 
     /// The same engine that only localises: the map stays unchanged, and no new map is created.
@@ -96,6 +82,37 @@ impl Engine {
         let about =
             About { program: program.to_owned(), sensor: self.mode, camera: *self.front_end().model() };
         MapFile { snapshot: (*self.snapshot()).clone(), about, attached }
+    }
+}
+
+/// The maps of a file, ready for a camera.
+struct Opened {
+    front_end: FrontEnd,
+    snapshot: Snapshot,
+    notes: Vec<String>,
+    /// In what the cameras differ, where this one cannot continue them.
+    only_localises: Option<Misfit>,
+}
+
+impl Opened {
+    fn new(rig: &Rig, mode: SensorMode, config: &Config, file: &MapFile) -> Result<Self, OpenMapError> {
+        let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
+        let has_imu = rig.imu.is_some() && config.inertial.enabled;
+        let misfit = match for_own_camera(file, mode, &front_end) {
+            Ok((snapshot, notes)) => return Ok(Self { front_end, snapshot, notes, only_localises: None }),
+            Err(misfit) => misfit,
+        };
+        match for_other_camera(file, mode, &front_end, has_imu) {
+            Ok((snapshot, continues)) => {
+                let how = match continues {
+                    true => "its key frames keep their camera, new ones have this one",
+                    false => "this run only localises in it",
+                };
+                let notes = vec![format!("{misfit}; {how}")];
+                Ok(Self { front_end, snapshot, notes, only_localises: (!continues).then_some(misfit) })
+            }
+            Err(why) => Err(OpenMapError::OtherCamera { misfit, why }),
+        }
     }
 }
 

@@ -8,7 +8,8 @@ use cairn_geometry::Se3;
 use cairn_guide::{Durable, Route};
 use cairn_sensor::{Camera, FramePacket, Rig, Stamp};
 use cairn_session::{
-    Command, Disk, Event, LibraryError, MapKeeper, Medium, RoutesLock, Session, SessionConfig, WallTime,
+    Command, Disk, Event, LibraryCamera, LibraryError, MapKeeper, Medium, RoutesLock, Session, SessionConfig,
+    WallTime,
 };
 use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
 use small::Small;
@@ -36,8 +37,11 @@ fn config(seed: u64) -> SimConfig {
 }
 
 fn images(seed: u64, count: usize) -> Vec<FramePacket> {
-    let config = config(seed);
-    let mut rig = LiveRig::new(&config).unwrap();
+    images_of(&config(seed), count)
+}
+
+fn images_of(config: &SimConfig, count: usize) -> Vec<FramePacket> {
+    let mut rig = LiveRig::new(config).unwrap();
     let motion = config.walker.motion(&rig.world().routes()[0].points.clone());
     let packet = |k: usize| {
         let t = k as f64 / RATE_HZ;
@@ -408,4 +412,83 @@ fn full_disk_refuses_a_name_and_leaves_the_route_as_it_was() {
     assert!(walk.ask("rename 1 home").unwrap_err().contains("no space left"));
     assert_eq!(std::fs::read(&file).unwrap(), before);
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Two eyes that walk where the depth camera of the other tests does, with another lens.
+fn two_eyes() -> SimConfig {
+    SimConfig {
+        sensor: SimSensor::Stereo,
+        camera: Camera::pinhole(400, 300, 300.0, 300.0, 199.5, 149.5),
+        ..config(3)
+    }
+}
+
+#[test]
+fn cameras_with_metres_share_one_atlas_and_walk_each_others_routes() {
+    let folder = folder("cameras");
+    let clock = Arc::new(AtomicI64::new(20_000 * DAY_S));
+    let mut walk = Walk::on_day(&folder, &clock);
+    walk.see(&walk_through()[..1]);
+    walk.ask("record").unwrap();
+    walk.see(&walk_through()[1..100]);
+    walk.ask("stop").unwrap();
+    walk.session.close().unwrap();
+    drop(walk);
+
+    // Another camera finds the place, is guided along that route, and leaves one of its own.
+    let stereo = two_eyes();
+    let pair = LibraryCamera::of(&stereo.rig(), SensorMode::Stereo, &Config::default(), true).unwrap();
+    let open = |camera: &LibraryCamera| {
+        MapKeeper::open_with(RoutesLock::take(&folder).unwrap(), None, camera, |map| {
+            let (rig, config) = (stereo.rig(), Config::default());
+            match map {
+                Some(file) => {
+                    Engine::in_map(&rig, SensorMode::Stereo, RATE_HZ, Runner::Lockstep, &config, file)
+                }
+                None => Ok((
+                    Engine::new(&rig, SensorMode::Stereo, RATE_HZ, Runner::Lockstep, &config)?,
+                    Vec::new(),
+                )),
+            }
+        })
+        .unwrap()
+    };
+    let kept = open(&pair);
+    assert!(kept.notes.iter().any(|note| note.contains("keep their camera")), "{:?}", kept.notes);
+    let session = Session::new(kept.engine, SessionConfig::default());
+    let mut there = Walk::of(session.keeping(kept.keeper), kept.notes);
+    there.see(&images_of(&stereo, 20));
+    there.ask("load 1").unwrap();
+    let ready = there.ask("guide again");
+    assert!(ready.is_ok(), "{ready:?}");
+    assert!(there.session.status().guiding.is_some());
+    there.ask("halt").unwrap();
+    there.ask("record").unwrap();
+    there.see(&images_of(&stereo, 100)[20..]);
+    there.ask("stop").unwrap();
+    assert_eq!(there.session.engine().snapshot().maps().count(), 1);
+    there.session.close().unwrap();
+    drop(there);
+
+    // One whose lens is a guess leaves it alone.
+    let guess =
+        LibraryCamera::of(&two_other_eyes().rig(), SensorMode::Stereo, &Config::default(), false).unwrap();
+    assert_eq!(open(&guess).engine.snapshot().key_frame_count(), 0);
+
+    // The first one has both routes, in one atlas.
+    let mut again = Walk::on_day(&folder, &clock);
+    again.see(&walk_through()[..20]);
+    let routes = again.session.routes();
+    assert!(routes.len() == 2 && routes.iter().all(|r| r.why_not.is_none()), "{routes:?}");
+    let atlases = std::fs::read_dir(&folder)
+        .unwrap()
+        .flatten()
+        .filter(|e| e.path().extension().is_some_and(|x| x == "map"));
+    assert_eq!(atlases.count(), 1);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// With a lens that nobody has.
+fn two_other_eyes() -> SimConfig {
+    SimConfig { camera: Camera::pinhole(400, 300, 330.0, 330.0, 199.5, 149.5), ..two_eyes() }
 }

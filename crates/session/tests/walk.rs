@@ -11,7 +11,7 @@ use cairn_geometry::Se3;
 use cairn_guide::{Durable, Route};
 use cairn_sensor::{Camera, ClockReading, FramePacket, Live, Stamp};
 use cairn_session::{
-    Age, Command, Disk, Event, LensKnowledge, Medium, NotTracked, Session, SessionConfig, Slam,
+    Age, Command, Disk, Event, LensKnowledge, LibraryCamera, Medium, NotTracked, Session, SessionConfig, Slam,
 };
 use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
 use cairn_vision::RectifiedCamera;
@@ -162,8 +162,9 @@ fn a_lens_that_becomes_known_is_used_at_once_and_nothing_is_recorded_before() {
     let camera = Camera::pinhole(320, 240, 270.0, 270.0, 159.5, 119.5);
     let config =
         SimConfig { sensor: SimSensor::Rgbd, imu: None, camera, ..SimConfig::new(WorldKind::Demo, 3) };
-    let guess =
-        Engine::new(&config.rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap();
+    let (rig, defaults) = (config.rig(), Config::default());
+    let camera = LibraryCamera::of(&rig, SensorMode::Rgbd, &defaults, true).unwrap();
+    let guess = Engine::new(&rig, SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &defaults).unwrap();
     let config =
         SessionConfig { folder: folder("begin-again"), auto_record: Some(5), ..SessionConfig::default() };
     let mut walk = Walk::new(Session::new(guess, config));
@@ -172,7 +173,7 @@ fn a_lens_that_becomes_known_is_used_at_once_and_nothing_is_recorded_before() {
     let guessed = walk.session.engine().snapshot().key_frame_count();
     assert!(guessed > 0 && !walk.session.is_recording(), "{}", walk.transcript());
     assert!(walk.session.may_begin_again());
-    walk.session.begin_again(|_| Ok((engine(), Vec::new()))).unwrap();
+    walk.session.begin_again(&camera, |_| Ok((engine(), Vec::new()))).unwrap();
     walk.session.knows_of_lens(LensKnowledge::Found);
     assert_eq!(walk.session.engine().snapshot().key_frame_count(), 0, "the map of the guess is gone");
     assert!(walk.session.place().is_none());

@@ -4,6 +4,7 @@ use crate::config::{BeginSlam, Begun, SlamFor};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, SensorMode};
 use cairn_sensor::Rig;
+use cairn_session::{LibraryCamera, LibraryError};
 
 /// What SLAM is begun with.
 pub(crate) struct Start {
@@ -18,6 +19,14 @@ pub(crate) struct Start {
 }
 
 impl Start {
+    /// Its camera, for a folder of routes.
+    ///
+    /// # Errors
+    /// When the rig cannot serve the mode.
+    pub fn camera(&self, is_calibrated: bool) -> Result<LibraryCamera, LibraryError> {
+        Ok(LibraryCamera::of(&self.rig, self.mode, &self.config, is_calibrated)?)
+    }
+
     /// Begins it, in a map where there is one.
     pub fn slam(&mut self, map: Option<&MapFile>) -> Begun {
         let with = SlamFor {

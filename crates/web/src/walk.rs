@@ -96,7 +96,10 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
             Session::new(slam, session_config)
         }
         Some(lock) => {
-            let kept = MapKeeper::open_with(lock, before.atlas.clone(), |map| start.slam(map));
+            let camera = start.camera(!guessed);
+            let kept = camera.and_then(|camera| {
+                MapKeeper::open_with(lock, before.atlas.clone(), &camera, |map| start.slam(map))
+            });
             let mut kept = kept.map_err(|e| SourceError::new(&name, e.to_string(), cure_of(&e)))?;
             surface = dense.then(|| surface_of(&mut kept.engine, &start, hub)).transpose()?;
             kept.notes.iter().for_each(|note| hub.broadcast(&ToPage::Doubt(note)));
@@ -223,7 +226,8 @@ impl PageObserver {
             return session.knows_of_lens(LensKnowledge::FoundForLater);
         };
         start.rig.cameras[0].camera = next.camera();
-        match session.begin_again(|map| start.slam(map)) {
+        let camera = start.camera(true);
+        match camera.and_then(|camera| session.begin_again(&camera, |map| start.slam(map))) {
             Ok(notes) => {
                 notes.iter().for_each(|note| self.hub.broadcast(&ToPage::Doubt(note)));
                 *watch = next;

@@ -1,8 +1,10 @@
 //! Keeps the atlas that the routes of a folder are anchored in: opens it at the start of a session, saves it while routes
 //! are recorded and at the end.
 //!
-//! All routes of a folder that were recorded with one camera share one atlas. A place that is not recognised begins a new
-//! map in it, and maps are merged where a place is recognised, so that routes of one building come to lie in one map.
+//! A camera goes on in the atlas that holds key frames of it, else in one of other cameras where both know metres
+//! ([`Engine::in_map`]), else it begins one. A place that is not recognised begins a new map in it, and maps are merged where a
+//! place is recognised, so that routes of one building come to lie in one map. Once an atlas has key frames of several
+//! cameras, only those of its maps are saved that are in metres: in others the next camera could do nothing.
 //!
 //! *After a crash* the saved atlas is older than the routes. Points that are anchored to key frames which were not saved
 //! are anchored to the nearest saved ones before anything new is mapped, for the numbers of those key frames will be given
@@ -17,7 +19,8 @@ use cairn_atlas::store::MapFile;
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
 use cairn_guide::{Anchor, Route};
-use cairn_sensor::{Rig, Stamp};
+use cairn_sensor::{Rig, RigError, Stamp};
+use cairn_vision::{FrontEnd, RectifiedCamera};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, TryLockError};
 use std::io;
@@ -47,7 +50,7 @@ pub enum LibraryError {
     },
     /// The rig cannot serve the mode.
     #[error(transparent)]
-    Rig(#[from] cairn_sensor::RigError),
+    Rig(#[from] RigError),
     /// What tracks cannot begin without a map either.
     #[error("{0}")]
     Slam(String),
@@ -59,6 +62,26 @@ impl From<OpenMapError> for LibraryError {
             OpenMapError::Rig(e) => e.into(),
             other => Self::Slam(other.to_string()),
         }
+    }
+}
+
+/// The camera of a session: which atlases of a folder it goes on with.
+#[derive(Clone, Debug)]
+pub struct LibraryCamera {
+    sensor: SensorMode,
+    model: RectifiedCamera,
+    /// Else its lens is a guess, and it goes on with maps of its own alone.
+    is_calibrated: bool,
+}
+
+impl LibraryCamera {
+    /// That of a rig.
+    ///
+    /// # Errors
+    /// When the rig cannot serve the mode.
+    pub fn of(rig: &Rig, sensor: SensorMode, config: &Config, is_calibrated: bool) -> Result<Self, RigError> {
+        let model = *FrontEnd::new(rig, sensor, config.front_end_for(rig))?.model();
+        Ok(Self { sensor, model, is_calibrated })
     }
 }
 
@@ -97,7 +120,7 @@ pub struct MapKeeper {
 }
 
 impl MapKeeper {
-    /// Opens the atlas of a folder that was made with this camera, else begins one; the folder is created.
+    /// Opens the atlas of a folder that this camera can go on with, else begins one; the folder is created.
     ///
     /// # Errors
     /// [`LibraryError::Rig`] when the rig cannot serve the mode.
@@ -109,24 +132,26 @@ impl MapKeeper {
         runner: Runner,
         config: &Config,
     ) -> Result<Kept, LibraryError> {
-        Self::open_with(folder, None, |map| match map {
+        let camera = LibraryCamera::of(rig, mode, config, true)?;
+        Self::open_with(folder, None, &camera, |map| match map {
             Some(file) => Engine::in_map(rig, mode, rate_hz, runner, config, file),
             None => Ok((Engine::new(rig, mode, rate_hz, runner, config)?, Vec::new())),
         })
     }
 
-    /// The same for what `begin` begins: in an atlas, with small differences of the camera, or in none. `id` is that of the
-    /// atlas of a session that died, which is followed where it goes on.
+    /// The same for what `begin` begins for this camera: in an atlas, with differences of the camera, or in none. `id` is that of
+    /// the atlas of a session that died, which is followed where it goes on.
     ///
     /// # Errors
     /// What `begin` says where it is given no map.
     pub fn open_with<S: Slam>(
         folder: RoutesLock,
         id: Option<String>,
+        camera: &LibraryCamera,
         begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
     ) -> Result<Kept<S>, LibraryError> {
         let (lock, folder) = (folder.file, &*folder.folder);
-        let (id, engine, notes) = opened(folder, id, begin)?;
+        let (id, engine, notes) = opened(folder, id, camera, begin)?;
         let mut keeper = Self {
             folder: folder.to_owned(),
             id,
@@ -149,10 +174,11 @@ impl MapKeeper {
     /// dropped.
     pub(crate) fn begin_again<S: Slam>(
         &mut self,
+        camera: &LibraryCamera,
         begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
     ) -> Result<(S, Vec<String>), LibraryError> {
         self.wait();
-        let (id, engine, notes) = opened(&self.folder, None, begin)?;
+        let (id, engine, notes) = opened(&self.folder, None, camera, begin)?;
         self.id = id;
         self.detached.clear();
         (self.last, self.pause_s, self.is_due) = (None, SAVE_EVERY_S, false);
@@ -253,7 +279,10 @@ impl MapKeeper {
         }
         let version = snapshot.version();
         let program = concat!("cairn ", env!("CARGO_PKG_VERSION"));
-        let file = engine.to_save(program, BTreeMap::new());
+        let file = with_metres(engine.to_save(program, BTreeMap::new()));
+        if file.snapshot.key_frame_count() == 0 {
+            return false;
+        }
         let path = self.path();
         let save = move || {
             let began = Instant::now();
@@ -319,6 +348,15 @@ impl MapKeeper {
     }
 }
 
+/// What is saved of an atlas: where several cameras share it, the maps that are in metres.
+fn with_metres(mut file: MapFile) -> MapFile {
+    if file.snapshot.other_cameras().next().is_some() {
+        let whole = &file.snapshot;
+        file.snapshot = whole.without_maps(|map| !whole.is_metric_in(map, &file.about.camera));
+    }
+    file
+}
+
 /// An atlas, trimmed where it is large.
 fn fitting(folder: &Path, path: &Path, mut file: MapFile) -> MapFile {
     if file.snapshot.key_frame_count() > MOST_KEY_FRAMES / 2 {
@@ -363,26 +401,33 @@ fn read(path: &Path, notes: &mut Vec<String>) -> Option<MapFile> {
     whole.map(|(file, _)| file)
 }
 
-/// The identity of the atlas of a folder that fits what is begun, or of a new one; what was begun in it; what the user should
-/// know.
+/// The identity of the atlas of a folder that a camera goes on with, or of a new one; what was begun in it; what the user should
+/// know. Of those that hold key frames of the camera, or else of others that take it, the one written last.
 fn opened<S>(
     folder: &Path,
     id: Option<String>,
+    camera: &LibraryCamera,
     mut begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
 ) -> Result<(String, S, Vec<String>), LibraryError> {
     let mut notes = Vec::new();
+    let mut read_files = Vec::new();
     for path in atlases(folder) {
         if id.is_some() && id_of(&path) != id {
             continue;
         }
-        let Some(file) = read(&path, &mut notes) else { continue };
+        read_files.extend(read(&path, &mut notes).map(|file| (path, file)));
+    }
+    let (own, others): (Vec<_>, Vec<_>) =
+        read_files.into_iter().partition(|(_, file)| file.has_key_frames_of(camera.sensor, &camera.model));
+    let others = others.into_iter().filter(|_| camera.is_calibrated);
+    for (path, file) in own.into_iter().chain(others) {
         match begin(Some(&fitting(folder, &path, file))) {
-            Ok((engine, small)) => {
-                notes.extend(small);
+            Ok((engine, differences)) => {
+                notes.extend(differences);
                 return Ok((id_of(&path).unwrap_or_default(), engine, notes));
             }
             Err(e @ (OpenMapError::Rig(_) | OpenMapError::Process(_))) => return Err(e.into()),
-            Err(OpenMapError::Camera(_) | OpenMapError::OtherCamera { .. }) => {}
+            Err(OpenMapError::OtherCamera { .. }) => {}
         }
     }
     let (engine, _) = begin(None)?;

@@ -4,7 +4,7 @@
 //! dropped, and that is refused where anything hangs on it.
 
 use super::Session;
-use crate::library::LibraryError;
+use crate::library::{LibraryCamera, LibraryError};
 use crate::slam::Slam;
 use cairn_atlas::store::MapFile;
 use cairn_engine::OpenMapError;
@@ -22,18 +22,19 @@ impl<S: Slam> Session<S> {
             && !has_route
     }
 
-    /// Begins SLAM again with what `begin` begins: in an atlas of the folder that fits, or in none. Returns what the user should
+    /// Begins SLAM again with what `begin` begins for this camera: in an atlas of the folder that takes it, or in none. Returns what the user should
     /// know, as [`crate::Kept::notes`]. Where it cannot begin the session has no poses any more, and says so.
     ///
     /// # Errors
     /// What `begin` says where it is given no map.
     pub fn begin_again(
         &mut self,
+        camera: &LibraryCamera,
         mut begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
     ) -> Result<Vec<String>, LibraryError> {
         self.engine.end();
         let begun = match &mut self.keeper {
-            Some(keeper) => keeper.begin_again(begin),
+            Some(keeper) => keeper.begin_again(camera, begin),
             None => begin(None).map_err(LibraryError::from),
         };
         let (engine, notes) = begun.inspect_err(|_| {
