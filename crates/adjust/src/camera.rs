@@ -11,8 +11,8 @@ pub fn pinhole(camera: &RectifiedCamera) -> Pinhole {
 
 /// The solver's pixel of a feature, its right x as the map has calibrated it.
 pub fn pixel(snapshot: &Snapshot, frame: &Frame, feature: usize) -> Pixel {
-    let [u, v] = frame.px[feature];
-    [u as f64, v as f64, frame.right_x[feature] as f64 + snapshot.right_offset()]
+    let [u, v, right_x] = frame.pixel_with(feature, snapshot.readout().seconds);
+    [u, v, right_x + snapshot.right_offset()]
 }
 
 /// Depth of a feature in metres, as the map has calibrated it; NaN where there is none or it is beyond all measure.

@@ -3,8 +3,7 @@
 use crate::weight;
 use cairn_atlas::{Change, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_solve::{Observation, Pixel};
-use cairn_vision::Frame;
+use cairn_solve::Observation;
 use std::collections::BTreeMap;
 
 /// What is copied.
@@ -22,8 +21,11 @@ pub(crate) struct Subproblem {
     pub landmarks: Vec<LandmarkId>,
     /// Their positions in the world, metres.
     pub points: Vec<Vec3>,
-    /// Grouped by landmark; poses and points are indices into `key_frames` and `points`. Right x as measured.
+    /// Grouped by landmark; poses and points are indices into `key_frames` and `points`. Right x as measured, or with a rolling
+    /// shutter as the map has calibrated it.
     pub observations: Vec<Observation>,
+    /// By how many pixels each moves for each second of readout; empty without a rolling shutter.
+    pub slopes: Vec<[f32; 2]>,
 }
 
 impl Subproblem {
@@ -40,10 +42,16 @@ impl Subproblem {
         let key_frames: Vec<KeyFrameId> = moving.iter().copied().chain(held.map(|(id, _)| id)).collect();
         let slots: BTreeMap<KeyFrameId, u32> =
             key_frames.iter().enumerate().map(|(slot, id)| (*id, slot as u32)).collect();
+        let readout_s = snapshot.readout().seconds;
+        let is_rolling = |id: &KeyFrameId| snapshot.key_frame(*id).is_some_and(|k| k.frame.rolling.is_some());
+        let is_rolling = key_frames.iter().any(is_rolling);
+        // Windows with a rolling shutter keep the disparity error as the map has it.
+        let right_offset = if is_rolling { snapshot.right_offset() } else { 0.0 };
         let mut points = Vec::with_capacity(seen.len());
         // At most; memory that is not used is not touched.
         let most = seen.iter().filter_map(|id| snapshot.landmark(*id)).map(|l| l.observations.len()).sum();
         let mut observations = Vec::with_capacity(most);
+        let mut slopes = Vec::new();
         let mut landmarks = Vec::with_capacity(seen.len());
         for l in seen.iter().filter_map(|id| snapshot.landmark(*id)) {
             let first = observations.len();
@@ -55,10 +63,15 @@ impl Subproblem {
                 if k.frame.px[o.feature as usize][0].is_nan() {
                     continue;
                 }
+                let [u, v, right_x] = k.frame.pixel_with(o.feature as usize, readout_s);
+                if is_rolling {
+                    let rolling = k.frame.rolling.as_ref();
+                    slopes.push(rolling.map_or([0.0; 2], |r| r.slopes[o.feature as usize]));
+                }
                 observations.push(Observation {
                     pose: *slot,
                     point: points.len() as u32,
-                    pixel: raw_pixel(&k.frame, o.feature as usize),
+                    pixel: [u, v, right_x + right_offset],
                     weight: weight(&k.frame, o.feature as usize, &snapshot.octaves()),
                 });
             }
@@ -66,6 +79,7 @@ impl Subproblem {
             let views = &observations[first..];
             if views.len() < 2 && views.iter().all(|o| o.pixel[2].is_nan()) {
                 observations.truncate(first);
+                slopes.truncate(first);
                 continue;
             }
             landmarks.push(l.id);
@@ -81,6 +95,7 @@ impl Subproblem {
             landmarks,
             points,
             observations,
+            slopes,
         }
     }
 
@@ -91,10 +106,4 @@ impl Subproblem {
             .filter(|o| o.weight == 0.0)
             .map(|o| Change::Forget(self.landmarks[o.point as usize], self.key_frames[o.pose as usize]))
     }
-}
-
-/// A feature as measured.
-fn raw_pixel(frame: &Frame, feature: usize) -> Pixel {
-    let [u, v] = frame.px[feature];
-    [u as f64, v as f64, frame.right_x[feature] as f64]
 }

@@ -5,13 +5,17 @@ use crate::imu::{self, ImuModel};
 use crate::motion::{MotionFactors, MotionLinks};
 use crate::pinhole;
 use crate::subproblem::Subproblem;
-use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, MapId, Readout, Snapshot};
 use cairn_geometry::Vec3;
 use cairn_inertial::{ImuFactors, MotionFreedom};
 use cairn_settings::Settings;
-use cairn_solve::{Bundle, BundleConfig, Factors, Freedom, Report, RightOffset};
+use cairn_solve::{Bundle, BundleConfig, CalibrationError, Factors, Freedom, Report};
 use cairn_vision::RectifiedCamera;
 use std::mem::take;
+
+/// Standard deviation by which the readout time of the rows may be another one from window to window, seconds: windows share
+/// most of what they are of, and it is told anew by each.
+const READOUT_WALK_S: f64 = 0.001;
 
 /// How large a window may be and how long it is solved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
@@ -46,6 +50,8 @@ pub struct Window {
     bundle: Bundle,
     imu: Option<ImuFactors>,
     motion: MotionFactors,
+    /// The readout time of the rows as the map has it.
+    readout: Readout,
 }
 
 /// A window after its solve.
@@ -182,7 +188,7 @@ impl Window {
         }
         motion.keep_free(&freedom);
         let bundle = bundle(snapshot, camera, &mut subproblem, freedom);
-        Self { subproblem, bundle, imu: None, motion }
+        Self { subproblem, bundle, imu: None, motion, readout: snapshot.readout() }
     }
 
     fn inertial(
@@ -200,7 +206,8 @@ impl Window {
             subproblem.key_frames.iter().enumerate().map(of).unzip();
         let imu = imu::factors(snapshot, model, &subproblem, &poses, &motions);
         let bundle = bundle(snapshot, camera, &mut subproblem, poses);
-        Self { subproblem, bundle, imu: Some(imu), motion: MotionFactors::default() }
+        let motion = MotionFactors::default();
+        Self { subproblem, bundle, imu: Some(imu), motion, readout: snapshot.readout() }
     }
 
     /// Solves the window: robustly, then without the outliers. `stop` is asked before each step.
@@ -210,7 +217,12 @@ impl Window {
         }
         // Of several rigs each has an error of its own: that which was found stays.
         let several = self.bundle.own_cameras.iter().any(Option::is_some);
-        self.bundle.right_offset.sigma = if several { 0.0 } else { config.right_offset_sigma };
+        self.bundle.calibration_error.sigma = if several { 0.0 } else { config.right_offset_sigma };
+        if !self.bundle.slopes.is_empty() {
+            // What is estimated is what has to be added to the map's value.
+            let sigma = self.readout.sigma_s.hypot(READOUT_WALK_S);
+            self.bundle.calibration_error = CalibrationError { sigma, ..CalibrationError::default() };
+        }
         let before = (!self.motion.is_empty()).then(|| self.bundle.clone());
         let mut report = self.adjust(config, &mut stop);
         // Observations of something that moves outvoted the measured motion: the poses were right, and landmarks follow.
@@ -227,7 +239,8 @@ impl Window {
             false => self.bundle.observation_cost(true),
         };
         self.leave_out_outliers();
-        let right_offset = self.bundle.right_offset;
+        let is_stereo = self.bundle.slopes.is_empty();
+        let right_offset = Some(self.bundle.calibration_error).filter(|_| is_stereo).unwrap_or_default();
         WindowResult {
             changes: ChangeSet { base: self.subproblem.base, changes: self.changes() },
             report,
@@ -268,7 +281,7 @@ impl Window {
     fn leave_out_outliers(&mut self) {
         for i in 0..self.bundle.observations.len() {
             let o = self.bundle.observations[i];
-            if self.bundle.chi2(&o) > Bundle::bound(&o) {
+            if self.bundle.chi2_of(i) > Bundle::bound(&o) {
                 self.bundle.observations[i].weight = 0.0;
             }
         }
@@ -293,8 +306,12 @@ impl Window {
         for (id, point) in subproblem.landmarks.iter().zip(&bundle.points) {
             changes.push(Change::MoveLandmark(*id, *point));
         }
-        if bundle.right_offset.sigma > 0.0 && !bundle.right_offset.held {
-            changes.push(Change::Calibrate(bundle.right_offset.value));
+        let CalibrationError { value, information, .. } = bundle.calibration_error;
+        if !bundle.slopes.is_empty() {
+            let seconds = (self.readout.seconds + value).clamp(-Readout::MOST_S, Readout::MOST_S);
+            changes.push(Change::Readout(Readout { seconds, sigma_s: information.sqrt().recip() }));
+        } else if bundle.calibration_error.sigma > 0.0 && !bundle.calibration_error.held {
+            changes.push(Change::Calibrate(value));
         }
         changes.extend(subproblem.forgotten(&bundle.observations));
         changes
@@ -309,12 +326,12 @@ fn bundle(
     freedom: Vec<Freedom>,
 ) -> Bundle {
     let offset = snapshot.right_offset();
-    let right_offset = RightOffset {
+    let calibration_error = CalibrationError {
         value: offset,
         prior: offset,
         // A calibration that nothing has refuted is kept.
         held: offset == 0.0,
-        ..RightOffset::default()
+        ..CalibrationError::default()
     };
     let own = |id: &KeyFrameId| {
         let k = snapshot.key_frame(*id)?;
@@ -329,6 +346,7 @@ fn bundle(
         freedom,
         points: take(&mut subproblem.points),
         observations: take(&mut subproblem.observations),
-        right_offset,
+        calibration_error,
+        slopes: take(&mut subproblem.slopes),
     }
 }

@@ -2,11 +2,13 @@
 
 mod common;
 
-use cairn_adjust::{Window, WindowConfig};
-use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, Snapshot};
-use cairn_geometry::{Manifold, Vec3};
-use common::{World, off, sideways, stereo};
+use cairn_adjust::{Window, WindowConfig, pixel};
+use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, Readout, Snapshot};
+use cairn_geometry::{Manifold, Sim3, Vec3};
+use cairn_vision::Rolling;
+use common::{World, mono, off, sideways, stereo};
 use nalgebra::SVector;
+use std::sync::Arc;
 
 /// Poses off by 2 to 3 cm and half a degree, landmarks by 2 cm, but for the first key frame.
 fn perturb(atlas: &mut Atlas, ids: &[KeyFrameId]) {
@@ -161,4 +163,46 @@ fn window_around_an_unknown_key_frame_is_none() {
     let (atlas, _) = world.exact_map(&sideways(2, 0.1));
     let unknown = atlas.latest().next_key_frame_id();
     assert!(Window::around(atlas.latest(), &world.camera, unknown, &WindowConfig::default()).is_none());
+}
+
+/// A walk with a rolling shutter of which nothing is known yet: what the windows hand over, and how the map sees it then.
+#[test]
+fn windows_estimate_the_readout_time_and_see_the_map_with_it() {
+    let readout_s = -0.021;
+    let (world, path) = (World::around(mono(), 4), sideways(10, 0.15));
+    let mut views = world.walk(&path, 0.0, 0.5);
+    let ideal: Vec<Vec<[f32; 2]>> = views.iter().map(|v| v.frame.px.clone()).collect();
+    for (n, view) in views.iter_mut().enumerate() {
+        let frame = Arc::make_mut(&mut view.frame);
+        let turning = [0.6 * (n as f64).sin(), 0.5 * (1.7 * n as f64).cos()];
+        let slope = |px: &[f32; 2]| {
+            let share = (f64::from(px[1]) + 0.5) / 480.0 - 0.5;
+            turning.map(|w| (world.camera.fx * w * share) as f32)
+        };
+        let slopes: Vec<[f32; 2]> = frame.px.iter().map(slope).collect();
+        for (px, slope) in frame.px.iter_mut().zip(&slopes) {
+            (0..2).for_each(|i| px[i] -= slope[i] * readout_s as f32);
+        }
+        frame.rolling = Some(Rolling { readout_s: 0.0, slopes });
+    }
+    let mut atlas = Atlas::new(Snapshot::new());
+    let ids = world.map(&mut atlas, &views, &path, None, |_| Sim3::identity());
+    assert_eq!(atlas.latest().readout(), Readout::default());
+    let config = WindowConfig { iterations: [20, 20], tolerance: 1e-9, ..WindowConfig::default() };
+    let window = Window::around(atlas.latest(), &world.camera, ids[9], &config).expect("a window");
+    atlas.commit(window.solve(&config, || false).changes.changes);
+    let found = atlas.latest().readout();
+    assert!((found.seconds - readout_s).abs() < 1e-3 && found.sigma_s < 2e-3, "{found:?}");
+    let whole = Window::whole(atlas.latest(), &world.camera, MapId(ids[0]));
+    atlas.commit(whole.solve(&config, || false).changes.changes);
+    let (found, snapshot) = (atlas.latest().readout(), atlas.latest());
+    assert!((found.seconds - readout_s).abs() < 1e-3, "{found:?}");
+    for (id, ideal) in ids.iter().zip(&ideal) {
+        let frame = &snapshot.key_frame(*id).expect("a key frame").frame;
+        for (i, px) in ideal.iter().enumerate() {
+            let [u, v, _] = pixel(snapshot, frame, i);
+            let off = (u - f64::from(px[0])).hypot(v - f64::from(px[1]));
+            assert!(off < 0.2, "{off} px");
+        }
+    }
 }

@@ -109,6 +109,7 @@ impl Snapshot {
                 k.motion.as_mut()?.imu_factor = Some(imu_factor.clone());
             }
             Change::ImuOffset(seconds) => self.imu_offset = seconds.is_finite().then_some(*seconds)?,
+            Change::Readout(readout) => self.readout = readout.is_sound().then_some(*readout)?,
             Change::AlignGravity(map, aligned_from_world) => {
                 if !self.maps.contains_key(map) {
                     return None;

@@ -1,6 +1,6 @@
 //! Changes to a snapshot, as data.
 
-use crate::{ImuFactor, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior};
+use crate::{ImuFactor, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Readout};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
 
@@ -22,6 +22,8 @@ pub enum Change {
     /// Sets the time offset: seconds to be added to the stamps of the IMU, beyond what its source adds, to
     /// get the images' clock.
     ImuOffset(f64),
+    /// Sets the readout time of the camera's rows.
+    Readout(Readout),
     /// Gravity and scale of a map are known, or known better: everything in it is transformed by this, and
     /// from now on its lengths are metres and its z axis points up.
     AlignGravity(MapId, Sim3),

@@ -25,6 +25,7 @@ impl Snapshot {
             other_cameras: Arc::clone(&self.other_cameras),
             right_offset: self.right_offset,
             imu_offset: self.imu_offset,
+            readout: self.readout,
             next_key_frame: self.next_key_frame,
             next_landmark: self.next_landmark,
             ..Self::with_octaves(self.octaves)

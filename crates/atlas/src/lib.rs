@@ -46,5 +46,5 @@ pub use names::{KeyFrameName, LandmarkName, RobotId};
 pub use other_camera::OtherCamera;
 pub use paged::Paged;
 pub use places::PlaceIndex;
-pub use snapshot::{Snapshot, Unsound};
+pub use snapshot::{Readout, Snapshot, Unsound};
 pub use stream::{Feed, Published, Removed, Subscription};

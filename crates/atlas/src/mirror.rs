@@ -128,6 +128,7 @@ impl Mirror {
                 | Change::InertialState(..)
                 | Change::ImuFactor(..)
                 | Change::ImuOffset(_)
+                | Change::Readout(_)
                 | Change::Calibrate(_)
                 | Change::RemoveLandmark(_)
                 | Change::Link(..) => {}

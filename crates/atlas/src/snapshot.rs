@@ -30,6 +30,7 @@ pub struct Snapshot {
     pub(crate) made_by: MadeBy,
     pub(crate) right_offset: f64,
     pub(crate) imu_offset: f64,
+    pub(crate) readout: Readout,
     pub(crate) next_key_frame: usize,
     pub(crate) next_landmark: usize,
     pub(crate) faults: Faults,
@@ -38,6 +39,31 @@ pub struct Snapshot {
 impl Default for Snapshot {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// The readout time of a camera's rows (rolling shutter).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Readout {
+    /// Seconds from the exposure of the first row to that of the last; negative where the last row is first.
+    pub seconds: f64,
+    /// Its standard deviation.
+    pub sigma_s: f64,
+}
+
+impl Readout {
+    /// Its greatest size, seconds: that of an image at 20 a second.
+    pub const MOST_S: f64 = 0.05;
+
+    pub(crate) fn is_sound(&self) -> bool {
+        self.seconds.abs() <= Self::MOST_S && self.sigma_s > 0.0
+    }
+}
+
+impl Default for Readout {
+    /// Before anything was seen: cameras take up to 30 ms, from either end.
+    fn default() -> Self {
+        Self { seconds: 0.0, sigma_s: 0.02 }
     }
 }
 
@@ -69,6 +95,7 @@ impl Snapshot {
             made_by: MadeBy::default(),
             right_offset: 0.0,
             imu_offset: 0.0,
+            readout: Readout::default(),
             next_key_frame: 0,
             next_landmark: 0,
             faults: Faults::default(),
@@ -95,6 +122,11 @@ impl Snapshot {
     /// images' clock: `t_imu + offset = t_image`. Zero until it is estimated, and in a map that was loaded.
     pub fn imu_offset(&self) -> f64 {
         self.imu_offset
+    }
+
+    /// The readout time of the camera's rows, as estimated by mapping. Unknown in a map that was loaded.
+    pub fn readout(&self) -> Readout {
+        self.readout
     }
 
     /// The existing key frames by their words.

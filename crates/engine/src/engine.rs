@@ -9,7 +9,7 @@ use crate::mapping::{Done, Mapping, Replayed, Runner};
 use crate::output::{Finished, Output};
 use crate::scale::{Scale, ScaleStretch, is_adrift, map_of, scale_of, stretches};
 use crate::status::{FrameResult, Status, StatusTracker};
-use cairn_atlas::{KeyFrameId, Snapshot, Subscription};
+use cairn_atlas::{KeyFrameId, Readout, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, Vec3, World};
 use cairn_mapping::{Closer, Mapper, ScaleVerdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
@@ -73,9 +73,9 @@ impl Engine {
         let snapshot = snapshot.continued_by(config.robot);
         // Opened and checked before the first image rather than at it.
         cairn_vision::bow::Vocabulary::current();
-        let rows = rig.cameras.first().map_or(0, |c| c.camera.height);
+        let size = rig.cameras.first().map_or([0; 2], |c| [c.camera.width, c.camera.height]);
         let features = config.front_end_for(rig).orb.features;
-        let tracker = Tracker::new(model, features, rate_hz, config.tracker).with_rows(rows);
+        let tracker = Tracker::new(model, features, rate_hz, config.tracker).with_size(size);
         let tracker = match rig.depth.as_ref().filter(|_| mode == SensorMode::Rgbd) {
             Some(sensor) => {
                 tracker.with_depth(sensor, model.body_from_camera.inverse() * sensor.body_from_depth)
@@ -161,10 +161,9 @@ impl Engine {
         self.tracker.motion_measured(Some(motion));
     }
 
-    /// The readout time of the camera's rows (rolling shutter) in seconds, and its standard deviation (zero where it is not
-    /// estimated).
-    pub fn readout_s(&self) -> [f64; 2] {
-        self.tracker.readout_s()
+    /// The readout time of the camera's rows (rolling shutter); its standard deviation is zero where it is not estimated.
+    pub fn readout(&self) -> Readout {
+        self.tracker.readout(&self.snapshot())
     }
 
     /// Processes one packet: extract features, track, and submit key frames to mapping.

@@ -5,7 +5,7 @@ use cairn_adjust::{pinhole, weight};
 use cairn_atlas::{MapId, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::Bias;
-use cairn_solve::{Bundle, Freedom, Observation, RightOffset};
+use cairn_solve::{Bundle, CalibrationError, Freedom, Observation};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 
@@ -63,7 +63,8 @@ impl LensProblem {
             freedom,
             points,
             observations,
-            right_offset: RightOffset::default(),
+            calibration_error: CalibrationError::default(),
+            slopes: Vec::new(),
         };
         Some(Self { bundle, links })
     }
@@ -95,11 +96,11 @@ fn observations(
                 continue;
             }
             let feature = o.feature as usize;
-            let [u, v] = k.frame.px[feature];
+            let [u, v, _] = k.frame.pixel_with(feature, snapshot.readout().seconds);
             out.push(Observation {
                 pose: *slot as u32,
                 point: points.len() as u32,
-                pixel: [f64::from(u), f64::from(v), f64::NAN],
+                pixel: [u, v, f64::NAN],
                 weight: weight(&k.frame, feature, &snapshot.octaves()),
             });
         }

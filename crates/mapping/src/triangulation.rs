@@ -171,8 +171,11 @@ fn triangulate(
     j: usize,
 ) -> Option<Vec3> {
     let octaves = snapshot.octaves();
-    let [xa, xb] =
-        [cameras[0].unproject(here.frame.px[i], 1.0), cameras[1].unproject(there.frame.px[j], 1.0)];
+    let seen = |k: &KeyFrame, f: usize| {
+        let [u, v, _] = k.frame.pixel_with(f, snapshot.readout().seconds);
+        [u as f32, v as f32]
+    };
+    let [xa, xb] = [cameras[0].unproject(seen(here, i), 1.0), cameras[1].unproject(seen(there, j), 1.0)];
     let ray = |k: &KeyFrame, x: &Vec3| k.world_from_camera.rotation * x.normalize();
     let cosine = ray(here, &xa).dot(&ray(there, &xb));
     let stereo_cosine = |camera: &RectifiedCamera, frame: &Frame, f: usize| {

@@ -55,25 +55,28 @@ pub struct Bundle {
     pub points: Vec<Vec3>,
     /// Observations, grouped by point: all of a point stand together.
     pub observations: Vec<Observation>,
-    /// The disparity error of the stereo calibration.
-    pub right_offset: RightOffset,
+    /// What a number of the calibration is off: of the disparity of a stereo camera, or of what `slopes` belong to.
+    pub calibration_error: CalibrationError,
+    /// By how many pixels each observation moves for each unit of that number (the readout time of a rolling shutter, in
+    /// seconds); empty for disparity.
+    pub slopes: Vec<[f32; 2]>,
 }
 
-/// What is added to every measured right x, pixels: the error of a stereo calibration that looks like disparity.
+/// The error of one number of the calibration, estimated with poses and points: what is added to every measured right x, in
+/// pixels, where it looks like disparity, or a number by which all observations move along their slopes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RightOffset {
+pub struct CalibrationError {
     /// Its value.
     pub value: f64,
-    /// Mean of its prior, pixels,
+    /// Mean of its prior,
     pub prior: f64,
     /// and its standard deviation, when it is to be estimated; 0 keeps the value.
     pub sigma: f64,
     /// True to compute only where it would move: it stays as it is, and so does what it would move.
     pub held: bool,
-    /// After a solve: how far it would have moved, or moved, in the first step, pixels.
+    /// After a solve: how far it would have moved, or moved, in the first step.
     pub pull: f64,
-    /// After a solve: the information on it, prior and observations together, at the first state (and with its damping):
-    /// 1/px^2.
+    /// After a solve: the information on it, prior and observations together, at the first state (and with its damping).
     pub information: f64,
 }
 
@@ -103,13 +106,21 @@ impl Bundle {
         self.own_cameras.get(pose as usize).and_then(Option::as_ref).unwrap_or(&self.camera)
     }
 
-    /// Squared whitened residual of an observation; infinite behind the camera.
-    pub fn chi2(&self, o: &Observation) -> f64 {
+    /// Squared whitened residual of an observation, by its index; infinite behind the camera.
+    pub fn chi2_of(&self, k: usize) -> f64 {
+        let o = &self.observations[k];
+        let shift = self.moves(k).map(|m| m * self.calibration_error.value);
         let q = View::new(&self.poses[o.pose as usize]).to_camera(&self.points[o.point as usize]);
-        match self.camera_of(o.pose).residual(&q, &shifted(&o.pixel, self.right_offset.value)) {
+        match self.camera_of(o.pose).residual(&q, &shifted(&o.pixel, &shift)) {
             Some(r) => (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight,
             None => f64::INFINITY,
         }
+    }
+
+    /// By how much an observation moves for each unit of what is estimated of the calibration.
+    #[inline(always)]
+    fn moves(&self, k: usize) -> [f64; 3] {
+        moves(&self.slopes, k)
     }
 
     /// The 95 % bound of an observation's chi-square.
@@ -117,9 +128,9 @@ impl Bundle {
         if o.pixel[2].is_nan() { CHI2_2 } else { CHI2_3 }
     }
 
-    /// Half the sum of the losses of the observations, and the cost of the prior of the right offset.
+    /// Half the sum of the losses of the observations, and the cost of the prior of the calibration's error.
     pub fn observation_cost(&self, robust: bool) -> f64 {
-        self.cost(&self.poses, &self.points, self.right_offset.value, robust)
+        self.cost(&self.poses, &self.points, self.calibration_error.value, robust)
     }
 
     /// Variance of the residuals at a cost of the observations, in units of what their weights say; 1 where the unknowns
@@ -166,8 +177,9 @@ impl Bundle {
         let outcome = solver.minimise(&mut adjustment, stop);
         (report.iterations, report.stop) = (outcome.iterations, outcome.stop);
         (report.cost_before, report.cost_after) = (outcome.cost_before, outcome.cost_after);
-        report.inliers =
-            self.observations.iter().filter(|o| o.weight > 0.0 && self.chi2(o) <= Self::bound(o)).count();
+        let fits = |k: &usize| self.chi2_of(*k) <= Self::bound(&self.observations[*k]);
+        let used = (0..self.observations.len()).filter(|k| self.observations[*k].weight > 0.0);
+        report.inliers = used.filter(fits).count();
         report
     }
 
@@ -200,17 +212,18 @@ impl Bundle {
             .collect()
     }
 
-    /// Information of the prior of the right offset, 1/px^2.
+    /// Information of the prior of the calibration's error.
     fn offset_information(&self) -> f64 {
-        if self.right_offset.sigma > 0.0 { self.right_offset.sigma.powi(-2) } else { 0.0 }
+        if self.calibration_error.sigma > 0.0 { self.calibration_error.sigma.powi(-2) } else { 0.0 }
     }
 
     fn cost(&self, poses: &[Se3], points: &[Vec3], offset: f64, robust: bool) -> f64 {
         let views: Vec<View> = poses.iter().map(View::new).collect();
-        let mut cost = 0.5 * self.offset_information() * (offset - self.right_offset.prior).powi(2);
-        for o in self.observations.iter().filter(|o| o.weight > 0.0) {
+        let mut cost = 0.5 * self.offset_information() * (offset - self.calibration_error.prior).powi(2);
+        for (k, o) in self.observations.iter().enumerate().filter(|(_, o)| o.weight > 0.0) {
             let q = views[o.pose as usize].to_camera(&points[o.point as usize]);
-            let Some(r) = self.camera_of(o.pose).residual(&q, &shifted(&o.pixel, offset)) else {
+            let shift = self.moves(k).map(|m| m * offset);
+            let Some(r) = self.camera_of(o.pose).residual(&q, &shifted(&o.pixel, &shift)) else {
                 return f64::INFINITY;
             };
             let chi2 = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight;
@@ -219,7 +232,7 @@ impl Bundle {
         cost
     }
 
-    /// Fills the normal equations with the observations and the prior of the right offset.
+    /// Fills the normal equations with the observations and the prior of the calibration's error.
     fn linearise(
         &mut self,
         slot: &[Option<u32>],
@@ -228,22 +241,24 @@ impl Bundle {
         robust: bool,
     ) {
         let views: Vec<View> = self.poses.iter().map(View::new).collect();
-        let (offset, information) = (self.right_offset.value, self.offset_information());
-        let from_prior = offset - self.right_offset.prior;
+        let (offset, information) = (self.calibration_error.value, self.offset_information());
+        let from_prior = offset - self.calibration_error.prior;
         if let Some(border) = &mut border {
             (border.hessian, border.gradient) = (information, information * from_prior);
             border.cameras.fill(SVector::zeros());
             border.points.fill(Vec3::zeros());
         }
         normal.cost += 0.5 * information * from_prior.powi(2);
-        for o in &mut self.observations {
+        for (k, o) in self.observations.iter_mut().enumerate() {
             if o.weight <= 0.0 {
                 continue;
             }
+            let moves = moves(&self.slopes, k);
+            let shift = moves.map(|m| m * offset);
             let camera =
                 self.own_cameras.get(o.pose as usize).and_then(Option::as_ref).unwrap_or(&self.camera);
             let (view, point) = (&views[o.pose as usize], o.point as usize);
-            let Some(seen) = Seen::of(camera, view, &self.points[point], o, offset, robust) else {
+            let Some(seen) = Seen::of(camera, view, &self.points[point], o, &shift, robust) else {
                 // An observation of a point behind the camera cannot be fitted: it is left out.
                 o.weight = 0.0;
                 continue;
@@ -254,13 +269,16 @@ impl Bundle {
             normal.points[point] += by_point * by_point.transpose() * w;
             normal.point_gradients[point] += by_point * r * w;
             let slot = slot[o.pose as usize].map(|s| s as usize);
-            if let (Some(border), false) = (&mut border, o.pixel[2].is_nan()) {
-                // Only the third row depends on the offset, with slope one.
-                border.hessian += w;
-                border.gradient += w * r[2];
-                border.points[point] += Vec3::from(l.by_point[2]) * w;
-                if let Some(s) = slot {
-                    border.cameras[s] += SVector::<f64, 6>::from(l.by_pose[2]) * w;
+            if let Some(border) = &mut border {
+                let rows = if o.pixel[2].is_nan() { 2 } else { 3 };
+                for i in (0..rows).filter(|i| moves[*i] != 0.0) {
+                    let m = w * moves[i];
+                    border.hessian += m * moves[i];
+                    border.gradient += m * r[i];
+                    border.points[point] += Vec3::from(l.by_point[i]) * m;
+                    if let Some(s) = slot {
+                        border.cameras[s] += SVector::<f64, 6>::from(l.by_pose[i]) * m;
+                    }
                 }
             }
             if let Some(s) = slot {
@@ -275,12 +293,13 @@ impl Bundle {
     /// Gives each observation's block of the normal equations, pose by point, at this state; zero for those left out.
     fn couplings(&self, robust: bool) -> impl Fn(usize) -> SMatrix<f64, 6, 3> {
         let views: Vec<View> = self.poses.iter().map(View::new).collect();
-        let offset = self.right_offset.value;
+        let offset = self.calibration_error.value;
         move |k| {
             let o = &self.observations[k];
             let (view, point) = (&views[o.pose as usize], &self.points[o.point as usize]);
+            let shift = self.moves(k).map(|m| m * offset);
             let seen =
-                (o.weight > 0.0).then(|| Seen::of(self.camera_of(o.pose), view, point, o, offset, robust));
+                (o.weight > 0.0).then(|| Seen::of(self.camera_of(o.pose), view, point, o, &shift, robust));
             seen.flatten().map_or_else(SMatrix::zeros, |seen| {
                 let weighted = seen.by_pose() * seen.weight;
                 weighted * seen.by_point().transpose()
@@ -314,10 +333,10 @@ impl Seen {
         view: &View,
         point: &Vec3,
         o: &Observation,
-        offset: f64,
+        shift: &[f64; 3],
         robust: bool,
     ) -> Option<Self> {
-        let linear = camera.linearise(view, point, &shifted(&o.pixel, offset))?;
+        let linear = camera.linearise(view, point, &shifted(&o.pixel, shift))?;
         let chi2 = Vec3::from(linear.residual).norm_squared() * o.weight;
         let (loss, slope) = if robust { huber(chi2, Bundle::bound(o)) } else { (chi2, 1.0) };
         Some(Self { linear, loss, weight: slope * o.weight })
@@ -342,10 +361,10 @@ struct Adjustment<'a, F> {
     slot: Vec<Option<u32>>,
     schur: Schur<6>,
     normal: Normal<6>,
-    /// Of the right offset, when it is to be estimated.
+    /// Of the calibration's error, when it is to be estimated.
     border: Option<Border<6>>,
     trial: (Vec<Se3>, Vec<Vec3>, f64),
-    /// Whether the information on the right offset is known. Later steps may be damped much more, which looks like
+    /// Whether the information on the calibration's error is known. Later steps may be damped much more, which looks like
     /// information.
     has_asked: bool,
 }
@@ -357,14 +376,14 @@ impl<'a, F: Factors> Adjustment<'a, F> {
         let more = more(bundle, factors, &slot, free);
         let views = bundle.observations.iter().map(|o| (o.point as usize, slot[o.pose as usize]));
         let schur = Schur::new(free, bundle.points.len(), views, more);
-        let border = (bundle.right_offset.sigma > 0.0).then(|| Border {
+        let border = (bundle.calibration_error.sigma > 0.0).then(|| Border {
             cameras: vec![SVector::zeros(); free],
             points: vec![Vec3::zeros(); bundle.points.len()],
-            held: bundle.right_offset.held,
+            held: bundle.calibration_error.held,
             ..Border::default()
         });
         let normal = schur.normal();
-        let trial = (Vec::new(), Vec::new(), bundle.right_offset.value);
+        let trial = (Vec::new(), Vec::new(), bundle.calibration_error.value);
         Self { bundle, factors, robust, slot, schur, normal, border, trial, has_asked: false }
     }
 
@@ -417,10 +436,10 @@ impl<F: Factors> Problem for Adjustment<'_, F> {
         let first = !std::mem::replace(&mut self.has_asked, true);
         let step = step?;
         if first {
-            self.bundle.right_offset.information = step.border_information;
-            self.bundle.right_offset.pull = step.border_pull;
+            self.bundle.calibration_error.information = step.border_information;
+            self.bundle.calibration_error.pull = step.border_pull;
         }
-        let offset = self.bundle.right_offset.value + step.border;
+        let offset = self.bundle.calibration_error.value + step.border;
         let (poses, points) = self.bundle.moved(&self.slot, &step);
         let mut cost = self.bundle.cost(&poses, &points, offset, self.robust);
         cost += self.factors.attempt(&poses, &step.more);
@@ -431,14 +450,24 @@ impl<F: Factors> Problem for Adjustment<'_, F> {
     fn accept(&mut self) {
         std::mem::swap(&mut self.bundle.poses, &mut self.trial.0);
         std::mem::swap(&mut self.bundle.points, &mut self.trial.1);
-        self.bundle.right_offset.value = self.trial.2;
+        self.bundle.calibration_error.value = self.trial.2;
         self.factors.accept();
     }
 }
 
-/// A pixel with an offset added to its right x.
-fn shifted(pixel: &Pixel, offset: f64) -> Pixel {
-    [pixel[0], pixel[1], pixel[2] + offset]
+/// A pixel moved, and that of the right image.
+#[inline(always)]
+fn shifted(pixel: &Pixel, shift: &[f64; 3]) -> Pixel {
+    [pixel[0] + shift[0], pixel[1] + shift[1], pixel[2] + shift[2]]
+}
+
+/// By how much an observation moves for each unit of what is estimated of the calibration: without slopes, right x by one.
+#[inline(always)]
+fn moves(slopes: &[[f32; 2]], k: usize) -> [f64; 3] {
+    match slopes.get(k) {
+        Some([x, y]) => [f64::from(*x), f64::from(*y), f64::from(*x)],
+        None => [0.0, 0.0, 1.0],
+    }
 }
 
 #[cfg(test)]

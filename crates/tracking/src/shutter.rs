@@ -7,27 +7,16 @@
 //! (Hedborg et al., Rolling shutter bundle adjustment, CVPR 2012, section 3, with a linear motion within the image). The
 //! angular velocity is the gyroscope's, or that of the last frames; depths are those of landmarks seen nearby.
 //!
-//! The readout time may be estimated: the residuals of each pose tell how much of that shift is missing or too much. The
-//! pose is marginalised out (Schur complement), so that what a change of pose could explain counts for nothing.
+//! The readout time may be estimated: bundle adjustment does, with poses and points ([`cairn_atlas::Readout`]). For that each
+//! frame keeps by how much its features move for each second of readout ([`Rolling`]). Sensors have long rows and read one
+//! after the other along the shorter side: of an upright image those rows are columns.
 
+use cairn_atlas::{Readout, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_vision::{Frame, RectifiedCamera};
-use nalgebra::{Matrix2x3, SMatrix, SVector, Vector2};
+use cairn_vision::{Frame, RectifiedCamera, Rolling};
 
 /// Columns and rows of the grid in which depths are averaged.
 const CELLS: [usize; 2] = [8, 6];
-/// Standard deviation of the readout time before anything was seen, seconds: cameras take up to 30 ms, from either end.
-const PRIOR_S: f64 = 0.02;
-/// How much of what earlier frames told is kept from frame to frame. The map that a frame is compared with was built with the
-/// readout time as it was thought to be then, so a frame tells only a part of what is missing: with a long memory the
-/// estimate would stay there.
-const KEPT: f64 = 0.97;
-/// Residuals beyond this many standard deviations count less (Huber).
-const HUBER: f64 = 2.0;
-/// Matches needed for a frame to count.
-const LEAST_MATCHES: usize = 30;
-/// Largest readout time, seconds: that of an image at 20 a second.
-const MOST_S: f64 = 0.05;
 
 /// The camera's motion while an image is exposed, in the camera frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -41,124 +30,59 @@ pub(crate) struct Moving {
 /// Readout of the rows.
 #[derive(Clone, Debug)]
 pub(crate) struct Shutter {
-    /// Seconds from the first row to the last; negative where the last row is first.
-    readout_s: f64,
-    /// Rows of the raw image.
+    /// Seconds from the first row to the last, negative where the last row is first; `None` where it is estimated.
+    given_s: Option<f64>,
+    /// The axis of the raw image along which the rows follow each other, and their number.
+    along: usize,
     rows: f64,
-    /// Whether the readout time is estimated.
-    estimated: bool,
-    /// Sums of information, and of information times readout time.
-    sums: [f64; 2],
-    /// For each feature of the last frame: by how many pixels it moves for each second of readout.
-    slopes: Vec<[f32; 2]>,
 }
 
 impl Shutter {
-    /// For images of so many rows.
-    pub fn new(readout_s: f64, estimated: bool, rows: usize) -> Self {
-        Self { readout_s, rows: rows.max(1) as f64, estimated, sums: [0.0; 2], slopes: Vec::new() }
+    /// For images of so many columns and rows.
+    pub fn new(given_s: Option<f64>, size: [usize; 2]) -> Self {
+        let along = usize::from(given_s.is_some() || size[1] <= size[0]);
+        Self { given_s, along, rows: size[along].max(1) as f64 }
     }
 
     /// Whether nothing is to be done: all rows at once, as far as is known.
     pub fn is_global(&self) -> bool {
-        self.readout_s == 0.0 && !self.estimated
+        self.given_s == Some(0.0)
     }
 
-    /// The readout time in seconds, and its standard deviation (zero where it is given).
-    pub fn readout_s(&self) -> [f64; 2] {
-        let sigma = (self.sums[0] + PRIOR_S.powi(-2)).sqrt().recip();
-        [self.readout_s, if self.estimated { sigma } else { 0.0 }]
+    /// The readout time, as given or else as a map has it.
+    pub fn readout(&self, snapshot: &Snapshot) -> Readout {
+        self.given_s.map_or(snapshot.readout(), |seconds| Readout { seconds, sigma_s: 0.0 })
     }
 
     /// Moves the features of a frame to the exposure of the middle row. `points` are landmarks nearby, in the camera frame
     /// as predicted.
     pub fn correct(
-        &mut self,
+        &self,
         frame: &mut Frame,
         camera: &RectifiedCamera,
+        readout_s: f64,
         moving: &Moving,
         points: impl Iterator<Item = Vec3>,
     ) {
         let depths = Depths::of(camera, points);
-        self.slopes.clear();
+        let mut slopes = Vec::with_capacity(frame.len());
         for i in 0..frame.len() {
             let ray = camera.unproject(frame.px[i], 1.0);
-            let share = (f64::from(frame.raw[i][1]) + 0.5) / self.rows - 0.5;
+            let share = (f64::from(frame.raw[i][self.along]) + 0.5) / self.rows - 0.5;
             let a = moving.turning.cross(&ray) + depths.inverse(camera, frame.px[i]) * moving.velocity;
             let slope = [camera.fx * (a.x - ray.x * a.z) * share, camera.fy * (a.y - ray.y * a.z) * share];
             let slope = if slope.iter().all(|s| s.is_finite()) { slope } else { [0.0; 2] };
-            self.slopes.push(slope.map(|s| s as f32));
-            let [dx, dy] = slope.map(|s| (s * self.readout_s) as f32);
+            slopes.push(slope.map(|s| s as f32));
+            let [dx, dy] = slope.map(|s| (s * readout_s) as f32);
             frame.px[i][0] += dx;
             frame.px[i][1] += dy;
             frame.right_x[i] += dx;
         }
+        if self.given_s.is_none() {
+            frame.rolling = Some(Rolling { readout_s, slopes });
+        }
         frame.index(camera);
     }
-
-    /// Learns from the pose of the frame that was corrected last: `matches` are features with their landmarks in the camera
-    /// frame of that pose, and the standard deviations of their pixels.
-    pub fn learn(
-        &mut self,
-        frame: &Frame,
-        camera: &RectifiedCamera,
-        matches: impl Iterator<Item = (usize, Vec3, f64)>,
-    ) {
-        if !self.estimated || self.slopes.len() != frame.len() {
-            return;
-        }
-        let mut h = SMatrix::<f64, 7, 7>::zeros();
-        let mut b = SVector::<f64, 7>::zeros();
-        let mut count = 0;
-        for (i, p, sigma_px) in matches {
-            let Some([u, v, _]) = camera.project(&p) else { continue };
-            let [x, y] = frame.px[i].map(f64::from);
-            let residual = Vector2::new(x - u, y - v);
-            let slope = Vector2::new(f64::from(self.slopes[i][0]), f64::from(self.slopes[i][1]));
-            let jacobian = jacobian(camera, &p, &slope);
-            let size = residual.norm() / sigma_px;
-            let weight = sigma_px.powi(-2) * (HUBER / size.max(HUBER));
-            h += weight * jacobian.tr_mul(&jacobian);
-            b += weight * jacobian.tr_mul(&residual);
-            count += 1;
-        }
-        if count >= LEAST_MATCHES {
-            self.add(&h, &b);
-        }
-    }
-
-    /// Adds what one frame tells: its normal equations over (pose, readout time) with the pose marginalised.
-    fn add(&mut self, h: &SMatrix<f64, 7, 7>, b: &SVector<f64, 7>) {
-        let Some(pose) = h.fixed_view::<6, 6>(0, 0).into_owned().cholesky() else { return };
-        let cross = h.fixed_view::<6, 1>(0, 6).into_owned();
-        let solved = pose.solve(&cross);
-        let information = h[(6, 6)] - cross.dot(&solved);
-        let gradient = b[6] - b.fixed_rows::<6>(0).dot(&solved);
-        if !(information > 0.0 && information.is_finite() && gradient.is_finite()) {
-            return;
-        }
-        let found = information * self.readout_s - gradient;
-        self.sums = [self.sums[0] * KEPT + information, self.sums[1] * KEPT + found];
-        self.readout_s = (self.sums[1] / (self.sums[0] + PRIOR_S.powi(-2))).clamp(-MOST_S, MOST_S);
-    }
-}
-
-/// Derivative of a residual (pixel minus projection) by a change of pose and by the readout time.
-fn jacobian(camera: &RectifiedCamera, p: &Vec3, slope: &Vector2<f64>) -> SMatrix<f64, 2, 7> {
-    let inv = 1.0 / p.z;
-    let projection = Matrix2x3::new(
-        camera.fx * inv,
-        0.0,
-        -camera.fx * p.x * inv * inv,
-        0.0,
-        camera.fy * inv,
-        -camera.fy * p.y * inv * inv,
-    );
-    let mut out = SMatrix::<f64, 2, 7>::zeros();
-    out.fixed_view_mut::<2, 3>(0, 0).copy_from(&projection);
-    out.fixed_view_mut::<2, 3>(0, 3).copy_from(&(-projection * p.cross_matrix()));
-    out.set_column(6, slope);
-    out
 }
 
 /// Inverse depths of landmarks, averaged in the cells of a grid over the image.

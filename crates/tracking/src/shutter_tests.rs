@@ -3,12 +3,13 @@
 use crate::shutter::{Moving, Shutter, in_camera};
 use crate::synthetic::mono;
 use cairn_adjust::locate;
-use cairn_atlas::Snapshot;
+use cairn_atlas::{Atlas, Change, Readout, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_random::Random;
 use cairn_vision::{Frame, RectifiedCamera, triangulate_views};
 
-const ROWS: usize = 480;
+const SIZE: [usize; 2] = [640, 480];
+const ROWS: usize = SIZE[1];
 
 /// A frame, and where each of its points would be at the middle row.
 type Seen = (Frame, Vec<[f64; 2]>);
@@ -69,8 +70,8 @@ fn features_come_to_where_the_middle_row_saw_them() {
     for readout_s in [0.025, -0.025] {
         let (mut frame, ideal) = seen(&camera, &points, &walking(), readout_s);
         let before = farthest(&frame, &ideal);
-        let mut shutter = Shutter::new(readout_s, false, ROWS);
-        shutter.correct(&mut frame, &camera, &walking(), points.iter().copied());
+        let shutter = Shutter::new(Some(readout_s), SIZE);
+        shutter.correct(&mut frame, &camera, readout_s, &walking(), points.iter().copied());
         let after = farthest(&frame, &ideal);
         println!("readout {readout_s} s: {before:.2} px off, corrected {after:.2}");
         assert!(before > 2.0 && after < 0.05, "{before} {after}");
@@ -84,54 +85,68 @@ fn rotation_is_corrected_where_no_depth_is_known() {
     let turning = Moving { velocity: Vec3::zeros(), ..walking() };
     let (mut frame, ideal) = seen(&camera, &points, &turning, 0.02);
     let before = farthest(&frame, &ideal);
-    Shutter::new(0.02, false, ROWS).correct(&mut frame, &camera, &walking(), std::iter::empty());
+    Shutter::new(Some(0.02), SIZE).correct(&mut frame, &camera, 0.02, &walking(), std::iter::empty());
     assert!(before > 1.5 && farthest(&frame, &ideal) < 0.1, "{before} {}", farthest(&frame, &ideal));
 }
 
 #[test]
-fn readout_time_and_its_direction_are_estimated() {
+fn a_frame_is_corrected_with_another_readout_time_later() {
     let camera = mono();
-    for readout_s in [0.018, -0.023] {
-        let mut rng = Random::new(3);
-        let mut shutter = Shutter::new(0.0, true, ROWS);
-        for _ in 0..60 {
-            let mut around = |size: f64| Vec3::from_fn(|_, _| rng.uniform(-size, size));
-            let moving = Moving { turning: around(0.6), velocity: around(1.0) };
-            // The pose found is not quite the true one, and corners are found to half a pixel.
-            let (off_m, off_rad) = (around(0.003), around(0.002));
-            let points = points(&mut rng);
-            let (mut frame, _) = seen(&camera, &points, &moving, readout_s);
-            for px in &mut frame.px {
-                px.iter_mut().for_each(|v| *v += rng.uniform(-0.5, 0.5) as f32);
-            }
-            let found = Se3::new(So3::exp(&off_rad), off_m);
-            let matched: Vec<Vec3> = in_camera(&found, points.iter().copied()).collect();
-            shutter.correct(&mut frame, &camera, &moving, matched.iter().copied());
-            let matches = matched.iter().enumerate().map(|(i, p)| (i, *p, 1.0));
-            shutter.learn(&frame, &camera, matches);
-        }
-        let [estimate, sigma] = shutter.readout_s();
-        println!("readout {readout_s} s, estimated {estimate:.5} +- {sigma:.5}");
-        assert!((estimate - readout_s).abs() < 1e-3 && sigma < 1e-3, "{estimate} {sigma}");
-    }
+    let points = points(&mut Random::new(3));
+    let (mut frame, ideal) = seen(&camera, &points, &walking(), -0.023);
+    let shutter = Shutter::new(None, SIZE);
+    let mut map = Atlas::new(Snapshot::new());
+    assert_eq!(shutter.readout(map.latest()).seconds, 0.0);
+    shutter.correct(&mut frame, &camera, 0.01, &walking(), points.iter().copied());
+    assert!(farthest(&frame, &ideal) > 2.0);
+    map.commit(vec![Change::Readout(Readout { seconds: -0.023, sigma_s: 1e-3 })]);
+    let readout_s = shutter.readout(map.latest()).seconds;
+    let later = |i: usize| frame.pixel_with(i, readout_s).map(|v| v as f32);
+    frame.px = (0..points.len()).map(later).map(|[u, v, _]| [u, v]).collect();
+    assert!(farthest(&frame, &ideal) < 0.05, "{}", farthest(&frame, &ideal));
+}
+
+/// A phone held upright: its camera, and what it sees, turned by a quarter.
+#[test]
+fn an_upright_image_is_read_along_its_width() {
+    let points = points(&mut Random::new(6));
+    let (mut frame, ideal) = seen(&mono(), &points, &walking(), 0.02);
+    let quarter = |v: Vec3| Vec3::new(-v.y, v.x, v.z);
+    let camera = mono();
+    let upright = RectifiedCamera {
+        fx: camera.fy,
+        fy: camera.fx,
+        cx: f64::from(SIZE[1] as u32) - 1.0 - camera.cy,
+        cy: camera.cx,
+        bounds: [0.0, 0.0, SIZE[1] as f64, SIZE[0] as f64],
+        ..camera
+    };
+    let turn = |p: [f32; 2]| [(SIZE[1] - 1) as f32 - p[1], p[0]];
+    frame.px = frame.px.iter().map(|p| turn(*p)).collect();
+    frame.raw = frame.px.clone();
+    let ideal: Vec<[f64; 2]> = ideal.iter().map(|p| [(SIZE[1] - 1) as f64 - p[1], p[0]]).collect();
+    let moving = Moving { turning: quarter(walking().turning), velocity: quarter(walking().velocity) };
+    assert!(farthest(&frame, &ideal) > 2.0);
+    // Its first column is the last row of the sensor.
+    let shutter = Shutter::new(None, [SIZE[1], SIZE[0]]);
+    shutter.correct(&mut frame, &upright, -0.02, &moving, points.iter().map(|p| quarter(*p)));
+    assert!(farthest(&frame, &ideal) < 0.05, "{}", farthest(&frame, &ideal));
 }
 
 #[test]
-fn global_shutter_is_left_alone_and_nothing_is_learnt_unasked() {
+fn global_shutter_is_left_alone_whatever_the_map_estimates() {
     let camera = mono();
     let points = points(&mut Random::new(4));
     let (mut frame, ideal) = seen(&camera, &points, &walking(), 0.0);
-    let mut shutter = Shutter::new(0.0, false, ROWS);
+    let shutter = Shutter::new(Some(0.0), SIZE);
     assert!(shutter.is_global());
-    shutter.correct(&mut frame, &camera, &walking(), points.iter().copied());
-    shutter.learn(&frame, &camera, points.iter().enumerate().map(|(i, p)| (i, *p, 1.0)));
+    let mut map = Atlas::new(Snapshot::new());
+    map.commit(vec![Change::Readout(Readout { seconds: 0.02, sigma_s: 1e-3 })]);
+    let readout = shutter.readout(map.latest());
+    assert_eq!(readout, Readout { seconds: 0.0, sigma_s: 0.0 });
+    shutter.correct(&mut frame, &camera, readout.seconds, &walking(), points.iter().copied());
     assert!(farthest(&frame, &ideal) < 1e-3);
-    assert_eq!(shutter.readout_s(), [0.0, 0.0]);
-    // Without motion or matches there is nothing to learn, and the uncertainty says so.
-    let mut unknown = Shutter::new(0.0, true, ROWS);
-    unknown.correct(&mut frame, &camera, &Moving::default(), points.iter().copied());
-    unknown.learn(&frame, &camera, points.iter().enumerate().map(|(i, p)| (i, *p, 1.0)));
-    assert_eq!(unknown.readout_s(), [0.0, 0.02]);
+    assert_eq!(frame.rolling, None);
 }
 
 /// Poses of a turn on the spot at a walker's pace, and the camera's motion at each.
@@ -165,7 +180,8 @@ fn stages(correct: bool) -> [f64; 4] {
         let here: Vec<Vec3> = in_camera(pose, points.iter().copied()).collect();
         let (mut frame, ideal) = seen(&camera, &here, moving, readout_s);
         if correct {
-            Shutter::new(readout_s, false, ROWS).correct(&mut frame, &camera, moving, here.into_iter());
+            let shutter = Shutter::new(Some(readout_s), SIZE);
+            shutter.correct(&mut frame, &camera, readout_s, moving, here.into_iter());
         }
         (frame, ideal)
     });

@@ -120,7 +120,18 @@ pub struct Frame {
     /// Depth along the camera's z axis in metres; NaN without a measurement or (stereo) where the point is too far
     /// away.
     pub depth: Vec<f32>,
+    /// How the pixels were corrected for a rolling shutter; `None` for a global one, and where that was not kept.
+    pub rolling: Option<Rolling>,
     grid: Grid,
+}
+
+/// How the pixels of a frame were corrected for a rolling shutter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rolling {
+    /// The readout time that they were corrected with, seconds.
+    pub readout_s: f64,
+    /// By how many pixels each feature moves for each second of readout.
+    pub slopes: Vec<[f32; 2]>,
 }
 
 /// Columns and rows of the lookup grid over the bounds of the rectified image.
@@ -146,6 +157,15 @@ impl Frame {
     /// True when the frame has no features.
     pub fn is_empty(&self) -> bool {
         self.px.is_empty()
+    }
+
+    /// The pixel of feature `i` had it been corrected with another readout time, and that in the right image.
+    pub fn pixel_with(&self, i: usize, readout_s: f64) -> [f64; 3] {
+        let [u, v] = self.px[i].map(f64::from);
+        let right = f64::from(self.right_x[i]);
+        let Some(rolling) = &self.rolling else { return [u, v, right] };
+        let [du, dv] = rolling.slopes[i].map(|s| f64::from(s) * (readout_s - rolling.readout_s));
+        [u + du, v + dv, right + du]
     }
 
     /// True when feature `i` has a measured depth.

@@ -19,7 +19,7 @@ mod triangulate;
 mod two_view;
 
 pub use depth::DepthConfig;
-pub use frame::{Descriptor, Frame, Octaves, RectifiedCamera};
+pub use frame::{Descriptor, Frame, Octaves, RectifiedCamera, Rolling};
 pub use front_end::{FrontEnd, FrontEndConfig, FrontEndError, SensorMode};
 pub use matching::{DescriptorQuery, match_descriptors};
 pub use orb::{

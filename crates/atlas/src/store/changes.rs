@@ -8,7 +8,9 @@
 use super::about::{numbers, pose};
 use super::error::StoreError;
 use super::wire::{Decoder, Encoder};
-use crate::{Change, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Published, Removed};
+use crate::{
+    Change, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Published, Readout, Removed,
+};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Bias;
 use cairn_sensor::Stamp;
@@ -89,6 +91,10 @@ fn encode_change(e: &mut Encoder, change: &Change) {
             e.u8(5);
             e.f64(*seconds);
         }
+        Change::Readout(readout) => {
+            e.u8(18);
+            e.f64s(&[readout.seconds, readout.sigma_s]);
+        }
         Change::AlignGravity(map, by) => {
             e.u8(6);
             e.u32(map.root().raw());
@@ -168,6 +174,7 @@ fn decode_change(d: &mut Decoder, camera: &RectifiedCamera, octaves: Octaves) ->
             parent: key_frame_id(d)?,
         },
         17 => Change::RemoveKeyFrame(key_frame_id(d)?),
+        18 => Change::Readout(Readout { seconds: d.f64()?, sigma_s: d.f64()? }),
         other => return Err(d.wrong(format!("a change of kind {other} is unknown"))),
     })
 }

@@ -2,7 +2,7 @@
 
 use cairn_atlas::store::{About, MapFile};
 use cairn_atlas::{
-    Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot,
+    Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Readout, Snapshot,
 };
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
@@ -100,6 +100,7 @@ pub fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change
             Some(InertialState { velocity: dice.vector(), bias, still_sigma: None, imu_factor: None });
     }
     let mut changes = vec![Change::AddKeyFrame(Box::new(key_frame)), Change::Calibrate(dice.real())];
+    changes.push(Change::Readout(Readout { seconds: 0.02 * dice.real(), sigma_s: 0.001 }));
     let next = snapshot.next_landmark_id().index();
     for i in 0..features / 3 {
         let id = LandmarkId::from_index(next + i).unwrap();

@@ -91,7 +91,7 @@ pub fn walk(seed: u64, noise: Noise, metres: f64, config: &Config) -> Result<(),
                 e.sigma[1],
                 e.rms_px,
                 e.converged,
-                1e3 * engine.readout_s()[0],
+                1e3 * engine.readout().seconds,
                 1e3 * map.imu_offset()
             ),
         }

@@ -221,7 +221,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         track_ms,
         step_ms,
         offset_s: connect::offset_s(&engine, options.sensor),
-        readout_s: engine.readout_s(),
+        readout_s: [engine.readout().seconds, engine.readout().sigma_s],
         stamps,
     })
 }

@@ -13,7 +13,8 @@ fn disturbed() -> (Bundle, Vec<Se3>) {
         freedom: vec![],
         points: vec![],
         observations: vec![],
-        right_offset: RightOffset::default(),
+        calibration_error: CalibrationError::default(),
+        slopes: Vec::new(),
     };
     let truth: Vec<Se3> = (0..6)
         .map(|i| {
@@ -60,10 +61,11 @@ fn disparity_prior_counts_and_information_is_the_curvature() {
         bundle.observations.iter_mut().for_each(|o| o.pixel[2] -= 0.3);
         // Two cameras a known distance apart determine scale, against which damping is small.
         (bundle.poses[5], bundle.freedom[5]) = (truth[5], Freedom::Fixed);
-        bundle.right_offset = RightOffset { value: before, prior: before, sigma, ..RightOffset::default() };
+        bundle.calibration_error =
+            CalibrationError { value: before, prior: before, sigma, ..CalibrationError::default() };
         bundle.solve(&config, || false);
         let cost = bundle.solve(&BundleConfig { iterations: 1, ..config }, || false).cost_after;
-        (bundle.right_offset.value, bundle.right_offset.information, cost)
+        (bundle.calibration_error.value, bundle.calibration_error.information, cost)
     };
     let (held, ..) = off(0.1, 1e-6);
     assert!((held - 0.1).abs() < 1e-3, "{held}");
@@ -83,11 +85,35 @@ fn disparity_error_is_estimated() {
         o.pixel[2] -= 0.3;
     }
     // Hardly a prior: the data alone decides.
-    bundle.right_offset.sigma = 1000.0;
+    bundle.calibration_error.sigma = 1000.0;
     let config = BundleConfig { iterations: 40, tolerance: 1e-14, ..BundleConfig::default() };
     let report = bundle.solve(&config, || false);
-    assert!((bundle.right_offset.value - 0.3).abs() < 1e-3, "{:?} {report:?}", bundle.right_offset);
+    assert!((bundle.calibration_error.value - 0.3).abs() < 1e-3, "{:?} {report:?}", bundle.calibration_error);
     assert!(bundle.poses.iter().zip(&truth).all(|(found, truth)| found.local(truth).norm() < 1e-3));
+}
+
+#[test]
+fn an_error_along_slopes_is_estimated() {
+    let (mut bundle, truth) = disturbed();
+    // Each camera moved differently while its rows were read.
+    let slope = |o: &Observation| {
+        let share = (o.pixel[1] / 480.0 - 0.5) as f32;
+        [share * 300.0 * (o.pose as f32).sin(), share * 200.0 * (1.7 * o.pose as f32).cos()]
+    };
+    bundle.slopes = bundle.observations.iter().map(slope).collect();
+    for (o, [x, y]) in bundle.observations.iter_mut().zip(&bundle.slopes) {
+        let off = [x, y, x].map(|s| 0.02 * f64::from(*s));
+        (0..3).for_each(|i| o.pixel[i] -= off[i]);
+    }
+    bundle.calibration_error.sigma = 1000.0;
+    let config = BundleConfig { iterations: 40, tolerance: 1e-14, ..BundleConfig::default() };
+    let report = bundle.solve(&config, || false);
+    let found = bundle.calibration_error.value;
+    assert!((found - 0.02).abs() < 1e-4, "{found} {report:?}");
+    assert!(bundle.poses.iter().zip(&truth).all(|(found, truth)| found.local(truth).norm() < 1e-3));
+    assert!((0..bundle.observations.len()).all(|k| bundle.chi2_of(k) < 1e-3));
+    let sigma = bundle.calibration_error.information.sqrt().recip();
+    assert!((1e-4..1e-2).contains(&sigma), "{sigma}");
 }
 
 #[test]
@@ -97,18 +123,18 @@ fn held_disparity_reports_its_pull_and_moves_nothing() {
         let (mut bundle, truth) = disturbed();
         bundle.observations.iter_mut().for_each(|o| o.pixel[2] -= 0.3);
         (bundle.poses[5], bundle.freedom[5]) = (truth[5], Freedom::Fixed);
-        (bundle.right_offset.sigma, bundle.right_offset.held) = (sigma, held);
+        (bundle.calibration_error.sigma, bundle.calibration_error.held) = (sigma, held);
         bundle.solve(&config, || false);
         // Once more from the solution: there the linear model gives the answer.
         bundle.solve(&config, || false);
         bundle
     };
     let (without, held, free) = (with(0.0, false), with(1e3, true), with(1e3, false));
-    assert_eq!(held.right_offset.value, 0.0);
+    assert_eq!(held.calibration_error.value, 0.0);
     assert!(held.poses.iter().zip(&without.poses).all(|(a, b)| a.local(b).norm() < 1e-9));
-    assert!((held.right_offset.pull - 0.3).abs() < 0.01, "{}", held.right_offset.pull);
-    assert!((held.right_offset.information / free.right_offset.information - 1.0).abs() < 0.1);
-    assert!(free.right_offset.pull.abs() < 1e-4, "{}", free.right_offset.pull);
+    assert!((held.calibration_error.pull - 0.3).abs() < 0.01, "{}", held.calibration_error.pull);
+    assert!((held.calibration_error.information / free.calibration_error.information - 1.0).abs() < 0.1);
+    assert!(free.calibration_error.pull.abs() < 1e-4, "{}", free.calibration_error.pull);
 }
 
 #[test]

@@ -55,7 +55,6 @@ impl Tracker {
         if self.contradicts_carried(&frame, snapshot, &found, prior.as_ref(), predicted.as_ref()) {
             return self.miss(frame, snapshot, inliers, predicted, idle);
         }
-        self.learn_readout(&frame, snapshot, &found.matches, &world_from_camera);
         let is_front_end = self.dense.as_ref().is_some_and(|dense| dense.is_front_end());
         let is_reckoned = reckoned.is_none_or(|r| r.agrees(&world_from_camera))
             && self.agrees_since_request(snapshot, &world_from_camera);

@@ -22,7 +22,7 @@ use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::shutter::{Moving, Shutter, in_camera};
 use crate::start::Starter;
 use crate::state::{AnchoredPose, KeyFrameRequest, Last, Tracked};
-use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_atlas::{KeyFrameId, Readout, Snapshot};
 use cairn_geometry::{Se3, So3};
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use cairn_settings::Settings;
@@ -57,7 +57,8 @@ pub struct TrackerConfig {
     /// row is first, 0 where all are exposed at once. Stamps are those of the middle row.
     #[setting(default = 0.0, range = -0.05..=0.05)]
     pub readout_s: f64,
-    /// True to estimate the time above from the images and the motion, beginning with the value given.
+    /// True to estimate the time above from the images and the motion, whatever is given; the rows of an upright image are
+    /// taken for the columns of the sensor.
     #[setting(default = false)]
     pub estimate_readout: bool,
     /// True to take the pose of each frame from its depth image (`--front-end dense`); features still find places again. Without
@@ -168,7 +169,7 @@ impl Tracker {
             dense: None,
             found: None,
             odometry: OdometryFilter::new(camera),
-            shutter: Shutter::new(config.readout_s, config.estimate_readout, rows_of(&camera)),
+            shutter: Shutter::new(given_s(&config), size_of(&camera)),
         }
     }
 
@@ -177,15 +178,16 @@ impl Tracker {
         Self { inertial: Some(InertialFilter::new(sensor, imu_from_camera, noise_times)), ..self }
     }
 
-    /// The rows of the raw image, for a rolling shutter; without them, they are taken from the bounds of the rectified one.
-    pub fn with_rows(self, rows: usize) -> Self {
-        let shutter = Shutter::new(self.config.readout_s, self.config.estimate_readout, rows);
+    /// Columns and rows of the raw image, for a rolling shutter; without them, they are taken from the bounds of the rectified
+    /// one.
+    pub fn with_size(self, size: [usize; 2]) -> Self {
+        let shutter = Shutter::new(given_s(&self.config), size);
         Self { shutter, ..self }
     }
 
-    /// The readout time of the camera's rows in seconds, and its standard deviation (zero where it is given).
-    pub fn readout_s(&self) -> [f64; 2] {
-        self.shutter.readout_s()
+    /// The readout time of the camera's rows (its standard deviation is zero where it is given).
+    pub fn readout(&self, snapshot: &Snapshot) -> Readout {
+        self.shutter.readout(snapshot)
     }
 
     /// Reports that mapping has created a map from the last request: the last frame is now key frame `id`.
@@ -318,19 +320,9 @@ impl Tracker {
         let seen = last.into_iter().flat_map(|l| l.landmarks.iter().flatten());
         let points = seen.filter_map(|id| snapshot.landmark(*id)).map(|l| l.position);
         let points = in_camera(&pose.unwrap_or_default(), points);
-        self.shutter.correct(Arc::make_mut(&mut frame), &self.camera, &moving, points);
+        let readout_s = self.shutter.readout(snapshot).seconds;
+        self.shutter.correct(Arc::make_mut(&mut frame), &self.camera, readout_s, &moving, points);
         frame
-    }
-
-    /// Learns the readout time from a pose that the camera alone gave.
-    fn learn_readout(&mut self, frame: &Frame, snapshot: &Snapshot, matches: &Matches, pose: &Se3) {
-        let camera_from_world = pose.inverse();
-        let octaves = snapshot.octaves();
-        let found = matches.landmarks.iter().enumerate().filter_map(|(i, id)| {
-            let p = camera_from_world * snapshot.landmark((*id)?)?.position;
-            Some((i, p, octaves.scale(frame.octave[i])))
-        });
-        self.shutter.learn(frame, &self.camera, found);
     }
 
     /// Finds the pose of a frame: by the motion model, by the reference key frame, or by relocalisation.
@@ -445,7 +437,12 @@ impl Tracker {
     }
 }
 
-/// Rows of the image, by the bounds of its rectified pixels.
-fn rows_of(camera: &RectifiedCamera) -> usize {
-    (camera.bounds[3] - camera.bounds[1]).round().max(1.0) as usize
+/// The readout time that is given; `None` where it is to be estimated.
+fn given_s(config: &TrackerConfig) -> Option<f64> {
+    (!config.estimate_readout).then_some(config.readout_s)
+}
+
+/// Columns and rows of the image, by the bounds of its rectified pixels.
+fn size_of(camera: &RectifiedCamera) -> [usize; 2] {
+    [0, 1].map(|i| (camera.bounds[i + 2] - camera.bounds[i]).round().max(1.0) as usize)
 }
