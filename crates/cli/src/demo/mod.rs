@@ -68,6 +68,10 @@ pub struct Arguments {
     /// global shutter.
     #[arg(long, value_name = "MS", requires = "phone", value_parser = readout)]
     readout: Option<f64>,
+    /// With --phone: the phone is held upright, so that its pictures are higher than wide and the rows of its sensor are their
+    /// columns.
+    #[arg(long, requires = "phone")]
+    upright: bool,
     /// Puts N things into the walker's way after the route was recorded (boxes on the floor, boxes at head height, a barrier
     /// that is taken away later); needs depth. The walker's cane does not feel them.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=20))]
@@ -142,6 +146,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         let options = phone::Options {
             known_lens: arguments.known_lens,
             readout_s: arguments.readout.map(|ms| 1e-3 * ms),
+            upright: arguments.upright,
             overwrite: arguments.overwrite,
         };
         return phone::run(all.map(config), options, &arguments.out, output);

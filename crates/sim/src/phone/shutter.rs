@@ -2,7 +2,7 @@
 //!
 //! The picture is drawn in bands of rows, each with the pose at its own time and with a pinhole camera that sees all that
 //! the band's pixels see; then each pixel is fetched from its band along its ray (bilinear). What moves within a band's
-//! time, a fraction of a millisecond, is not seen.
+//! time, a fraction of a millisecond, is not seen. Sensors have long rows: those of an upright picture are its columns.
 
 use crate::effects::{Effects, Sensor};
 use crate::render::Renderer;
@@ -18,9 +18,9 @@ const MARGIN: f64 = 3.0;
 
 struct Band {
     renderer: Renderer,
-    /// The first row, and the number of rows.
-    rows: [usize; 2],
-    /// For each pixel of its rows the place in the drawn image.
+    /// The first pixel along each axis of the picture, and their number.
+    pixels: [[usize; 2]; 2],
+    /// For each of its pixels the place in the drawn image.
     from: Vec<[f32; 2]>,
 }
 
@@ -29,6 +29,8 @@ pub struct RollingCamera {
     bands: Vec<Band>,
     sensor: Sensor,
     size: [usize; 2],
+    /// The axis of the picture along which the rows follow each other.
+    along: usize,
     readout_s: f64,
     sharp: Vec<u16>,
 }
@@ -46,20 +48,27 @@ impl RollingCamera {
         seed: u64,
     ) -> Result<Self, RigError> {
         camera.validate()?;
-        let starts = (0..camera.height).step_by(ROWS);
-        let bands = starts
-            .map(|y| Band::new(world, camera, [y, ROWS.min(camera.height - y)]))
-            .collect::<Result<_, _>>()?;
+        let size = [camera.width, camera.height];
+        let along = usize::from(camera.height <= camera.width);
+        let band = |first: usize| {
+            let mut pixels = size.map(|count| [0, count]);
+            pixels[along] = [first, ROWS.min(size[along] - first)];
+            Band::new(world, camera, pixels)
+        };
+        let bands = (0..size[along]).step_by(ROWS).map(band).collect::<Result<_, _>>()?;
         let sensor = Sensor::new(camera, effects, seed, 0);
         let sharp = vec![0; camera.width * camera.height];
-        Ok(Self { bands, sensor, size: [camera.width, camera.height], readout_s, sharp })
+        Ok(Self { bands, sensor, size, along, readout_s, sharp })
     }
 
     /// Times of the bands in seconds from the exposure of the middle row, one for each pose that
     /// [`RollingCamera::picture`] takes.
     pub fn times(&self) -> Vec<f64> {
-        let height = self.size[1] as f64;
-        let middle = |b: &Band| (b.rows[0] as f64 + 0.5 * b.rows[1] as f64) / height - 0.5;
+        let rows = self.size[self.along] as f64;
+        let middle = |b: &Band| {
+            let [first, count] = b.pixels[self.along].map(|n| n as f64);
+            (first + 0.5 * count) / rows - 0.5
+        };
         self.bands.iter().map(|b| self.readout_s * middle(b)).collect()
     }
 
@@ -70,9 +79,12 @@ impl RollingCamera {
         for (band, pose) in self.bands.iter_mut().zip(world_from_camera) {
             let w = band.renderer.camera().width;
             let drawn = band.renderer.draw(pose, &[], &[]);
-            let rows = &mut self.sharp[band.rows[0] * width..(band.rows[0] + band.rows[1]) * width];
-            for (out, [x, y]) in rows.iter_mut().zip(&band.from) {
-                *out = bilinear(drawn, w, *x, *y);
+            let [[x0, columns], [y0, _]] = band.pixels;
+            for (k, row) in band.from.chunks(columns).enumerate() {
+                let out = &mut self.sharp[(y0 + k) * width + x0..][..columns];
+                for (out, [x, y]) in out.iter_mut().zip(row) {
+                    *out = bilinear(drawn, w, *x, *y);
+                }
             }
         }
         let gain = self.sensor.gain(at_s);
@@ -85,11 +97,12 @@ impl RollingCamera {
 }
 
 impl Band {
-    fn new(world: &Arc<World>, camera: &Camera, rows: [usize; 2]) -> Result<Self, RigError> {
-        let mut from = Vec::with_capacity(camera.width * rows[1]);
+    fn new(world: &Arc<World>, camera: &Camera, pixels: [[usize; 2]; 2]) -> Result<Self, RigError> {
+        let [[x0, columns], [y0, rows]] = pixels;
+        let mut from = Vec::with_capacity(columns * rows);
         let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);
-        for y in rows[0]..rows[0] + rows[1] {
-            for x in 0..camera.width {
+        for y in y0..y0 + rows {
+            for x in x0..x0 + columns {
                 let ray = camera.unproject(&Vec2::new(x as f64, y as f64)).filter(|r| r.z > 0.05);
                 let ray = ray.ok_or_else(|| RigError(format!("pixel {x}, {y} has no ray ahead")))?;
                 let p = [camera.fx * ray.x / ray.z, camera.fy * ray.y / ray.z];
@@ -105,7 +118,7 @@ impl Band {
         let pinhole = Camera::pinhole(w, h, camera.fx, camera.fy, -origin[0], -origin[1]);
         let renderer = Renderer::off_centre(world, pinhole)?;
         let from = from.iter().map(|p| [(p[0] - origin[0]) as f32, (p[1] - origin[1]) as f32]).collect();
-        Ok(Self { renderer, rows, from })
+        Ok(Self { renderer, pixels, from })
     }
 }
 
@@ -176,5 +189,23 @@ mod tests {
         }
         let global = rolling.picture(0.0, &[poses[1]; 3]);
         assert_ne!(picture.data()[..96 * ROWS], global.data()[..96 * ROWS]);
+    }
+
+    #[test]
+    fn an_upright_picture_is_read_column_by_column() {
+        let world = world();
+        let camera = Camera::pinhole(72, 96, 70.0, 70.0, 35.5, 47.5);
+        let mut rolling = RollingCamera::new(&world, &camera, 0.02, Effects::none(), 1).unwrap();
+        let times = rolling.times();
+        assert!(times.len() == 3 && times[0] < 0.0 && times[2] > 0.0);
+        let poses: Vec<Se3> = times.iter().map(|t| pose(&world, 5.0 * t)).collect();
+        let picture = rolling.picture(0.0, &poses);
+        let column = |image: &GrayImage, x: usize| (0..96).map(|y| image.row(y)[x]).collect::<Vec<u8>>();
+        for (k, of_band) in poses.iter().enumerate() {
+            let still = rolling.picture(0.0, &[*of_band; 3]);
+            for x in ROWS * k..ROWS * (k + 1) {
+                assert_eq!(column(&picture, x), column(&still, x), "column {x}");
+            }
+        }
     }
 }

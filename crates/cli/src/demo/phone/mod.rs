@@ -23,7 +23,7 @@ use walked::{Live, Walked};
 const ARRIVAL_M: f64 = 1.0;
 /// Farther than this from the path walked out, words have misled, metres.
 const MISLED_M: f64 = 2.0;
-/// Width and height of the pictures that the page asks the camera for.
+/// Longer and shorter side of the pictures that the page asks the camera for.
 const SIZE: [usize; 2] = [640, 480];
 
 /// What differs from the phone as it is, to see what that matters.
@@ -33,6 +33,8 @@ pub struct Options {
     pub known_lens: bool,
     /// Seconds of the readout, instead of the phone's own.
     pub readout_s: Option<f64>,
+    /// The phone is held upright.
+    pub upright: bool,
     /// Replaces the files of an earlier demo.
     pub overwrite: bool,
 }
@@ -136,7 +138,9 @@ fn once(config: &DemoConfig, options: Options, out: &Path) -> Result<Figures, Fa
         std::fs::remove_dir_all(&folder).map_err(system)?;
     }
     std::fs::create_dir_all(&folder).map_err(system)?;
-    let own = PhoneTraits::new(config.seed, SIZE[0], SIZE[1]);
+    let [long, short] = SIZE;
+    let [width, height] = if options.upright { [short, long] } else { [long, short] };
+    let own = PhoneTraits::new(config.seed, width, height);
     let traits = PhoneTraits { readout_s: options.readout_s.unwrap_or(own.readout_s), ..own };
     let cpu = process::cpu_s();
     let walked = walk(config, &traits, options.known_lens, &folder).map_err(failed)?;

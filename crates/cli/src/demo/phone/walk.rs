@@ -9,7 +9,7 @@ use super::pace::LEVELS;
 use super::page::{Page, PageClock};
 use super::picture::{encoded, smaller};
 use super::walked::{Live, Spoken, Walked};
-use cairn_geometry::{Se3, Vec3};
+use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_guide::Facing;
 use cairn_random::Random;
 use cairn_sensor::{Rig, Stamp};
@@ -44,8 +44,8 @@ const STANDING_S: f64 = 2.0;
 /// ... or because the guide gives no directions any more.
 const STOPPED_S: f64 = 30.0;
 
-/// Walks out and home. Where the server does not know the lens, the walker first goes along the way until he hears that it does,
-/// puts the phone away, and begins the walk at its start.
+/// Walks out and home. Where the server does not know the lens, the walker first goes along the way and back until he hears that
+/// it does, puts the phone away, and begins the walk at its start.
 ///
 /// # Errors
 /// When the server does not start or answer, or the connection breaks.
@@ -61,6 +61,9 @@ pub fn walk(
         let mut lens = None;
         if !known_lens {
             let mut phone = Phone::new(config, traits, page(config, &server, 0).await?)?;
+            let back = phone.result.corners.iter().rev().skip(1);
+            let there_and_back: Vec<Vec2> = phone.result.corners.iter().chain(back).copied().collect();
+            phone.out = config.sim.walker.motion(&there_and_back);
             phone.begin().await?;
             let begin = phone.page.clock.seconds();
             while phone.page.lens.is_none() && phone.page.clock.seconds() - begin < MEET_S {
