@@ -3,6 +3,7 @@
 mod camera;
 mod imu;
 mod locate;
+mod motion;
 mod parallax;
 mod recognise;
 mod subproblem;
@@ -11,6 +12,7 @@ mod window;
 pub use camera::{depth, pinhole, pixel, weight};
 pub use imu::ImuModel;
 pub use locate::{Located, locate};
+pub use motion::{MotionLinks, MotionSince};
 pub use parallax::has_parallax;
 pub use recognise::{MatchFailure, RecogniseConfig, Recognised, View, recognise};
 pub use window::{Window, WindowConfig, WindowResult};

@@ -2,13 +2,14 @@
 //! factors in a gravity-aligned map.
 
 use crate::imu::{self, ImuModel};
+use crate::motion::{MotionFactors, MotionLinks};
 use crate::pinhole;
 use crate::subproblem::Subproblem;
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, MapId, Readout, Snapshot};
 use cairn_geometry::Vec3;
 use cairn_inertial::{ImuFactors, MotionFreedom};
 use cairn_settings::Settings;
-use cairn_solve::{Bundle, BundleConfig, CalibrationError, Freedom, NoFactors, Report};
+use cairn_solve::{Bundle, BundleConfig, CalibrationError, Factors, Freedom, Report};
 use cairn_vision::RectifiedCamera;
 use std::mem::take;
 
@@ -48,6 +49,7 @@ pub struct Window {
     subproblem: Subproblem,
     bundle: Bundle,
     imu: Option<ImuFactors>,
+    motion: MotionFactors,
     /// The readout time of the rows as the map has it.
     readout: Readout,
 }
@@ -76,17 +78,28 @@ impl Window {
         centre: KeyFrameId,
         config: &WindowConfig,
     ) -> Option<Self> {
+        Self::linked_around(snapshot, camera, centre, config, &MotionLinks::default())
+    }
+
+    /// As [`Window::around`], with the motions that other sensors measured between key frames.
+    pub fn linked_around(
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        centre: KeyFrameId,
+        config: &WindowConfig,
+        links: &MotionLinks,
+    ) -> Option<Self> {
         let covisible = snapshot.key_frame(centre)?.covisible.iter().map(|(id, _)| *id);
         let mut moving = vec![centre];
         moving.extend(covisible.take(config.key_frames.saturating_sub(1)));
         let subproblem = Subproblem::of(snapshot, &moving, config.anchors);
-        Some(Self::visual(snapshot, camera, subproblem))
+        Some(Self::visual(snapshot, camera, subproblem, links))
     }
 
     /// The window in which every key frame of a map moves but its root.
     pub fn whole(snapshot: &Snapshot, camera: &RectifiedCamera, map: MapId) -> Self {
         let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
-        Self::visual(snapshot, camera, Subproblem::of(snapshot, &all, 0))
+        Self::visual(snapshot, camera, Subproblem::of(snapshot, &all, 0), &MotionLinks::default())
     }
 
     /// The window with IMU factors around a key frame of a gravity-aligned map: the last `chain` key frames up to it, one
@@ -156,7 +169,13 @@ impl Window {
     }
 
     /// The root of the map stays, or else, where no key frame would be fixed, the oldest one: something must fix the gauge.
-    fn visual(snapshot: &Snapshot, camera: &RectifiedCamera, mut subproblem: Subproblem) -> Self {
+    fn visual(
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        mut subproblem: Subproblem,
+        links: &MotionLinks,
+    ) -> Self {
+        let mut motion = links.factors(snapshot, &mut subproblem);
         let key_frames = &subproblem.key_frames;
         let root = key_frames.first().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map.root());
         let stays = |i: usize| i >= subproblem.moving || Some(key_frames[i]) == root;
@@ -167,8 +186,9 @@ impl Window {
         {
             freedom[oldest] = Freedom::Fixed;
         }
+        motion.keep_free(&freedom);
         let bundle = bundle(snapshot, camera, &mut subproblem, freedom);
-        Self { subproblem, bundle, imu: None, readout: snapshot.readout() }
+        Self { subproblem, bundle, imu: None, motion, readout: snapshot.readout() }
     }
 
     fn inertial(
@@ -186,7 +206,8 @@ impl Window {
             subproblem.key_frames.iter().enumerate().map(of).unzip();
         let imu = imu::factors(snapshot, model, &subproblem, &poses, &motions);
         let bundle = bundle(snapshot, camera, &mut subproblem, poses);
-        Self { subproblem, bundle, imu: Some(imu), readout: snapshot.readout() }
+        let motion = MotionFactors::default();
+        Self { subproblem, bundle, imu: Some(imu), motion, readout: snapshot.readout() }
     }
 
     /// Solves the window: robustly, then without the outliers. `stop` is asked before each step.
@@ -202,17 +223,20 @@ impl Window {
             let sigma = self.readout.sigma_s.hypot(READOUT_WALK_S);
             self.bundle.calibration_error = CalibrationError { sigma, ..CalibrationError::default() };
         }
-        let [before, after] = config.iterations;
-        let mut report = self.minimise(config, before, &mut stop);
-        if after > 0 && !stop() {
-            self.leave_out_outliers();
-            let first = report.cost_before;
-            report = self.minimise(config, after, &mut stop);
-            report.cost_before = first;
+        let before = (!self.motion.is_empty()).then(|| self.bundle.clone());
+        let mut report = self.adjust(config, &mut stop);
+        // Observations of something that moves outvoted the measured motion: the poses were right, and landmarks follow.
+        if let Some(before) = before
+            && self.motion.newly_contradicted(&before.poses, &self.bundle.poses)
+        {
+            self.bundle = before;
+            self.bundle.freedom.fill(Freedom::Fixed);
+            self.motion = MotionFactors::default();
+            report = self.adjust(config, &mut stop);
         }
-        let cost = match self.imu {
-            Some(_) => self.bundle.observation_cost(true),
-            None => report.cost_after,
+        let cost = match self.imu.is_none() && self.motion.is_empty() {
+            true => report.cost_after,
+            false => self.bundle.observation_cost(true),
         };
         self.leave_out_outliers();
         let is_stereo = self.bundle.slopes.is_empty();
@@ -226,6 +250,19 @@ impl Window {
         }
     }
 
+    /// Robustly, then without the outliers.
+    fn adjust(&mut self, config: &WindowConfig, stop: &mut impl FnMut() -> bool) -> Report {
+        let [before, after] = config.iterations;
+        let mut report = self.minimise(config, before, stop);
+        if after > 0 && !stop() {
+            self.leave_out_outliers();
+            let first = report.cost_before;
+            report = self.minimise(config, after, stop);
+            report.cost_before = first;
+        }
+        report
+    }
+
     fn minimise(
         &mut self,
         config: &WindowConfig,
@@ -237,7 +274,7 @@ impl Window {
         let config = BundleConfig { iterations, robust: true, tolerance: config.tolerance, first_damping };
         match &mut self.imu {
             Some(imu) => self.bundle.solve_with(imu, &config, stop),
-            None => self.bundle.solve_with(&mut NoFactors, &config, stop),
+            None => self.bundle.solve_with(&mut self.motion, &config, stop),
         }
     }
 

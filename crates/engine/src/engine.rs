@@ -88,7 +88,8 @@ impl Engine {
         }
         mapper.window.hold_poses |= config.tracker.dense && mode == SensorMode::Rgbd;
         let closer = Closer::new(model, config.closer, mapper.window);
-        let (mut tracker, mut mapper, mut closer) = (tracker, Mapper::new(model, mapper), closer);
+        let (mut tracker, mut mapper) = (tracker, Mapper::new(model, mapper));
+        let mut closer = closer.with_motion_links(mapper.motion_links());
         let imu = rig.imu.as_ref().filter(|_| config.inertial.enabled);
         let status_tracker =
             StatusTracker::new(model.has_depth(), imu.map(|imu| 1.0 / imu.rate_hz), &snapshot);

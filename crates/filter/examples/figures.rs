@@ -376,7 +376,35 @@ fn consistency(runs: u64) -> Vec<String> {
             nis / dof.max(1.0)
         ));
     }
+    lines.push(String::new());
+    lines.push(nis_by_noise(runs.min(10)));
     lines
+}
+
+/// What linearising at the first estimates costs is of second order in the noise: with half of it, a quarter.
+fn nis_by_noise(runs: u64) -> String {
+    let config = EkfConfig {
+        linearisation: Linearisation::First,
+        gate_probability: 1.0,
+        local_radius_m: Some(20.0),
+        ..EkfConfig::default()
+    };
+    let parts: Vec<String> = [1.0, 0.5, 0.25]
+        .iter()
+        .map(|factor| {
+            let mut world = World::default();
+            world.range_m *= factor;
+            world.bearing_rad *= factor;
+            world.velocity.speed *= factor;
+            world.velocity.turn *= factor;
+            let [nis, dof] = (0..runs)
+                .map(|seed| errors(&world, seed, config).1)
+                .fold([0.0; 2], |sum, n| [sum[0] + n[0], sum[1] + n[1]]);
+            let (low, high) = chi2::mean_bounds(0.95, 1, dof as usize);
+            format!("{factor}: {:.4} (band {low:.4} to {high:.4})", nis / dof.max(1.0))
+        })
+        .collect();
+    format!("NIS a degree of freedom of first estimates, {runs} runs, all noises times {}.", parts.join("; "))
 }
 
 /// CPU time of this thread in milliseconds; wall-clock time where the system does not report it (Linux does).

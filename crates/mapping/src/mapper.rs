@@ -9,13 +9,13 @@ use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
 use crate::rotation_only::landmarks_by_rotation;
 use crate::scale_check::ScaleCheck;
 use crate::triangulation::create_landmarks;
-use cairn_adjust::{Window, WindowConfig};
+use cairn_adjust::{MotionLinks, MotionSince, Window, WindowConfig};
 use cairn_atlas::{
     Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot,
 };
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Attempt;
-use cairn_sensor::ImuSensor;
+use cairn_sensor::{ImuSensor, Stamp};
 use cairn_settings::Settings;
 use cairn_solve::Report;
 use cairn_vision::{Frame, RectifiedCamera};
@@ -96,6 +96,8 @@ pub struct KeyFrameInput<'a> {
     /// The factor by which the lengths of its map are multiplied first, and the standard deviation of the logarithm
     /// of the map's scale against the previous map after that.
     pub rescale: Option<(f64, f64)>,
+    /// What other sensors measured of the camera's motion since the key frame asked for before.
+    pub motion: Option<&'a MotionSince>,
 }
 
 /// The result of one mapping step.
@@ -122,18 +124,34 @@ pub struct Mapper {
     inertial: Option<Inertial>,
     /// The disparity error of a stereo rig, where it is estimated.
     disparity: Option<DisparityError>,
+    /// The key frame that was added last, with its time, and motions measured from one to the next.
+    last: Option<(KeyFrameId, Stamp)>,
+    links: MotionLinks,
 }
 
 impl Mapper {
     /// A mapper for a camera.
     pub fn new(camera: RectifiedCamera, config: MapperConfig) -> Self {
         let disparity = DisparityError::within(config.window.right_offset_sigma);
-        Self { camera, config, recent_landmarks: RecentLandmarks::default(), inertial: None, disparity }
+        Self {
+            camera,
+            config,
+            recent_landmarks: RecentLandmarks::default(),
+            inertial: None,
+            disparity,
+            last: None,
+            links: MotionLinks::default(),
+        }
     }
 
     /// Adds an IMU; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
         Self { inertial: Some(Inertial::new(sensor, imu_from_camera, config)), ..self }
+    }
+
+    /// The motions that other sensors measured between its key frames.
+    pub fn motion_links(&self) -> MotionLinks {
+        self.links.clone()
     }
 
     /// Takes the landmarks that tracking expected in a frame, and whether each was found: this decides which
@@ -156,6 +174,7 @@ impl Mapper {
         changes.extend(start.gravity_aligned.then(|| Change::AlignGravity(MapId(id), Sim3::identity())));
         changes.extend(points_from_depth(snapshot, &self.camera, &entry, frame.len(), &mut new_landmarks));
         atlas.commit(changes);
+        self.last = Some((id, frame.stamp));
         id
     }
 
@@ -253,6 +272,12 @@ impl Mapper {
             changes.extend(points_from_depth(&snapshot, &self.camera, &entry, least, &mut new_landmarks));
         }
         atlas.commit(changes);
+        if let (Some(motion), Some((last, stamp))) = (input.motion, self.last)
+            && motion.stamp == stamp
+        {
+            self.links.insert(last, id, *motion);
+        }
+        self.last = Some((id, frame.stamp));
         atlas.commit(self.recent_landmarks.cull(atlas.latest(), id, depth));
         self.recent_landmarks.admit(&new_landmarks.ids, id);
         let mut created = new_landmarks.ids.len();
@@ -306,7 +331,7 @@ impl Mapper {
             let result = match imu {
                 Some(window) => window.solve(config, &mut stop),
                 None => {
-                    let window = Window::around(snapshot, &self.camera, id, config)?;
+                    let window = Window::linked_around(snapshot, &self.camera, id, config, &self.links)?;
                     window.solve(config, &mut stop)
                 }
             };

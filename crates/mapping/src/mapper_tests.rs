@@ -26,6 +26,7 @@ fn submit(
         imu: None,
         orientation_only: false,
         rescale: None,
+        motion: None,
     };
     change(&mut submitted);
     mapper.step(atlas, &submitted, || false).expect("a key frame")
@@ -246,6 +247,7 @@ fn a_step_fuses_the_landmarks_of_two_visits_that_its_key_frame_shows() {
         imu: None,
         orientation_only: false,
         rescale: None,
+        motion: None,
     };
     let mut mapper = Mapper::new(world.camera, MapperConfig::default());
     let mapped = mapper.step(&mut atlas, &input, || false).expect("a key frame");

@@ -3,7 +3,9 @@
 //! gate: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4);
 //! and where too little is seen, it is the pose, until its standard deviation is too great ([`crate::State::Coasting`]).
 
+use cairn_adjust::MotionSince;
 use cairn_geometry::{Manifold, Se3};
+use cairn_sensor::Stamp;
 use cairn_solve::PosePrior;
 use nalgebra::{Matrix6, Vector6};
 
@@ -40,6 +42,8 @@ pub(crate) struct DeadReckoning {
     step_variance: [f64; 2],
     /// Variances since the pose was last tracked, m^2 and rad^2.
     variance: [f64; 2],
+    /// All of it since a key frame was asked for; `None` where a part was not measured.
+    since_key_frame: Option<MotionSince>,
 }
 
 impl DeadReckoning {
@@ -63,6 +67,8 @@ impl DeadReckoning {
             self.step_variance = [m.sigma_m.powi(2), m.sigma_rad.powi(2)];
             (0..2).for_each(|i| self.variance[i] += self.step_variance[i]);
         }
+        self.since_key_frame = (self.since_key_frame.zip(motion))
+            .map(|(since, m)| since.then(&m.last_from_now, [m.sigma_m.powi(2), m.sigma_rad.powi(2)]));
     }
 
     /// The pose of the last frame is kept: motions count from there on. It was tracked, or only carried there.
@@ -71,6 +77,16 @@ impl DeadReckoning {
         if is_tracked {
             self.variance = [0.0; 2];
         }
+    }
+
+    /// A key frame is asked for with the frame of this time. Returns the motion since the one before it.
+    pub fn restart_at_key_frame(&mut self, stamp: Stamp) -> Option<MotionSince> {
+        self.since_key_frame.replace(MotionSince::none(stamp))
+    }
+
+    /// The camera's motion since a key frame was asked for.
+    pub fn since_key_frame(&self) -> Option<MotionSince> {
+        self.since_key_frame
     }
 
     /// The camera's motion since the frame before.

@@ -101,6 +101,30 @@ fn a_pose_that_the_wheels_cannot_have_reached_is_not_taken() {
     assert!(far(&tracked, &jump) < 2e-3);
 }
 
+/// What is seen turns by 0.03 rad a frame while the wheels stand still, as someone does who fills the view and walks by: too little for a
+/// frame by itself, but not for all since the last key frame.
+#[test]
+fn tracking_does_not_creep_away_from_the_wheels() {
+    for (sigma, is_held) in [(0.001, true), (0.05, false)] {
+        let mut walk = Walk::new(64);
+        // The first key frame that is asked for begins the motion that is counted.
+        let (mut asked, mut turned) = (false, 0.0);
+        while !asked {
+            turned += 0.03;
+            assert!(turned < 1.0);
+            asked = walk.measured(pose(1.0, 0.0, turned), 0.001, false).request.is_some();
+        }
+        let stands = walk.truth;
+        let mut farthest = 0.0;
+        for k in 1..=8 {
+            let seen = pose(1.0, 0.0, turned - 0.03 * f64::from(k));
+            let tracked = walk.go(seen, Some(Se3::identity()), sigma, false);
+            farthest = f64::max(farthest, far(&tracked, &stands));
+        }
+        assert_eq!(farthest < 0.1, is_held, "{sigma}: {farthest} off");
+    }
+}
+
 #[test]
 fn wheels_that_are_no_longer_certain_carry_nothing_and_any_place_may_be_found() {
     let mut walk = Walk::new(63);

@@ -1,5 +1,6 @@
 //! The result of tracking one frame, and what is kept of it.
 
+use cairn_adjust::MotionSince;
 use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Stamp;
@@ -139,6 +140,8 @@ pub enum KeyFrameRequest {
         /// The factor by which the map's lengths are to be multiplied first, and the standard deviation of the
         /// logarithm of its scale against the previous map after that.
         rescale: Option<(f64, f64)>,
+        /// What other sensors measured of the camera's motion since the frame of the request before.
+        motion: Option<MotionSince>,
     },
 }
 

@@ -70,7 +70,8 @@ mod tests {
         for message in messages {
             let bytes = postcard::to_stdvec(&message).expect("bytes");
             assert!(bytes.len() < 4 << 20, "{} bytes", bytes.len());
-            let part = postcard::from_bytes::<Shown>(&bytes).expect("a message").into_change().expect("poses");
+            let part =
+                postcard::from_bytes::<Shown>(&bytes).expect("a message").into_change().expect("poses");
             back.submaps = part.submaps;
             back.blocks.extend(part.blocks);
         }

@@ -92,7 +92,8 @@ impl Walk {
     }
 
     fn map(&mut self, request: Option<KeyFrameRequest>, times: &mut Times) -> Option<KeyFrameId> {
-        let KeyFrameRequest::Next { frame, landmarks, anchored, orientation_only, rescale, .. } = request?
+        let KeyFrameRequest::Next { frame, landmarks, anchored, orientation_only, rescale, motion, .. } =
+            request?
         else {
             return None;
         };
@@ -104,6 +105,7 @@ impl Walk {
             imu: None,
             orientation_only,
             rescale,
+            motion: motion.as_ref(),
         };
         let start = Instant::now();
         let mapped = self.mapper.step(&mut self.atlas, &input, || false)?;

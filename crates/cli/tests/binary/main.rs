@@ -5,6 +5,7 @@ mod bench;
 mod config;
 mod demo;
 mod doctor;
+mod ekf;
 mod elsewhere;
 mod ends;
 mod eval;

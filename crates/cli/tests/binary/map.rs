@@ -425,6 +425,17 @@ fn depth_of_merged_maps_is_one_surface() {
     assert_eq!(all.0, one.0 + two.0);
     let share = all.1 / one.1.max(two.1);
     assert!((0.85..1.25).contains(&share), "doubled or lost: {} of {} and {} vertices", all.1, one.1, two.1);
+    // So is the ground: what one walk saw is there, and walls are not twice as thick.
+    let ground = |map: &str| {
+        let yaml = path("ground.yaml");
+        json(&cairn(&["map", "export", map, "--grid", &yaml, "--overwrite", "--json"]));
+        let (grid, _) = cairn_plan::map_server::load(Path::new(&yaml)).unwrap();
+        [0, 100].map(|value| grid.values().iter().filter(|v| **v == value).count())
+    };
+    let ([free_a, walls_a], [free_b, walls_b], [free, walls]) = (ground(&a), ground(&b), ground(&both));
+    println!("free {free_a}, {free_b}, both {free}; occupied {walls_a}, {walls_b}, both {walls}");
+    assert!(20 * free > 19 * free_a.max(free_b), "{free} free of {free_a} and {free_b}");
+    assert!(10 * walls < 14 * walls_a.max(walls_b), "{walls} occupied of {walls_a} and {walls_b}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

@@ -1,6 +1,7 @@
 //! `cairn plan`.
 
 use crate::{cairn, fails, folder, json, stdout};
+use std::path::Path;
 
 /// A room of 4 m x 3 m in cells of 0.1 m with a wall that leaves 1 m free, and the upper right corner unknown.
 fn room(name: &str) -> String {
@@ -75,6 +76,14 @@ fn no_path_says_why() {
         let from = if more.contains(&"--from") { &from[..2] } else { &from[..] };
         fails(&[from, &["--to", to], more].concat(), words);
     }
+    // A map of which nothing is known yet.
+    let empty = room("plan-empty");
+    std::fs::write(
+        Path::new(&empty).with_file_name("room.pgm"),
+        [b"P5\n40 30\n255\n", &[205u8; 1200][..]].concat(),
+    )
+    .unwrap();
+    fails(&["plan", &empty, "--from", "0,0", "--to", "1,1"], &["free"]);
     fails(&["plan", "/nowhere/map.yaml", "--from", "0,0", "--to", "1,1"], &["nowhere"]);
     assert_eq!(cairn(&["plan", &map, "--from", "1", "--to", "2,2"]).status.code(), Some(2));
 }

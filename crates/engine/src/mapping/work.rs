@@ -21,7 +21,7 @@ pub(super) fn take(
             let map_start = map_start(relocation_prior, imu, false);
             mapper.start_pair(atlas, first, second, *first_from_second, points, &map_start)
         }
-        KeyFrameRequest::Next { frame, landmarks, anchored, imu, orientation_only, rescale } => {
+        KeyFrameRequest::Next { frame, landmarks, anchored, imu, orientation_only, rescale, motion } => {
             let AnchoredPose { reference, reference_from_camera, .. } = *anchored;
             let imu = imu.as_ref();
             let (orientation_only, rescale) = (*orientation_only, *rescale);
@@ -33,6 +33,7 @@ pub(super) fn take(
                 imu,
                 orientation_only,
                 rescale,
+                motion: motion.as_ref(),
             };
             let mapped = mapper.step(atlas, &submitted, stop);
             return mapped.map_or(Taken::default(), |m| Taken {

@@ -15,7 +15,8 @@ mod tests;
 use crate::inertial::InertialConfig;
 use crate::triangulation::median_depth;
 use cairn_adjust::{
-    ImuModel, MatchFailure, RecogniseConfig, Recognised, View, Window, WindowConfig, has_parallax, recognise,
+    ImuModel, MatchFailure, MotionLinks, RecogniseConfig, Recognised, View, Window, WindowConfig,
+    has_parallax, recognise,
 };
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3, YawPose};
@@ -89,6 +90,13 @@ pub enum Refusal {
         /// The plausible drift, radians.
         plausible_rad: f64,
     },
+    /// Other sensors measured a motion since the earlier visit that it contradicts: what was recognised has moved meanwhile.
+    Measured {
+        /// The correction, metres.
+        off: f64,
+        /// The rotation, radians.
+        off_rad: f64,
+    },
     /// Depth gives the poses (`mapper.window.hold_poses`), and the correction is no larger than features may differ from it by
     /// an error of the calibration.
     Held {
@@ -114,6 +122,11 @@ impl fmt::Display for Refusal {
             Self::Held { off, off_rad } => write!(
                 f,
                 "the correction would be {off:.2} m and {:.1} degrees: features may differ from depth by as much",
+                off_rad.to_degrees()
+            ),
+            Self::Measured { off, off_rad } => write!(
+                f,
+                "the correction would be {off:.2} m and {:.1} degrees, against the motion measured since",
                 off_rad.to_degrees()
             ),
             Self::Drift { off, plausible } => {
@@ -213,6 +226,7 @@ pub struct Closer {
     /// The IMU, and the largest map in key frames that is adjusted as a whole with IMU factors.
     imu: Option<(ImuModel, usize)>,
     pending: Option<Hypothesis>,
+    links: MotionLinks,
 }
 
 /// Plausible drift of the orientation in radians: a constant part, and its growth for each key frame in between.
@@ -226,13 +240,18 @@ const HELD_RAD: f64 = 0.1;
 impl Closer {
     /// A closer for a camera; `window` is the configuration of mapping's windows.
     pub fn new(camera: RectifiedCamera, config: CloserConfig, window: WindowConfig) -> Self {
-        Self { camera, config, window, imu: None, pending: None }
+        Self { camera, config, window, imu: None, pending: None, links: MotionLinks::default() }
     }
 
     /// Adds an IMU; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
         let imu = ImuModel { imu_from_camera, noise: sensor.noise.times([config.noise_times; 2]) };
         Self { imu: Some((imu, config.whole_key_frames)), ..self }
+    }
+
+    /// Adds the motions that other sensors measured between key frames.
+    pub fn with_motion_links(self, links: MotionLinks) -> Self {
+        Self { links, ..self }
     }
 
     /// Checks whether a key frame shows a place seen before, and closes the loop or merges the maps if so.
@@ -294,6 +313,9 @@ impl Closer {
         if off_rad > plausible_rad {
             return Err(Refusal::Turned { off_rad, plausible_rad });
         }
+        if same_map && self.is_measured_otherwise(snapshot, here, old, &place.world_from_camera) {
+            return Err(Refusal::Measured { off, off_rad });
+        }
         if self.window.hold_poses && same_map && off < HELD_M && off_rad < HELD_RAD {
             return Err(Refusal::Held { off, off_rad });
         }
@@ -306,6 +328,21 @@ impl Closer {
         }
         self.pending = None;
         Ok((place, world_from_here))
+    }
+
+    /// Whether the motion measured since an earlier key frame contradicts a pose relative to it. A person who was seen there and is seen
+    /// here looks the same.
+    fn is_measured_otherwise(
+        &self,
+        snapshot: &Snapshot,
+        here: &KeyFrame,
+        old: KeyFrameId,
+        world_from_here: &Se3,
+    ) -> bool {
+        let measured = self.links.between(old, here.id).zip(snapshot.key_frame(old));
+        measured.is_some_and(|(motion, old)| {
+            !motion.agrees(&(old.world_from_camera.inverse() * *world_from_here))
+        })
     }
 
     /// The degrees of freedom that may have drifted between two visits.

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::synthetic::{View, World, mono, off, pose, sideways, stereo};
+use cairn_adjust::{MotionLinks, MotionSince};
 use cairn_atlas::Atlas;
 use cairn_geometry::So3;
 use cairn_vision::RectifiedCamera;
@@ -106,6 +107,29 @@ fn poses_of_depth_are_not_moved_by_a_small_correction() {
         let held = verdicts().filter(|v| matches!(v.result, Err(Refusal::Held { off, .. }) if off < 0.1));
         assert_eq!(held.count() > 0, is_held, "{drift}");
         assert_eq!(verdicts().any(|v| v.result.is_ok()), !is_held, "{drift}");
+    }
+}
+
+/// The wheels say that the key frames lie as they do: then it is not the map that drifted, but what is recognised that has moved. Wheels
+/// that may be off by as much have no say.
+#[test]
+fn a_correction_that_contradicts_the_measured_motion_is_refused() {
+    let world = World::around(stereo(), 71);
+    for (sigma, is_refused) in [(0.003, true), (0.03, false)] {
+        let (atlas, ids, _) = lap(&world, 0.4);
+        let at = |id| atlas.latest().key_frame(id).expect("there").world_from_camera;
+        let links = MotionLinks::default();
+        for ends in ids.windows(2) {
+            let motion = at(ends[0]).inverse() * at(ends[1]);
+            let since = MotionSince::none(cairn_sensor::Stamp::from_seconds(0.0));
+            links.insert(ends[0], ends[1], since.then(&motion, [sigma * sigma; 2]));
+        }
+        let mut closer = closer(world.camera).with_motion_links(links);
+        let closed: Vec<_> = [LAP + 4, LAP + 5].map(|n| closer.step(atlas.latest(), ids[n])).into();
+        let verdicts = || closed.iter().flat_map(|c| &c.verdicts);
+        let measured = |v: &&Verdict| matches!(v.result, Err(Refusal::Measured { off, .. }) if off > 0.3);
+        assert_eq!(verdicts().filter(measured).count() > 0, is_refused, "{sigma}");
+        assert_eq!(verdicts().any(|v| v.result.is_ok()), !is_refused, "{sigma}");
     }
 }
 

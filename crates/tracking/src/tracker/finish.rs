@@ -56,7 +56,9 @@ impl Tracker {
             return self.miss(frame, snapshot, inliers, predicted, idle);
         }
         let is_front_end = self.dense.as_ref().is_some_and(|dense| dense.is_front_end());
-        if !is_front_end && reckoned.is_some_and(|r| !r.agrees(&world_from_camera)) {
+        let is_reckoned = reckoned.is_none_or(|r| r.agrees(&world_from_camera))
+            && self.agrees_since_request(snapshot, &world_from_camera);
+        if !is_front_end && !is_reckoned {
             return self.miss(frame, snapshot, inliers, predicted, idle);
         }
         let chosen = self.dense.as_ref().map_or(world_from_camera, |dense| dense.chosen(world_from_camera));
@@ -244,6 +246,7 @@ impl Tracker {
             imu: self.inertial.as_mut().map(|i| i.take_segment(frame.stamp)),
             orientation_only: self.scale_support.is_lost() || self.parallax.is_turning(),
             rescale: self.due_rescale(snapshot, reference),
+            motion: None,
         })
     }
 }

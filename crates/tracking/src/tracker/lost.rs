@@ -87,6 +87,7 @@ impl Tracker {
                 imu,
                 orientation_only,
                 rescale,
+                motion: None,
             }
         });
         Tracked {
@@ -290,6 +291,7 @@ impl Tracker {
             imu,
             orientation_only: false,
             rescale: None,
+            motion: None,
         })
     }
 

@@ -21,7 +21,7 @@ use crate::reckoning::{DeadReckoning, MeasuredMotion, Reckoned};
 use crate::scale::{Pace, PaceComparison, ScaleSupport};
 use crate::shutter::{Moving, Shutter, in_camera};
 use crate::start::Starter;
-use crate::state::{AnchoredPose, Last, Tracked};
+use crate::state::{AnchoredPose, KeyFrameRequest, Last, Tracked};
 use cairn_atlas::{KeyFrameId, Readout, Snapshot};
 use cairn_geometry::{Se3, So3};
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
@@ -128,6 +128,8 @@ pub struct Tracker {
     pub(crate) inertial: Option<InertialFilter>,
     /// Motion that is measured by other means than the camera and the IMU.
     pub(crate) reckoning: DeadReckoning,
+    /// The pose at which a key frame was asked for last.
+    requested_at: Option<AnchoredPose>,
     /// Aligns depth images where features do not suffice.
     pub(crate) dense: Option<DenseAligner>,
     /// Where a search by depth has found the camera, for the next frame.
@@ -168,6 +170,7 @@ impl Tracker {
             stepped: None,
             inertial: None,
             reckoning: DeadReckoning::default(),
+            requested_at: None,
             dense: None,
             found: None,
             odometry: OdometryFilter::new(camera),
@@ -285,6 +288,7 @@ impl Tracker {
             self.starter = Starter::default();
         }
         tracked.earlier = earlier;
+        self.restart_motion_at(&mut tracked);
         tracked
     }
 
@@ -293,6 +297,32 @@ impl Tracker {
     pub(crate) fn periods_since_last(&mut self, stamp: Stamp) -> usize {
         let since_s = self.stepped.replace(stamp).map_or(0.0, |last| stamp - last);
         ((since_s * self.rate_hz).round() as usize).max(1)
+    }
+
+    /// Gives a key frame that is asked for the motion measured since the one before it, which counts from there on.
+    fn restart_motion_at(&mut self, tracked: &mut Tracked) {
+        let Some(request) = &mut tracked.request else { return };
+        let stamp = match request {
+            KeyFrameRequest::First { frame, .. } | KeyFrameRequest::Next { frame, .. } => frame.stamp,
+            KeyFrameRequest::Pair { second, .. } => second.stamp,
+        };
+        let since = self.reckoning.restart_at_key_frame(stamp);
+        if let KeyFrameRequest::Next { anchored, motion, .. } = request {
+            *motion = since;
+            self.requested_at = Some(*anchored);
+        } else {
+            self.requested_at = None;
+        }
+    }
+
+    /// Whether the pose can be reached by the motion measured since the last key frame was asked for: from frame to frame tracking may
+    /// creep along with what moves, by less than its noise.
+    fn agrees_since_request(&self, snapshot: &Snapshot, world_from_camera: &Se3) -> bool {
+        let (Some(at), Some(motion)) = (self.requested_at, self.reckoning.since_key_frame()) else {
+            return true;
+        };
+        let before = snapshot.resolve(at.reference, &at.reference_from_camera);
+        before.is_none_or(|before| motion.agrees(&(before.inverse() * *world_from_camera)))
     }
 
     /// The frame as it would be if all rows were exposed with the middle one.

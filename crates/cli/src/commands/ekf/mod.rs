@@ -1,8 +1,11 @@
 //! `cairn ekf`: EKF-SLAM on a recorded run of a wheeled robot.
 
+mod walk;
+
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::outputs::Outputs;
+use crate::speaking::{HEADING, Speaking};
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::ekf::{Association, EkfConfig};
 use cairn_filter::log::{CSV_FORMAT, Log, load};
@@ -39,6 +42,21 @@ pub struct Arguments {
     /// Replace the page if there is one.
     #[arg(long)]
     overwrite: bool,
+    /// The robot of the log (of several the first) records routes and is guided along them: executes the commands in this file at
+    /// given times and places, one per line: "at 5 record", "near X Y Z WITHIN stop", "at 60 guide home", "arrived quit".
+    #[arg(help_heading = HEADING, long, value_name = "FILE", conflicts_with_all = ["out", "overwrite"])]
+    script: Option<PathBuf>,
+    /// The folder for routes that are recorded.
+    #[arg(help_heading = HEADING, long, value_name = "DIR", default_value = "routes", requires = "script")]
+    routes: PathBuf,
+    #[command(flatten)]
+    speaking: Speaking,
+}
+
+impl Arguments {
+    fn by_labels(&self) -> bool {
+        matches!(self.associate, Associate::Known)
+    }
 }
 
 #[derive(Clone, Copy, Serialize, clap::ValueEnum)]
@@ -100,6 +118,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let outputs = Outputs::new(a.overwrite)
         .input("the log", Some(&a.log))
         .input("the second file of the log", partner.as_deref())
+        .input("--script", a.script.as_deref())
         .output("--out", a.out.as_deref())
         .checked()?;
     let (_, log) = load(&a.log, a.robot).map_err(|e| {
@@ -121,6 +140,17 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         local_radius_m: a.local,
         ..EkfConfig::default()
     };
+    if let Some(script) = &a.script {
+        if matches!(a.associate, Associate::Deferred) {
+            let hint = "use --associate known, nearest or joint";
+            return Err(Failure::usage(
+                "--associate deferred",
+                "decides later, and directions cannot wait",
+                hint,
+            ));
+        }
+        return walk::run(a, &log, config, walk::script(script)?, output);
+    }
     let mut robots = Vec::new();
     for k in 0..log.robots.len() {
         robots.push(judge(&log, k, &config, (k == 0).then_some(&outputs))?);

@@ -1,0 +1,258 @@
+//! Motions that other sensors measured between key frames (the wheels of a robot), as factors of a window.
+//!
+//! Someone who passes close to the camera fills the view, and key frames made then see little else than him. Their observations agree
+//! with each other and would turn these key frames along with him; what the wheels measured holds them.
+
+use crate::subproblem::Subproblem;
+use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_geometry::{LieGroup, Manifold, Se3};
+use cairn_sensor::Stamp;
+use cairn_solve::{Equations, Factors, Freedom, Variable};
+use nalgebra::{SMatrix, Vector6};
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// No motion counts as more exact, metres and radians.
+const FLOOR: [f64; 2] = [0.001, 0.001];
+/// What a key frame's pose by itself is uncertain by, metres and radians.
+const KEY_FRAME_SIGMA: [f64; 2] = [0.015, 0.01];
+/// Chi-square of six degrees of freedom, 99.9 %.
+const GATE: f64 = 22.46;
+
+/// The camera's measured motion since an earlier frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionSince {
+    /// Time of that frame.
+    pub stamp: Stamp,
+    /// Pose of the camera now, in the camera frame at that time; metres.
+    pub since_from_now: Se3,
+    /// Variance of its translation along each axis and of its rotation about each, m^2 and rad^2.
+    pub variance: [f64; 2],
+}
+
+impl MotionSince {
+    /// At that frame itself.
+    pub fn none(stamp: Stamp) -> Self {
+        Self { stamp, since_from_now: Se3::identity(), variance: [0.0; 2] }
+    }
+
+    /// With a motion after it.
+    pub fn then(&self, motion: &Se3, variance: [f64; 2]) -> Self {
+        // An error of the turn so far carries the way after it aside.
+        let aside = self.variance[1] * motion.translation.norm_squared();
+        Self {
+            stamp: self.stamp,
+            since_from_now: self.since_from_now * *motion,
+            variance: [self.variance[0] + variance[0] + aside, self.variance[1] + variance[1]],
+        }
+    }
+
+    /// How far a motion is from this one: chi-square of six degrees of freedom, where the poses at both ends have an error of their own.
+    fn chi2(&self, since_from_now: &Se3) -> f64 {
+        let off = self.since_from_now.local(since_from_now);
+        let variance = |i: usize| self.variance[i] + KEY_FRAME_SIGMA[i].powi(2);
+        off.fixed_rows::<3>(0).norm_squared() / variance(0)
+            + off.fixed_rows::<3>(3).norm_squared() / variance(1)
+    }
+
+    /// Whether the camera can have moved so.
+    pub fn agrees(&self, since_from_now: &Se3) -> bool {
+        self.chi2(since_from_now) <= GATE
+    }
+}
+
+/// For each key frame the one before it, and the motion measured since. Mapping adds to it and loop closing reads it: clones share it.
+#[derive(Clone, Debug, Default)]
+pub struct MotionLinks {
+    links: Arc<Mutex<Links>>,
+}
+
+type Links = BTreeMap<KeyFrameId, (KeyFrameId, MotionSince)>;
+
+impl MotionLinks {
+    /// Adds what was measured from one key frame to a later one.
+    pub fn insert(&self, from: KeyFrameId, to: KeyFrameId, motion: MotionSince) {
+        self.locked().insert(to, (from, motion));
+    }
+
+    fn locked(&self) -> MutexGuard<'_, Links> {
+        self.links.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The motion measured from one key frame to a later one; `None` where a part was not measured.
+    pub fn between(&self, from: KeyFrameId, to: KeyFrameId) -> Option<MotionSince> {
+        let links = self.locked();
+        let (mut before, mut motion) = *links.get(&to)?;
+        while before > from {
+            let (earlier, first) = *links.get(&before)?;
+            (before, motion) = (earlier, first.then(&motion.since_from_now, motion.variance));
+        }
+        (before == from).then_some(motion)
+    }
+
+    /// The last key frame before this one that is still in its map, with the motion since.
+    fn before(&self, snapshot: &Snapshot, to: KeyFrameId) -> Option<(KeyFrameId, MotionSince)> {
+        let map = snapshot.key_frame(to)?.map;
+        let links = self.locked();
+        let (mut from, mut motion) = *links.get(&to)?;
+        loop {
+            match snapshot.key_frame(from) {
+                Some(k) => return (k.map == map).then_some((from, motion)),
+                None => {
+                    let (earlier, first) = *links.get(&from)?;
+                    motion = first.then(&motion.since_from_now, motion.variance);
+                    from = earlier;
+                }
+            }
+        }
+    }
+
+    /// The factors of a subproblem. Key frames before those that move are added to it, fixed.
+    pub(crate) fn factors(&self, snapshot: &Snapshot, subproblem: &mut Subproblem) -> MotionFactors {
+        let mut factors = MotionFactors::default();
+        let moving: BTreeSet<KeyFrameId> =
+            subproblem.key_frames[..subproblem.moving].iter().copied().collect();
+        for to in subproblem.key_frames.clone() {
+            let Some((from, motion)) = self.before(snapshot, to) else { continue };
+            if !moving.contains(&to) && !moving.contains(&from) {
+                continue;
+            }
+            let slot = |subproblem: &Subproblem, id| subproblem.key_frames.iter().position(|k| *k == id);
+            if slot(subproblem, from).is_none()
+                && let Some(k) = snapshot.key_frame(from)
+            {
+                subproblem.key_frames.push(from);
+                subproblem.poses.push(k.world_from_camera);
+            }
+            if let (Some(from), Some(to)) = (slot(subproblem, from), slot(subproblem, to)) {
+                factors.links.push(Link { from, to, motion });
+            }
+        }
+        factors
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Link {
+    from: usize,
+    to: usize,
+    motion: MotionSince,
+}
+
+impl Link {
+    /// Motion between its ends, by the poses.
+    fn between(&self, poses: &[Se3]) -> Se3 {
+        poses[self.from].inverse() * poses[self.to]
+    }
+
+    fn weights(&self) -> Vector6<f64> {
+        let [m, rad] = [0, 1].map(|i| self.motion.variance[i].sqrt().max(FLOOR[i]).recip());
+        Vector6::new(m, m, m, rad, rad, rad)
+    }
+
+    fn residual(&self, poses: &[Se3]) -> Vector6<f64> {
+        let off = self.motion.since_from_now.inverse() * self.between(poses);
+        off.coordinates().component_mul(&self.weights())
+    }
+
+    /// Derivative of the residual by right perturbations of both ends. It moves with its later end as with a perturbation of itself, with
+    /// its earlier end through the adjoint (Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", 2018,
+    /// equations 69, 74, 82).
+    fn jacobian(&self, poses: &[Se3]) -> SMatrix<f64, 6, 12> {
+        let between = self.between(poses);
+        let off = self.motion.since_from_now.inverse() * between;
+        let by_to = SMatrix::<f64, 6, 6>::from_diagonal(&self.weights()) * off.coordinates_jacobian();
+        let mut jacobian = SMatrix::<f64, 6, 12>::zeros();
+        jacobian.fixed_columns_mut::<6>(0).copy_from(&(-by_to * between.inverse().adjoint()));
+        jacobian.fixed_columns_mut::<6>(6).copy_from(&by_to);
+        jacobian
+    }
+}
+
+/// The motions measured between the key frames of a window.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct MotionFactors {
+    links: Vec<Link>,
+}
+
+impl MotionFactors {
+    /// Whether poses contradict a motion that they agreed with before.
+    pub fn newly_contradicted(&self, before: &[Se3], after: &[Se3]) -> bool {
+        let agrees = |l: &Link, poses: &[Se3]| l.motion.agrees(&l.between(poses));
+        self.links.iter().any(|l| agrees(l, before) && !agrees(l, after))
+    }
+
+    /// Without those that touch only poses that do not move.
+    pub fn keep_free(&mut self, freedom: &[Freedom]) {
+        self.links.retain(|l| [l.from, l.to].iter().any(|slot| freedom[*slot] != Freedom::Fixed));
+    }
+}
+
+impl Factors for MotionFactors {
+    fn sizes(&self) -> Vec<usize> {
+        Vec::new()
+    }
+    fn held(&self) -> Vec<(usize, Range<usize>)> {
+        Vec::new()
+    }
+    fn is_empty(&self) -> bool {
+        self.links.is_empty()
+    }
+    fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
+        self.links.iter().for_each(|l| visit(&[Variable::Pose(l.from), Variable::Pose(l.to)]));
+    }
+    fn linearise(&mut self, poses: &[Se3], equations: &mut Equations) -> Option<()> {
+        for l in &self.links {
+            let parts = [(Some(Variable::Pose(l.from)), 0..6), (Some(Variable::Pose(l.to)), 6..12)];
+            equations.add(&l.residual(poses), &l.jacobian(poses), &parts);
+        }
+        Some(())
+    }
+    fn attempt(&mut self, poses: &[Se3], _: &[f64]) -> f64 {
+        self.links.iter().map(|l| 0.5 * l.residual(poses).norm_squared()).sum()
+    }
+    fn accept(&mut self) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{So3, Vec3};
+
+    fn pose(k: f64) -> Se3 {
+        Se3::new(
+            So3::exp(&(Vec3::new((1.1 * k).sin(), (2.3 * k).sin(), (3.7 * k).sin()) * 0.6)),
+            Vec3::new((1.7 * k).cos(), (0.9 * k).cos(), (2.9 * k).cos()),
+        )
+    }
+
+    #[test]
+    fn the_jacobian_is_that_of_the_residual() {
+        let since = MotionSince::none(Stamp::from_seconds(0.0));
+        let link = Link { from: 1, to: 0, motion: since.then(&pose(3.0), [0.04, 0.01]) };
+        let poses = [pose(1.0), pose(2.0)];
+        let jacobian = link.jacobian(&poses);
+        for column in 0..12 {
+            let moved = |by: f64| {
+                let mut moved = poses;
+                let end = if column < 6 { link.from } else { link.to };
+                let mut step = Vector6::zeros();
+                step[column % 6] = by;
+                moved[end] = moved[end].retract(&step);
+                link.residual(&moved)
+            };
+            let numeric = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+            assert!((numeric - jacobian.column(column)).norm() < 1e-6, "column {column}");
+        }
+    }
+
+    #[test]
+    fn errors_of_a_turn_carry_the_way_after_it_aside() {
+        let since = MotionSince::none(Stamp::from_seconds(0.0)).then(&Se3::identity(), [0.0, 1e-4]);
+        let ahead = since.then(&Se3::new(So3::identity(), Vec3::x() * 2.0), [0.0; 2]);
+        assert!((ahead.variance[0] - 4e-4).abs() < 1e-12);
+        assert!(ahead.agrees(&Se3::new(So3::identity(), Vec3::new(2.0, 0.05, 0.0))));
+        assert!(!ahead.agrees(&Se3::new(So3::identity(), Vec3::new(2.0, 0.2, 0.0))));
+    }
+}
