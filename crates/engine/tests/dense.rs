@@ -168,7 +168,10 @@ impl Followed {
     fn fresh(&self, map: MapId) -> Vec<Vec3> {
         let snapshot = self.atlas.latest();
         let mut preparer = DepthPreparer::new(DepthConfig::default(), camera(), 0.001).expect("a camera");
-        let mut fresh = TsdfVolume::new(config().tsdf).expect("in range");
+        // The truncation distance is that of whole maps: no wider than a thin wall.
+        let tsdf = config().tsdf;
+        let band_voxels = tsdf.band_voxels.min((0.1 / tsdf.voxel_m).max(2.5));
+        let mut fresh = TsdfVolume::new(TsdfConfig { band_voxels, ..tsdf }).expect("in range");
         for (id, x) in &self.fused {
             let alive = snapshot.surviving_ancestor(*id).and_then(|(id, _)| snapshot.key_frame(id));
             if alive.is_some_and(|k| k.map == map) {

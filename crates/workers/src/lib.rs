@@ -27,10 +27,11 @@ mod worker;
 
 pub use journal::JournalError;
 pub use limits::{die_with_parent, limit_memory};
-pub use remote::{RemoteSetup, RemoteSlam, Start, Tell};
+pub use process::Start;
+pub use remote::{RemoteSetup, RemoteSlam};
 pub use respawn::respawn;
 pub use run_folder::{RunFolder, SHARED_MEMORY, remove_abandoned};
-pub use supervision::{Death, Supervised, Supervision, Told};
+pub use supervision::{Death, Supervised, Supervision, Tell, Told};
 pub use supervisor::supervise;
 
 use cairn_engine::SensorMode;

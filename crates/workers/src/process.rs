@@ -4,7 +4,11 @@ use crate::Role;
 use crate::message::{Order, Report, read, write};
 use std::io;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
 use std::sync::mpsc::{Sender, channel};
+
+/// Makes the command that starts a worker; its standard input and output are taken.
+pub type Start = Arc<dyn Fn(Role) -> Command + Send + Sync>;
 
 /// What comes from a process, with its role and its number among all that were started.
 pub struct Event {

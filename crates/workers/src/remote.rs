@@ -8,11 +8,11 @@
 
 use crate::journal::{self, JournalWriter, Tail, recover};
 use crate::message::{Failure, Frame, OfKeyFrames, Opened, Order, Report, Tracked};
-use crate::process::{Event, Process, What};
+use crate::process::{Event, Process, Start, What};
 use crate::remote_dense::RemoteDense;
 use crate::ring::Ring;
 use crate::run_folder::ring_in;
-use crate::supervision::{Death, Told};
+use crate::supervision::{Death, Tell, Told};
 use crate::worker::Worker;
 use crate::{Role, capture, depth_log, pixels, sensor_name};
 use cairn_atlas::Snapshot;
@@ -24,7 +24,6 @@ use cairn_session::{NotTracked, Slam, Surfaces};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -37,11 +36,6 @@ const HANG_LIMIT: Duration = Duration::from_secs(2);
 const BEGIN_LIMIT: Duration = Duration::from_secs(60);
 /// Readings that are kept for the next frame at most: some seconds of them.
 const MOST_READINGS: usize = 4000;
-
-/// Makes the command that starts a worker; its standard input and output are taken.
-pub type Start = Arc<dyn Fn(Role) -> Command + Send + Sync>;
-/// Hears what becomes of processes.
-pub type Tell = Arc<dyn Fn(Told) + Send + Sync>;
 
 /// What SLAM is started with.
 pub struct RemoteSetup<'a> {

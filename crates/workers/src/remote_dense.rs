@@ -5,9 +5,8 @@
 
 use crate::Role;
 use crate::message::{Failure, Opened, Order, Report};
-use crate::process::{Event, Process, What};
-use crate::remote::{Start, Tell};
-use crate::supervision::{Death, Told};
+use crate::process::{Event, Process, Start, What};
+use crate::supervision::{Death, Tell, Told};
 use crate::worker::Worker;
 use cairn_dense::SurfaceChange;
 use std::path::PathBuf;

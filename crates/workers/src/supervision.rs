@@ -7,6 +7,7 @@ use cairn_engine::PoseTime;
 use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 use std::process::Command;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// How a run is supervised.
@@ -24,6 +25,9 @@ pub struct Supervision {
     /// What surfaces are made of, if any are wanted.
     pub surfaces: Option<OfKeyFrames>,
 }
+
+/// Hears what becomes of processes.
+pub type Tell = Arc<dyn Fn(Told) + Send + Sync>;
 
 /// What the supervisor tells while the run goes on.
 #[derive(Debug)]

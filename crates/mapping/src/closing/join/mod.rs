@@ -28,7 +28,8 @@ const INDEPENDENT_RAD: f64 = 0.6;
 /// Places that agree on something else make a decision doubtful from this share on.
 const RIVAL: f64 = 0.5;
 /// Of the key frames that stand where the other map was mapped and look the same way, the share that must show it
-/// (measured in simulated houses: all of them in right merges, 0.61 to 0.73 where rooms look alike).
+/// (measured in simulated houses: all of them in right merges, 0.61 to 0.73 where rooms look alike), and at least [`NEED`] of
+/// them: rooms that look alike, seen from different sides, have many places that agree and none that could contradict.
 const SUPPORT: f64 = 0.85;
 
 /// Two maps that are one now.
@@ -204,7 +205,7 @@ impl Closer {
             return Err(Apart::Ambiguous { agree: chosen.len(), rival: rival.len() });
         }
         let support = self.support(snapshot, from, into, found, &chosen);
-        if (support.shown as f64) < SUPPORT * support.expected as f64 {
+        if support.shown < NEED || (support.shown as f64) < SUPPORT * support.expected as f64 {
             return Err(Apart::Unsupported(support));
         }
         Ok((chosen, support))

@@ -159,6 +159,24 @@ fn a_place_that_exists_twice_is_ambiguous() {
     assert!(matches!(join.result, Err(Apart::Ambiguous { .. })), "{:?}", join.result);
 }
 
+/// Places that agree, none of which was ever seen from where the other map saw it: rooms that look alike agree in that too.
+#[test]
+fn places_seen_from_elsewhere_alone_are_not_believed() {
+    let world = World::around(stereo(), 97);
+    let mut atlas = Atlas::new(Snapshot::new());
+    add(&mut atlas, &world, &arc(0, 24), |_| Sim3::identity());
+    let higher = |p: &Se3| Se3::new(p.rotation, p.translation + Vec3::new(0.0, 1.2, 0.0));
+    let path: Vec<Se3> = arc(0, 24).iter().map(higher).collect();
+    let views = world.walk(&path, 100.0, 0.5);
+    world.map(&mut atlas, &views, &path, None, |_| turned(1.0));
+    let join = join(&mut atlas, stereo());
+    assert!(
+        matches!(join.result, Err(Apart::Unsupported(Support { shown: 0, expected: 0 }))),
+        "{:?}",
+        join.result
+    );
+}
+
 /// A room that looks like another: the younger map walks out of it where the older one has a wall, into views that the
 /// older map does not know although it was there.
 #[test]
