@@ -220,7 +220,7 @@ impl Window {
         self.bundle.calibration_error.sigma = if several { 0.0 } else { config.right_offset_sigma };
         if !self.bundle.slopes.is_empty() {
             // What is estimated is what has to be added to the map's value.
-            let sigma = self.readout.sigma_s.hypot(READOUT_WALK_S);
+            let sigma = self.readout.sigma_s.hypot(READOUT_WALK_S).min(Readout::default().sigma_s);
             self.bundle.calibration_error = CalibrationError { sigma, ..CalibrationError::default() };
         }
         let before = (!self.motion.is_empty()).then(|| self.bundle.clone());
@@ -307,10 +307,13 @@ impl Window {
             changes.push(Change::MoveLandmark(*id, *point));
         }
         let CalibrationError { value, information, .. } = bundle.calibration_error;
-        if !bundle.slopes.is_empty() {
+        if !bundle.slopes.is_empty() && information > 0.0 {
             let seconds = (self.readout.seconds + value).clamp(-Readout::MOST_S, Readout::MOST_S);
             changes.push(Change::Readout(Readout { seconds, sigma_s: information.sqrt().recip() }));
-        } else if bundle.calibration_error.sigma > 0.0 && !bundle.calibration_error.held {
+        } else if bundle.slopes.is_empty()
+            && bundle.calibration_error.sigma > 0.0
+            && !bundle.calibration_error.held
+        {
             changes.push(Change::Calibrate(value));
         }
         changes.extend(subproblem.forgotten(&bundle.observations));

@@ -195,6 +195,9 @@ fn windows_estimate_the_readout_time_and_see_the_map_with_it() {
     assert!((found.seconds - readout_s).abs() < 1e-3 && found.sigma_s < 2e-3, "{found:?}");
     let whole = Window::whole(atlas.latest(), &world.camera, MapId(ids[0]));
     atlas.commit(whole.solve(&config, || false).changes.changes);
+    // What nothing was found of is no readout time.
+    let unknown = Readout { seconds: 0.0, sigma_s: f64::INFINITY };
+    assert_eq!(atlas.commit(vec![Change::Readout(unknown)]).dropped, 1);
     let (found, snapshot) = (atlas.latest().readout(), atlas.latest());
     assert!((found.seconds - readout_s).abs() < 1e-3, "{found:?}");
     for (id, ideal) in ids.iter().zip(&ideal) {

@@ -56,7 +56,7 @@ impl Readout {
     pub const MOST_S: f64 = 0.05;
 
     pub(crate) fn is_sound(&self) -> bool {
-        self.seconds.abs() <= Self::MOST_S && self.sigma_s > 0.0
+        self.seconds.abs() <= Self::MOST_S && self.sigma_s > 0.0 && self.sigma_s.is_finite()
     }
 }
 
