@@ -128,7 +128,8 @@ def test_time_is_that_of_the_clock(wire, node, euroc):
     assert abs(told - 0.5 * (at - started)) < 0.3, (told, 0.5 * (at - started))
     ages = [float(v.value) for _, m in out["/diagnostics"] for v in m.status[0].values if v.key == "age of results ms, median"]
     print("age of results, ms:", ages)
-    assert ages and 0 <= np.median(ages) < 500
+    # The node knows the time as of the last tick, which is up to 5 ms of the clock old (more on a busy machine).
+    assert ages and -20 <= np.median(ages) < 500
     assert child.end() == 0
 
 
