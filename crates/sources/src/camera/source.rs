@@ -218,7 +218,9 @@ impl CameraSource {
         let shared = self.shared.clone();
         let tell = move |why: Option<DeviceError>| {
             let line = why.map(|e| {
-                format!("the projector could not be switched off: {e}; its dots are in the pictures")
+                format!(
+                    "the projector could not be switched off: {e}; if it is on, its dots are in the pictures"
+                )
             });
             shared.change(|s| s.lines.extend(line));
         };
