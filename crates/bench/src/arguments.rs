@@ -321,6 +321,9 @@ pub enum Command {
         /// Only every nth of a phone's 10 to 15 pictures a second comes (`--trials spot`).
         #[arg(long, default_value_t = 1)]
         every: usize,
+        /// The engine is given a guess of the phone's lens, not the lens (`--trials spot`).
+        #[arg(long)]
+        guessed_lens: bool,
         /// Runs of each configuration for the cost.
         #[arg(long, default_value_t = 3)]
         times: usize,

@@ -248,3 +248,42 @@ fn each_gate_stops_what_it_is_there_for() {
     assert!(wrong.accepted().is_none() && failed(&wrong).contains(&GateKind::GyroNoise), "{:?}", wrong.gates);
     assert!(wrong.gates.iter().all(|g| g.to_string().contains(if g.passed { "good" } else { "failed" })));
 }
+
+/// A walk with a camera that sways, whose pictures show turns across the view `shown` times as large as they are.
+fn swaying(seed: u64, shown: f64) -> Case {
+    let camera_from_imu = imu_from_camera().rotation.inverse();
+    let sway = |t: f64| Vec3::new(0.06 * (9.0 * t).sin(), 0.08 * (5.0 * t).sin(), 0.05 * (7.0 * t).cos());
+    let rotation = |t: f64, shown: f64| {
+        So3::exp(&sway(t).component_mul(&Vec3::new(shown, shown, 1.0))) * camera_from_imu
+    };
+    let position = |t: f64| Vec3::new(0.9 * t, 0.05 * (9.0 * t).sin(), 0.1 * (4.5 * t).cos());
+    let h = 1e-4;
+    let reading = |i: usize| {
+        let t = 0.005 * i as f64;
+        let gyro = (rotation(t - h, 1.0).inverse() * rotation(t + h, 1.0)).log() / (2.0 * h);
+        let acceleration = (position(t + h) - position(t) * 2.0 + position(t - h)) / (h * h);
+        let accel = rotation(t, 1.0).inverse() * (acceleration - Gravity::level().vector());
+        ImuSample::new(Stamp::from_seconds(t), gyro, accel)
+    };
+    let mut rng = Random::new(seed);
+    let (readings, _) = noisy(&mut rng, (0..=1200).map(reading).collect(), some_bias());
+    case(&mut rng, readings, |t| Se3::new(rotation(t, shown), position(t)), 0.0, 24, MAP_UNIT_M)
+}
+
+#[test]
+fn a_lens_that_contradicts_the_gyroscope_gives_no_scale() {
+    for seed in 0..8 {
+        let right = attempt(&swaying(seed, 1.0), Scale::Free);
+        assert!(right.accepted().is_some(), "{seed}: {:?}", right.gates);
+        for shown in [0.85, 0.93, 1.07, 1.15] {
+            let wrong = attempt(&swaying(seed, shown), Scale::Free);
+            let gate = wrong.failed().find(|g| g.kind == GateKind::Lens);
+            let off = gate.unwrap_or_else(|| panic!("{seed}, {shown}: {:?}", wrong.gates)).value;
+            let truly = f64::ln(shown).abs();
+            assert!(
+                wrong.accepted().is_none() && (0.5 * truly..=1.1 * truly).contains(&off),
+                "{shown}: {off}"
+            );
+        }
+    }
+}

@@ -5,6 +5,7 @@ pub mod carried;
 mod connect;
 mod drawn;
 pub mod lens;
+pub mod live_scale;
 pub mod phone;
 mod ran;
 mod recorded;
@@ -65,6 +66,8 @@ pub struct Chosen {
     pub metres: f64,
     /// Only every nth picture comes in a walk with a turn on the spot.
     pub every: usize,
+    /// The engine is given a guess of the phone's lens in such a walk.
+    pub guessed_lens: bool,
     /// Runs of each configuration for the cost.
     pub times: usize,
     /// Configuration of the engine.
@@ -164,7 +167,14 @@ fn spots(chosen: &Chosen, out: &mut Measured) -> Result<(), String> {
     for seed in chosen.seeds.clone() {
         for backwards_after_s in [None, Some(spot::STANDS_S)] {
             for delays in std::iter::once(None).chain(chosen.latencies().map(Some)) {
-                let walk = spot::Walk { seed, metres, backwards_after_s, every: chosen.every, delays };
+                let walk = spot::Walk {
+                    seed,
+                    metres,
+                    backwards_after_s,
+                    every: chosen.every,
+                    guessed_lens: chosen.guessed_lens,
+                    delays,
+                };
                 let walked = spot::walk(&walk, &chosen.config, chosen.verbose)?;
                 eprint!("{}", walked.row());
                 out.spots.push(walked);

@@ -3,6 +3,7 @@
 
 use super::carried::Carried;
 use super::connect;
+use super::live_scale::LiveScale;
 use crate::RunOptions;
 use cairn_atlas::MapId;
 use cairn_engine::{Engine, Odometry, Runner, State};
@@ -12,12 +13,6 @@ use cairn_sensor::{Source, Stamp};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Seconds of odometry that the live scale is measured over.
-const SCALE_S: f64 = 2.0;
-/// Seconds after the first frame at which the live scale is told.
-const AFTER_S: f64 = 30.0;
-/// Metres that the body must have gone in that time.
-const LEAST_WALKED_M: f64 = 1.0;
 
 /// The result of a run.
 pub struct Ran {
@@ -53,23 +48,6 @@ pub struct Ran {
     pub offset_s: Option<f64>,
     /// Readout time of the camera's rows and its standard deviation (zero where it is not estimated).
     pub readout_s: [f64; 2],
-}
-
-/// The scale of live metric poses, in percent of the logarithm.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct LiveScale {
-    /// Error over the first two seconds of walking after the first metric pose.
-    pub first_percent: Option<f64>,
-    /// Median error 30 s after the first frame.
-    pub after_percent: Option<f64>,
-    /// Largest error of stretches whose scale was said to be known throughout.
-    pub worst_percent: f64,
-    /// Seconds after the first frame at which that was.
-    pub worst_at_s: f64,
-    /// Seconds of walking in which it was more than 10 % off and said to be known.
-    pub wrong_s: f64,
-    /// The same where it was said to be unknown somewhere in those seconds.
-    pub unknown_s: f64,
 }
 
 /// The figures of a run.
@@ -250,45 +228,10 @@ impl Ran {
         })
     }
 
-    /// The live scale of metric poses against the truth while the body walks, each of the odometry over [`SCALE_S`].
+    /// The live scale of metric poses against the truth while the body walks.
     pub fn live_scale(&self) -> LiveScale {
-        let truth: BTreeMap<Stamp, Se3> = self.truth.iter().copied().collect();
-        let mut live = LiveScale::default();
-        let mut after = Vec::new();
-        for (i, (to, now)) in self.moved.iter().enumerate() {
-            let from = self.moved[..i].iter().rev().find(|(t, _)| *to - *t >= SCALE_S);
-            let Some((from, then)) =
-                from.filter(|(t, o)| o.segment == now.segment && *to - *t < SCALE_S + 0.5)
-            else {
-                continue;
-            };
-            let (Some(a), Some(b)) = (truth.get(from), truth.get(to)) else { continue };
-            let truly = (b.translation - a.translation).norm();
-            if truly < LEAST_WALKED_M {
-                continue;
-            }
-            let at = |o: &Odometry| o.odom_from_body.se3.translation;
-            let found = (at(now) - at(then)).norm() * now.world_from_odom.sim3.scale;
-            let off = 100.0 * (found / truly).ln();
-            live.first_percent.get_or_insert(off);
-            let since_s = *to - self.stamps[0];
-            let told = self.moved[..=i]
-                .iter()
-                .rev()
-                .take_while(|(t, _)| t >= from)
-                .all(|(t, _)| self.told.contains(t));
-            if told && off.abs() > live.worst_percent {
-                (live.worst_percent, live.worst_at_s) = (off.abs(), since_s);
-            }
-            let wrong = if told { &mut live.wrong_s } else { &mut live.unknown_s };
-            *wrong += if off.abs() > 10.0 { *to - self.moved[i - 1].0 } else { 0.0 };
-            if (since_s - AFTER_S).abs() <= SCALE_S {
-                after.push(off);
-            }
-        }
-        after.sort_by(f64::total_cmp);
-        live.after_percent = after.get(after.len() / 2).copied();
-        live
+        let truth = self.truth.iter().copied().collect();
+        LiveScale::of(self.stamps[0], &truth, &self.moved, &self.told)
     }
 
     /// The longest stretch of metric frames without a match, whose pose the motion sensors carried.

@@ -3,14 +3,15 @@
 //! from the truth, frame by frame.
 
 use super::drawn::DrawnPhone;
+use super::live_scale::LiveScale;
 use super::phone::STATED;
 use cairn_engine::{Config, Delays, Engine, Evidence, Runner, SensorMode, State};
 use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Sim3, Trajectory, Vec2, Vec3};
 use cairn_random::Random;
-use cairn_sensor::{Camera, Source, Stamp};
+use cairn_sensor::{Camera, Rig, Source, Stamp};
 use cairn_sim::{Motion, PhoneMotion, PhoneTraits, SimConfig, SimSource, Stride, Walker, WorldKind};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
 /// Steps a second of the body.
@@ -36,6 +37,8 @@ pub struct Walk {
     pub backwards_after_s: Option<f64>,
     /// Only every nth picture of 10 to 15 a second comes, as with a machine that is too slow for more.
     pub every: usize,
+    /// Whether the engine is given a guess of the lens instead of the lens.
+    pub guessed_lens: bool,
     /// Latencies of mapping; lockstep without.
     pub delays: Option<Delays>,
 }
@@ -53,6 +56,8 @@ pub struct Walked {
     pub lost_before: usize,
     /// Error of the scale that lays the way out, up to the turn, beside the truth, percent.
     pub scale_percent: Option<f64>,
+    /// Whether lengths told as metres are metres.
+    pub live: LiveScale,
     /// What was found at the end and is true: of the clocks' offset, and of the readout of the rows, seconds.
     pub offset_s: [f64; 2],
     /// See [`Walked::offset_s`].
@@ -75,7 +80,7 @@ impl Walked {
         let lost = self.steps.iter().filter(|s| s.off.is_none()).count();
         let ms = |[found, truth]: [f64; 2]| format!("{:.1} ({:+.1})", 1e3 * found, 1e3 * (found - truth));
         format!(
-            "| {}{} | {} | {:.1} | {} | {} | {} | {most} | {last} | {lost} of {} | {} | {} |\n",
+            "| {}{} | {} | {:.1} | {} | {} | {} | {:.1} ({:.0}) | {:.1} | {most} | {last} | {lost} of {} | {} | {} |\n",
             self.walk.seed,
             self.walk.delays.map_or(String::new(), |d| format!(", delays {}", d.seed)),
             if self.walk.backwards_after_s.is_some() { "backwards" } else { "home" },
@@ -83,6 +88,9 @@ impl Walked {
             or(self.metric_s, 1),
             self.lost_before,
             or(self.scale_percent, 1),
+            100.0 * (self.live.worst_percent / 100.0).exp_m1(),
+            self.live.worst_at_s,
+            self.live.wrong_s,
             self.steps.len(),
             ms(self.offset_s),
             ms(self.readout_s),
@@ -91,7 +99,7 @@ impl Walked {
 }
 
 /// Header of the table of walks.
-pub const HEAD: &str = "| seed | walks home | pictures a second | metric after s | pictures without a pose before the turn | scale error of the way out % | most m off | last m off | pictures without a pose in metres from the turn on | clocks' offset ms (error) | readout ms (error) |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
+pub const HEAD: &str = "| seed | walks home | pictures a second | metric after s | pictures without a pose before the turn | scale error of the way out % | lengths told as metres: worst % (at s) | s more than 10 % off | most m off | last m off | pictures without a pose in metres from the turn on | clocks' offset ms (error) | readout ms (error) |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 /// A frame after the turn has begun.
 #[derive(Clone, Copy, Debug)]
@@ -191,6 +199,10 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
     let (motion, begins, sets_out) = motion(&corners, walk);
     let mut source = DrawnPhone::new(&sim, plain.world(), motion, &traits, walk.every)?;
     let mut rig = source.rig().clone();
+    if walk.guessed_lens {
+        let Camera { width, height, .. } = traits.camera;
+        rig = Rig { imu: rig.imu, ..Rig::mono(cairn_sources::guessed(width, height)) };
+    }
     if let Some(imu) = &mut rig.imu {
         imu.noise = STATED;
     }
@@ -207,12 +219,16 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
         metric_s: None,
         lost_before: 0,
         scale_percent: None,
+        live: LiveScale::default(),
         offset_s: [0.0, traits.stamp_delay_s],
         readout_s: [0.0, traits.readout_s],
         steps: Vec::new(),
     };
+    let (mut moved, mut told) = (Vec::new(), BTreeSet::new());
     while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        moved.extend(out.odometry.filter(|_| out.metric).map(|o| (packet.stamp, o)));
+        told.extend(out.scale.filter(|scale| scale.metric && scale.is_known()).map(|_| packet.stamp));
         if let Some(cause) = out.stage_failed {
             return Err(cause);
         }
@@ -255,6 +271,7 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
         }
         walked.steps.push(Step { t_s: t_s - sets_out, state: out.state, inliers: out.evidence.inliers, off });
     }
+    walked.live = LiveScale::of(first, &truth, &moved, &told);
     walked.offset_s[0] = engine.snapshot().imu_offset();
     walked.readout_s[0] = engine.readout().seconds;
     walked.scale_percent = scale_percent(&engine, &truth, turns);
