@@ -20,7 +20,7 @@ pub struct InertialState {
     /// Where the camera is known not to move (it stands, or turns on the spot) although it sees no landmarks: the standard
     /// deviation of that, m/s. `None` after the map was saved.
     pub still_sigma: Option<f64>,
-    /// The IMU factor to an earlier key frame; `None` where readings are missing, or after the map was saved.
+    /// The IMU factor to an earlier key frame; `None` where readings are missing.
     pub imu_factor: Option<ImuFactor>,
 }
 

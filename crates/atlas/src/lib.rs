@@ -22,6 +22,7 @@ mod mirror;
 mod named;
 mod names;
 mod other_camera;
+mod own;
 mod paged;
 mod paging;
 mod places;

@@ -54,7 +54,7 @@ impl Stretches {
     }
 
     /// Each stretch with the number of its ids, when `next` is the index of the id that comes next.
-    fn lengths(&self, next: usize) -> impl Iterator<Item = (&Stretch, usize)> {
+    pub(crate) fn lengths(&self, next: usize) -> impl Iterator<Item = (&Stretch, usize)> {
         let ends = self.0.iter().skip(1).map(|s| s.first).chain([next]);
         self.0.iter().zip(ends).map(|(s, end)| (s, end.saturating_sub(s.first)))
     }
@@ -67,7 +67,7 @@ impl Stretches {
     }
 
     /// The number after all those of a robot.
-    fn next_seq(&self, robot: RobotId, next: usize) -> u32 {
+    pub(crate) fn next_seq(&self, robot: RobotId, next: usize) -> u32 {
         let own = self.lengths(next).filter(|(s, _)| s.robot == robot);
         own.map(|(s, length)| s.seq + length as u32).max().unwrap_or(0)
     }

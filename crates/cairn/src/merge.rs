@@ -242,6 +242,10 @@ impl MergedMaps {
                 })?,
                 None => bytes,
             };
+            // A robot that continued a shared map has the routes of the others, too.
+            if self.file.attached.get(&part) == Some(&bytes) {
+                continue;
+            }
             let mut free = part.clone();
             let mut n = 2;
             while self.file.attached.contains_key(&free) {

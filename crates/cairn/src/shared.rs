@@ -1,8 +1,8 @@
 //! The atlas that the robots of a team share: their maps in one, joined where they show the same places.
 
 use crate::{MergeError, MergedMaps, merge_maps};
-use cairn_atlas::RobotId;
 use cairn_atlas::store::{MapFile, StoreError, pieces};
+use cairn_atlas::{RobotId, Snapshot};
 use cairn_engine::Config;
 use std::collections::BTreeMap;
 
@@ -47,7 +47,7 @@ pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Opti
 /// Why a map is not one that a robot made by itself.
 #[derive(Debug, thiserror::Error)]
 pub enum OwnMapError {
-    /// It cannot be read.
+    /// It cannot be read, or not be written again.
     #[error(transparent)]
     Damaged(#[from] StoreError),
     /// It holds what another robot made.
@@ -58,9 +58,9 @@ pub enum OwnMapError {
         /// Whose they are.
         robot: RobotId,
     },
-    /// Nothing is in it.
-    #[error("it has no key frame")]
-    Empty,
+    /// Nothing of the robot is in it.
+    #[error("it has no key frame of robot {0}")]
+    Empty(RobotId),
 }
 
 /// The map that a robot made by itself: a saved map, or one in pieces ([`pieces`]).
@@ -76,7 +76,38 @@ pub fn own_map(robot: RobotId, bytes: &[u8]) -> Result<MapFile, OwnMapError> {
     let robots = file.snapshot.robots();
     match robots.keys().find(|r| **r != robot) {
         Some(other) => Err(OwnMapError::OtherRobot { key_frames: robots[other], robot: *other }),
-        None if robots.is_empty() => Err(OwnMapError::Empty),
+        None if robots.is_empty() => Err(OwnMapError::Empty(robot)),
         None => Ok(file),
     }
+}
+
+/// What a robot gives to its team of a saved map, and the bytes of it: all of a map that it made by itself; of one that it
+/// continued, as of the atlas that the team shares, what it made itself ([`cairn_atlas::Snapshot::part_of`]), with all routes. The
+/// others give theirs. What its IMU measured stays: joining maps has no use for it.
+///
+/// # Errors
+/// [`OwnMapError`]: it is damaged, or nothing of the robot is in it.
+pub fn own_part(robot: RobotId, bytes: Vec<u8>) -> Result<(MapFile, Vec<u8>), OwnMapError> {
+    let mut file = MapFile::read(&bytes)?;
+    let by_others = file.snapshot.robots().keys().any(|r| *r != robot);
+    let has_readings =
+        |s: &Snapshot| s.key_frames().any(|k| k.motion.as_ref().is_some_and(|m| m.imu_factor.is_some()));
+    if file.snapshot.key_frame_count() == 0 {
+        return Err(OwnMapError::Empty(robot));
+    }
+    if !by_others && !has_readings(&file.snapshot) {
+        return Ok((file, bytes));
+    }
+    file.snapshot = file.snapshot.without_imu_factors();
+    if by_others {
+        file.snapshot = file.snapshot.part_of(robot).ok_or(OwnMapError::Empty(robot))?;
+        let mut depth = file.take_depth()?;
+        depth.retain(|part| part.submap.key_frame.robot == robot);
+        for part in &mut depth {
+            part.images.retain(|image| image.place.key_frame.robot == robot);
+        }
+        file.add_depth(&depth);
+    }
+    let bytes = file.write()?;
+    Ok((file, bytes))
 }

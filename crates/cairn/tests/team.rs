@@ -5,7 +5,11 @@ use cairn::geometry::{Se3, umeyama};
 use cairn::sensor::Stamp;
 use cairn::team::peer::{Identity, Peer, TeamKey, To};
 use cairn::team::{Network, NetworkConfig, RobotId};
-use cairn::{Config, MapWords, SharedAtlas, Slam, in_reach, map_file, open, shared_atlas, words_of_map};
+use cairn::{
+    Config, MapWords, SharedAtlas, Slam, in_reach, map_file, open, own_map, own_part, shared_atlas,
+    words_of_map,
+};
+use cairn_atlas::KeyFrameName;
 use cairn_atlas::store::{MapFile, pieces};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,11 +20,20 @@ struct Walk {
 }
 
 fn walk(robot: RobotId, world: &str, options: &str) -> Walk {
+    walk_in(None, robot, world, options)
+}
+
+/// A walk in a map that is there already.
+fn walk_in(map: Option<MapFile>, robot: RobotId, world: &str, options: &str) -> Walk {
     let mut source =
         open(&format!("sim:{world}?resolution=320x240&rate=10&detail=0.5&sensor=rgbd&{options}"))
             .expect("a world");
     let config = Config { robot, ..Config::default() };
-    let mut slam = Slam::for_source(&*source).config(&config).build().expect("it can be built");
+    let mut slam = Slam::for_source(&*source).config(&config);
+    if let Some(map) = map {
+        slam = slam.map(map);
+    }
+    let mut slam = slam.build().expect("it can be built");
     while let Some(frame) = source.next_packet().expect("a simulated world can be read") {
         slam.track(&frame).expect("a frame in order");
     }
@@ -135,18 +148,35 @@ fn a_robot_reaches_those_that_it_meets_and_those_that_they_meet() {
 
 /// Root mean square error of the positions of the key frames of some robots, aligned by SE3.
 fn ate(file: &MapFile, walks: &BTreeMap<RobotId, Walk>, robots: &[RobotId]) -> f64 {
+    ate_and_scale(file, walks, robots, false).0
+}
+
+/// The same where the scale may be left free as well, and the scale.
+fn ate_and_scale(
+    file: &MapFile,
+    walks: &BTreeMap<RobotId, Walk>,
+    robots: &[RobotId],
+    free: bool,
+) -> (f64, f64) {
+    let truth = |name: KeyFrameName, at: Stamp| {
+        let walk = robots.contains(&name.robot).then(|| &walks[&name.robot])?;
+        Some(*walk.truth.get(&at).expect("a true pose at each frame"))
+    };
+    ate_of(file, truth, free)
+}
+
+/// The same of those key frames of which the true pose of the body is told.
+fn ate_of(file: &MapFile, truth_of: impl Fn(KeyFrameName, Stamp) -> Option<Se3>, free: bool) -> (f64, f64) {
     let (mut estimated, mut truth) = (Vec::new(), Vec::new());
     for k in file.snapshot.key_frames() {
-        let robot = file.snapshot.key_frame_name(k.id).robot;
-        if robots.contains(&robot) {
-            let body = walks[&robot].truth.get(&k.stamp).expect("a true pose at each frame");
+        if let Some(body) = truth_of(file.snapshot.key_frame_name(k.id), k.stamp) {
             estimated.push(k.world_from_camera.translation);
-            truth.push((*body * file.about.camera.body_from_camera).translation);
+            truth.push((body * file.about.camera.body_from_camera).translation);
         }
     }
-    let fit = umeyama(&truth, &estimated, false).expect("a walk is not a straight line");
+    let fit = umeyama(&truth, &estimated, free).expect("a walk is not a straight line");
     let squares: f64 = estimated.iter().zip(&truth).map(|(e, t)| (fit * *e - *t).norm_squared()).sum();
-    (squares / estimated.len() as f64).sqrt()
+    ((squares / estimated.len() as f64).sqrt(), 1.0 / fit.scale)
 }
 
 #[test]
@@ -178,6 +208,51 @@ fn three_robots_that_share_a_way_have_one_map_and_none_gets_worse() {
         "{merged:?} of {alone:?}"
     );
     assert!(all <= alone.iter().copied().fold(0.0, f64::max), "{all} m of {alone:?}");
+}
+
+/// Yesterday's shared atlas, in which robot 2 walks on alone to where nobody was: what it made of that map, then and now, is what it
+/// gives, and the team's atlas has all of it.
+#[test]
+fn a_robot_that_continued_the_shared_atlas_joins_its_team_again() {
+    let options = ["duration=12", "start=4&duration=10&speed=1.05&height=1.4"];
+    let mut walks: BTreeMap<RobotId, Walk> =
+        (1..).zip(options).map(|(r, o)| (r, walk(r, "demo", &format!("seed=5&{o}")))).collect();
+    let yesterday = atlas_of_all(&walks).merged.file;
+    assert_eq!(yesterday.snapshot.maps().count(), 1);
+    let before = yesterday.snapshot.robots();
+    let named = yesterday.snapshot.key_frames().map(|k| yesterday.snapshot.key_frame_name(k.id));
+    let next = named.filter(|name| name.robot == 2).map(|name| name.seq + 1).max().expect("some of robot 2");
+
+    let today = walk_in(Some(yesterday), 2, "demo", "seed=5&start=8&duration=12&height=1.4");
+    let continued = MapFile::read(&today.map).expect("a whole map");
+    assert!(own_map(2, &today.map).unwrap_err().to_string().contains("key frames of robot 1"));
+    let (part, bytes) = own_part(2, today.map.clone()).expect("it made key frames of it");
+    let own = part.snapshot.robots();
+    println!("yesterday {before:?}, continued {:?}, given {own:?}", continued.snapshot.robots());
+    assert_eq!(own.keys().copied().collect::<Vec<_>>(), [2]);
+    assert_eq!(own[&2], continued.snapshot.robots()[&2]);
+    assert!(own[&2] > before[&2] + 5, "{own:?}");
+    assert!(bytes.len() < today.map.len());
+
+    walks.get_mut(&2).expect("robot 2").map = bytes;
+    let shared = atlas_of_all(&walks);
+    assert!(shared.left_out.is_empty(), "{:?}", shared.left_out);
+    let snapshot = &shared.merged.file.snapshot;
+    snapshot.check().expect("a sound map");
+    assert_eq!(snapshot.maps().count(), 1, "{:?}", shared.merged.attempts);
+    let first = MapFile::read(&walks[&1].map).expect("a map").snapshot.robots()[&1];
+    assert_eq!(snapshot.robots(), [(1, first), (2, own[&2])].into());
+    // Both walks of robot 2 begin at the same time of the clock.
+    let truth = |name: KeyFrameName, at: Stamp| match name {
+        KeyFrameName { robot: 2, seq } if seq >= next => today.truth.get(&at).copied(),
+        KeyFrameName { robot, .. } => walks[&robot].truth.get(&at).copied(),
+    };
+    let (error, _) = ate_of(&shared.merged.file, truth, false);
+    println!("ATE of all {error:.3} m");
+    assert!(error < 0.03, "{error} m");
+    // Who has no part in a map gives nothing of it.
+    let why = own_part(3, today.map).unwrap_err().to_string();
+    assert_eq!(why, "it has no key frame of robot 3");
 }
 
 #[test]
@@ -220,4 +295,29 @@ fn damaged_and_foreign_maps_are_left_out_with_a_sentence() {
     assert_eq!(shared.left_out.keys().copied().collect::<Vec<_>>(), [2, 3, 4]);
     assert!(shared.left_out[&2].contains("key frames of robot 1"));
     assert!(shared_atlas(&BTreeMap::new(), &Config::default()).is_none());
+}
+
+#[test]
+#[ignore = "a table for docs/team.md: three minutes"]
+fn table() {
+    let options = [
+        "duration=24",
+        "start=6&duration=16&speed=1.05&height=1.4",
+        "start=9&duration=16&speed=0.95&height=1.35",
+    ];
+    println!("| seed | alone, m | all in one map, m | times the best alone | all, scale free, m | scale |");
+    for seed in 1..=6 {
+        let walks: BTreeMap<RobotId, Walk> =
+            (1..).zip(options).map(|(r, o)| (r, walk(r, "demo", &format!("seed={seed}&{o}")))).collect();
+        let parts = walks.iter().map(|(robot, walk)| (*robot, walk.map.clone())).collect();
+        let file = shared_atlas(&parts, &Config::default()).expect("maps").merged.file;
+        assert_eq!(file.snapshot.maps().count(), 1, "seed {seed}");
+        let alone: Vec<f64> =
+            walks.iter().map(|(r, w)| ate(&MapFile::read(&w.map).expect("a map"), &walks, &[*r])).collect();
+        let best = alone.iter().copied().fold(f64::INFINITY, f64::min);
+        let all = ate(&file, &walks, &[1, 2, 3]);
+        let (free, scale) = ate_and_scale(&file, &walks, &[1, 2, 3], true);
+        let alone: Vec<String> = alone.iter().map(|m| format!("{m:.3}")).collect();
+        println!("| {seed} | {} | {all:.3} | {:.2} | {free:.3} | {scale:.4} |", alone.join(", "), all / best);
+    }
 }

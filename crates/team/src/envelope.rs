@@ -3,7 +3,7 @@
 use crate::ids::RobotId;
 
 /// The version that this program reads and writes.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 
 /// Why a message was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -61,8 +61,8 @@ pub enum Refused {
     /// There are more robots than [`crate::MAX_ROBOTS`].
     #[error("there are too many robots to listen to one more")]
     TooManyRobots,
-    /// It is not sealed with the key of this team, or was changed on its way.
-    #[error("the message is not sealed with the key of this team")]
+    /// It is not encrypted with the key of this team, or was changed on its way.
+    #[error("the message is not encrypted with the key of this team")]
     Seal,
     /// Its signature is not of the key that it names.
     #[error("a map of robot {0} has a wrong signature")]

@@ -59,7 +59,7 @@ fn other_versions_replays_and_false_names_are_refused() {
     let mut newer = first.clone();
     newer[0] = VERSION + 1;
     assert_eq!(robots[1].receive(0, &newer), Err(Refused::Version(VERSION + 1)));
-    assert_eq!(Refused::Version(9).to_string(), "the message has version 9, this program reads version 2");
+    assert_eq!(Refused::Version(9).to_string(), "the message has version 9, this program reads version 3");
     assert_eq!(robots[1].receive(2, &first), Err(Refused::WrongSender { from: 2, claimed: 0 }));
     assert_eq!(robots[0].receive(0, &first), Err(Refused::OwnId));
     robots[1].receive(0, &first).unwrap();

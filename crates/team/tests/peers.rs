@@ -264,7 +264,7 @@ fn nobody_can_speak_for_another_robot() {
     newer[0] = 9;
     assert_eq!(
         b.receive(&newer).unwrap_err().to_string(),
-        "the message has version 9, this program reads version 2"
+        "the message has version 9, this program reads version 3"
     );
     assert!(matches!(b.receive(&vec![1; MAX_PEER_MESSAGE_BYTES + 1]), Err(Refused::TooLong(_))));
 }

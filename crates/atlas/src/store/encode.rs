@@ -3,7 +3,10 @@
 use super::about::{About, encode_camera, numbers};
 use super::container::PartsWriter;
 use super::error::StoreError;
-use super::layout::{ATTACHED, CAMERAS, CHUNK, DESCRIPTORS, FEATURES, MapFile, NO_PICK, ONE_CAMERA, SHOWN};
+use super::layout::{
+    ATTACHED, CAMERAS, CHUNK, DESCRIPTORS, FEATURES, MapFile, NO_PICK, ONE_CAMERA, READINGS, SHOWN,
+};
+use super::readings;
 use super::wire::Encoder;
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::DESCRIPTOR_ID;
@@ -48,6 +51,15 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
             .into();
     let mixed = snapshot.other_cameras().next().is_some();
     names.extend(mixed.then(|| CAMERAS.to_owned()));
+    let readings: Vec<(String, Vec<u8>)> = key_frames
+        .chunks(CHUNK)
+        .enumerate()
+        .filter_map(|(i, chunk)| {
+            let part = readings::encode(chunk, snapshot, |id| rows.key_frame(id))?;
+            Some((format!("{READINGS}{i}"), part))
+        })
+        .collect();
+    names.extend(readings.iter().map(|(name, _)| name.clone()));
     names.push(SHOWN.to_owned());
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("{FEATURES}{i}")));
     names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
@@ -63,6 +75,9 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     parts.put(&DESCRIPTOR_ID.to_le_bytes())?;
     if mixed {
         parts.put(&cameras(snapshot, &key_frames)?)?;
+    }
+    for (_, bytes) in &readings {
+        parts.put(bytes)?;
     }
     parts.put(&shown(snapshot, &key_frames, &rows))?;
     for chunk in key_frames.chunks(CHUNK) {

@@ -16,6 +16,7 @@
 //! | robots | since version 4: which robot created which key frames and landmarks |
 //! | cameras | in version 5: the cameras of key frames that are not the atlas's; which key frame has which |
 //! | descriptors | which descriptors the features have; in files without it, those of the first release |
+//! | readings 0, 1, .. | IMU readings between key frames (`readings.rs`); only where there are any |
 //! | shown | what of the features is needed before they are read: the landmarks that they show; level, angle and descriptor of each
 //! landmark. A file without it, of an earlier program, is read whole |
 //! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
@@ -44,6 +45,8 @@ pub(super) const DESCRIPTORS: &str = "descriptors";
 pub(super) const SHOWN: &str = "shown";
 /// Beginning of the names of the parts of features.
 pub(super) const FEATURES: &str = "features ";
+/// Beginning of the names of the parts of IMU readings.
+pub(super) const READINGS: &str = "readings ";
 /// Key frames in one part of features.
 pub(super) const CHUNK: usize = 64;
 /// No observation has the landmark's descriptor.

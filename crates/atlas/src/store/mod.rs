@@ -17,6 +17,7 @@ mod in_file;
 mod later;
 mod layout;
 pub mod pieces;
+mod readings;
 mod virtual_baseline;
 mod wire;
 

@@ -2,12 +2,13 @@
 
 use cairn_atlas::store::{About, MapFile};
 use cairn_atlas::{
-    Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Readout, Snapshot,
+    Change, ChangeSet, ImuFactor, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Readout,
+    Snapshot,
 };
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
-use cairn_inertial::Bias;
+use cairn_inertial::{Bias, Preintegrated};
 use cairn_random::Random;
-use cairn_sensor::Stamp;
+use cairn_sensor::{ImuNoise, ImuSample, Stamp};
 use cairn_vision::bow::Vocabulary;
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
 use std::collections::BTreeMap;
@@ -180,6 +181,26 @@ pub fn described(snapshot: &Snapshot) -> String {
         ancestors,
     );
     format!("{all:?}\n{}\n{}", key_frames.join("\n"), landmarks.join("\n"))
+}
+
+/// A factor of some readings, since its parent, for each key frame that moves.
+pub fn with_readings(snapshot: &Snapshot, noise: ImuNoise) -> Snapshot {
+    let factor = |k: &KeyFrame| {
+        let bias = k.motion.as_ref()?.bias;
+        let reading = |i: i64| ImuSample {
+            noise_scale: if i == 2 { 4.0 } else { 1.0 },
+            ..ImuSample::new(
+                Stamp(k.stamp.0 + i * 5_000_000),
+                Vec3::new(0.25, 0.5, i as f64 / 8.0),
+                Vec3::new(9.75, k.id.index() as f64 / 64.0, -0.5),
+            )
+        };
+        let samples = (0..3 + k.id.index() as i64 % 4).map(reading).collect();
+        let sum = Arc::new(Preintegrated::of(noise, bias, samples));
+        Some(Change::ImuFactor(k.id, ImuFactor { since: k.parent?, sum }))
+    };
+    let changes = snapshot.key_frames().filter_map(factor).collect();
+    snapshot.apply(&ChangeSet { base: snapshot.version(), changes }).0
 }
 
 /// Asserts that two snapshots are equal in everything visible; reports only the first difference.

@@ -7,6 +7,7 @@ mod damage;
 mod depth;
 mod fixtures;
 mod history;
+mod own;
 mod paging;
 mod pieces;
 mod round_trip;

@@ -1,8 +1,9 @@
 //! What is whole of a damaged map is saved, and the result is a whole map.
 
 use crate::fixtures::two_cameras;
-use crate::history::{Dice, file};
+use crate::history::{Dice, file, same, with_readings};
 use cairn_atlas::store::{MapFile, Table, inspect};
+use cairn_sensor::ImuNoise;
 
 /// Enough for more than one part of features.
 const STEPS: usize = 220;
@@ -130,4 +131,19 @@ fn what_nothing_can_be_done_without_is_an_error_and_nothing_panics() {
             assert_eq!(saved.snapshot.check(), Ok(()));
         }
     }
+}
+
+#[test]
+fn damaged_imu_readings_are_forgotten() {
+    let mut whole = file(3, STEPS, 6);
+    let noise = ImuNoise { gyro: 1e-3, gyro_walk: 1e-5, accel: 1e-2, accel_walk: 1e-4 };
+    whole.snapshot = with_readings(&whole.snapshot, noise);
+    let damaged = with_damage(&whole.write().unwrap(), "readings 1");
+    assert!(MapFile::read(&damaged).unwrap_err().to_string().contains("readings 1"));
+    let (saved, lost) = salvaged(&damaged);
+    assert!(
+        lost.len() == 1 && lost[0].contains("what the IMU measured between key frames is forgotten"),
+        "{lost:?}"
+    );
+    same(&saved.snapshot, &whole.snapshot.without_imu_factors(), "repaired");
 }

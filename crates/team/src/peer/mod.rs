@@ -238,7 +238,7 @@ impl Peer {
         if bytes.len() > MAX_PEER_MESSAGE_BYTES {
             return Err(Refused::TooLong(bytes.len()));
         }
-        let message = PeerMessage::decode(self.team.open(bytes)?)?;
+        let message = PeerMessage::decode(&self.team.open(bytes)?)?;
         let (from, kind) = (message.from, message.kind());
         if from == self.robot() {
             return Err(Refused::OwnId);

@@ -1,17 +1,21 @@
-//! Keys: of the team, which seals every message, and of a robot, which signs what it publishes.
+//! Keys: of the team, which encrypts every message, and of a robot, which signs what it publishes.
 //!
-//! Every message is `version` (1 byte), the first 16 bytes of its HMAC-SHA-256 (RFC 2104) under the team's key, and its
-//! body. What a robot publishes is signed by Ed25519 (RFC 8032), because other robots pass it on.
+//! Every message is `version` (1 byte), a nonce (24), and its body under ChaCha20-Poly1305 (RFC 8439) with the tag (16).
+//! The nonce is an HMAC-SHA-256 (RFC 2104) of the body, and the key of the message an HMAC of the nonce, both under the
+//! team's key. So no chance is needed, and only equal bodies have equal nonces (the synthetic initialisation vector of
+//! Rogaway and Shrimpton, "A provable-security treatment of the key-wrap problem", 2006): who has not the key sees
+//! lengths, times, and which messages are repetitions. What a robot publishes is signed by Ed25519 (RFC 8032), because
+//! other robots pass it on.
 
 use crate::{Refused, RobotId, VERSION};
 use ring::signature::{Ed25519KeyPair, KeyPair};
-use ring::{digest, hmac};
+use ring::{aead, digest, hmac};
 
-/// Bytes of the seal in front of every message.
+const NONCE: usize = 24;
 const TAG: usize = 16;
-const HEADER: usize = 1 + TAG;
+const HEADER: usize = 1 + NONCE;
 
-/// The key that all robots of a team have; messages under another key are refused.
+/// The key that all robots of a team have; messages under another key are refused, and cannot be read.
 #[derive(Clone, Debug)]
 pub struct TeamKey(hmac::Key);
 
@@ -22,25 +26,56 @@ impl TeamKey {
     }
 
     pub(super) fn seal(&self, body: &[u8]) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(HEADER + body.len());
+        let nonce = self.derive(b"nonce", body);
+        let Some(nonce) = nonce.as_ref().first_chunk::<NONCE>() else { return Vec::new() };
+        let mut bytes = Vec::with_capacity(HEADER + body.len() + TAG);
         bytes.push(VERSION);
-        bytes.extend(&hmac::sign(&self.0, body).as_ref()[..TAG]);
+        bytes.extend(nonce);
         bytes.extend(body);
+        let sealed = self.message_key(nonce).and_then(|key| {
+            key.seal_in_place_separate_tag(no_nonce(), aead::Aad::from([VERSION]), &mut bytes[HEADER..])
+        });
+        // Only a body of gigabytes cannot be encrypted; an empty message is refused by everyone.
+        let Ok(tag) = sealed else { return Vec::new() };
+        bytes.extend(tag.as_ref());
         bytes
     }
 
-    pub(super) fn open<'a>(&self, bytes: &'a [u8]) -> Result<&'a [u8], Refused> {
+    pub(super) fn open(&self, bytes: &[u8]) -> Result<Vec<u8>, Refused> {
         let short = || Refused::TooShort(bytes.len());
         let (version, rest) = bytes.split_first().ok_or_else(short)?;
         if *version != VERSION {
             return Err(Refused::Version(*version));
         }
-        let (tag, body) = rest.split_first_chunk::<TAG>().ok_or_else(short)?;
-        let expected = hmac::sign(&self.0, body);
-        // All bytes are compared, so that the time does not tell how many are right.
-        let difference = tag.iter().zip(expected.as_ref()).fold(0, |sum, (a, b)| sum | (a ^ b));
-        if difference == 0 { Ok(body) } else { Err(Refused::Seal) }
+        let (nonce, rest) = rest.split_first_chunk::<NONCE>().ok_or_else(short)?;
+        if rest.len() < TAG {
+            return Err(short());
+        }
+        let key = self.message_key(nonce).map_err(|_| Refused::Seal)?;
+        let mut body = rest.to_vec();
+        let opened = key.open_in_place(no_nonce(), aead::Aad::from([VERSION]), &mut body);
+        let length = opened.map_err(|_| Refused::Seal)?.len();
+        body.truncate(length);
+        Ok(body)
     }
+
+    /// The key that only messages with this nonce have.
+    fn message_key(&self, nonce: &[u8; NONCE]) -> Result<aead::LessSafeKey, ring::error::Unspecified> {
+        let key = self.derive(b"message", nonce);
+        Ok(aead::LessSafeKey::new(aead::UnboundKey::new(&aead::CHACHA20_POLY1305, key.as_ref())?))
+    }
+
+    fn derive(&self, what: &[u8], from: &[u8]) -> hmac::Tag {
+        let mut context = hmac::Context::with_key(&self.0);
+        context.update(what);
+        context.update(from);
+        context.sign()
+    }
+}
+
+/// The cipher's own nonce: a message has a key of its own.
+fn no_nonce() -> aead::Nonce {
+    aead::Nonce::assume_unique_for_key([0; aead::NONCE_LEN])
 }
 
 /// Why an identity cannot be made.
@@ -107,4 +142,35 @@ pub(super) fn is_signed(public: &[u8; 32], bytes: &[u8], signature: &[u8]) -> bo
 pub(super) fn hash<const N: usize>(bytes: &[u8]) -> [u8; N] {
     let digest = digest::digest(&digest::SHA256, bytes);
     std::array::from_fn(|k| digest.as_ref().get(k).copied().unwrap_or(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_team_reads_a_message_and_any_changed_byte_is_noticed() {
+        let (team, other) = (TeamKey::new(b"a secret"), TeamKey::new(b"another one"));
+        let body = b"the words of a key frame, the words of a key frame";
+        let sealed = team.seal(body);
+        assert_eq!(sealed.len(), HEADER + body.len() + TAG);
+        assert_eq!(team.open(&sealed).unwrap(), body);
+        assert_eq!(other.open(&sealed).unwrap_err(), Refused::Seal);
+        // Nothing of the body is on the wire, and no two messages share a key stream.
+        assert!(!sealed.windows(8).any(|w| body.windows(8).any(|of_body| of_body == w)));
+        let mut changed = *body;
+        changed[0] ^= 1;
+        let next = team.seal(&changed);
+        let equal = sealed[HEADER..].iter().zip(&next[HEADER..]).filter(|(a, b)| a == b).count();
+        assert!(equal < 8, "{equal} of {} bytes are equal", sealed.len() - HEADER);
+        for k in 0..sealed.len() {
+            let mut changed = sealed.clone();
+            changed[k] ^= 1;
+            let expected = if k == 0 { Refused::Version(VERSION ^ 1) } else { Refused::Seal };
+            assert_eq!(team.open(&changed).unwrap_err(), expected, "byte {k}");
+            let cut = team.open(&sealed[..k]).unwrap_err();
+            let expected = if k < HEADER + TAG { Refused::TooShort(k) } else { Refused::Seal };
+            assert_eq!(cut, expected, "{k} bytes");
+        }
+    }
 }

@@ -73,6 +73,10 @@ pub(super) fn read(
             key_frames.iter_mut().for_each(|k| k.motion = None);
         })?;
     }
+    let readings = super::readings::read(parts, &mut key_frames);
+    damage.or(readings, "what the IMU measured between key frames is forgotten", || {
+        key_frames.iter_mut().filter_map(|k| k.motion.as_mut()).for_each(|m| m.imu_factor = None);
+    })?;
     if parts.version >= 4 {
         let robots = read_robots(parts, &mut snapshot);
         damage.or(robots, "which robot created what is forgotten", || ())?;

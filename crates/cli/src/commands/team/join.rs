@@ -11,7 +11,7 @@ use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use cairn::team::RobotId;
 use cairn::team::peer::{Identity, Peer, TeamKey, Wanted};
-use cairn::{Config, SharedAtlas, in_reach, own_map, shared_atlas, words_of_map};
+use cairn::{Config, SharedAtlas, in_reach, own_part, shared_atlas, words_of_map};
 use cairn_atlas::store::pieces;
 use cairn_files::MIB;
 use cairn_wire::Member;
@@ -58,7 +58,7 @@ pub struct Arguments {
 #[derive(clap::Args, Clone)]
 pub struct Reach {
     /// A file with a secret that only the robots of the team have; without it anybody who knows the name of the team can
-    /// take part.
+    /// take part, and read what is sent.
     #[arg(help_heading = "Team", long, value_name = "FILE")]
     pub secret: Option<PathBuf>,
     /// The address at which other robots reach this one [default: 0.0.0.0:7450].
@@ -297,7 +297,7 @@ impl Robot {
             Err(e) => return warn(&format!("{shown} is not shared: {e}")),
         };
         let robot = self.member.peer().robot();
-        let published = own_map(robot, &bytes).map_err(|e| e.to_string()).and_then(|file| {
+        let published = own_part(robot, bytes).map_err(|e| e.to_string()).and_then(|(file, bytes)| {
             let pieces = pieces::cut(&bytes).map_err(|e| e.to_string())?;
             let peer = self.member.peer_mut();
             let (words, lengths) = words_of_map(robot, &file);
@@ -307,7 +307,7 @@ impl Robot {
             peer.publish_pieces(&pieces.bytes, &pieces.lengths).map_err(|e| e.to_string())
         });
         if let Err(why) = published {
-            warn(&format!("{shown} is not shared: {why}; it must be made by cairn run --robot {robot}"));
+            warn(&format!("{shown} is not shared: {why}; make it with cairn run --robot {robot}"));
         }
     }
 
