@@ -213,14 +213,15 @@ impl DenseMapper {
                 let Some(known) = mirror.key_frame(k.id) else { return };
                 let seen = offered.take(k.stamp);
                 let (id, in_map, pose) = (anchor(k.id), dense_map(known.map), known.world_from_camera);
+                // Also of depth that is not usable: who only keeps the images does not know.
+                if let (Some(_), Some(views)) = (&seen, views.as_mut()) {
+                    views.add(k.id);
+                }
                 let fused = seen.is_some_and(|o| {
                     map.insert(id, in_map, pose, *camera_from_depth, &o.depth, o.gray.as_deref()).is_ok()
                 });
                 counts.key_frames += usize::from(fused);
                 counts.without_depth += usize::from(!fused);
-                if let Some(views) = views.as_mut().filter(|_| fused) {
-                    views.add(k.id);
-                }
                 if !fused {
                     counts.refused += usize::from(map.add_anchor(id, in_map, pose).is_err());
                 }
@@ -242,8 +243,7 @@ impl DenseMapper {
                 let done = removal.map(|r| map.remove(anchor(*id), anchor(r.parent)));
                 counts.refused += usize::from(!matches!(done, Some(Ok(()))));
                 if views.as_mut().is_some_and(|views| views.drop_if_spare(*id, mirror)) {
-                    counts.spare += 1;
-                    counts.refused += usize::from(map.forget(anchor(*id)).is_err());
+                    forget(map, *id, counts);
                 }
             }
             _ => {}
@@ -253,10 +253,7 @@ impl DenseMapper {
     /// Drops the depth of a key frame, which may have been removed, as [`DenseMap::forget`]; for who follows a stream of changes and decides itself
     /// ([`Views`]).
     pub fn forget(&mut self, id: KeyFrameId) {
-        match self.map.forget(anchor(id)) {
-            Ok(dropped) => self.counts.spare += usize::from(dropped),
-            Err(_) => self.counts.refused += 1,
-        }
+        forget(&mut self.map, id, &mut self.counts);
     }
 
     /// Fuses key frames again that moved inside their submap, at most about `images` fusions, starting nearest to a place
@@ -319,6 +316,14 @@ impl DenseMapper {
 pub fn has_colours(rig: &Rig) -> bool {
     let first = rig.cameras.first().map(|c| c.camera);
     rig.depth.as_ref().is_some_and(|d| d.registered && Some(d.camera) == first)
+}
+
+/// Drops the depth of a key frame.
+fn forget(map: &mut DenseMap, id: KeyFrameId, counts: &mut DenseCounts) {
+    match map.forget(anchor(id)) {
+        Ok(dropped) => counts.spare += usize::from(dropped),
+        Err(_) => counts.refused += 1,
+    }
 }
 
 /// Moves the anchors of key frames.
