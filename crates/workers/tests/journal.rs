@@ -287,7 +287,7 @@ fn depth_that_is_superfluous_does_not_fill_the_disk() {
     let folder = Folder::new("spare");
     let id = |i| KeyFrameId::from_index(i).unwrap();
     let noise = |seed: usize| {
-        let pixel = |i: usize| ((i * 7919 + seed * 104_729) * 2_654_435_761 >> 7) as u16;
+        let pixel = |i: usize| (((i * 7919 + seed * 104_729) * 2_654_435_761) >> 7) as u16;
         PackedDepth::pack(&DepthImage::from_vec(640, 480, (0..640 * 480).map(pixel).collect()).unwrap())
     };
     let images = [noise(1), noise(2)];
