@@ -159,11 +159,16 @@ impl Mirror {
 
     /// As [`Snapshot::world_from_here`].
     pub fn world_from_here(&self, id: KeyFrameId) -> Option<Sim3> {
+        self.surviving_ancestor(id).map(|(k, relative)| k.world_from_here() * relative)
+    }
+
+    /// As [`Snapshot::surviving_ancestor`], with the key frame itself.
+    pub fn surviving_ancestor(&self, id: KeyFrameId) -> Option<(&Mirrored, Sim3)> {
         let mut at = id;
         let mut relative = Sim3::identity();
         loop {
             if let Some(k) = self.key_frames.get(&at) {
-                return Some(k.world_from_here() * relative);
+                return Some((k, relative));
             }
             // Parents are older than their children, so this ends.
             let (parent, parent_from_it) = self.removed.get(&at).filter(|(parent, _)| *parent < at)?;

@@ -159,7 +159,7 @@ pub fn work(role: &str) -> Result<(), String> {
         Role::Slam => slam::run(from, to, &config, Runner::Lockstep),
         Role::Dense => dense::run(from, to, || {
             let (config, saved) = (SubmapConfig::default(), Vec::new());
-            Ok(dense::Work { config, saved, surface: Some(surface), shown: false })
+            Ok(dense::Work { config, saved, surface: Some(surface) })
         }),
         Role::Guide | Role::Walk => return Err(format!("{} is not measured here", role.name())),
     }

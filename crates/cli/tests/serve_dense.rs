@@ -9,6 +9,7 @@ use cairn_workers::{RemoteSetup, RemoteSlam, Role, Told};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -100,7 +101,7 @@ fn surfaces_that_are_killed_or_hang_come_again_and_the_walk_does_not_notice() {
     let heard = Heard::default();
     let mut slam = begin(&folder, &*source, &heard);
     let config = cairn_dense::SubmapConfig::default();
-    let Surfaces::Elsewhere(changes) = slam.surfaces(source.rig(), config).unwrap() else {
+    let Surfaces::Elsewhere { changes, wanted } = slam.surfaces(source.rig(), config).unwrap() else {
         panic!("surfaces are made in this process")
     };
     let (mut drawn, mut late) = (Drawn::default(), 0);
@@ -121,7 +122,10 @@ fn surfaces_that_are_killed_or_hang_come_again_and_the_walk_does_not_notice() {
             changes.try_iter().for_each(|change| drawn.take(change));
         }
     };
+    // Nothing is meshed until somebody wants to see it; then all that was seen so far comes.
     walk(&mut slam, &mut drawn, 50);
+    assert!(drawn.submaps.is_empty() && changes.try_recv().is_err(), "nobody wants surfaces");
+    wanted.store(true, Ordering::Relaxed);
     drawn.until(&changes, "the first surface", |d| d.triangles() > 5_000);
     let (before, first) = (drawn.triangles(), drawn.submaps.clone());
     // Killed: the walk goes on, nothing that is drawn goes away, and then all of it comes from the next process.

@@ -12,10 +12,12 @@ mod lost;
 mod offered;
 mod saved;
 mod search;
+mod spare;
 
 pub use offered::{Offered, OfferedDepth};
 pub use saved::{Restored, SavedDepthError, saved_dense_map};
 pub use search::{RefusedLooks, SearchCounts};
+pub use spare::Views;
 
 use crate::{Engine, Output};
 use cairn_atlas::{Change, KeyFrameId, MapId, Mirror, Published, Subscription};
@@ -59,6 +61,8 @@ pub struct DenseCounts {
     pub without_depth: usize,
     /// Key frames that were removed from the map, whose depth is anchored to their parents now.
     pub removed: usize,
+    /// Those of them whose depth was dropped, since enough others look at the same from near by.
+    pub spare: usize,
     /// Maps that were merged into another.
     pub merges: usize,
     /// Changes that could not be followed, such as a pose that is not finite.
@@ -77,6 +81,8 @@ pub struct DenseMapper {
     /// Key frames that moved since the dense map was last aligned.
     moved: BTreeMap<KeyFrameId, Se3>,
     counts: DenseCounts,
+    /// Drops the depth of removed key frames that others make superfluous; `None` where somebody else decides.
+    views: Option<Views>,
     /// The stream has ended: mapping is gone.
     ended: bool,
     /// Looks for the engine's camera when it is lost.
@@ -104,7 +110,7 @@ impl DenseMapper {
         let camera_from_depth = model.body_from_camera.inverse() * sensor.body_from_depth;
         let mut all =
             Self::following(from, sensor.camera, sensor.metres_per_unit, camera_from_depth, config)?;
-        all.has_colours = has_colours;
+        (all.has_colours, all.views) = (has_colours, Some(Views::default()));
         let locator = all.map.locator(RegisterConfig::default())?;
         let (after_s, threaded) = (engine.find_by_depth_s, engine.is_threaded());
         all.lost = Some(LostCamera::new(engine.depth_link(), locator, camera_from_depth, after_s, threaded));
@@ -112,7 +118,8 @@ impl DenseMapper {
     }
 
     /// A dense mapper that follows a stream of changes: depth images of `camera` in units of `metres_per_unit`, mounted
-    /// at `camera_from_depth` on the camera whose poses key frames have.
+    /// at `camera_from_depth` on the camera whose poses key frames have. The depth of removed key frames stays until it is told to
+    /// [`DenseMapper::forget`] it.
     ///
     /// # Errors
     /// An invalid camera or config.
@@ -130,7 +137,20 @@ impl DenseMapper {
         }
         let (offered, moved, counts) = (OfferedDepth::default(), BTreeMap::new(), DenseCounts::default());
         let (ended, has_colours, lost) = (false, false, None);
-        Ok(Self { map, mirror, from, camera_from_depth, offered, has_colours, moved, counts, ended, lost })
+        let views = None;
+        Ok(Self {
+            map,
+            mirror,
+            from,
+            camera_from_depth,
+            offered,
+            has_colours,
+            moved,
+            counts,
+            views,
+            ended,
+            lost,
+        })
     }
 
     /// Takes the depth of a packet that the engine has processed, where its frame may become a key frame, and follows
@@ -187,12 +207,16 @@ impl DenseMapper {
     }
 
     fn take(&mut self, published: &Published) {
-        let Self { map, mirror, camera_from_depth, offered, moved, counts, .. } = self;
+        let Self { map, mirror, camera_from_depth, offered, moved, counts, views, .. } = self;
         mirror.take_with(published, |mirror, change, removal| match change {
             Change::AddKeyFrame(k) => {
                 let Some(known) = mirror.key_frame(k.id) else { return };
                 let seen = offered.take(k.stamp);
                 let (id, in_map, pose) = (anchor(k.id), dense_map(known.map), known.world_from_camera);
+                // Also of depth that is not usable: who only keeps the images does not know.
+                if let (Some(_), Some(views)) = (&seen, views.as_mut()) {
+                    views.add(k.id);
+                }
                 let fused = seen.is_some_and(|o| {
                     map.insert(id, in_map, pose, *camera_from_depth, &o.depth, o.gray.as_deref()).is_ok()
                 });
@@ -218,9 +242,18 @@ impl DenseMapper {
                 counts.removed += 1;
                 let done = removal.map(|r| map.remove(anchor(*id), anchor(r.parent)));
                 counts.refused += usize::from(!matches!(done, Some(Ok(()))));
+                if views.as_mut().is_some_and(|views| views.drop_if_spare(*id, mirror)) {
+                    forget(map, *id, counts);
+                }
             }
             _ => {}
         });
+    }
+
+    /// Drops the depth of a key frame, which may have been removed, as [`DenseMap::forget`]; for who follows a stream of changes and decides itself
+    /// ([`Views`]).
+    pub fn forget(&mut self, id: KeyFrameId) {
+        forget(&mut self.map, id, &mut self.counts);
     }
 
     /// Fuses key frames again that moved inside their submap, at most about `images` fusions, starting nearest to a place
@@ -283,6 +316,14 @@ impl DenseMapper {
 pub fn has_colours(rig: &Rig) -> bool {
     let first = rig.cameras.first().map(|c| c.camera);
     rig.depth.as_ref().is_some_and(|d| d.registered && Some(d.camera) == first)
+}
+
+/// Drops the depth of a key frame.
+fn forget(map: &mut DenseMap, id: KeyFrameId, counts: &mut DenseCounts) {
+    match map.forget(anchor(id)) {
+        Ok(dropped) => counts.spare += usize::from(dropped),
+        Err(_) => counts.refused += 1,
+    }
 }
 
 /// Moves the anchors of key frames.

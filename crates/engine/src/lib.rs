@@ -24,7 +24,7 @@ pub use cairn_vision::SensorMode;
 pub use config::Config;
 pub use dense::{
     DenseCounts, DenseMapper, DenseSetupError, Offered, OfferedDepth, RefusedLooks, Restored,
-    SavedDepthError, SearchCounts, has_colours, saved_dense_map,
+    SavedDepthError, SearchCounts, Views, has_colours, saved_dense_map,
 };
 pub use engine::{Engine, PoseTime};
 pub use journal::{Journal, JournalError, ReplayError};

@@ -8,6 +8,7 @@ use cairn_sensor::{FramePacket, Rig};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Receiver;
 
 /// Why a packet has no result.
@@ -28,8 +29,13 @@ pub enum NotTracked {
 pub enum Surfaces {
     /// A mapper, which is given every packet.
     Here(Box<DenseMapper>),
-    /// A process of its own, which sends what changes until the session's map ends.
-    Elsewhere(Receiver<SurfaceChange>),
+    /// A process of its own.
+    Elsewhere {
+        /// What changes, until the session's map ends.
+        changes: Receiver<SurfaceChange>,
+        /// Whether somebody wants to know; at first nobody does.
+        wanted: Arc<AtomicBool>,
+    },
 }
 
 /// Packets in, poses and a map out.

@@ -39,8 +39,6 @@ pub struct Work<S> {
     pub saved: Vec<DepthPart>,
     /// The bytes of a surface's file, for a map that is aligned with gravity or not; `None` where none is wanted.
     pub surface: Option<S>,
-    /// What changes is told while the surface grows, for pages.
-    pub shown: bool,
 }
 
 /// Runs until the surface is written or the supervisor is gone. `open` says what to do.
@@ -80,6 +78,8 @@ struct Following {
     commits: VecDeque<Published>,
     /// Depth of key frames that are still to come.
     ahead: BTreeMap<KeyFrameId, KeyFrameDepth>,
+    /// Key frames whose depth is superfluous, once all commits that were read are followed.
+    spare: Vec<KeyFrameId>,
     /// Depth of the saved map that is of another camera: saved as it is.
     others: Vec<DepthPart>,
     /// Images that it began with.
@@ -121,13 +121,10 @@ where
             }
             match read(from) {
                 Ok(Some(Order::Ping)) => {
-                    let has_all = self.follow(SLICE)?;
-                    reports.extend(has_all.then_some(Report::Followed));
-                    if has_all && self.work.shown {
-                        reports.extend(self.show());
-                    }
+                    reports.extend(self.follow(SLICE)?.then_some(Report::Followed));
                     reports.push(Report::Pong);
                 }
+                Ok(Some(Order::Show)) => reports.extend(self.show()),
                 Ok(Some(Order::End)) => reports.push(self.end()?),
                 Ok(Some(_)) => {}
                 Ok(None) | Err(_) => return Ok(()),
@@ -150,13 +147,21 @@ where
             self.following = None;
             return self.follow(limit);
         }
-        following.ahead.extend(following.depth.follow().map_err(failed)?.into_iter().map(|d| (d.id, d)));
+        for depth in following.depth.follow().map_err(failed)? {
+            if depth.is_spare() {
+                following.spare.push(depth.id);
+                continue;
+            }
+            // Its number may have been that of another, which was never committed.
+            following.spare.retain(|id| *id != depth.id);
+            following.ahead.insert(depth.id, depth);
+        }
         Ok(following.apply(Instant::now() + limit))
     }
 
-    /// Fuses again what has moved, and what has changed since pages were told; at first only once all of it is there.
+    /// Fuses again what has moved, and tells what has changed since pages were told; at first only once all of it is there.
     fn show(&mut self) -> Vec<Report> {
-        let Some(f) = &mut self.following else { return Vec::new() };
+        let Some(f) = self.following.as_mut().filter(|f| f.commits.is_empty()) else { return Vec::new() };
         let until = Instant::now() + SLICE;
         while f.mapper.step(&f.newest, FUSED_AGAIN).waiting > 0 {
             if Instant::now() > until {
@@ -196,15 +201,26 @@ where
             Ok(mapper) => mapper,
             Err(e) => return Ok(Err(Failure::new("surfaces", e, "correct the depth sensor with --rig"))),
         };
-        let mut parts = self.work.saved.clone();
+        let (restored, others) = mapper.restore(self.work.saved.clone());
         let template = |submap| DepthPart { camera, metres_per_unit, submap, images: Vec::new() };
-        parts.extend(submaps(&map, here, camera_from_depth, self.work.config.reach_m, &template));
-        let (restored, others) = mapper.restore(parts);
-        let commits = VecDeque::new();
-        let restored = restored.images;
+        let own = submaps(&map, here, camera_from_depth, self.work.config.reach_m, &template);
+        let restored = restored.images + mapper.restore_own(own).0.images;
+        let (commits, spare) = (VecDeque::new(), Vec::new());
         let (newest, changes, told) = (Vec3::zeros(), SurfaceChanges::new(), None);
-        let following =
-            Following { tail, feed, depth, mapper, commits, ahead, others, restored, newest, changes, told };
+        let following = Following {
+            tail,
+            feed,
+            depth,
+            mapper,
+            commits,
+            ahead,
+            spare,
+            others,
+            restored,
+            newest,
+            changes,
+            told,
+        };
         Ok(Ok(following))
     }
 
@@ -257,7 +273,11 @@ impl Following {
                 break;
             }
         }
-        self.commits.is_empty()
+        let has_all = self.commits.is_empty();
+        if has_all {
+            self.spare.drain(..).for_each(|id| self.mapper.forget(id));
+        }
+        has_all
     }
 }
 

@@ -5,12 +5,16 @@
 //! one that is started again reads all of it.
 //!
 //! ```text
-//! depth.log      magic 8 | format u32, then for each: length u32 | crc32 u32 | key frame u32 | stamp i64 |
+//! depth.log      magic 8 | format u32 | generation u32, then for each: length u32 | crc32 u32 | key frame u32 | stamp i64 |
 //!                bytes u32 | compressed depth | compressed gray image, which may be empty
 //! ```
 //!
-//! The last record of a key frame counts. One without an image says that those before it are of no key frame: SLAM died before it
+//! The last record of a key frame counts. One without an image says that what was said before is void: with the time of the key frame, that its
+//! depth is superfluous by now ([`cairn_engine::Views`]); with no time, that it is of no key frame, since SLAM died before it
 //! had committed it, and its number may come again.
+//!
+//! Once most of the file is void, and [`MOST_VOID`] bytes of it, it is written again without that, as the next generation. Who reads it finds out
+//! by the number, and is told that what is missing in it is void. So the file is at most about twice as long as what counts in it.
 
 use crate::journal::{JournalError, failed, record};
 use cairn_atlas::{KeyFrameId, Snapshot};
@@ -24,15 +28,17 @@ use std::sync::Arc;
 
 const MAGIC: [u8; 8] = *b"\x8ccrndpt\n";
 /// Of this file; another layout gets another number.
-const FORMAT: u32 = 1;
-const HEADER: usize = 12;
+const FORMAT: u32 = 2;
+const HEADER: usize = 16;
+/// Void bytes that are not worth to be written again without them.
+pub const MOST_VOID: u64 = 8 << 20;
 
 /// The depth of a key frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KeyFrameDepth {
     /// The key frame.
     pub id: KeyFrameId,
-    /// Its stamp.
+    /// Its stamp; none where it is of no key frame.
     pub stamp: Stamp,
     /// The compressed image; empty where what was said of this key frame before is void.
     pub packed: Arc<[u8]>,
@@ -40,11 +46,30 @@ pub struct KeyFrameDepth {
     pub gray: Arc<[u8]>,
 }
 
+impl KeyFrameDepth {
+    /// Whether what was said of this key frame before is void.
+    pub fn is_void(&self) -> bool {
+        self.packed.is_empty()
+    }
+
+    /// Whether it is superfluous: its key frame is in the map, or was.
+    pub fn is_spare(&self) -> bool {
+        self.is_void() && self.stamp != NONE
+    }
+}
+
+/// The stamp of what is of no key frame.
+const NONE: Stamp = Stamp(i64::MIN);
+
 /// The writing end.
 #[derive(Debug)]
 pub struct DepthWriter {
     log: File,
     path: PathBuf,
+    generation: u32,
+    /// What counts: stamp and bytes of the record of each key frame.
+    kept: BTreeMap<KeyFrameId, (Stamp, u64)>,
+    bytes: u64,
 }
 
 impl DepthWriter {
@@ -62,16 +87,26 @@ impl DepthWriter {
             log.set_len(tail.at)?;
             log.seek(SeekFrom::End(0))?;
             if tail.at == 0 {
-                log.write_all(&[&MAGIC[..], &FORMAT.to_le_bytes()].concat())?;
+                log.write_all(&header(0))?;
             }
             Ok(log)
         };
-        let mut writer = Self { log: open().map_err(failed(&path, "continue"))?, path };
-        let last: BTreeMap<KeyFrameId, bool> = found.iter().map(|d| (d.id, d.packed.is_empty())).collect();
-        for (id, _) in last.into_iter().filter(|(id, void)| !void && map.surviving_ancestor(*id).is_none()) {
-            writer.write(id, Stamp::default(), &[], &[])?;
+        let log = open().map_err(failed(&path, "continue"))?;
+        let (generation, bytes) = (tail.generation, tail.at.max(HEADER as u64));
+        let mut writer = Self { log, path, generation, kept: BTreeMap::new(), bytes };
+        for d in &found {
+            writer.count(d.id, d.stamp, [&d.packed, &d.gray].map(|part| part.len()));
+        }
+        let ids: Vec<KeyFrameId> = writer.kept.keys().copied().collect();
+        for id in ids.into_iter().filter(|id| map.surviving_ancestor(*id).is_none()) {
+            writer.write(id, NONE, &[], &[])?;
         }
         Ok(writer)
+    }
+
+    /// The key frames whose depth counts.
+    pub fn key_frames(&self) -> impl Iterator<Item = KeyFrameId> {
+        self.kept.keys().copied()
     }
 
     /// Appends the depth of a key frame.
@@ -88,29 +123,92 @@ impl DepthWriter {
         self.write(id, stamp, depth.as_bytes(), gray.map_or(&[], |gray| gray.as_bytes()))
     }
 
+    /// The depth of a key frame is superfluous; one that is not here changes nothing.
+    ///
+    /// # Errors
+    /// [`JournalError`] when it cannot be written.
+    pub fn drop_spare(&mut self, id: KeyFrameId) -> Result<(), JournalError> {
+        let Some((stamp, _)) = self.kept.get(&id).copied() else { return Ok(()) };
+        self.write(id, stamp, &[], &[])?;
+        let counts: u64 = self.kept.values().map(|(_, bytes)| bytes).sum();
+        if self.bytes.saturating_sub(counts) > counts.max(MOST_VOID) {
+            self.write_again()?;
+        }
+        Ok(())
+    }
+
     fn write(&mut self, id: KeyFrameId, stamp: Stamp, depth: &[u8], gray: &[u8]) -> Result<(), JournalError> {
-        let (id, length) = ((id.index() as u32).to_le_bytes(), (depth.len() as u32).to_le_bytes());
-        let body = [&id[..], &stamp.0.to_le_bytes(), &length, depth, gray].concat();
+        let (number, length) = ((id.index() as u32).to_le_bytes(), (depth.len() as u32).to_le_bytes());
+        let body = [&number[..], &stamp.0.to_le_bytes(), &length, depth, gray].concat();
         let mut record = Vec::with_capacity(8 + body.len());
         record.extend((body.len() as u32).to_le_bytes());
         record.extend(crc32fast::hash(&body).to_le_bytes());
         record.extend(body);
-        self.log.write_all(&record).map_err(failed(&self.path, "append"))
+        self.log.write_all(&record).map_err(failed(&self.path, "append"))?;
+        self.bytes += record.len() as u64;
+        self.count(id, stamp, [depth.len(), gray.len()]);
+        Ok(())
     }
+
+    fn count(&mut self, id: KeyFrameId, stamp: Stamp, [depth, gray]: [usize; 2]) {
+        match depth {
+            0 => self.kept.remove(&id),
+            _ => self.kept.insert(id, (stamp, (RECORD + depth + gray) as u64)),
+        };
+    }
+
+    /// Writes the file again without what is void. One that dies meanwhile leaves the file as it was.
+    fn write_again(&mut self) -> Result<(), JournalError> {
+        let (path, generation) = (next_in(&self.path), self.generation.wrapping_add(1));
+        let old = std::fs::read(&self.path).map_err(failed(&self.path, "read"))?;
+        let mut all = header(generation).to_vec();
+        let mut at = HEADER;
+        while let Some((body, next)) = record(&old, at) {
+            let d = parse(body);
+            let counts = |d: &KeyFrameDepth| self.kept.get(&d.id).is_some_and(|(stamp, _)| *stamp == d.stamp);
+            if d.is_some_and(|d| !d.is_void() && counts(&d)) {
+                all.extend(&old[at..next]);
+            }
+            at = next;
+        }
+        let write = || -> std::io::Result<File> {
+            let mut log = File::create(&path)?;
+            log.write_all(&all)?;
+            std::fs::rename(&path, &self.path)?;
+            Ok(log)
+        };
+        // Without room for both the old one goes on, and is told when it finds none itself.
+        match write() {
+            Ok(log) => (self.log, self.generation, self.bytes) = (log, generation, all.len() as u64),
+            Err(_) => drop(std::fs::remove_file(&path)),
+        }
+        Ok(())
+    }
+}
+
+fn header(generation: u32) -> [u8; HEADER] {
+    let mut header = [0; HEADER];
+    header[..8].copy_from_slice(&MAGIC);
+    header[8..12].copy_from_slice(&FORMAT.to_le_bytes());
+    header[12..].copy_from_slice(&generation.to_le_bytes());
+    header
 }
 
 /// The reading end, from the beginning.
 #[derive(Debug)]
 pub struct DepthTail {
     path: PathBuf,
+    generation: u32,
     /// Bytes that were read, all of them whole.
     at: u64,
+    /// What counts of them.
+    known: BTreeMap<KeyFrameId, Stamp>,
 }
 
 impl DepthTail {
     /// Of the file of a folder, which may not be there yet.
     pub fn new(folder: &Path) -> Self {
-        Self { path: path_in(folder), at: 0 }
+        Self { path: path_in(folder), generation: 0, at: 0, known: BTreeMap::new() }
     }
 
     /// What was written since, in order. A record that is not whole yet is left for the next time.
@@ -124,19 +222,22 @@ impl DepthTail {
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
             Err(e) => return Err(failed(e)),
         };
+        let mut header = Vec::new();
+        (&mut log).take(HEADER as u64).read_to_end(&mut header).map_err(&failed)?;
+        let Some(header) = header.first_chunk::<HEADER>() else { return Ok(Vec::new()) };
+        let [format, generation] =
+            [8, 12].map(|i| u32::from_le_bytes(std::array::from_fn(|k| header[i + k])));
+        if header[..8] != MAGIC || format != FORMAT {
+            let path = self.path.clone();
+            return Err(JournalError::Version { path, found: format, expected: FORMAT });
+        }
+        let is_next = self.at > 0 && generation != self.generation;
+        if self.at == 0 || is_next {
+            (self.generation, self.at) = (generation, HEADER as u64);
+        }
         let mut bytes = Vec::new();
         log.seek(SeekFrom::Start(self.at)).and_then(|_| log.read_to_end(&mut bytes)).map_err(&failed)?;
-        let mut at = 0;
-        if self.at == 0 {
-            let Some(header) = bytes.first_chunk::<HEADER>() else { return Ok(Vec::new()) };
-            let format = u32::from_le_bytes([header[8], header[9], header[10], header[11]]);
-            if header[..8] != MAGIC || format != FORMAT {
-                let path = self.path.clone();
-                return Err(JournalError::Version { path, found: format, expected: FORMAT });
-            }
-            at = HEADER;
-        }
-        let mut found = Vec::new();
+        let (mut at, mut found) = (0, Vec::new());
         while let Some((body, next)) = record(&bytes, at) {
             // Not whole in itself, although its checksum is right: another program's.
             let Some(depth) = parse(body) else { break };
@@ -144,7 +245,18 @@ impl DepthTail {
             at = next;
         }
         self.at += at as u64;
-        Ok(found)
+        let before = if is_next { std::mem::take(&mut self.known) } else { BTreeMap::new() };
+        for d in &found {
+            match d.is_void() {
+                true => self.known.remove(&d.id),
+                false => self.known.insert(d.id, d.stamp),
+            };
+        }
+        // Of what was known before, only what is missing by now is told.
+        found.retain(|d| before.get(&d.id) != Some(&d.stamp));
+        let missing = before.into_iter().filter(|(id, stamp)| self.known.get(id) != Some(stamp));
+        let void = missing.map(|(id, stamp)| KeyFrameDepth { id, stamp, packed: [].into(), gray: [].into() });
+        Ok(void.chain(found).collect())
     }
 }
 
@@ -161,6 +273,9 @@ fn parse(body: &[u8]) -> Option<KeyFrameDepth> {
     })
 }
 
+/// Bytes of a record without its images.
+const RECORD: usize = 8 + 4 + 8 + 4;
+
 /// Removes the file of a folder.
 ///
 /// # Errors
@@ -175,4 +290,9 @@ pub fn remove(folder: &Path) -> Result<(), JournalError> {
 
 fn path_in(folder: &Path) -> PathBuf {
     folder.join("depth.log")
+}
+
+/// Where the next generation of a file is written.
+fn next_in(path: &Path) -> PathBuf {
+    path.with_extension("next")
 }

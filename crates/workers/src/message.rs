@@ -73,6 +73,8 @@ pub enum Order {
     Frame(Frame),
     /// Answer, and write what is due.
     Ping,
+    /// To dense: tell what has changed of the surfaces, if it is time.
+    Show,
     /// There are no more frames.
     End,
 }

@@ -25,6 +25,7 @@ use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
@@ -412,10 +413,11 @@ impl Slam for RemoteSlam {
         }
         let (ring, folder) = (self.ring_path.clone(), self.folder.clone());
         let (command, tell) = (self.command.clone(), self.tell.clone());
-        let begun = RemoteDense::begin(ring, folder, self.opened.clone(), command, tell);
+        let wanted = Arc::new(AtomicBool::new(false));
+        let begun = RemoteDense::begin(ring, folder, self.opened.clone(), command, tell, wanted.clone());
         let (dense, changes) = begun.map_err(|_| DenseSetupError::NoMapping)?;
         self.dense = Some(dense);
-        Ok(Surfaces::Elsewhere(changes))
+        Ok(Surfaces::Elsewhere { changes, wanted })
     }
 
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {

@@ -34,7 +34,7 @@ impl Drop for RemoteDense {
 }
 
 impl RemoteDense {
-    /// Begins, with the folder of the journal, and gives where changes come from.
+    /// Begins, with the folder of the journal, and gives where changes come from while they are wanted.
     ///
     /// # Errors
     /// When the system provides no thread.
@@ -44,6 +44,7 @@ impl RemoteDense {
         opened: Opened,
         command: Start,
         tell: Tell,
+        wanted: Arc<AtomicBool>,
     ) -> std::io::Result<(Self, Receiver<SurfaceChange>)> {
         let (changes, surfaces) = channel();
         let (to, events) = channel();
@@ -58,6 +59,7 @@ impl RemoteDense {
             began: Instant::now(),
             died: None,
             changes,
+            wanted,
         };
         let is_ended = ended.clone();
         let thread = std::thread::Builder::new().name("cairn-dense".into());
@@ -78,6 +80,7 @@ struct Looking {
     /// When the one before died, until the next has begun.
     died: Option<Instant>,
     changes: Sender<SurfaceChange>,
+    wanted: Arc<AtomicBool>,
 }
 
 impl Looking {
@@ -155,7 +158,9 @@ impl Looking {
         if self.worker.take_due() {
             return self.start();
         }
-        self.worker.ping();
+        if self.worker.ping() && self.wanted.load(Ordering::Relaxed) {
+            self.worker.order(Order::Show);
+        }
         let limit = if self.worker.ready { HANG_LIMIT } else { BEGIN_LIMIT };
         if self.worker.process.is_some() && self.worker.heard.elapsed() > limit {
             let why = format!("it did not answer for {:.1} s and was killed", limit.as_secs_f64());

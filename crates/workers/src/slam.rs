@@ -12,9 +12,9 @@ use crate::message::{
 use crate::ring::{Borrowed, Ring};
 use crate::seen::Seen;
 use crate::{mode_of, pixels};
-use cairn_atlas::{Change, Published, Subscription};
+use cairn_atlas::{Change, KeyFrameId, Mirror, Published, Snapshot, Subscription};
 use cairn_dense::{PackedDepth, PackedGray};
-use cairn_engine::{Config, Engine, Joined, Offered, OfferedDepth, Runner, Verdict, record_input};
+use cairn_engine::{Config, Engine, Joined, Offered, OfferedDepth, Runner, Verdict, Views, record_input};
 use cairn_sensor::{FramePacket, ImuSample, Stamp};
 use cairn_session::TrackedPlace;
 use std::collections::BTreeMap;
@@ -74,24 +74,55 @@ struct DepthOf {
     to: DepthWriter,
     what: OfKeyFrames,
     offered: OfferedDepth,
+    /// The map as far as its commits were written, and whose depth is kept.
+    mirror: Mirror,
+    views: Views,
 }
 
 impl DepthOf {
+    /// Goes on in the file of a folder, for a map that is this by now.
+    fn begin(folder: &Path, map: &Snapshot, what: OfKeyFrames) -> Result<Self, crate::JournalError> {
+        let to = DepthWriter::open(folder, map)?;
+        let mut views = Views::default();
+        to.key_frames().for_each(|id| views.add(id));
+        Ok(Self { to, what, offered: OfferedDepth::default(), mirror: Mirror::of(map), views })
+    }
+
     fn offer(&mut self, packet: &FramePacket) {
         let Some(depth) = &packet.depth else { return };
         let gray = packet.images.first().filter(|_| self.what == OfKeyFrames::DepthAndGray);
         self.offered.offer(Offered { stamp: packet.stamp, depth: depth.clone(), gray: gray.cloned() });
     }
 
-    /// Writes the depth of the key frames that a commit adds; to be called before the commit is written.
+    /// Writes the depth of the key frames that a commit adds, and drops that of those it removes where it is superfluous; to be called
+    /// before the commit is written.
     fn write(&mut self, commit: &Published) -> Result<(), crate::JournalError> {
-        for change in &commit.changes {
-            let Change::AddKeyFrame(k) = change else { continue };
-            if let Some(Offered { stamp, depth, gray }) = self.offered.take(k.stamp) {
-                let gray = gray.map(|gray| PackedGray::pack(&gray));
-                self.to.append(k.id, stamp, &PackedDepth::pack(&depth), gray.as_ref())?;
+        let Self { to, offered, mirror, views, .. } = self;
+        let mut written = Ok(());
+        mirror.take_with(commit, |mirror, change, _| {
+            let said = match change {
+                Change::AddKeyFrame(k) => Self::add(to, offered, views, k.id, k.stamp),
+                Change::RemoveKeyFrame(id) if views.drop_if_spare(*id, mirror) => to.drop_spare(*id),
+                _ => Ok(()),
+            };
+            if written.is_ok() {
+                written = said;
             }
-        }
+        });
+        written
+    }
+
+    fn add(
+        to: &mut DepthWriter,
+        offered: &mut OfferedDepth,
+        views: &mut Views,
+        id: KeyFrameId,
+        stamp: Stamp,
+    ) -> Result<(), crate::JournalError> {
+        let Some(Offered { depth, gray, .. }) = offered.take(stamp) else { return Ok(()) };
+        let gray = gray.map(|gray| PackedGray::pack(&gray));
+        to.append(id, stamp, &PackedDepth::pack(&depth), gray.as_ref())?;
+        views.add(id);
         Ok(())
     }
 }
@@ -157,8 +188,8 @@ impl<'a> Slam<'a> {
 
     /// With the depth of its key frames in a file of the folder.
     fn with_depth(self, what: OfKeyFrames) -> Self {
-        match DepthWriter::open(self.folder, &self.engine.snapshot()) {
-            Ok(to) => Self { depth: Some(DepthOf { to, what, offered: OfferedDepth::default() }), ..self },
+        match DepthOf::begin(self.folder, &self.commits.start, what) {
+            Ok(depth) => Self { depth: Some(depth), ..self },
             Err(e) => Self { depth_failed: Some(depth_failed(e)), ..self },
         }
     }

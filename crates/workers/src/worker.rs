@@ -64,12 +64,14 @@ impl Worker {
         }
     }
 
-    /// Pings it where that is due.
-    pub fn ping(&mut self) {
-        if self.process.is_some() && self.pinged.elapsed() >= PING {
+    /// Pings it where that is due, and returns whether it was.
+    pub fn ping(&mut self) -> bool {
+        let is_due = self.process.is_some() && self.pinged.elapsed() >= PING;
+        if is_due {
             self.pinged = Instant::now();
             self.order(Order::Ping);
         }
+        is_due
     }
 
     /// Whether it is time to start it again; true once.

@@ -9,7 +9,7 @@ use cairn_random::Random;
 use cairn_sensor::{DepthImage, Stamp};
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
 use cairn_workers::JournalError;
-use cairn_workers::depth_log::{DepthTail, DepthWriter};
+use cairn_workers::depth_log::{DepthTail, DepthWriter, MOST_VOID};
 use cairn_workers::journal::{JournalWriter, Tail, recover};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -279,4 +279,69 @@ fn depth_of_key_frames_outlives_its_writer_killed_at_any_byte() {
     }
     std::fs::write(&log, b"another program's file").unwrap();
     assert!(matches!(DepthTail::new(&folder.0).follow(), Err(JournalError::Version { .. })));
+}
+
+/// An hour in one house: key frames come and go, and what was said of those that are superfluous is written no more.
+#[test]
+fn depth_that_is_superfluous_does_not_fill_the_disk() {
+    let folder = Folder::new("spare");
+    let id = |i| KeyFrameId::from_index(i).unwrap();
+    let noise = |seed: usize| {
+        let pixel = |i: usize| (((i * 7919 + seed * 104_729) * 2_654_435_761) >> 7) as u16;
+        PackedDepth::pack(&DepthImage::from_vec(640, 480, (0..640 * 480).map(pixel).collect()).unwrap())
+    };
+    let images = [noise(1), noise(2)];
+    let growing = Growing::new();
+    let mut depth = DepthWriter::open(&folder.0, growing.atlas.latest()).unwrap();
+    let log = folder.0.join("depth.log");
+    let (mut follower, mut late, mut known) =
+        (DepthTail::new(&folder.0), DepthTail::new(&folder.0), BTreeMap::new());
+    let take = |known: &mut BTreeMap<usize, Stamp>, tail: &mut DepthTail| {
+        let mut voids = 0;
+        for d in tail.follow().unwrap() {
+            match d.is_void() {
+                true => voids += usize::from(known.remove(&d.id.index()) == Some(d.stamp)),
+                false => assert!(known.insert(d.id.index(), d.stamp).is_none(), "{:?} is told twice", d.id),
+            }
+        }
+        voids
+    };
+    let (mut most, mut late_known, mut shrunk) = (0, BTreeMap::new(), 0);
+    for i in 0..120 {
+        depth.append(id(i), Stamp(i as i64), &images[i % 2], None).unwrap();
+        if i >= 8 {
+            // One of each eight stays.
+            let spare = i - 8;
+            if spare % 8 != 0 {
+                depth.drop_spare(id(spare)).unwrap();
+                depth.drop_spare(id(spare)).unwrap();
+            }
+        }
+        take(&mut known, &mut follower);
+        if i == 20 {
+            take(&mut late_known, &mut late);
+        }
+        let length = std::fs::metadata(&log).unwrap().len();
+        shrunk += usize::from(length < most / 2);
+        most = most.max(length);
+        assert_eq!(
+            known.keys().copied().collect::<Vec<_>>(),
+            depth.key_frames().map(|k| k.index()).collect::<Vec<_>>()
+        );
+    }
+    let one = images.iter().map(|p| p.as_bytes().len() as u64).max().unwrap();
+    let counts = depth.key_frames().count() as u64;
+    println!("{counts} images of {one} bytes count, the file had at most {most} bytes");
+    assert!(shrunk > 0 && most < 2 * (counts + 1) * one + MOST_VOID, "{most} bytes for {counts} of {one}");
+    // One that has not looked for several generations is told what is void by now, and so is one that begins; the next writer goes on.
+    assert!(take(&mut late_known, &mut late) > 0);
+    let mut anew = BTreeMap::new();
+    take(&mut anew, &mut DepthTail::new(&folder.0));
+    assert_eq!((&late_known, &anew), (&known, &known));
+    // The numbers that the map does not know are void for the next writer, and for who reads it.
+    drop(depth);
+    let depth = DepthWriter::open(&folder.0, growing.atlas.latest()).unwrap();
+    assert_eq!(depth.key_frames().count(), 0);
+    let told = follower.follow().unwrap();
+    assert!(told.len() == known.len() && told.iter().all(|d| d.is_void() && !d.is_spare()), "{told:?}");
 }

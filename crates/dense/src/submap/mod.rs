@@ -6,6 +6,7 @@
 
 mod changes;
 mod codec;
+mod forget;
 mod locate;
 mod refuse;
 mod saved;
@@ -92,6 +93,8 @@ struct Submap {
 
 /// The depth of a key frame.
 struct Kept {
+    /// The key frame that it is of, where that is known; it may have been removed.
+    key_frame: Option<AnchorId>,
     anchored: AnchoredPose,
     /// Where it is fused; `None` for one of a saved map that is still to be fused.
     inside: Option<Inside>,
@@ -226,7 +229,8 @@ impl DenseMap {
         self.active.insert(map, index);
         let anchored = AnchoredPose { anchor: id, pose: anchor_from_camera };
         let inside = Some(Inside { submap: index, pose });
-        self.kept.push(Kept { anchored, inside, target: index, depth: PackedDepth::pack(depth), gray });
+        let depth = PackedDepth::pack(depth);
+        self.kept.push(Kept { key_frame: Some(id), anchored, inside, target: index, depth, gray });
         Ok(result)
     }
 

@@ -7,6 +7,8 @@ use cairn_geometry::Se3;
 /// The depth of a key frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SavedFrame {
+    /// The key frame that it is of, where that is known: [`DenseMap::forget`] drops no other.
+    pub key_frame: Option<AnchorId>,
     /// The key frame that it is anchored to: its own, or the one that took over.
     pub anchor: AnchorId,
     /// Pose of the depth camera in the frame of that key frame.
@@ -32,6 +34,7 @@ impl DenseMap {
     /// What is to be saved, oldest submap first. No pixels are copied.
     pub fn saved(&self) -> Vec<SavedSubmap> {
         let frame = |k: &Kept| SavedFrame {
+            key_frame: k.key_frame,
             anchor: k.anchored.anchor,
             anchor_from_camera: k.anchored.pose,
             depth: k.depth.clone(),
@@ -86,6 +89,7 @@ impl DenseMap {
             self.waiting.push(self.kept.len());
             let anchored = AnchoredPose { anchor: frame.anchor, pose: frame.anchor_from_camera };
             self.kept.push(Kept {
+                key_frame: frame.key_frame,
                 anchored,
                 inside: None,
                 target: index,

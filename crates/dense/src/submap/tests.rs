@@ -87,6 +87,7 @@ enum Event {
     Align(Vec<[f64; 3]>),
     Merge([f64; 3]),
     Remove(usize),
+    Forget(u64),
     Step(usize),
 }
 
@@ -97,6 +98,7 @@ fn event() -> impl Strategy<Value = Event> {
         2 => proptest::collection::vec(small(), 1..6).prop_map(Event::Align),
         1 => small().prop_map(Event::Merge),
         1 => (0usize..20).prop_map(Event::Remove),
+        1 => (0u64..12).prop_map(Event::Forget),
         2 => (1usize..6).prop_map(Event::Step),
     ]
 }
@@ -109,7 +111,7 @@ proptest! {
         let config = config();
         let config = SubmapConfig { tsdf: TsdfConfig { colour, ..config.tsdf }, ..config };
         let mut map = DenseMap::new(config, camera(), 0.001).expect("a camera");
-        let mut next = 0;
+        let (mut next, mut forgotten) = (0, 0);
         for event in events {
             match event {
                 Event::Insert { map: id, x } => {
@@ -140,11 +142,14 @@ proptest! {
                         }
                     }
                 }
+                // Also one that was removed, is to be fused elsewhere, or was forgotten before.
+                Event::Forget(id) => forgotten += usize::from(map.forget(AnchorId(id)).expect("whole")),
                 Event::Step(n) => {
                     map.step(&Vec3::zeros(), n);
                 }
             }
         }
+        prop_assert_eq!(map.kept.len() + forgotten, next as usize);
         // Removals leave submaps and frames where they are; no other work may be pending unnoticed.
         map.find_moved();
         finish(&mut map);

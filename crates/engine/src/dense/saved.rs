@@ -56,7 +56,7 @@ pub fn saved_dense_map(
     for k in file.snapshot.key_frames() {
         map.add_anchor(anchor(k.id), dense_map(k.map), k.world_from_camera)?;
     }
-    let (restored, _) = restore(&mut map, &file.snapshot, parts);
+    let (restored, _) = restore(&mut map, &file.snapshot, parts, |_| None);
     Ok((map, restored))
 }
 
@@ -65,7 +65,14 @@ impl DenseMapper {
     /// another depth camera are given back: they can be saved again as they are.
     pub fn restore(&mut self, parts: Vec<DepthPart>) -> (Restored, Vec<DepthPart>) {
         let start = self.from.start.clone();
-        restore(&mut self.map, &start, parts)
+        restore(&mut self.map, &start, parts, |_| None)
+    }
+
+    /// As [`DenseMapper::restore`], for images whose places name the key frames that they are of, removed or not: so that
+    /// [`DenseMapper::forget`] finds them.
+    pub fn restore_own(&mut self, parts: Vec<DepthPart>) -> (Restored, Vec<DepthPart>) {
+        let start = self.from.start.clone();
+        restore(&mut self.map, &start, parts, |place| start.key_frame_named(place.key_frame))
     }
 
     /// The depth of all key frames, to be saved with a snapshot. No pixels are copied.
@@ -96,8 +103,14 @@ fn same_camera(a: &DepthPart, b: &DepthPart) -> bool {
     a.camera == b.camera && a.metres_per_unit == b.metres_per_unit
 }
 
-/// Adds saved submaps to a dense map that has the anchors of a snapshot; also returns the parts of other cameras.
-fn restore(map: &mut DenseMap, snapshot: &Snapshot, parts: Vec<DepthPart>) -> (Restored, Vec<DepthPart>) {
+/// Adds saved submaps to a dense map that has the anchors of a snapshot; also returns the parts of other cameras. `own` tells the key
+/// frame that an image is of.
+fn restore(
+    map: &mut DenseMap,
+    snapshot: &Snapshot,
+    parts: Vec<DepthPart>,
+    own: impl Fn(&Place) -> Option<KeyFrameId>,
+) -> (Restored, Vec<DepthPart>) {
     let (mut restored, mut others) = (Restored::default(), Vec::new());
     let mut submaps: Vec<(Place, Vec<SavedDepth>)> = Vec::new();
     for part in parts {
@@ -115,7 +128,7 @@ fn restore(map: &mut DenseMap, snapshot: &Snapshot, parts: Vec<DepthPart>) -> (R
     let size = [map.camera().0.width, map.camera().0.height];
     for (submap, images) in submaps {
         let count = images.len();
-        let added = submap_of(snapshot, &submap, images, size)
+        let added = submap_of(snapshot, &submap, images, size, &own)
             .and_then(|submap| Some((submap.frames.len(), map.restore(submap).ok()?)));
         let kept = added.map_or(0, |(kept, ())| kept);
         restored.submaps += usize::from(kept > 0);
@@ -131,21 +144,24 @@ fn submap_of(
     submap: &Place,
     images: Vec<SavedDepth>,
     [width, height]: [usize; 2],
+    own: &impl Fn(&Place) -> Option<KeyFrameId>,
 ) -> Option<SavedSubmap> {
     let frame = |image: SavedDepth| {
         let (anchor, anchor_from_camera) = resolved(snapshot, &image.place)?;
         let gray = (!image.gray.is_empty()).then(|| PackedGray::from_bytes(width, height, image.gray));
-        Some((anchor, anchor_from_camera, PackedDepth::from_bytes(width, height, image.packed), gray))
+        let depth = PackedDepth::from_bytes(width, height, image.packed);
+        Some((anchor, anchor_from_camera, own(&image.place), depth, gray))
     };
     let frames: Vec<_> = images.into_iter().filter_map(frame).collect();
     // Where a submap's own frame is does not matter.
-    let own = resolved(snapshot, submap).or_else(|| Some((frames.first()?.0, Se3::identity())));
-    let (root, anchor_from_submap) = own?;
+    let place = resolved(snapshot, submap).or_else(|| Some((frames.first()?.0, Se3::identity())));
+    let (root, anchor_from_submap) = place?;
     let map_of = |id: KeyFrameId| snapshot.key_frame(id).map(|k| k.map);
     let frames: Vec<SavedFrame> = frames
         .into_iter()
         .filter(|(id, ..)| map_of(*id) == map_of(root))
-        .map(|(id, anchor_from_camera, depth, gray)| SavedFrame {
+        .map(|(id, anchor_from_camera, own, depth, gray)| SavedFrame {
+            key_frame: own.map(anchor),
             anchor: anchor(id),
             anchor_from_camera,
             depth,

@@ -9,7 +9,7 @@ use cairn_geometry::Vec3;
 use cairn_sensor::FramePacket;
 use cairn_session::Surfaces;
 use std::collections::BTreeSet;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
@@ -46,9 +46,9 @@ impl SurfaceWork {
                 let thread = Some(named.spawn(move || work.run(&from))?);
                 Ok(Self { hub, to: Some(to), thread })
             }
-            Surfaces::Elsewhere(changes) => {
+            Surfaces::Elsewhere { changes, wanted } => {
                 // It ends with the session's map, which nobody waits for here.
-                named.spawn(move || changes.into_iter().for_each(|change| shown.put(&change)))?;
+                named.spawn(move || shown.follow(&changes, &wanted))?;
                 Ok(Self { hub, to: None, thread: None })
             }
         }
@@ -89,6 +89,23 @@ struct Shown {
 }
 
 impl Shown {
+    /// Whether a page wants the surface.
+    fn is_wanted(&self) -> bool {
+        self.hub.surfaces_wanted.load(Ordering::Relaxed) > 0
+    }
+
+    /// Takes what another process sends, which is told whether a page wants it.
+    fn follow(&self, changes: &Receiver<SurfaceChange>, wanted: &AtomicBool) {
+        loop {
+            wanted.store(self.is_wanted(), Ordering::Relaxed);
+            match changes.recv_timeout(MESH_EVERY) {
+                Ok(change) => self.put(&change),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+        }
+    }
+
     fn put(&self, change: &SurfaceChange) {
         let now = (10.0 * self.began.elapsed().as_secs_f64()) as u32;
         let numbers: BTreeSet<u32> = change.submaps.iter().map(|(number, _)| *number).collect();
@@ -121,7 +138,7 @@ impl Work {
             }
             self.mapper.step(&camera, FUSED_AGAIN);
             let is_due = self.meshed.is_none_or(|at| at.elapsed() >= MESH_EVERY);
-            if is_due && self.shown.hub.surfaces_wanted.load(Ordering::Relaxed) > 0 {
+            if is_due && self.shown.is_wanted() {
                 self.meshed = Some(Instant::now());
                 let change = self.changes.of(self.mapper.map());
                 at(&mut lock(&self.shown.hub), &camera);

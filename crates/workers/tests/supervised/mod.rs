@@ -84,10 +84,10 @@ fn worker(role: Role) {
         }),
         Role::Dense if std::env::var_os("DIES_AT_THE_END").is_some() => dense::run(from, to, || {
             let surface = |_: &mut DenseMapper, _| std::process::exit(3);
-            Ok(dense::Work { config: in_colour(), saved: Vec::new(), surface: Some(surface), shown: false })
+            Ok(dense::Work { config: in_colour(), saved: Vec::new(), surface: Some(surface) })
         }),
         Role::Dense => dense::run(from, to, || {
-            Ok(dense::Work { config: in_colour(), saved: Vec::new(), surface: Some(surface), shown: false })
+            Ok(dense::Work { config: in_colour(), saved: Vec::new(), surface: Some(surface) })
         }),
         Role::Slam => {
             let bound_mb = std::env::var("BOUND_MB").ok().and_then(|mb| mb.parse::<u64>().ok());

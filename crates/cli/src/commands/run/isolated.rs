@@ -177,7 +177,7 @@ mod unix {
                 surface.bytes(write, &path.display().to_string()).map_err(told)
             })
         });
-        Ok(dense::Work { config: super::super::surface::config(a), saved, surface, shown: false })
+        Ok(dense::Work { config: super::super::surface::config(a), saved, surface })
     }
 
     /// The route of --record.

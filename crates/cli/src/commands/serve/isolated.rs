@@ -132,6 +132,6 @@ pub fn surfaces() {
     type Never = fn(&mut DenseMapper, bool) -> Result<Vec<u8>, cairn_workers::message::Failure>;
     dense::run(std::io::stdin(), std::io::stdout(), || {
         let (config, saved) = (SubmapConfig::default(), Vec::new());
-        Ok(dense::Work::<Never> { config, saved, surface: None, shown: true })
+        Ok(dense::Work::<Never> { config, saved, surface: None })
     });
 }
