@@ -13,7 +13,6 @@ use cairn_sensor::{Source, Stamp};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-
 /// The result of a run.
 pub struct Ran {
     /// The stamps of all packets.
