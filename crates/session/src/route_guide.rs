@@ -88,6 +88,8 @@ pub struct RouteGuide {
     metric: bool,
     began: Option<Stamp>,
     now: Stamp,
+    /// Whether there was a step, from which `now` is known.
+    stepped: bool,
     arrived: bool,
 }
 
@@ -113,6 +115,7 @@ impl RouteGuide {
             metric: false,
             began: None,
             now: Stamp::default(),
+            stepped: false,
             arrived: false,
         }
     }
@@ -149,7 +152,8 @@ impl RouteGuide {
 
     fn step(&mut self, map: &Snapshot, now: Stamp, hazard: Option<StopReason>) -> Result<(), Refused> {
         self.began.get_or_insert(now);
-        self.now = self.now.max(now);
+        // The clock of a source may begin anywhere, before zero too.
+        self.now = if std::mem::replace(&mut self.stepped, true) { self.now.max(now) } else { now };
         if let Some(place) = self.place.filter(|_| !self.arrived) {
             self.guide(map, &place, hazard)?;
         }

@@ -195,7 +195,10 @@ impl<S: Slam> Session<S> {
     /// # Errors
     /// [`NotTracked`]: why the packet has no result; the session continues.
     pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked> {
-        self.began.get_or_insert(packet.stamp);
+        if self.began.is_none() {
+            // The clock of a source may begin anywhere, before zero too.
+            (self.began, self.now) = (Some(packet.stamp), packet.stamp);
+        }
         self.now = self.now.max(packet.stamp);
         if let Some(why) = &self.dead {
             let why = why.clone();

@@ -288,6 +288,20 @@ fn stream_loss_stops_and_resumes_guidance() {
     assert_eq!(walk.session.route().unwrap().points.len(), recorded);
 }
 
+/// The clock of a phone may show anything; a time before zero is a time.
+#[test]
+fn a_clock_that_begins_before_zero_is_followed() {
+    let mut walk = Walk::named("before-zero");
+    walk.now = -1e6;
+    walk.see(&out()[..20]);
+    walk.wait(0.3);
+    let status = walk.session.status();
+    assert_eq!(status.phase, Phase::Tracking, "{}", status.words);
+    assert!((walk.session.elapsed_s() - 2.2).abs() < 0.15, "{}", walk.session.elapsed_s());
+    walk.wait(2.0);
+    assert!(walk.when("No picture from the camera.", -1e6).is_some(), "{}", walk.transcript());
+}
+
 /// A live source whose images have the age set by the test; `None`: the age is unknown.
 #[derive(Default)]
 struct Delayed {

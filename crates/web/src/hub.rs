@@ -58,6 +58,8 @@ pub(crate) struct Hub {
     pub messages: broadcast::Sender<Arc<str>>,
     /// The status, of which only the newest matters.
     pub status: watch::Sender<Arc<str>>,
+    /// The time of the newest image that was tracked.
+    pub frame: watch::Sender<Arc<str>>,
     /// Where the camera is in the map.
     pub view: watch::Sender<Arc<str>>,
     /// The map; nothing before the first.
@@ -91,6 +93,7 @@ impl Hub {
             surface: Mutex::default(),
             messages: broadcast::Sender::new(BEHIND),
             status: watch::Sender::new(empty.clone()),
+            frame: watch::Sender::new(empty.clone()),
             view: watch::Sender::new(empty.clone()),
             map: watch::Sender::default(),
             routes: watch::Sender::new(empty),

@@ -17,8 +17,10 @@ pub(crate) const GONE_AFTER: Duration = Duration::from_secs(3);
 const BULK_S: f64 = 0.15;
 /// Bytes that may be sent before anything is known about the link.
 const UNKNOWN_BYTES: usize = 4096;
-/// Number of round trips and rates that are remembered.
-const REMEMBERED: usize = 20;
+/// Number of round trips and of rates that are remembered: few enough trips that a network that has changed is known for what it
+/// is after two or three seconds.
+const TRIPS: usize = 8;
+const RATES: usize = 20;
 
 /// Data in flight to a page, and measurements of the link.
 pub(crate) struct Link {
@@ -69,10 +71,14 @@ impl Link {
     pub fn answered(&mut self, number: u64, now: Instant) -> Option<Instant> {
         let (_, sent, bulk) = self.asked.take_if(|(n, ..)| *n == number)?;
         let trip = now.saturating_duration_since(sent);
-        remember(&mut self.trips, trip);
+        remember(&mut self.trips, TRIPS, trip);
         if bulk > 0 {
             let least = self.trips.iter().min().copied().unwrap_or_default();
-            remember(&mut self.rates, bulk as f64 / trip.saturating_sub(least).as_secs_f64().max(1e-3));
+            remember(
+                &mut self.rates,
+                RATES,
+                bulk as f64 / trip.saturating_sub(least).as_secs_f64().max(1e-3),
+            );
         }
         Some(sent)
     }
@@ -94,8 +100,8 @@ impl Link {
     }
 }
 
-fn remember<T>(queue: &mut VecDeque<T>, value: T) {
-    if queue.len() == REMEMBERED {
+fn remember<T>(queue: &mut VecDeque<T>, most: usize, value: T) {
+    if queue.len() == most {
         queue.pop_front();
     }
     queue.push_back(value);

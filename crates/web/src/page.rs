@@ -63,6 +63,7 @@ pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<
     let mut client = Client {
         id,
         messages: hub.messages.subscribe(),
+        frame: hub.frame.subscribe(),
         status: hub.status.subscribe(),
         view: hub.view.subscribe(),
         map: hub.map.subscribe(),
@@ -113,6 +114,7 @@ struct Client {
     hub: Arc<Hub>,
     link: Link,
     messages: broadcast::Receiver<Arc<str>>,
+    frame: watch::Receiver<Arc<str>>,
     status: watch::Receiver<Arc<str>>,
     view: watch::Receiver<Arc<str>>,
     map: watch::Receiver<Arc<Drawn>>,
@@ -183,6 +185,8 @@ impl Client {
                     Some(message) => (self.take(message).map(|t| Message::Text(t.into())), 0),
                     _ => return,
                 },
+                // A few bytes, which need not wait for bulk data that is under way.
+                Ok(()) = self.frame.changed(), if self.holds() => (Some(text(&self.frame.borrow_and_update())), 0),
                 _ = clock.tick() => (None, 0),
                 Ok(()) = self.status.changed(), if others => {
                     let status = self.status.borrow_and_update();
@@ -240,11 +244,16 @@ impl Client {
         }
     }
 
+    /// Whether this page holds the walk.
+    fn holds(&self) -> bool {
+        self.hub.controller() == Some(self.id)
+    }
+
     /// Handles a message; returns an answer for this page alone, if one is due.
     fn take(&mut self, message: Message) -> Option<String> {
         let now = Instant::now();
         self.link.heard(now);
-        let controls = self.hub.controller() == Some(self.id);
+        let controls = self.holds();
         match message {
             Message::Binary(bytes) if controls => {
                 let (ms, jpeg) = wire::picture(&bytes)?;

@@ -168,8 +168,6 @@ struct PageObserver {
     picture: Option<Instant>,
     view: Option<Instant>,
     map: Option<Instant>,
-    /// The time of the last image in the clock of its page, if it is from one.
-    frame_ms: Option<f64>,
     /// The routes that the pages have: a version, and the route at hand.
     routes: Option<(u64, Option<PathBuf>)>,
     /// While the lens is a guess, or was kept and is not checked yet; and how to begin again with another.
@@ -187,7 +185,6 @@ impl PageObserver {
             picture: None,
             view: None,
             map: None,
-            frame_ms: None,
             routes: None,
             lens: None,
             survives: None,
@@ -198,7 +195,7 @@ impl PageObserver {
     fn send_status(&self, session: &Walk) {
         let status = session.status();
         let dropped = self.hub.inbox.dropped();
-        let message = ToPage::Status { frame_ms: self.frame_ms, status: &status, dropped };
+        let message = ToPage::Status { status: &status, dropped };
         self.hub.status.send_replace(message.text().into());
     }
 
@@ -265,7 +262,7 @@ impl Observer<Box<dyn Slam>> for PageObserver {
     }
 
     fn on_output(&mut self, _: &Walk, packet: &FramePacket, output: &Result<Output, NotTracked>) {
-        self.frame_ms = self.hub.port.page_ms(packet.stamp);
+        self.hub.frame.send_replace(ToPage::Frame { ms: self.hub.port.page_ms(packet.stamp) }.text().into());
         if let (Some(surface), Ok(output)) = (&self.surface, output) {
             surface.on_packet(packet, output);
         }

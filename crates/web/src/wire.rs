@@ -65,6 +65,9 @@ pub(crate) enum ToPage<'a> {
     Ping { n: u64, trip_ms: Option<f64> },
     /// The image with this time has arrived: the next may be sent.
     Got { ms: f64 },
+    /// The newest image that was tracked, as its time in the clock of the page that captured it, if it is from one. Every image,
+    /// not only every status: by this the page knows how old what it hears is.
+    Frame { ms: Option<f64> },
     /// An utterance that starts now.
     Said {
         #[serde(flatten)]
@@ -81,8 +84,6 @@ pub(crate) enum ToPage<'a> {
     Refused(&'a str),
     /// The session's status.
     Status {
-        /// The time of the last image, in milliseconds of the clock of the page that captured it.
-        frame_ms: Option<f64>,
         /// The status itself.
         #[serde(flatten)]
         status: &'a SessionStatus,

@@ -6,6 +6,9 @@
 //! `cargo test --release -p cairn-web --test browser -- --ignored --nocapture`.
 
 mod cdp;
+#[path = "network/pace.rs"]
+mod pace;
+mod paced;
 mod seen;
 mod walked;
 
@@ -63,6 +66,41 @@ fn started(name: &str, frames: &[FramePacket]) -> Option<(PathBuf, Browser)> {
         println!("skipped: Chromium is not installed (Debian: apt install chromium)");
     }
     Some((folder, browser?))
+}
+
+/// The program that stands for the page in other tests paces its images as the page does.
+#[test]
+#[ignore = "needs Chromium: see .ci/run"]
+fn page_paces_its_images_in_a_browser_as_in_the_other_tests() {
+    let Some((folder, mut browser)) = started("browser-pace", &route_out()[..2]) else { return };
+    let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
+    let camera = CameraSource::Page { rig: None };
+    let server = Server::start(ServeConfig { session, ..ServeConfig::new(camera) }).unwrap();
+    let tab = browser.open(&server.invitation().urls[0], [390, 844]);
+    let network = |trip, rate| paced::Network { lasts: 8000, trip, rate };
+    let paced = paced::over(&[
+        network(30, 500.0),
+        network(200, 125.0),
+        network(350, 60.0),
+        network(100, 25.0),
+        network(60, 250.0),
+    ]);
+    let script = r#"(async () => {
+        const { Pace } = await import('/pace.js');
+        const [pace, decided] = [new Pace(), []];
+        const on = {
+            trip: (trip) => { pace.trip = trip; },
+            sent: (now, stamp, bytes) => pace.sent(now, stamp, bytes),
+            got: (now, stamp) => pace.got(now, stamp),
+            ask: (now) => decided.push([pace.mayShoot(now), pace.level]),
+        };
+        for (const [name, ...values] of TOLD) on[name](...values);
+        return decided;
+    })()"#;
+    let decided =
+        browser.eval(&tab, &script.replace("TOLD", &serde_json::Value::from(paced.told).to_string()));
+    assert_eq!(decided, serde_json::json!(paced.decided));
+    assert!(paced.decided.iter().any(|(_, level)| *level > 4), "the links were slow");
 }
 
 /// The same walk without a browser: checks that the engine alone achieves what the browser test needs from it.

@@ -61,9 +61,9 @@ const clockMs = () => performance.timeOrigin + performance.now();
 
 const camera = new Camera($('video'), {
   pace,
-  picture: (bytes) => {
+  picture: (stamp, bytes) => {
     if (!controls || !link.isOpen) return;
-    pace.sent(performance.now(), bytes.length);
+    pace.sent(performance.now(), stamp, bytes.length);
     send(bytes);
   },
   motion: (samples) => controls && send(JSON.stringify({ motion: samples })),
@@ -121,7 +121,8 @@ function take(message) {
     hello, said, sound, did, status, trouble, doubt, refused, ping,
     ended: () => trouble(t('page-walk-ended')),
     control: (v) => control(v.id, v.held),
-    got: () => pace.got(performance.now()),
+    frame: ({ ms }) => { frameMs = ms; },
+    got: ({ ms }) => pace.got(performance.now(), ms),
     view: (v) => map.walker(v.camera),
     routes: (v) => routes.take(v),
   };
@@ -248,7 +249,6 @@ function status(s) {
   latest = s;
   showMain();
   routes.ask(s.question, controls);
-  frameMs = s.frame_ms;
   lastStatus = s;
   showState(s);
   for (const [id, text] of Object.entries(table(s, words))) set(id, text);

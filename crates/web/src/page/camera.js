@@ -44,7 +44,7 @@ export class Camera {
     }
   }
 
-  // Captures, encodes and sends one image; none while the previous one is in flight, so that the newest is sent next.
+  // Captures, encodes and sends one image; none while the previous one is on its way, so that the newest is sent next.
   shoot(at) {
     if (this.coding || !this.pace.mayShoot(performance.now())) return;
     const { videoWidth: w, videoHeight: h } = this.video;
@@ -58,9 +58,10 @@ export class Camera {
       this.coding = false;
       if (!blob) return;
       const bytes = new Uint8Array(8 + blob.size);
-      new DataView(bytes.buffer).setFloat64(0, performance.timeOrigin + at, true);
+      const stamp = performance.timeOrigin + at;
+      new DataView(bytes.buffer).setFloat64(0, stamp, true);
       bytes.set(new Uint8Array(await blob.arrayBuffer()), 8);
-      this.picture(bytes);
+      this.picture(stamp, bytes);
     }, 'image/jpeg', this.pace.quality);
   }
 

@@ -1,6 +1,8 @@
-// Size, quality and rate of the images sent, chosen by the measured round trip: never more than one in flight, each
-// small enough for its time on the link. The greatest age of an image before the pose of the next one is known is
-// about two round trips plus twice that time, and half a second is too old: so the longer the round trip, the smaller
+// Size, quality and rate of the images sent, chosen by the measured round trip: never more than one on its way to the
+// server, each small enough for its time on the link. The next one is captured when the last one was received, or should
+// have been by now; the server's word of it takes half a round trip more, and is waited for only when the word of the
+// image before has not come. So the greatest age of an image before the pose of the next one is known is about one and a
+// half round trips plus twice its time on the link, and half a second is too old: the longer the round trip, the smaller
 // the images.
 
 // The longer side in pixels, the JPEG quality, and the approximate number of bytes as a share of the first level's.
@@ -9,7 +11,7 @@ export const LEVELS = [
   [480, 0.45, 0.3], [320, 0.6, 0.2], [320, 0.45, 0.16], [320, 0.3, 0.12], [320, 0.2, 0.09],
 ];
 // Milliseconds on the link in addition to the round trip of a small message.
-const transferMs = (trip) => Math.min(80, Math.max(20, 120 - 0.6 * trip));
+const transferMs = (trip) => Math.min(80, Math.max(20, 120 - 0.4 * trip));
 const MOST_A_SECOND = 20;
 // A better level is tried after this many images that left room for it.
 const PATIENCE = 10;
@@ -18,7 +20,7 @@ const FIRST = 2;
 
 export class Pace {
   constructor() {
-    Object.assign(this, { level: FIRST, trip: 0, rate: null, roomy: 0, underWay: null, last: -Infinity });
+    Object.assign(this, { level: FIRST, trip: 0, rate: null, roomy: 0, last: -Infinity, free: -Infinity, unconfirmed: [] });
   }
 
   get side() { return LEVELS[this.level][0]; }
@@ -27,26 +29,39 @@ export class Pace {
 
   // Whether an image may be captured at this time, milliseconds.
   mayShoot(now) {
-    return this.underWay === null && now - this.last >= 900 / MOST_A_SECOND;
+    return now - this.last >= 900 / MOST_A_SECOND && this.hasArrived(now);
   }
 
-  sent(now, bytes) {
-    [this.last, this.underWay] = [now, { now, bytes }];
+  // Whether the image sent last is at the server by now.
+  hasArrived(now) {
+    if (this.unconfirmed.length === 0) return true;
+    if (this.unconfirmed.length > 1 || this.rate === null) return false;
+    const [{ now: sent, bytes }] = this.unconfirmed;
+    return now >= Math.max(sent, this.free) + bytes / this.rate + this.trip / 2;
   }
 
-  // The server has received it.
-  got(now) {
-    if (this.underWay === null) return;
-    const { now: sent, bytes } = this.underWay;
-    this.underWay = null;
-    const rate = bytes / Math.max(now - sent - this.trip, 1);
+  // An image with this time stamp has been sent.
+  sent(now, stamp, bytes) {
+    this.last = now;
+    this.unconfirmed.push({ now, stamp, bytes });
+  }
+
+  // The server has received the image with this time stamp. One before it that it has not named was overtaken.
+  got(now, stamp) {
+    const image = this.unconfirmed.filter((one) => one.stamp <= stamp).pop();
+    if (!image) return;
+    this.unconfirmed = this.unconfirmed.filter((one) => one.stamp > stamp);
+    // The link was this image's once the one before had left it.
+    const took = now - this.trip - Math.max(image.now, this.free);
+    this.free = now - this.trip;
+    const rate = image.bytes / Math.max(took, 1);
     this.rate = this.rate === null ? rate : 0.7 * this.rate + 0.3 * rate;
-    this.adapt(bytes);
+    this.adapt(image.bytes);
   }
 
   // The connection is new: images in flight are lost.
   reset() {
-    this.underWay = null;
+    this.unconfirmed = [];
   }
 
   adapt(bytes) {

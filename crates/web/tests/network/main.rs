@@ -9,6 +9,8 @@
 #[path = "../client/mod.rs"]
 mod client;
 mod pace;
+#[path = "../paced/mod.rs"]
+mod paced;
 mod phone;
 mod proxy;
 mod table;
@@ -224,6 +226,26 @@ fn check(results: &[Result]) {
     for r in results {
         assert!(r.oldest_said_ms <= STALE_MS + HEARING_MS, "the server directed from an old pose: {r:?}");
         assert!(r.leg.oldest_ms <= STALE_MS, "the phone gave a direction from an old pose: {r:?}");
+    }
+}
+
+/// On a steady link an image leaves when the one before has arrived, which is more often than when the page has heard so.
+#[test]
+fn one_image_is_on_its_way_and_the_next_does_not_wait_to_hear_of_it() {
+    for (trip, rate, each_second) in
+        [(20, 500.0, 10.0), (100, 250.0, 7.0), (200, 125.0, 5.5), (350, 125.0, 3.5)]
+    {
+        let sent = paced::over(&[paced::Network { lasts: 30_000, trip, rate }]).sent;
+        let settled: Vec<_> = sent.iter().skip_while(|(when, _)| *when < 10_000).collect();
+        for pair in settled.windows(2) {
+            let (arrived, left) = (pair[0].1, pair[1].0 as f64);
+            assert!(
+                left >= arrived - 2.0,
+                "round trip {trip} ms: sent at {left}, the one before came at {arrived}"
+            );
+        }
+        let found = settled.len() as f64 / 20.0;
+        assert!(found >= each_second, "round trip {trip} ms: {found} images a second");
     }
 }
 

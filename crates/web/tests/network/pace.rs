@@ -22,34 +22,64 @@ pub struct Pace {
     pub trip_ms: f64,
     rate: Option<f64>,
     roomy: usize,
-    under_way: Option<(Instant, usize)>,
     last: Option<Instant>,
+    /// When the link was free for the image after the last that the server received.
+    free: Option<Instant>,
+    unconfirmed: Vec<Unconfirmed>,
+}
+
+/// An image that the server has not said it received.
+struct Unconfirmed {
+    sent: Instant,
+    stamp_ms: f64,
+    bytes: usize,
 }
 
 impl Pace {
     pub fn new() -> Self {
-        Self { level: 2, trip_ms: 0.0, rate: None, roomy: 0, under_way: None, last: None }
+        Self { level: 2, trip_ms: 0.0, rate: None, roomy: 0, last: None, free: None, unconfirmed: Vec::new() }
     }
 
     pub fn may_shoot(&self, now: Instant) -> bool {
-        self.under_way.is_none() && self.last.is_none_or(|last| now - last >= SHORTEST)
+        self.last.is_none_or(|last| now - last >= SHORTEST) && self.has_arrived(now)
     }
 
-    pub fn sent(&mut self, now: Instant, bytes: usize) {
-        (self.last, self.under_way) = (Some(now), Some((now, bytes)));
+    /// Whether the image sent last is at the server by now.
+    fn has_arrived(&self, now: Instant) -> bool {
+        match (&self.unconfirmed[..], self.rate) {
+            ([], _) => true,
+            ([one], Some(rate)) => {
+                let took_ms =
+                    1e3 * (now - self.free.map_or(one.sent, |free| free.max(one.sent))).as_secs_f64();
+                took_ms >= one.bytes as f64 / rate + self.trip_ms / 2.0
+            }
+            _ => false,
+        }
     }
 
-    pub fn got(&mut self, now: Instant) {
-        let Some((sent, bytes)) = self.under_way.take() else { return };
-        let took_ms = 1e3 * (now - sent).as_secs_f64();
-        let rate = bytes as f64 / (took_ms - self.trip_ms).max(1.0);
+    pub fn sent(&mut self, now: Instant, stamp_ms: f64, bytes: usize) {
+        self.last = Some(now);
+        self.unconfirmed.push(Unconfirmed { sent: now, stamp_ms, bytes });
+    }
+
+    pub fn got(&mut self, now: Instant, stamp_ms: f64) {
+        // Numbers that went through text and back may differ in their last bit.
+        let known = self.unconfirmed.iter().take_while(|one| one.stamp_ms <= stamp_ms + 1e-3).count();
+        let Some(Unconfirmed { sent, bytes, .. }) = self.unconfirmed.drain(..known).next_back() else {
+            return;
+        };
+        let left = now - Duration::from_secs_f64(1e-3 * self.trip_ms);
+        let began = self.free.map_or(sent, |free| free.max(sent));
+        self.free = Some(left);
+        let rate = bytes as f64 / (1e3 * left.saturating_duration_since(began).as_secs_f64()).max(1.0);
         let rate = self.rate.map_or(rate, |before| 0.7 * before + 0.3 * rate);
         self.rate = Some(rate);
-        self.adapt(bytes as f64, rate * (120.0 - 0.6 * self.trip_ms).clamp(20.0, 80.0));
+        self.adapt(bytes as f64, rate * (120.0 - 0.4 * self.trip_ms).clamp(20.0, 80.0));
     }
 
+    #[allow(dead_code, reason = "for the test that loses its connection")]
     pub fn reset(&mut self) {
-        self.under_way = None;
+        self.unconfirmed.clear();
     }
 
     fn adapt(&mut self, bytes: f64, budget: f64) {

@@ -1,5 +1,5 @@
-//! A phone on a simulated walk that behaves like the page: a clock of its own, JPEGs stamped with it, one image in
-//! flight, no old direction given, stop when messages arrive too late, another connection after three silent seconds.
+//! A phone on a simulated walk that behaves like the page: a clock of its own, JPEGs stamped with it, one image on
+//! its way, no old direction given, stop when messages arrive too late, another connection after three silent seconds.
 //! Its walker obeys: stands still on "stop", goes on with a direction.
 
 use crate::pace::{LEVELS, Pace};
@@ -118,6 +118,8 @@ pub struct Phone {
     controls: bool,
     pace: Pace,
     status: Value,
+    /// The phone's time of the newest image that was tracked.
+    frame_ms: Option<f64>,
     late: bool,
     fresh_since: Option<Instant>,
     goes: bool,
@@ -159,6 +161,7 @@ impl Phone {
             controls: false,
             pace: Pace::new(),
             status: Value::Null,
+            frame_ms: None,
             late: false,
             fresh_since: None,
             goes: false,
@@ -260,7 +263,7 @@ impl Phone {
             if let Some((_, ms, jpeg)) = exposed.take_if(|(at, ..)| at.elapsed() >= ENCODING) {
                 let mut bytes = ms.to_le_bytes().to_vec();
                 bytes.extend_from_slice(&jpeg);
-                self.pace.sent(Instant::now(), bytes.len());
+                self.pace.sent(Instant::now(), ms, bytes.len());
                 self.leg.pictures += 1;
                 self.send(Message::binary(bytes)).await;
             }
@@ -279,7 +282,7 @@ impl Phone {
     }
 
     fn age_ms(&self) -> Option<f64> {
-        Some(self.clock.ms() - self.status["frame_ms"].as_f64()?)
+        Some(self.clock.ms() - self.frame_ms?)
     }
 
     /// As the page's timer: too late, or fresh again.
@@ -309,12 +312,14 @@ impl Phone {
             let pong = json!({ "pong": { "n": ping["n"], "ms": self.clock.ms() } });
             self.send(Message::text(pong.to_string())).await;
             self.pace.trip_ms = ping["trip_ms"].as_f64().unwrap_or(self.pace.trip_ms);
-        } else if value.get("got").is_some() {
-            self.pace.got(Instant::now());
+        } else if let Some(got) = value.get("got") {
+            self.pace.got(Instant::now(), got["ms"].as_f64().unwrap());
         } else if let Some(hello) = value.get("hello") {
             self.me = hello["id"].as_u64();
         } else if let Some(control) = value.get("control") {
             self.controls = self.me.is_some() && control["id"].as_u64() == self.me;
+        } else if let Some(frame) = value.get("frame") {
+            self.frame_ms = frame["ms"].as_f64();
         } else if let Some(status) = value.get("status") {
             self.status = status.clone();
         } else if let Some(said) = value.get("said") {

@@ -51,10 +51,10 @@ pub fn page(results: &[Result], took_s: f64) -> String {
          - Directions that the phone passed on: {given}; the oldest pose when it was heard: {:.0} ms. Withheld by the phone, \
          because they came too late: {withheld}.\n\n\
          ## Share of the time in which the walker was guided\n\n\
-         Legs without a stall; in brackets the pictures a second. The rest of the time he was told to stop. With one picture \
-         under way the oldest that a picture gets before the next is about two round trips, twice its time on the link, 30 ms \
-         of coding and the step of the engine: half a second is reached at a round trip of 150 to 200 ms, whatever the rate. \
-         The three walks side by side also shared two cores with compilers.\n\n",
+         Legs without a stall; in brackets the pictures a second. The rest of the time he was told to stop. With one picture on its \
+         way the oldest that a picture gets before the next is heard of is about one and a half round trips, twice its time on the \
+         link, 60 ms of coding and the step of the engine: half a second is reached at a round trip of about 250 ms, whatever the \
+         rate. The three walks side by side share two cores.\n\n",
         results.len(),
         took_s / 60.0,
         oldest(|r| r.oldest_said_ms),

@@ -78,6 +78,8 @@ pub struct Page {
     pub controls: bool,
     /// The last status.
     pub status: Value,
+    /// The phone's time of the newest image that was tracked, milliseconds.
+    pub frame_ms: Option<f64>,
     /// The camera's position in the map when the last view came.
     pub camera: Option<[f64; 3]>,
     /// Whether the sound of arrival was played: guidance has ended at the goal.
@@ -140,6 +142,7 @@ impl Page {
             me: None,
             controls: false,
             status: Value::Null,
+            frame_ms: None,
             camera: None,
             arrived: false,
             heard: Vec::new(),
@@ -198,7 +201,7 @@ impl Page {
     pub async fn picture(&mut self, ms: f64, jpeg: &[u8]) -> Result<(), String> {
         let mut bytes = ms.to_le_bytes().to_vec();
         bytes.extend_from_slice(jpeg);
-        self.pace.sent(Instant::now(), bytes.len());
+        self.pace.sent(Instant::now(), ms, bytes.len());
         self.socket.send(Message::binary(bytes)).await.map_err(failed)
     }
 
@@ -225,12 +228,14 @@ impl Page {
             let ms = self.clock.ms();
             self.send(json!({ "pong": { "n": ping["n"], "ms": ms } })).await?;
             self.pace.trip_ms = ping["trip_ms"].as_f64().unwrap_or(self.pace.trip_ms);
-        } else if value.get("got").is_some() {
-            self.pace.got(Instant::now());
+        } else if let Some(got) = value.get("got") {
+            self.pace.got(Instant::now(), got["ms"].as_f64().ok_or("the server names no image")?);
         } else if let Some(hello) = value.get("hello") {
             self.me = hello["id"].as_u64();
         } else if let Some(control) = value.get("control") {
             self.controls = self.me.is_some() && control["id"].as_u64() == self.me;
+        } else if let Some(frame) = value.get("frame") {
+            self.frame_ms = frame["ms"].as_f64();
         } else if let Some(status) = value.get("status") {
             self.status = status.clone();
             self.watch().await?;
@@ -277,7 +282,7 @@ impl Page {
 
     /// The end of being late: the pictures were fresh for a while.
     async fn watch(&mut self) -> Result<(), String> {
-        let age_ms = self.status["frame_ms"].as_f64().map(|ms| self.clock.ms() - ms);
+        let age_ms = self.frame_ms.map(|ms| self.clock.ms() - ms);
         if self.late && age_ms.is_some_and(|age| age < STALE_MS) {
             let since = *self.fresh_since.get_or_insert_with(Instant::now);
             if since.elapsed().as_secs_f64() * 1e3 >= FRESH_MS {

@@ -309,7 +309,7 @@ impl<'a> Phone<'a> {
 
     /// Where the camera is said to be, and where it was when the picture before that was taken.
     fn compare(&mut self, said: Vec3) {
-        let Some(ms) = self.page.status["frame_ms"].as_f64() else { return };
+        let Some(ms) = self.page.frame_ms else { return };
         let at = (self.page.clock.seconds_of(ms) - self.traits.stamp_delay_s).max(0.0);
         let truth = self.motion.motion().pose(at.min(self.motion.settled_s())).translation;
         let s = &self.page.status;

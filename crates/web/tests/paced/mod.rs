@@ -1,0 +1,78 @@
+//! `pace.js` against a simulated link: an image is on its way alone, and the program that stands for the page in other tests
+//! decides as the page does.
+
+use crate::pace::{LEVELS, Pace};
+use serde_json::{Value, json};
+use std::time::{Duration, Instant};
+
+/// Time from the exposure to the encoded image, and between two images of the camera, milliseconds.
+const CODING: u64 = 30;
+const CAMERA: u64 = 33;
+/// Bytes of an image of the first level.
+const WHOLE: f64 = 40_000.0;
+
+/// A link for a while.
+#[derive(Clone, Copy)]
+pub struct Network {
+    /// Milliseconds of it, and of a round trip.
+    pub lasts: u64,
+    pub trip: u64,
+    /// Bytes a millisecond.
+    pub rate: f64,
+}
+
+/// What a simulated page did.
+pub struct Paced {
+    /// What happened to its pace, in order: `[name, ms, ...]`.
+    pub told: Vec<Value>,
+    /// For every image of the camera: whether it might be captured, and the level.
+    pub decided: Vec<(bool, usize)>,
+    /// Of every image sent: when, and when it was received.
+    pub sent: Vec<(u64, f64)>,
+}
+
+/// Sends images over one link after another; the server does not confirm every seventeenth, which another overtook there. The
+/// pace learns of another round trip two seconds late.
+pub fn over(networks: &[Network]) -> Paced {
+    let began = Instant::now();
+    let at = |ms: u64| began + Duration::from_millis(ms);
+    let mut pace = Pace::new();
+    let mut out = Paced { told: Vec::new(), decided: Vec::new(), sent: Vec::new() };
+    let (mut coded, mut confirmed) = (None::<(u64, u64, usize)>, Vec::<(u64, f64)>::new());
+    let (mut free, mut now) = (0.0f64, 0);
+    for network in networks {
+        let ends = now + network.lasts;
+        let known = now + 2000;
+        while now < ends {
+            if now == known {
+                pace.trip_ms = network.trip as f64;
+                out.told.push(json!(["trip", network.trip]));
+            }
+            while let Some(&(when, stamp)) = confirmed.first().filter(|(when, _)| *when <= now) {
+                confirmed.remove(0);
+                pace.got(at(when), stamp);
+                out.told.push(json!(["got", when, stamp]));
+            }
+            if let Some((_, stamp, bytes)) = coded.take_if(|(ready, ..)| *ready <= now) {
+                free = free.max(now as f64) + bytes as f64 / network.rate;
+                let there = free + 0.5 * network.trip as f64;
+                pace.sent(at(now), stamp as f64, bytes);
+                out.told.push(json!(["sent", now, stamp, bytes]));
+                out.sent.push((now, there));
+                if !out.sent.len().is_multiple_of(17) {
+                    confirmed.push(((there + 0.5 * network.trip as f64).ceil() as u64, stamp as f64));
+                }
+            }
+            if now.is_multiple_of(CAMERA) && coded.is_none() {
+                let may = pace.may_shoot(at(now));
+                out.told.push(json!(["ask", now]));
+                out.decided.push((may, pace.level));
+                if may {
+                    coded = Some((now + CODING, now, (WHOLE * LEVELS[pace.level].2) as usize));
+                }
+            }
+            now += 1;
+        }
+    }
+    out
+}
