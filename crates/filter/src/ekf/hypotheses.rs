@@ -24,7 +24,7 @@ const MOST: usize = 16;
 /// An answer is dropped when it is this many times less likely than the best one: twice the logarithm.
 const MARGIN: f64 = 2.0 * 9.2;
 /// After so many instants with sightings the best answer is taken.
-const INSTANTS: usize = 400;
+const INSTANTS: usize = 120;
 
 /// One answer.
 #[derive(Clone, Debug)]
