@@ -2,7 +2,7 @@
 //! recording runs twice, to check that results are bit-identical.
 
 use crate::recordings::{RECORDINGS, Recording};
-use crate::{MeasureOptions, Measured, measure};
+use crate::{Measured, RunOptions, measure};
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
 use std::fmt::Write;
@@ -24,7 +24,7 @@ pub struct Row {
 ///
 /// # Errors
 /// As [`measure()`], and when the recording cannot be opened.
-pub fn run_here(data: &Path, recording: &Recording, config: &MeasureOptions) -> Result<Measured, String> {
+pub fn run_here(data: &Path, recording: &Recording, config: &RunOptions) -> Result<Measured, String> {
     let folder = data.join(recording.folder);
     let mut source = open(&folder.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
     measure(source.as_mut(), config)

@@ -26,4 +26,4 @@ pub mod street;
 pub mod visual_inertial;
 pub mod walks;
 
-pub use measure::{MeasureOptions, Measured, Sensor, measure};
+pub use measure::{Measured, RunOptions, Sensor, measure};

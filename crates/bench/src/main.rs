@@ -8,8 +8,8 @@ use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
-    MeasureOptions, Sensor, accuracy, busy, dense, depth_scale, figures, graphs, halves, inertial, live,
-    long, measure, places, revisit, store, street, visual_inertial, walks,
+    RunOptions, Sensor, accuracy, busy, dense, depth_scale, figures, graphs, halves, inertial, live, long,
+    measure, places, revisit, store, street, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -250,14 +250,14 @@ fn run(command: Command) -> Result<(), String> {
             };
             let measured = match recording(&source) {
                 Some(r) => {
-                    let config = MeasureOptions { frames, verbose, config, ..MeasureOptions::new(r.sensor) };
+                    let config = RunOptions { frames, verbose, config, ..RunOptions::new(r.sensor) };
                     accuracy::run_here(&data.unwrap_or_else(data_folder), &r, &config)?
                 }
                 None => {
                     let mut source = open(&source, OpenOptions::default()).map_err(|e| e.to_string())?;
                     measure(
                         source.as_mut(),
-                        &MeasureOptions { frames, verbose, config, ..MeasureOptions::new(sensor) },
+                        &RunOptions { frames, verbose, config, ..RunOptions::new(sensor) },
                     )?
                 }
             };

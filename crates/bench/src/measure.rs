@@ -82,7 +82,7 @@ impl FromStr for Sensor {
 
 /// Options of a run.
 #[derive(Clone, Debug)]
-pub struct MeasureOptions {
+pub struct RunOptions {
     /// Sensors to use.
     pub sensor: Sensor,
     /// Largest number of packets.
@@ -93,7 +93,7 @@ pub struct MeasureOptions {
     pub config: Config,
 }
 
-impl MeasureOptions {
+impl RunOptions {
     /// Options for a whole source with these sensors.
     pub fn new(sensor: Sensor) -> Self {
         Self { sensor, frames: usize::MAX, verbose: false, config: Config::default() }
@@ -172,7 +172,7 @@ impl Measured {
 /// # Errors
 /// When the source fails, the rig does not have the sensors, a packet does not fit the rig, or the final map is
 /// inconsistent.
-pub fn measure(source: &mut dyn Source, options: &MeasureOptions) -> Result<Measured, String> {
+pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured, String> {
     let rate_hz = source.info().rate_hz;
     let rig = source.rig().clone();
     let mode = options.sensor.mode();

@@ -1,7 +1,7 @@
 //! `revisit`: walks that return to earlier places. Laps with and without loop closing; a camera covered around a
 //! corner; rooms that look alike.
 
-use crate::{MeasureOptions, Measured, Sensor, measure};
+use crate::{Measured, RunOptions, Sensor, measure};
 use cairn_engine::Config;
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
@@ -92,8 +92,7 @@ impl Revisit {
         let mut source = Darkened { inner, dark_s };
         let mut config = config.clone();
         config.closer.enabled &= self.trial != Trial::LapsOpen;
-        let measured =
-            measure(&mut source, &MeasureOptions { verbose, config, ..MeasureOptions::new(self.sensor) })?;
+        let measured = measure(&mut source, &RunOptions { verbose, config, ..RunOptions::new(self.sensor) })?;
         let (trial, world, seed) = (self.trial, self.world.to_string(), self.seed);
         Ok(Revisited { trial, world, seed, dark_s, known_s, measured })
     }

@@ -35,8 +35,8 @@ pub struct Stored {
     pub parts: BTreeMap<String, [u64; 2]>,
 }
 
-/// The camera: 752 x 480, a baseline of 0.11 m.
-fn camera() -> RectifiedCamera {
+/// A stereo camera of 752 x 480 with a baseline of 0.11 m.
+pub fn camera() -> RectifiedCamera {
     RectifiedCamera {
         fx: 435.0,
         fy: 435.0,

@@ -1,7 +1,7 @@
 //! `walks`: simulated walks with rendered images. Some have walls with little texture, some motion blur, in some a
 //! passer-by crosses the view, depending on the seed.
 
-use crate::{MeasureOptions, Measured, Sensor, measure};
+use crate::{Measured, RunOptions, Sensor, measure};
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
@@ -61,7 +61,7 @@ impl Walk {
     pub fn run(&self, seconds: f64) -> Result<Measured, String> {
         let address = self.address(seconds);
         let mut source = open(&address, OpenOptions::default()).map_err(|e| format!("{address}: {e}"))?;
-        measure(source.as_mut(), &MeasureOptions::new(self.sensor)).map_err(|e| format!("{address}: {e}"))
+        measure(source.as_mut(), &RunOptions::new(self.sensor)).map_err(|e| format!("{address}: {e}"))
     }
 }
 

@@ -3,7 +3,7 @@
 
 use bench::accuracy::{run_here, stated_ate};
 use bench::recordings::{RECORDINGS, data_folder, recording};
-use bench::{MeasureOptions, Measured, halves};
+use bench::{Measured, RunOptions, halves};
 use std::path::Path;
 
 /// Runs a recording; prints "skipped" if it is missing.
@@ -19,7 +19,7 @@ fn run_with(name: &str, frames: usize, dense: bool) -> Option<Measured> {
         println!("skipped: {} is not in {}", recording.folder, data.display());
         return None;
     }
-    let mut config = MeasureOptions { frames, ..MeasureOptions::new(recording.sensor) };
+    let mut config = RunOptions { frames, ..RunOptions::new(recording.sensor) };
     config.config.tracker.dense = dense;
     Some(run_here(&data, &recording, &config).expect("the engine runs"))
 }

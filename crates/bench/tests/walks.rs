@@ -1,7 +1,7 @@
 //! Short simulated walks are tracked to the end with little drift.
 
 use bench::walks::{Walk, line, run};
-use bench::{MeasureOptions, Sensor, measure};
+use bench::{RunOptions, Sensor, measure};
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
 
@@ -31,7 +31,7 @@ fn pose_does_not_follow_a_person_ahead() {
             Walk { poor: 0.35, passers: 1, blur_ms: 0.0, ..Walk::new(WorldKind::Corridor, sensor, 12) };
         let address = format!("{}&start=18.5", walk.address(6.0));
         let mut source = open(&address, OpenOptions::default()).expect("a simulated walk");
-        let m = measure(source.as_mut(), &MeasureOptions::new(sensor)).expect("the walk runs");
+        let m = measure(source.as_mut(), &RunOptions::new(sensor)).expect("the walk runs");
         println!("{address}: {}", line(&m));
         assert_eq!(m.coverage(), 1.0, "{address}: {}", line(&m));
         // 10 % above today's 0.025 and 0.020 m.

@@ -2,9 +2,11 @@
 //! rerun+http://HOST:PORT/proxy` shows them in a viewer that runs there. `cairn run --rerun` starts it. When the input ends
 //! early, the recording is closed with what there is, and the exit status is 1.
 
+mod error;
 mod recording;
 
 use cairn_rerun::{Message, read};
+use error::RecordError;
 use recording::Recording;
 use std::io::{BufReader, stdin};
 use std::path::Path;
@@ -36,22 +38,22 @@ fn main() -> ExitCode {
 }
 
 /// Writes all messages; the recording is closed also after a failure.
-fn record(path: &Path) -> Result<(), String> {
-    let mut messages = read(BufReader::new(stdin().lock())).map_err(|e| e.to_string())?;
+fn record(path: &Path) -> Result<(), RecordError> {
+    let mut messages = read(BufReader::new(stdin().lock()))?;
     let Some(Ok(Message::Begin { name })) = messages.next() else {
-        return Err("the first message is not the beginning of a recording".into());
+        return Err(RecordError::NoBeginning);
     };
     let to = Recording::begin(path, &name)?;
     let written = (|| {
         for message in messages {
-            match message.map_err(|e| e.to_string())? {
-                Message::Begin { .. } => return Err("the recording begins twice".to_owned()),
+            match message? {
+                Message::Begin { .. } => return Err(RecordError::BeginsTwice),
                 Message::At { stamp_ns, frame } => to.at(stamp_ns, frame),
                 Message::Show { entity, what } => to.show(&entity, &what)?,
                 Message::End => return Ok(()),
             }
         }
-        Err("the messages end before the run does".to_owned())
+        Err(RecordError::EndsEarly)
     })();
     let ended = to.end();
     written.and(ended)

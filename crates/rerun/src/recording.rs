@@ -1,5 +1,6 @@
 //! Messages as rerun's archetypes, in a file or in a viewer.
 
+use crate::error::RecordError;
 use cairn_rerun::{Colour, Level, Pose, Show, viewer};
 use re_sdk::{RecordingStream, RecordingStreamBuilder, TimeCell};
 use re_sdk_types::AsComponents;
@@ -9,6 +10,7 @@ use re_sdk_types::archetypes::{
 use re_sdk_types::components::{self, Color, LineStrip3D, Radius};
 use re_sdk_types::datatypes::{Mat3x3, Quaternion};
 use std::fs::File;
+use std::io;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -40,16 +42,16 @@ impl Recording {
     ///
     /// # Errors
     /// When the file cannot be created, or no viewer listens.
-    pub fn begin(to: &Path, name: &str) -> Result<Self, String> {
+    pub fn begin(to: &Path, name: &str) -> Result<Self, RecordError> {
         let builder = RecordingStreamBuilder::new("cairn").recording_name(name).enabled(true);
         if let Some(host) = viewer(to) {
             // The SDK would go on trying, and keep everything in memory meanwhile.
             is_there(host)?;
-            let stream = builder.connect_grpc_opts(to.to_string_lossy()).map_err(|e| e.to_string())?;
+            let stream = builder.connect_grpc_opts(to.to_string_lossy())?;
             return Ok(Self { path: None, stream });
         }
-        File::create(to).map_err(|e| e.to_string())?;
-        let stream = builder.save(to).map_err(|e| e.to_string())?;
+        File::create(to).map_err(RecordError::File)?;
+        let stream = builder.save(to)?;
         Ok(Self { path: Some(to.to_owned()), stream })
     }
 
@@ -63,15 +65,15 @@ impl Recording {
         self.stream.set_time_sequence(FRAME, frame);
     }
 
-    fn put(&self, entity: &str, what: &dyn AsComponents) -> Result<(), String> {
-        self.stream.log(entity, what).map_err(|e| e.to_string())
+    fn put(&self, entity: &str, what: &dyn AsComponents) -> Result<(), RecordError> {
+        Ok(self.stream.log(entity, what)?)
     }
 
     /// Sets what an entity shows.
     ///
     /// # Errors
     /// When the image is not as large as it says, or the SDK cannot take it.
-    pub fn show(&self, entity: &str, what: &Show) -> Result<(), String> {
+    pub fn show(&self, entity: &str, what: &Show) -> Result<(), RecordError> {
         match what {
             Show::Axes { z_is_up: true } => self.put(entity, &ViewCoordinates::RIGHT_HAND_Z_UP()),
             Show::Axes { z_is_up: false } => self.put(entity, &ViewCoordinates::RDF()),
@@ -82,14 +84,14 @@ impl Recording {
                 let lens = Pinhole::new(matrix)
                     .with_resolution(size.map(|n| n as f32))
                     .with_camera_xyz(components::ViewCoordinates::RDF);
-                self.stream.log_static(entity, &lens).map_err(|e| e.to_string())
+                Ok(self.stream.log_static(entity, &lens)?)
             }
             Show::Pose(pose) => self.put(entity, &transform(pose)),
-            Show::Image { size: [width, height], gray } => {
-                if u64::from(*width) * u64::from(*height) != gray.len() as u64 {
-                    return Err(format!("an image of {width}x{height} has {} pixels", gray.len()));
+            &Show::Image { size: [width, height], ref gray } => {
+                if u64::from(width) * u64::from(height) != gray.len() as u64 {
+                    return Err(RecordError::Image { width, height, pixels: gray.len() });
                 }
-                self.put(entity, &Image::from_l8(gray.clone(), [*width, *height]))
+                self.put(entity, &Image::from_l8(gray.clone(), [width, height]))
             }
             Show::Pixels(pixels, colour) => {
                 let points = Points2D::new(pixels.iter().map(corner)).with_colors([color(*colour)]);
@@ -124,27 +126,29 @@ impl Recording {
     ///
     /// # Errors
     /// When that fails, as on a full disk, or when the viewer has gone.
-    pub fn end(self) -> Result<(), String> {
+    pub fn end(self) -> Result<(), RecordError> {
         let Some(path) = &self.path else {
-            return self.stream.flush_with_timeout(REST).map_err(|e| format!("the viewer has gone: {e}"));
+            return self.stream.flush_with_timeout(REST).map_err(RecordError::ViewerGone);
         };
-        self.stream.flush_blocking().map_err(|e| e.to_string())?;
+        self.stream.flush_blocking().map_err(RecordError::Rest)?;
         // The footer is written when the sink goes; only then is the file complete.
         self.stream.disconnect();
         match std::fs::metadata(path) {
-            Ok(file) if file.len() == 0 => Err("nothing was written".into()),
+            Ok(file) if file.len() == 0 => Err(RecordError::Empty),
             Ok(_) => Ok(()),
-            Err(e) => Err(e.to_string()),
+            Err(e) => Err(RecordError::File(e)),
         }
     }
 }
 
 /// Whether something listens at `HOST:PORT`.
-fn is_there(host: &str) -> Result<(), String> {
-    let fail = |why: &dyn std::fmt::Display| format!("no viewer listens at {host}: {why}");
-    let mut addresses = host.to_socket_addrs().map_err(|e| fail(&e))?;
-    let address = addresses.next().ok_or_else(|| fail(&"the name has no address"))?;
-    TcpStream::connect_timeout(&address, ANSWER).map(drop).map_err(|e| fail(&e))
+fn is_there(host: &str) -> Result<(), RecordError> {
+    let connect = || {
+        let address = host.to_socket_addrs()?.next();
+        let address = address.ok_or_else(|| io::Error::other("the name has no address"))?;
+        TcpStream::connect_timeout(&address, ANSWER)
+    };
+    connect().map(drop).map_err(|why| RecordError::NoViewer { host: host.to_owned(), why })
 }
 
 /// rerun's origin is the corner of the first pixel, ours its centre.

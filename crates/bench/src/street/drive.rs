@@ -1,7 +1,8 @@
 //! A walk on generated frames through the real stages: tracking, mapping and closing, in lockstep, each timed.
 
 use super::build::{Built, SPEED_MPS};
-use super::world::{Street, camera};
+use super::world::Street;
+use crate::store::camera;
 use cairn_adjust::WindowConfig;
 use cairn_atlas::{Atlas, KeyFrameId};
 use cairn_mapping::{Accepted, Closed, Closer, CloserConfig, KeyFrameInput, Mapper, MapperConfig};

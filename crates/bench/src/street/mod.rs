@@ -8,7 +8,7 @@ mod table;
 mod world;
 
 use crate::memory::resident_mb;
-use crate::store;
+use crate::store::{self, camera};
 use build::{SPEED_MPS, build};
 use cairn_atlas::Snapshot;
 use cairn_atlas::store::{About, MapFile};
@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 pub use table::table;
-use world::{Street, camera};
+use world::Street;
 
 /// New walking in metres, in the large map and alone.
 const NEW_M: f64 = 100.0;

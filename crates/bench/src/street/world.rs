@@ -3,6 +3,7 @@
 //!
 //! Points are drawn metre by metre from the seed of that metre, so the street takes no memory however long it is.
 
+use crate::store::camera;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_random::Random;
 use cairn_sensor::Stamp;
@@ -21,20 +22,6 @@ const FOUND: f64 = 0.6;
 const CLUTTER: f64 = 0.1;
 /// Standard deviation of a feature's pixel at the finest level.
 const NOISE_PX: f64 = 0.4;
-
-/// A stereo camera of 752 x 480 with a baseline of 0.11 m.
-pub fn camera() -> RectifiedCamera {
-    RectifiedCamera {
-        fx: 435.0,
-        fy: 435.0,
-        cx: 367.0,
-        cy: 252.0,
-        baseline_fx: 47.9,
-        bounds: [0.0, 0.0, 752.0, 480.0],
-        close_depth: 4.4,
-        body_from_camera: Se3::identity(),
-    }
-}
 
 /// The scale pyramid of all frames.
 pub const OCTAVES: Octaves = Octaves { levels: 8, factor: 1.2 };

@@ -12,9 +12,9 @@ mod semi_real;
 pub mod spot;
 mod walked;
 
-use crate::Sensor;
+use crate::{RunOptions, Sensor};
 use cairn_engine::Delays;
-use ran::{Figures, HEAD, RunOptions, row};
+use ran::{Figures, HEAD, row};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;

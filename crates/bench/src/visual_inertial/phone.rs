@@ -3,7 +3,8 @@
 
 use super::carried::Carried;
 use super::drawn::DrawnPhone;
-use super::ran::{Figures, LiveScale, RunOptions, run_in};
+use super::ran::{Figures, LiveScale, run_in};
+use crate::RunOptions;
 use cairn_engine::{Delays, Runner};
 use cairn_geometry::Vec2;
 use cairn_random::Random;

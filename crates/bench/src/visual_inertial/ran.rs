@@ -3,9 +3,9 @@
 
 use super::carried::Carried;
 use super::connect;
-use crate::Sensor;
+use crate::RunOptions;
 use cairn_atlas::MapId;
-use cairn_engine::{Config, Engine, Odometry, Runner, State};
+use cairn_engine::{Engine, Odometry, Runner, State};
 use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
 use cairn_geometry::{Se3, Trajectory, Vec3};
 use cairn_sensor::{Source, Stamp};
@@ -18,26 +18,6 @@ const SCALE_S: f64 = 2.0;
 const AFTER_S: f64 = 30.0;
 /// Metres that the body must have gone in that time.
 const LEAST_WALKED_M: f64 = 1.0;
-
-/// Options of a run.
-#[derive(Clone, Debug)]
-pub struct RunOptions {
-    /// Sensors.
-    pub sensor: Sensor,
-    /// Largest number of packets.
-    pub frames: usize,
-    /// Prints every frame on stderr.
-    pub verbose: bool,
-    /// Configuration of the engine.
-    pub config: Config,
-}
-
-impl RunOptions {
-    /// Options for a whole source.
-    pub fn new(sensor: Sensor) -> Self {
-        Self { sensor, frames: usize::MAX, verbose: false, config: Config::default() }
-    }
-}
 
 /// The result of a run.
 pub struct Ran {

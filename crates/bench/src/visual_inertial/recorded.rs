@@ -1,7 +1,7 @@
 //! EuRoC MH_01: metric accuracy, the first metric pose, standstill at the end; and the cost of the IMU.
 
-use super::ran::{Figures, RunOptions, run};
-use crate::Sensor;
+use super::ran::{Figures, run};
+use crate::{RunOptions, Sensor};
 use cairn_engine::SensorMode;
 use cairn_eval::Percentiles;
 use cairn_sources::{OpenOptions, open};

@@ -1,8 +1,8 @@
 //! Rooms rendered around real motions, with the real IMU data, as recorded and degraded.
 
-use super::ran::{Figures, RunOptions, run};
-use crate::Sensor;
+use super::ran::{Figures, run};
 use crate::inertial::data::links;
+use crate::{RunOptions, Sensor};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{Bias, InitialiseConfig, Scale, Seen, SeenPose, initialise};
 use cairn_sensor::{ImuNoise, Source, Stamp};

@@ -1,7 +1,8 @@
 //! Simulated walkers: turning round in front of plain walls, and one minute of standing still, with the camera open and
 //! covered.
 
-use super::ran::{Figures, RunOptions, run};
+use super::ran::{Figures, run};
+use crate::RunOptions;
 use crate::revisit::Darkened;
 use cairn_geometry::Vec2;
 use cairn_sensor::{Source, Stamp};

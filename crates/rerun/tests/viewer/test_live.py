@@ -40,7 +40,9 @@ class Viewer:
         self.path, self.port = path, free_port()
         program = shutil.which("rerun", path=Path(sys.executable).parent)
         command = [program, "--save", path, "--bind", "127.0.0.1", "--port", str(self.port)]
-        self.child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        # A group of its own: the program starts another one, which would go on without it.
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        self.child = subprocess.Popen(command, start_new_session=True, **quiet)
         assert until(self.listens), "rerun does not listen"
         self.address = f"rerun+http://127.0.0.1:{self.port}/proxy"
 
@@ -52,13 +54,14 @@ class Viewer:
         return self.path.stat().st_size if self.path.exists() else 0
 
     def end(self):
-        if self.child.poll() is None:
-            self.child.send_signal(signal.SIGINT)
+        for how in (signal.SIGINT, signal.SIGKILL):
             try:
+                os.killpg(self.child.pid, how)
                 self.child.wait(10)
+            except ProcessLookupError:
+                return
             except subprocess.TimeoutExpired:
-                self.child.kill()
-                self.child.wait()
+                pass
 
 
 @pytest.fixture

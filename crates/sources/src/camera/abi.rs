@@ -1,5 +1,5 @@
-//! The structures of the kernel's `videodev2.h` on 64-bit machines, their requests, and the two unsafe steps that use them:
-//! the call itself, and the mapping of a buffer.
+//! The structures of the kernel's `videodev2.h` and `uvcvideo.h` on 64-bit machines, their requests, and the unsafe steps that
+//! use them: the calls themselves, and the mapping of a buffer.
 //!
 //! Layout and numbers are those of Linux' own documentation (userspace-api/media/v4l); a test compares them with the
 //! installed header.
@@ -117,6 +117,42 @@ pub const ENUM_FRAME_SIZES: Opcode = opcode::read_write::<FrameSize>(b'V', 74);
 /// `VIDIOC_ENUM_FRAMEINTERVALS`
 pub const ENUM_FRAME_INTERVALS: Opcode = opcode::read_write::<FrameInterval>(b'V', 75);
 
+/// `UVC_SET_CUR`: a control's value is set.
+pub const UVC_SET: u8 = 0x01;
+/// `UVC_GET_CUR`: a control's value is asked for.
+pub const UVC_GET: u8 = 0x81;
+
+/// `uvc_xu_control_query`
+#[repr(C)]
+struct ExtensionQuery {
+    unit: u8,
+    selector: u8,
+    query: u8,
+    size: u16,
+    data: *mut u8,
+}
+
+/// `UVCIOC_CTRL_QUERY`
+const EXTENSION_QUERY: Opcode = opcode::read_write::<ExtensionQuery>(b'u', 0x21);
+
+/// Gets ([`UVC_GET`]) or sets ([`UVC_SET`]) a control of an extension unit through `uvcvideo`, which refuses another length than
+/// the control has.
+///
+/// # Errors
+/// What the kernel answers; `INVAL` for more bytes than a request can state.
+#[allow(unsafe_code)]
+pub fn ask_extension(
+    fd: BorrowedFd<'_>,
+    [unit, selector, query]: [u8; 3],
+    value: &mut [u8],
+) -> rustix::io::Result<()> {
+    let size = u16::try_from(value.len()).map_err(|_| rustix::io::Errno::INVAL)?;
+    let mut asked = ExtensionQuery { unit, selector, query, size, data: value.as_mut_ptr() };
+    // SAFETY: the request states the size of `ExtensionQuery`, whose bytes the kernel copies; it reads or writes at most `size`
+    // bytes at `data`, which `value` lends for the call.
+    unsafe { ioctl(fd, Updater::<EXTENSION_QUERY, _>::new(&mut asked)) }
+}
+
 /// Bytes that a request says its structure has.
 const fn bytes_of(opcode: Opcode) -> usize {
     (opcode as usize >> 16) & 0x3fff
@@ -231,6 +267,14 @@ mod tests {
             ("VIDIOC_S_PARM", op(SET_PARAMETERS)),
             ("VIDIOC_ENUM_FRAMESIZES", op(ENUM_FRAME_SIZES)),
             ("VIDIOC_ENUM_FRAMEINTERVALS", op(ENUM_FRAME_INTERVALS)),
+            ("sizeof(struct uvc_xu_control_query)", size_of::<ExtensionQuery>()),
+            ("offsetof(struct uvc_xu_control_query, selector)", offset_of!(ExtensionQuery, selector)),
+            ("offsetof(struct uvc_xu_control_query, query)", offset_of!(ExtensionQuery, query)),
+            ("offsetof(struct uvc_xu_control_query, size)", offset_of!(ExtensionQuery, size)),
+            ("offsetof(struct uvc_xu_control_query, data)", offset_of!(ExtensionQuery, data)),
+            ("UVCIOC_CTRL_QUERY", op(EXTENSION_QUERY)),
+            ("UVC_SET_CUR", usize::from(UVC_SET)),
+            ("UVC_GET_CUR", usize::from(UVC_GET)),
             ("V4L2_BUF_TYPE_VIDEO_CAPTURE", CAPTURE as usize),
             ("V4L2_MEMORY_MMAP", MEMORY_MMAP as usize),
             ("V4L2_CAP_VIDEO_CAPTURE", CAP_CAPTURE as usize),
@@ -263,9 +307,11 @@ mod tests {
             size_of::<RequestBuffers>(),
             size_of::<Buffer>(),
             size_of::<StreamParameters>(),
+            size_of::<ExtensionQuery>(),
         ];
-        assert_eq!(sizes, [104, 64, 44, 52, 208, 20, 88, 204]);
+        assert_eq!(sizes, [104, 64, 44, 52, 208, 20, 88, 204, 16]);
         assert_eq!(DEQUEUE_BUFFER, 0xc058_5611);
+        assert_eq!(EXTENSION_QUERY, 0xc010_7521);
     }
 
     /// Compiles a program against the installed header, which prints the same list.
@@ -278,7 +324,7 @@ mod tests {
         let lines: String =
             ours().iter().map(|(name, _)| format!("printf(\"%zu\\n\",(size_t)({name}));\n")).collect();
         let text = format!(
-            "#include <stdio.h>\n#include <stddef.h>\n#include <linux/videodev2.h>\nint main(void){{\n{lines}return 0;}}\n"
+            "#include <stdio.h>\n#include <stddef.h>\n#include <linux/videodev2.h>\n#include <linux/usb/video.h>\n#include <linux/uvcvideo.h>\nint main(void){{\n{lines}return 0;}}\n"
         );
         let folder = std::env::temp_dir().join(format!("cairn-abi-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -306,5 +352,9 @@ mod tests {
         let file = std::fs::File::open("/dev/null").unwrap();
         let answer = ask::<QUERY_CAPABILITY, _>(file.as_fd(), &mut Capability::default());
         assert_eq!(answer, Err(rustix::io::Errno::NOTTY));
+        let answer = ask_extension(file.as_fd(), [3, 2, UVC_GET], &mut [0]);
+        assert_eq!(answer, Err(rustix::io::Errno::NOTTY));
+        let answer = ask_extension(file.as_fd(), [3, 2, UVC_GET], &mut vec![0; 70_000]);
+        assert_eq!(answer, Err(rustix::io::Errno::INVAL));
     }
 }

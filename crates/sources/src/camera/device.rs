@@ -130,6 +130,15 @@ pub struct Dequeued {
     pub damaged: bool,
 }
 
+/// A control of one byte that a camera has beyond the standard of USB video, in an extension unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExtensionControl {
+    /// The id of the kind of unit, as it stands in the device's descriptors.
+    pub unit: [u8; 16],
+    /// Which of its controls.
+    pub selector: u8,
+}
+
 /// One reading of a motion node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
@@ -158,6 +167,18 @@ pub trait VideoNode: Send {
     /// # Errors
     /// [`DeviceError`] where it is gone.
     fn dequeue(&mut self, wait: Duration, into: &mut Vec<u8>) -> Result<Option<Dequeued>, DeviceError>;
+
+    /// The value of a control.
+    ///
+    /// # Errors
+    /// [`DeviceError`] where the device has no such unit, or does not answer.
+    fn control(&mut self, control: ExtensionControl) -> Result<u8, DeviceError>;
+
+    /// Sets a control.
+    ///
+    /// # Errors
+    /// [`DeviceError`] where the device has no such unit, or refuses.
+    fn set_control(&mut self, control: ExtensionControl, value: u8) -> Result<(), DeviceError>;
 }
 
 /// A motion node that was opened.

@@ -46,7 +46,7 @@ impl Kernel for Linux {
     }
 
     fn video(&self, node: &Path) -> Result<Box<dyn VideoNode>, DeviceError> {
-        Ok(Box::new(V4l2Node::open(node)?))
+        Ok(Box::new(V4l2Node::open(node, self.sysfs.extension_units(node))?))
     }
 
     fn motion(&self, node: &Path) -> Result<Box<dyn MotionNode>, DeviceError> {

@@ -16,6 +16,7 @@ mod iio;
 mod inspect;
 mod linux;
 mod motion;
+mod projector;
 mod reader;
 mod replayed;
 mod select;
@@ -28,8 +29,8 @@ pub use address::{CameraAddress, Place};
 pub use align::DepthAligner;
 pub use clock::DeviceClock;
 pub use device::{
-    Dequeued, DeviceError, Kernel, KernelStamp, Mode, MotionFound, MotionKind, MotionNode, PixelFormat,
-    Reading, Trouble, Usb, VideoFound, VideoNode,
+    Dequeued, DeviceError, ExtensionControl, Kernel, KernelStamp, Mode, MotionFound, MotionKind, MotionNode,
+    PixelFormat, Reading, Trouble, Usb, VideoFound, VideoNode,
 };
 pub use inspect::{CameraReport, CamerasReport, inspect};
 pub use linux::Linux;

@@ -9,6 +9,9 @@ use std::sync::Arc;
 /// How long after the colour camera the depth sensor is triggered, seconds.
 const DEPTH_LATE_S: f64 = 0.012;
 
+/// Where it is plugged in.
+const PORT: &str = "2-1";
+
 /// The serial number of a replayed camera.
 pub const SERIAL: &str = "841612070000";
 
@@ -49,6 +52,7 @@ impl Simulated {
         });
         let infrared = [(PixelFormat::GREY, of_depth), (PixelFormat::Y8I, of_depth)];
         machine.add_video(video(2, &infrared, rate_hz, 0.0, shades));
+        machine.add_projector(PORT);
         machine
     }
 }
@@ -70,7 +74,7 @@ fn video(
     phase_s: f64,
     frames: FramesOf,
 ) -> SimulatedVideo {
-    let usb = Some(Simulated::d435i("2-1", SERIAL));
+    let usb = Some(Simulated::d435i(PORT, SERIAL));
     let mode =
         |&(format, [width, height]): &(_, [usize; 2])| Mode { format, width, height, stride: 0, rate_hz };
     SimulatedVideo {

@@ -5,6 +5,8 @@ use super::device::{
     DeviceError, Kernel, Mode, MotionKind, MotionNode, PixelFormat, Trouble, Usb, VideoFound, VideoNode,
 };
 use super::format::{IMAGE, Wanted, choose};
+use super::projector::darken;
+use cairn_sensor::Rig;
 use std::path::PathBuf;
 
 /// Intel's number on USB.
@@ -56,6 +58,36 @@ impl Role {
     }
 }
 
+/// What is to be opened, told by the rig.
+pub struct Streams {
+    /// The images.
+    pub image: Role,
+    /// Whether there is depth beside them.
+    pub depth: bool,
+    /// The rate of the motion sensors, if they are wanted.
+    pub motion: Option<f64>,
+    /// Whether the projector of a RealSense has to be off: infrared images without depth, which needs its dots.
+    pub dark: bool,
+}
+
+impl Streams {
+    /// With one camera of any colour where there is no rig.
+    pub fn of(place: &Place, rig: Option<&Rig>) -> Self {
+        let Some(rig) = rig else {
+            return Self { image: Role::Colour, depth: false, motion: None, dark: false };
+        };
+        let name = rig.cameras.first().map_or(String::new(), |c| c.name.to_ascii_lowercase());
+        let image = match rig.cameras.len() {
+            0 | 1 if name.starts_with("infra") && matches!(place, Place::RealSense { .. }) => Role::Infrared,
+            0 | 1 => Role::Colour,
+            _ => Role::Pair,
+        };
+        let depth = rig.depth.is_some();
+        let dark = image != Role::Colour && !depth && matches!(place, Place::RealSense { .. });
+        Self { image, depth, dark, motion: rig.imu.as_ref().map(|imu| imu.rate_hz) }
+    }
+}
+
 /// A node that delivers.
 pub struct Started {
     /// The node.
@@ -64,9 +96,11 @@ pub struct Started {
     pub mode: Mode,
     /// Where it is plugged in.
     pub usb: Option<Usb>,
+    /// Why the projector could not be switched off, where that was wanted.
+    pub projector: Option<DeviceError>,
 }
 
-/// Finds the node for a stream and starts it.
+/// Finds the node for a stream and starts it, `dark` with the projector off as long as it is open ([`darken`]).
 ///
 /// # Errors
 /// [`DeviceError`] where there is no such device or node, it has no fitting mode, or cannot be started.
@@ -76,8 +110,9 @@ pub fn start(
     role: Role,
     size: Option<[usize; 2]>,
     rate_hz: f64,
+    dark: bool,
 ) -> Result<Started, DeviceError> {
-    let (path, usb, mut node, modes) = match place {
+    let (path, usb, node, modes) = match place {
         Place::Node(path) => {
             let mut node = kernel.video(path)?;
             let modes = node.modes()?;
@@ -89,12 +124,13 @@ pub fn start(
     };
     let shown = path.display().to_string();
     let wanted = choose(&shown, &modes, &Wanted { formats: role.formats(), size, rate_hz })?;
+    let (mut node, projector) = if dark { darken(node) } else { (node, None) };
     let mode = node.start(&wanted)?;
     if (mode.format, mode.width, mode.height) != (wanted.format, wanted.width, wanted.height) {
         let why = format!("set itself to {mode} in place of {wanted}");
         return Err(DeviceError::new(Trouble::Unsuitable, shown, why));
     }
-    Ok(Started { node, mode, usb })
+    Ok(Started { node, mode, usb, projector })
 }
 
 /// The RealSense cameras that are plugged in, each with its video nodes.

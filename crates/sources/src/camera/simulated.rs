@@ -2,9 +2,10 @@
 //! real ones. What reads them is the code that reads real devices.
 
 use super::device::{
-    Dequeued, DeviceError, Kernel, KernelStamp, Mode, MotionFound, MotionNode, Reading, Trouble, Usb,
-    VideoFound, VideoNode,
+    Dequeued, DeviceError, ExtensionControl, Kernel, KernelStamp, Mode, MotionFound, MotionNode, Reading,
+    Trouble, Usb, VideoFound, VideoNode,
 };
+use super::projector::EMITTER;
 use cairn_geometry::Vec3;
 use cairn_sensor::Stamp;
 use std::path::{Path, PathBuf};
@@ -17,6 +18,8 @@ const UP_S: f64 = 5000.0;
 const WAY_S: f64 = 0.002;
 /// Frames that a driver keeps for a reader that is late.
 const BUFFERS: u64 = 4;
+/// What a projector is set to when its device is plugged in.
+const PROJECTOR_ON: u8 = 1;
 
 /// The bytes of a frame by its number, in the mode that was set; `None` at the end of what there is.
 pub type FramesOf = Arc<dyn Fn(u64, &Mode) -> Option<Vec<u8>> + Send + Sync>;
@@ -57,6 +60,8 @@ struct World {
     refused: Vec<(PathBuf, Trouble)>,
     /// Nodes that deliver nothing.
     silent: Vec<PathBuf>,
+    /// Ports of devices with a projector, and what it is set to.
+    projectors: Vec<(String, u8)>,
     unplugged: bool,
     /// Counts how often everything was plugged in: nodes opened before are dead.
     plugged: u64,
@@ -96,9 +101,20 @@ impl Simulated {
         self.lock().motions.push(motion);
     }
 
-    /// Unplugs everything, or plugs it in again.
+    /// Gives the device at a port a projector, which is on.
+    pub fn add_projector(&self, port: &str) {
+        self.lock().projectors.push((port.to_owned(), PROJECTOR_ON));
+    }
+
+    /// Whether the projector of the device at a port is on; `None` where it has none.
+    pub fn projector_is_on(&self, port: &str) -> Option<bool> {
+        self.lock().projectors.iter().find(|(p, _)| p == port).map(|(_, set)| *set != 0)
+    }
+
+    /// Unplugs everything, or plugs it in again; projectors are on then.
     pub fn unplug(&self, unplugged: bool) {
         let mut world = self.lock();
+        world.projectors.iter_mut().for_each(|(_, set)| *set = PROJECTOR_ON);
         world.unplugged = unplugged;
         world.plugged += 1;
     }
@@ -242,6 +258,32 @@ impl VideoNode for OpenVideo {
         let stamp = KernelStamp::Monotonic(Stamp::from_seconds(exposed_s(self.next)));
         self.next += 1;
         Ok(Some(Dequeued { stamp, sequence: (self.next - 1) as u32, damaged: false }))
+    }
+
+    fn control(&mut self, control: ExtensionControl) -> Result<u8, DeviceError> {
+        self.projector(control, |set| *set)
+    }
+
+    fn set_control(&mut self, control: ExtensionControl, value: u8) -> Result<(), DeviceError> {
+        self.projector(control, |set| *set = value)
+    }
+}
+
+impl OpenVideo {
+    /// The projector of its device, read or set.
+    fn projector<T>(
+        &self,
+        control: ExtensionControl,
+        use_it: impl FnOnce(&mut u8) -> T,
+    ) -> Result<T, DeviceError> {
+        let node = &self.video.found.node;
+        self.machine.check(node, Trouble::Gone, Some(self.plugged))?;
+        let mut world = self.machine.lock();
+        let port = self.video.found.usb.as_ref().map(|usb| usb.port.as_str());
+        let found = world.projectors.iter_mut().find(|(p, _)| control == EMITTER && Some(p.as_str()) == port);
+        let missing =
+            || DeviceError::new(Trouble::Unsuitable, node.display().to_string(), "has no such control");
+        found.map(|(_, set)| use_it(set)).ok_or_else(missing)
     }
 }
 

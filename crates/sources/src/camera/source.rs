@@ -7,7 +7,7 @@ use super::device::{DeviceError, Kernel, Mode, MotionKind, Usb};
 use super::format;
 use super::motion::MotionPair;
 use super::reader::{self, DEPTH, Feed, Frame, IMAGE, Measured, MotionFeed, Shared, VideoFeed};
-use super::select::{Role, Started, start, start_motion};
+use super::select::{Role, Started, Streams, start, start_motion};
 use crate::Cancel;
 use crate::live::rig_for;
 use crate::options::OpenOptions;
@@ -62,26 +62,6 @@ fn turned(v: &Vec3) -> Vec3 {
     Vec3::new(-v.x, v.y, -v.z)
 }
 
-/// What is to be opened, told by the rig.
-struct Streams {
-    image: Role,
-    depth: bool,
-    motion: Option<f64>,
-}
-
-impl Streams {
-    fn of(place: &Place, rig: Option<&Rig>) -> Self {
-        let Some(rig) = rig else { return Self { image: Role::Colour, depth: false, motion: None } };
-        let name = rig.cameras.first().map_or(String::new(), |c| c.name.to_ascii_lowercase());
-        let image = match rig.cameras.len() {
-            0 | 1 if name.starts_with("infra") && matches!(place, Place::RealSense { .. }) => Role::Infrared,
-            0 | 1 => Role::Colour,
-            _ => Role::Pair,
-        };
-        Self { image, depth: rig.depth.is_some(), motion: rig.imu.as_ref().map(|imu| imu.rate_hz) }
-    }
-}
-
 impl CameraSource {
     /// Opens a camera of this kernel and waits until every stream has delivered.
     ///
@@ -112,7 +92,8 @@ impl CameraSource {
         let streams = Streams::of(&address.place, rig.as_ref());
         let size =
             address.size.or_else(|| rig.as_ref()?.cameras.first().map(|c| [c.camera.width, c.camera.height]));
-        let image = start(kernel.as_ref(), &address.place, streams.image, size, address.rate_hz)?;
+        let image =
+            start(kernel.as_ref(), &address.place, streams.image, size, address.rate_hz, streams.dark)?;
         let (mode, usb) = (image.mode, image.usb.clone());
         let (mut rig, assumed) = match rig {
             Some(rig) if rig.cameras.len() > 1 => (fitting_pair(shown, &mode, rig)?, None),
@@ -124,7 +105,7 @@ impl CameraSource {
         let mut source = Self::new(kernel, address, options, &rig, mode, assumed);
         source.read_video(
             address,
-            streams.image,
+            (streams.image, streams.dark),
             IMAGE,
             Some(size.unwrap_or([mode.width, mode.height])),
             image,
@@ -133,8 +114,9 @@ impl CameraSource {
             && let Some(sensor) = &rig.depth
         {
             let size = Some([sensor.camera.width, sensor.camera.height]);
-            let depth = start(source.kernel.as_ref(), &address.place, Role::Depth, size, address.rate_hz)?;
-            source.read_video(address, Role::Depth, DEPTH, size, depth)?;
+            let depth =
+                start(source.kernel.as_ref(), &address.place, Role::Depth, size, address.rate_hz, false)?;
+            source.read_video(address, (Role::Depth, false), DEPTH, size, depth)?;
         }
         if let Some(rate_hz) = streams.motion
             && let Err(e) = source.read_motion(usb.as_ref(), rate_hz)
@@ -226,15 +208,27 @@ impl CameraSource {
     fn read_video(
         &mut self,
         address: &CameraAddress,
-        role: Role,
+        (role, dark): (Role, bool),
         stream: usize,
         size: Option<[usize; 2]>,
         first: Started,
     ) -> Result<(), SourceError> {
         let name = if stream == DEPTH { "The depth camera" } else { "The camera" };
         let (kernel, place, rate_hz) = (self.kernel.clone(), address.place.clone(), address.rate_hz);
+        let shared = self.shared.clone();
+        let tell = move |why: Option<DeviceError>| {
+            let line = why.map(|e| {
+                format!(
+                    "the projector could not be switched off: {e}; if it is on, its dots are in the pictures"
+                )
+            });
+            shared.change(|s| s.lines.extend(line));
+        };
+        tell(first.projector);
         let again = move |_| {
-            let Started { node, mode, .. } = start(kernel.as_ref(), &place, role, size, rate_hz)?;
+            let Started { node, mode, projector, .. } =
+                start(kernel.as_ref(), &place, role, size, rate_hz, dark)?;
+            tell(projector);
             Ok(Box::new(VideoFeed::new(node, mode)) as Box<dyn Feed>)
         };
         self.spawn(name, stream, Box::new(VideoFeed::new(first.node, first.mode)), again)

@@ -3,6 +3,39 @@
 use super::device::{DeviceError, MotionFound, MotionKind, Trouble, Usb, VideoFound};
 use std::path::{Path, PathBuf};
 
+/// An extension unit of a camera (USB Device Class Definition for Video Devices 1.5, 3.7.2.6).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExtensionUnit {
+    /// The id of its kind, as it stands in the descriptor.
+    pub guid: [u8; 16],
+    /// Its number in the device.
+    pub id: u8,
+}
+
+/// Those of one interface in a device's descriptors, as far as these can be read.
+fn extension_units(mut descriptors: &[u8], interface: u8) -> Vec<ExtensionUnit> {
+    let mut units = Vec::new();
+    let mut inside = false;
+    while let Some((one, rest)) = descriptors.first().and_then(|n| descriptors.split_at_checked((*n).into()))
+    {
+        match one {
+            // An interface: here the one that controls video (class 14, subclass 1), whose number is asked for.
+            [_, 0x04, number, _, _, class, subclass, ..] => {
+                inside = *number == interface && (*class, *subclass) == (0x0e, 0x01);
+            }
+            // Of this class, an extension unit: number, then kind.
+            [_, 0x24, 0x06, id, guid @ ..] if inside => {
+                units.extend(guid.first_chunk().map(|guid| ExtensionUnit { guid: *guid, id: *id }));
+            }
+            // No descriptor is shorter than its length and its type.
+            [] | [_] => break,
+            _ => {}
+        }
+        descriptors = rest;
+    }
+    units
+}
+
 /// A tree of sysfs, `/sys` on a real machine.
 #[derive(Clone, Debug)]
 pub struct Sysfs(pub PathBuf);
@@ -53,6 +86,18 @@ impl Sysfs {
             },
         );
         Ok(found.collect())
+    }
+
+    /// The extension units of the camera of a video node, from its descriptors; none for other devices.
+    pub fn extension_units(&self, node: &Path) -> Vec<ExtensionUnit> {
+        let of = || {
+            let name = node.file_name()?;
+            let interface = self.0.join("class/video4linux").join(name).join("device").canonicalize().ok()?;
+            let number = u8::from_str_radix(&text(&interface.join("bInterfaceNumber"))?, 16).ok()?;
+            let device = interface.ancestors().find(|folder| usb_at(folder).is_some())?;
+            Some(extension_units(&std::fs::read(device.join("descriptors")).ok()?, number))
+        };
+        of().unwrap_or_default()
     }
 
     /// USB devices of a vendor, whatever driver they have: product and name.
@@ -132,7 +177,29 @@ mod tests {
             symlink(&node, iio.join(format!("iio:device{n}"))).unwrap();
         }
         symlink(&usb, root.join("bus/usb/devices/2-1")).unwrap();
+        // The camera for depth has a unit of an id of its own; so has the one for colour, with the same number.
+        put(usb.join("2-1:1.0/bInterfaceNumber"), "00\n");
+        put(usb.join("2-1:1.3/bInterfaceNumber"), "03\n");
+        let unit = |guid: u8| [&[25, 0x24, 0x06, 3], &[guid; 16][..], &[1, 1, 1, 0, 0]].concat();
+        let interface = |number, class, subclass| [9, 0x04, number, 0, 1, class, subclass, 0, 0];
+        let control =
+            |number, guid| [&interface(number, 0x0e, 0x01)[..], &[5, 0x25, 1, 2, 3], &unit(guid)].concat();
+        // What has the type of a unit in an interface that streams is a format, and here one that looks like a unit.
+        let streams = [&interface(1, 0x0e, 0x02)[..], &unit(0xff)].concat();
+        let all = [&[18, 1, 0, 2][..], &[0; 14], &control(0, 0xd0), &streams, &control(3, 0xc0)].concat();
+        std::fs::write(usb.join("descriptors"), &all).unwrap();
         let sysfs = Sysfs(root.clone());
+        let units = |n: usize| sysfs.extension_units(Path::new(&format!("/dev/video{n}")));
+        assert_eq!(units(9), [ExtensionUnit { guid: [0xd0; 16], id: 3 }]);
+        assert_eq!(units(10), [ExtensionUnit { guid: [0xc0; 16], id: 3 }]);
+        assert_eq!(units(11), []);
+        for end in 0..all.len() {
+            // Cut off anywhere, and with a length that leads nowhere: what is whole is found.
+            let found = extension_units(&all[..end], 0).len();
+            assert_eq!(found, usize::from(end >= 18 + 9 + 5 + 25), "{end}");
+            let broken: Vec<u8> = [&all[..end], &[0, 0x24, 0x06][..], &all[end..]].concat();
+            assert!(extension_units(&broken, 0).len() <= 1);
+        }
         let videos = sysfs.videos().unwrap();
         let nodes: Vec<_> = videos.iter().map(|v| v.node.to_str().unwrap()).collect();
         assert_eq!(nodes, ["/dev/video9", "/dev/video10"]);

@@ -3,8 +3,11 @@
 use super::abi::{
     self, Buffer, BufferKind, Capability, Format, FormatDescription, FrameInterval, FrameSize, Mapping,
 };
-use super::abi::{RequestBuffers, StreamParameters, ask};
-use super::device::{Dequeued, DeviceError, KernelStamp, Mode, PixelFormat, Trouble, VideoNode};
+use super::abi::{RequestBuffers, StreamParameters, ask, ask_extension};
+use super::device::{
+    Dequeued, DeviceError, ExtensionControl, KernelStamp, Mode, PixelFormat, Trouble, VideoNode,
+};
+use super::sysfs::ExtensionUnit;
 use cairn_sensor::Stamp;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::AsFd;
@@ -26,23 +29,24 @@ const USUAL_SIZE: [u32; 2] = [640, 480];
 pub struct V4l2Node {
     path: PathBuf,
     file: File,
+    units: Vec<ExtensionUnit>,
     buffers: Vec<Mapping>,
     streaming: bool,
 }
 
 impl V4l2Node {
-    /// Opens a node and checks that it captures video.
+    /// Opens a node and checks that it captures video. `units` are the extension units of its device.
     ///
     /// # Errors
     /// [`DeviceError`] where there is none, this user may not, or it is of another kind.
-    pub fn open(path: &Path) -> Result<Self, DeviceError> {
+    pub fn open(path: &Path, units: Vec<ExtensionUnit>) -> Result<Self, DeviceError> {
         let file = std::fs::OpenOptions::new()
             .read(true)
             .write(true)
             .custom_flags(rustix::fs::OFlags::NONBLOCK.bits() as i32)
             .open(path)
             .map_err(|e| DeviceError::of(path, "opening it", &e))?;
-        let node = Self { path: path.to_owned(), file, buffers: Vec::new(), streaming: false };
+        let node = Self { path: path.to_owned(), file, units, buffers: Vec::new(), streaming: false };
         let mut has = Capability::default();
         ask::<{ abi::QUERY_CAPABILITY }, _>(node.file.as_fd(), &mut has)
             .map_err(|e| node.error("VIDIOC_QUERYCAP", e))?;
@@ -111,6 +115,18 @@ impl V4l2Node {
         let mut buffer = Buffer { index, ..Default::default() };
         ask::<{ abi::QUEUE_BUFFER }, _>(self.file.as_fd(), &mut buffer)
             .map_err(|e| self.error("VIDIOC_QBUF", e))
+    }
+
+    fn ask_control(&self, control: ExtensionControl, query: u8, mut value: u8) -> Result<u8, DeviceError> {
+        let unit = self.units.iter().find(|unit| unit.guid == control.unit);
+        let unit = unit.ok_or_else(|| self.fail("has no such control"))?;
+        ask_extension(
+            self.file.as_fd(),
+            [unit.id, control.selector, query],
+            std::slice::from_mut(&mut value),
+        )
+        .map_err(|e| self.error("UVCIOC_CTRL_QUERY", e))?;
+        Ok(value)
     }
 
     fn stop(&mut self) {
@@ -223,6 +239,14 @@ impl VideoNode for V4l2Node {
             damaged: buffer.flags & abi::FLAG_ERROR != 0,
         }))
     }
+
+    fn control(&mut self, control: ExtensionControl) -> Result<u8, DeviceError> {
+        self.ask_control(control, abi::UVC_GET, 0)
+    }
+
+    fn set_control(&mut self, control: ExtensionControl, value: u8) -> Result<(), DeviceError> {
+        self.ask_control(control, abi::UVC_SET, value).map(drop)
+    }
 }
 
 impl Drop for V4l2Node {
@@ -253,10 +277,10 @@ mod tests {
 
     #[test]
     fn what_is_no_camera_is_told() {
-        let missing = V4l2Node::open(Path::new("/dev/video-none")).err().unwrap();
+        let missing = V4l2Node::open(Path::new("/dev/video-none"), Vec::new()).err().unwrap();
         assert_eq!(missing.trouble, Trouble::Missing);
         assert_eq!(missing.to_string(), "/dev/video-none: is not there");
-        let other = V4l2Node::open(Path::new("/dev/null")).err().unwrap();
+        let other = V4l2Node::open(Path::new("/dev/null"), Vec::new()).err().unwrap();
         assert_eq!(other.trouble, Trouble::Unsuitable);
         assert!(other.to_string().contains("no such device"), "{other}");
     }

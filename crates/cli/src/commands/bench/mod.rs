@@ -125,7 +125,9 @@ fn measured(arguments: &Arguments, task: &Task) -> Result<Option<Row>, Failure> 
         Failure::new(folder.display().to_string(), e.to_string(), "check that the disk has room")
     };
     std::fs::create_dir_all(&folder).map_err(cannot)?;
-    let me = std::env::current_exe().map_err(cannot)?;
+    let me = std::env::current_exe().map_err(|e| {
+        Failure::new("bench", format!("this program does not find itself: {e}"), "it needs /proc; mount it")
+    })?;
     let mut command = Command::new(me);
     command.args(["run", &task.source, "--sensor", task.sensor.name()]);
     for (option, file) in [
