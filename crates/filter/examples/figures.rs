@@ -350,8 +350,8 @@ fn consistency(runs: u64) -> Vec<String> {
     ];
     for (name, linearisation) in [
         ("plain EKF", Linearisation::Latest),
-        ("first estimates (default)", Linearisation::First),
-        ("invariant", Linearisation::Invariant),
+        ("first estimates", Linearisation::First),
+        ("invariant (default)", Linearisation::Invariant),
     ] {
         let config = EkfConfig {
             linearisation,

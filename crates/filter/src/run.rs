@@ -4,8 +4,8 @@
 use crate::batch::{BatchConfig, BatchReport, Smoothed, smooth};
 use crate::chi2;
 use crate::ekf::{Association, EkfConfig, FilterError, Hypotheses, Landmark, LandmarkId, Verdict};
-use crate::log::{Log, Noise, Step, Target};
-use crate::measure::MeasurementError;
+use crate::log::{Log, Noise, Sighting, Step, Target};
+use crate::measure::{Measurement, MeasurementError};
 use cairn_geometry::{Se2, Vec2, Vec3, umeyama};
 use nalgebra::{Matrix2, Matrix3, Vector3};
 use std::collections::BTreeMap;
@@ -94,17 +94,22 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     let began = Instant::now();
     let labelled = config.association == Association::Known;
     let mut steps = recorded.steps(if labelled { &log.noise } else { &log.unlabelled_noise }, &[])?;
+    // The same instants, so the same delay.
+    let for_map = Noise { sighting_delay_s: log.unlabelled_noise.sighting_delay_s, ..log.noise };
+    let mut mapping = recorded.steps(if labelled { &log.noise } else { &for_map }, &[])?;
     let mut filter = Hypotheses::new(*config);
     // The start defines the frame of the map, so it is known, except for a small variance against rounding.
     let id = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12))?;
     // The state contains only one robot.
-    steps.iter_mut().for_each(|s| s.sightings.retain(|s| !matches!(s.target, Target::Robot(_))));
+    let of_landmark = |s: &Sighting| !matches!(s.target, Target::Robot(_));
+    steps.iter_mut().chain(&mut mapping).for_each(|s| s.sightings.retain(of_landmark));
     let (mut poses, mut snapshots) = (Vec::with_capacity(steps.len()), Vec::new());
     let every = steps.len().div_ceil(SNAPSHOTS).max(1);
     let mut snapshot_ms = 0.0;
-    for (k, step) in steps.iter().enumerate() {
-        filter.predict(id, &step.motion)?;
-        filter.observe(id, &step.sightings)?;
+    for (k, (step, for_map)) in steps.iter().zip(&mapping).enumerate() {
+        filter.predict(id, &step.motion, &for_map.motion)?;
+        let measured: Vec<Measurement> = for_map.sightings.iter().map(|s| s.measurement).collect();
+        filter.observe(id, &step.sightings, &measured)?;
         let (pose, covariance) = filter.pose(id).ok_or(RunError::NoRobot(robot))?;
         poses.push(pose);
         if k % every == 0 || k + 1 == steps.len() {
@@ -114,7 +119,7 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
                 step: k,
                 pose,
                 covariance,
-                landmarks: filter.best().landmarks(),
+                landmarks: filter.landmarks(),
             });
             snapshot_ms += began.elapsed().as_secs_f64() * 1e3;
         }
@@ -122,8 +127,7 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     let filter_ms = began.elapsed().as_secs_f64() * 1e3 - snapshot_ms;
     let mut tally = Tally::default();
     steps.iter().zip(filter.verdicts()).for_each(|(step, verdicts)| tally.count(step, verdicts));
-    let filter = filter.best();
-    tally.join(filter.joined());
+    tally.join(filter.best().joined());
     let (names, wrong) = tally.names();
     Ok(Run {
         robot: recorded.name.clone(),

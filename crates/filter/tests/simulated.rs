@@ -263,16 +263,21 @@ fn a_decision_that_is_not_certain_waits_for_what_is_seen_later() {
     let drive = |association| {
         let mut filter = Hypotheses::new(EkfConfig { association, ..EkfConfig::default() });
         filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12)).unwrap();
+        let observe = |filter: &mut Hypotheses, seen: Vec<Sighting>| {
+            let measured: Vec<Measurement> = seen.iter().map(|s| s.measurement).collect();
+            filter.observe(0, &seen, &measured).unwrap();
+        };
         for _ in 0..3 {
-            filter.observe(0, &seen(&Vector3::zeros(), &[0, 1, 2, 3])).unwrap();
+            observe(&mut filter, seen(&Vector3::zeros(), &[0, 1, 2, 3]));
         }
         let slip = Matrix3::from_diagonal(&Vector3::new(0.3, 1e-4, 1e-4));
-        filter.predict(0, &Motion { before_from_after: Se2::identity(), covariance: slip }).unwrap();
+        let slip = Motion { before_from_after: Se2::identity(), covariance: slip };
+        filter.predict(0, &slip, &slip).unwrap();
         let at = Vector3::new(0.6, 0.0, 0.0);
-        filter.observe(0, &seen(&at, &[1])).unwrap();
+        observe(&mut filter, seen(&at, &[1]));
         let early = (filter.count(), filter.pose(0).unwrap().0.x);
-        filter.observe(0, &seen(&at, &[0, 1, 2, 3])).unwrap();
-        filter.observe(0, &seen(&at, &[0, 1, 2, 3])).unwrap();
+        observe(&mut filter, seen(&at, &[0, 1, 2, 3]));
+        observe(&mut filter, seen(&at, &[0, 1, 2, 3]));
         (early, filter)
     };
     let (_, at_once) = drive(Association::Joint);
@@ -296,8 +301,40 @@ fn a_decision_that_is_not_certain_waits_for_what_is_seen_later() {
     assert_eq!(labels, [all.clone(), all.clone(), all.clone(), vec![Some(1)], all.clone(), all]);
     let mut nobody =
         Hypotheses::new(EkfConfig { association: Association::Deferred, ..EkfConfig::default() });
-    assert_eq!(nobody.observe(0, &[]), Err(FilterError::NoRobot(0)));
-    assert_eq!(nobody.predict(0, &Motion::identity()), Err(FilterError::NoRobot(0)));
+    let still = Motion::identity();
+    assert_eq!(nobody.observe(0, &[], &[]), Err(FilterError::NoRobot(0)));
+    assert_eq!(nobody.predict(0, &still, &still), Err(FilterError::NoRobot(0)));
+    let one = seen(&Vector3::zeros(), &[0]);
+    assert_eq!(nobody.observe(0, &one, &[]), Err(FilterError::Measurements(1, 0)));
+}
+
+#[test]
+fn without_labels_the_map_has_its_own_noise() {
+    let posts = [1.0, 2.5, 4.0].map(|x| Vector3::new(x, 2.0, 0.0));
+    let seen = |deviation: f64| -> Vec<Sighting> {
+        let see = |post: &Vector3<f64>| {
+            let z = expected(Kind::RangeBearing, &Vector3::zeros(), post);
+            let measurement = Measurement::range_bearing(z.x, z.y, deviation, 0.5 * deviation).unwrap();
+            Sighting { target: Target::Unlabelled, measurement }
+        };
+        posts.iter().map(see).collect()
+    };
+    for association in [Association::Nearest, Association::Joint, Association::Deferred] {
+        let mut filter = Hypotheses::new(EkfConfig { association, ..EkfConfig::default() });
+        filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12)).unwrap();
+        let mapping: Vec<Measurement> = seen(0.2).iter().map(|s| s.measurement).collect();
+        for _ in 0..4 {
+            filter.observe(0, &seen(0.02), &mapping).unwrap();
+        }
+        let (map, associated) = (filter.landmarks(), filter.best().landmarks());
+        assert_eq!(map.len(), 3);
+        for (m, a) in map.iter().zip(&associated) {
+            assert_eq!((m.id, m.confirmed, m.label, m.seen), (a.id, a.confirmed, a.label, a.seen));
+            // Four sightings from a known place: a quarter of the variance of one.
+            let ratio = m.covariance.trace() / a.covariance.trace();
+            assert!((ratio - 100.0).abs() < 2.0, "{association:?}: {ratio}");
+        }
+    }
 }
 
 #[test]

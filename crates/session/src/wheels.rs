@@ -10,7 +10,7 @@ use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_engine::{
     AnchoredPose, Evidence, MotionSource, Odometry, Output, Phase, Scale, SensorMode, State, Status,
 };
-use cairn_filter::ekf::{EkfConfig, EkfSlam, FilterError};
+use cairn_filter::ekf::{EkfConfig, EkfSlam, FilterError, Linearisation};
 use cairn_filter::log::Step;
 use cairn_geometry::{Mat3, Pose, Se2, Se3, Sim3, Similarity, So3, Vec3};
 use cairn_sensor::{FramePacket, Stamp};
@@ -42,11 +42,13 @@ pub struct Wheels {
 
 impl Wheels {
     /// Switched on, with nothing mapped.
+    /// Jacobians are at first estimates whatever the configuration says: beacons that only tell ranges are placed from several poses, and
+    /// with invariant errors the place was lost then.
     ///
     /// # Errors
     /// When the filter cannot begin.
     pub fn new(config: EkfConfig) -> Result<Self, FilterError> {
-        let mut filter = EkfSlam::new(config);
+        let mut filter = EkfSlam::new(EkfConfig { linearisation: Linearisation::First, ..config });
         // The start defines the frame of the map, so it is known, except for a small variance against rounding.
         let robot = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12))?;
         let ahead = Mat3::from_columns(&[-Vec3::y(), -Vec3::z(), Vec3::x()]);

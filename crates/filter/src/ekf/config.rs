@@ -38,7 +38,8 @@ pub enum Linearisation {
 pub struct EkfConfig {
     /// Form of the covariance.
     pub form: Form,
-    /// Where Jacobians are evaluated.
+    /// Where Jacobians are evaluated; [`super::Hypotheses`] without labels: those of the map. Its associations use first
+    /// estimates.
     pub linearisation: Linearisation,
     /// How sightings are associated with landmarks.
     pub association: Association,
@@ -66,7 +67,7 @@ impl Default for EkfConfig {
     fn default() -> Self {
         Self {
             form: Form::Joseph,
-            linearisation: Linearisation::First,
+            linearisation: Linearisation::Invariant,
             association: Association::Known,
             gate_probability: 0.999,
             new_probability: 0.999_99,

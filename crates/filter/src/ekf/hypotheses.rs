@@ -4,12 +4,17 @@
 //! Sources: Reid, "An algorithm for tracking multiple targets", IEEE TAC 24(6), 1979; Cox and Leonard, "Modeling a dynamic environment
 //! using a Bayesian multiple hypothesis approach", Artificial Intelligence 66(2), 1994. The answers of an instant are its jointly
 //! compatible pairings; each costs minus twice the logarithm of its likelihood.
+//!
+//! Errors of successive sightings of one landmark are correlated, which no white noise describes. Associations need what a single sighting
+//! scatters by; a map needs a noise that does not count a hundred sightings from one place as a hundred. So without labels there are two
+//! filters for each answer: one that associates, and one that maps with the landmarks that the first one chose as labels.
 
 use super::associate::{Pairing, Unlabelled};
-use super::config::{Association, EkfConfig};
-use super::landmark::{FilterError, Verdict};
+use super::config::{Association, EkfConfig, Linearisation};
+use super::landmark::{FilterError, Landmark, LandmarkId, Verdict};
 use super::state::EkfSlam;
-use crate::log::Sighting;
+use crate::log::{Sighting, Target};
+use crate::measure::Measurement;
 use crate::motion::Motion;
 use cairn_geometry::Se2;
 use nalgebra::{Matrix3, Vector3};
@@ -25,10 +30,39 @@ const INSTANTS: usize = 120;
 #[derive(Clone, Debug)]
 struct Branch {
     filter: EkfSlam,
+    /// The filter that maps; `None` with labels, where one does both.
+    map: Option<EkfSlam>,
     /// Minus twice the logarithm of its likelihood, less that of the best one.
     cost: f64,
     /// The results of the sightings since all branches were one.
     verdicts: Vec<Vec<Verdict>>,
+}
+
+impl Branch {
+    /// Hands the sightings of an instant to the map, with the landmarks that they were found to be of.
+    fn observe_map(
+        &mut self,
+        robot: usize,
+        (sightings, mapping): (&[Sighting], &[Measurement]),
+        verdicts: &[Verdict],
+    ) -> Result<(), FilterError> {
+        let Some(map) = &mut self.map else { return Ok(()) };
+        let labelled = |((s, m), verdict): ((&Sighting, &Measurement), &Verdict)| {
+            let target = match (s.target, verdict) {
+                (Target::Robot(other), _) => Target::Robot(other),
+                (_, Verdict::Taken { landmark: Some(id), .. } | Verdict::New { landmark: id }) => {
+                    Target::Landmark(id.0)
+                }
+                _ => return None,
+            };
+            Some(Sighting { target, measurement: *m })
+        };
+        let seen: Vec<Sighting> = sightings.iter().zip(mapping).zip(verdicts).filter_map(labelled).collect();
+        map.observe(robot, &seen)?;
+        self.filter.joined().iter().for_each(|(gone, kept)| map.join_labelled(gone.0, kept.0));
+        map.keep_labels(|label| self.filter.has(LandmarkId(label)));
+        Ok(())
+    }
 }
 
 /// One filter, or several where it is not certain which landmarks were seen ([`Association::Deferred`]).
@@ -40,10 +74,13 @@ pub struct Hypotheses {
 }
 
 impl Hypotheses {
-    /// With one empty filter.
+    /// With one empty answer.
     pub fn new(config: EkfConfig) -> Self {
-        let filter = EkfSlam::new(config);
-        Self { branches: vec![Branch { filter, cost: 0.0, verdicts: Vec::new() }], decided: Vec::new() }
+        let labelled = config.association == Association::Known;
+        let map = (!labelled).then(|| EkfSlam::new(EkfConfig { association: Association::Known, ..config }));
+        let linearisation = if labelled { config.linearisation } else { Linearisation::First };
+        let filter = EkfSlam::new(EkfConfig { linearisation, ..config });
+        Self { branches: vec![Branch { filter, map, cost: 0.0, verdicts: Vec::new() }], decided: Vec::new() }
     }
 
     /// Adds a robot, as [`EkfSlam::add_robot`].
@@ -58,31 +95,51 @@ impl Hypotheses {
         let mut number = 0;
         for branch in &mut self.branches {
             number = branch.filter.add_robot(world_from_body, covariance)?;
+            if let Some(map) = &mut branch.map {
+                map.add_robot(world_from_body, covariance)?;
+            }
         }
         Ok(number)
     }
 
-    /// Propagates a robot by a motion.
+    /// Propagates a robot by a motion; `mapping` is the same with the noise for the map, and not used where there are labels.
     ///
     /// # Errors
     /// As [`EkfSlam::predict`]; nothing is changed then.
-    pub fn predict(&mut self, robot: usize, motion: &Motion) -> Result<(), FilterError> {
-        self.branches.iter_mut().try_for_each(|b| b.filter.predict(robot, motion))
+    pub fn predict(&mut self, robot: usize, motion: &Motion, mapping: &Motion) -> Result<(), FilterError> {
+        if !mapping.is_valid() {
+            return Err(FilterError::NotFinite);
+        }
+        self.branches.iter_mut().try_for_each(|b| {
+            b.filter.predict(robot, motion)?;
+            b.map.as_mut().map_or(Ok(()), |map| map.predict(robot, mapping))
+        })
     }
 
-    /// Processes what a robot sees at one instant.
+    /// Processes what a robot sees at one instant; `mapping` are the measurements of the sightings with the noise for the map, and not
+    /// used where there are labels.
     ///
     /// # Errors
-    /// As [`EkfSlam::observe`].
-    pub fn observe(&mut self, robot: usize, sightings: &[Sighting]) -> Result<(), FilterError> {
+    /// As [`EkfSlam::observe`], and when there is not one measurement for each sighting.
+    pub fn observe(
+        &mut self,
+        robot: usize,
+        sightings: &[Sighting],
+        mapping: &[Measurement],
+    ) -> Result<(), FilterError> {
+        if sightings.len() != mapping.len() {
+            return Err(FilterError::Measurements(sightings.len(), mapping.len()));
+        }
         let deferred = self.best().config.association == Association::Deferred;
         if !deferred || robot >= self.best().robots.len() {
             for branch in &mut self.branches {
-                branch.verdicts.push(branch.filter.observe(robot, sightings)?);
+                let verdicts = branch.filter.observe(robot, sightings)?;
+                branch.observe_map(robot, (sightings, mapping), &verdicts)?;
+                branch.verdicts.push(verdicts);
             }
         } else {
             self.branches.iter_mut().for_each(|b| b.filter.keep_near_active(sightings));
-            self.branch(robot, sightings);
+            self.branch(robot, sightings, mapping)?;
             for region in self.branches.iter_mut().filter_map(|b| b.filter.region.as_mut()) {
                 region.settle();
             }
@@ -92,7 +149,12 @@ impl Hypotheses {
     }
 
     /// Follows each likely pairing of each branch.
-    fn branch(&mut self, robot: usize, sightings: &[Sighting]) {
+    fn branch(
+        &mut self,
+        robot: usize,
+        sightings: &[Sighting],
+        mapping: &[Measurement],
+    ) -> Result<(), FilterError> {
         let seen: Vec<Unlabelled> =
             self.branches.iter().map(|b| b.filter.unlabelled(robot, sightings)).collect();
         let mut next: Vec<(usize, Pairing)> = Vec::new();
@@ -101,7 +163,7 @@ impl Hypotheses {
             next.extend(pairings.map(|(chosen, cost)| (k, (chosen, branch.cost + cost))));
         }
         next.sort_by(|a, b| a.1.1.total_cmp(&b.1.1).then(a.0.cmp(&b.0)));
-        let Some(least) = next.first().map(|n| n.1.1) else { return };
+        let Some(least) = next.first().map(|n| n.1.1) else { return Ok(()) };
         next.retain(|(_, (_, cost))| cost.total_cmp(&(least + MARGIN)).is_le());
         next.truncate(MOST);
         let mut left: Vec<usize> =
@@ -113,10 +175,12 @@ impl Hypotheses {
             let from = if left[k] == 0 { before[k].take() } else { before[k].clone() };
             let Some(mut branch) = from else { continue };
             let verdicts = branch.filter.pair(robot, sightings, &seen[k], &chosen);
+            branch.observe_map(robot, (sightings, mapping), &verdicts)?;
             branch.verdicts.push(verdicts);
             branch.cost = cost - least;
             self.branches.push(branch);
         }
+        Ok(())
     }
 
     /// Where one branch is left, its results are final.
@@ -129,14 +193,34 @@ impl Hypotheses {
         }
     }
 
-    /// The filter of the likeliest answer.
+    /// The filter that associates, of the likeliest answer.
     pub fn best(&self) -> &EkfSlam {
         &self.branches[0].filter
     }
 
+    /// The filter that maps.
+    fn map(&self) -> &EkfSlam {
+        self.branches[0].map.as_ref().unwrap_or(&self.branches[0].filter)
+    }
+
     /// The pose of a robot by the likeliest answer, and its covariance.
     pub fn pose(&self, robot: usize) -> Option<(Vector3<f64>, Matrix3<f64>)> {
-        self.best().pose(robot)
+        self.map().pose(robot)
+    }
+
+    /// All landmarks of the likeliest answer in order of rising numbers, tentative ones too.
+    pub fn landmarks(&self) -> Vec<Landmark> {
+        let (known, map) = (self.best().landmarks(), self.branches[0].map.as_ref());
+        let mapped = |l: Landmark| match map.and_then(|map| map.labelled(l.id.0)) {
+            Some(Landmark { position, covariance, .. }) => Landmark { position, covariance, ..l },
+            None => l,
+        };
+        known.into_iter().map(mapped).collect()
+    }
+
+    /// How often the pose was widened because many sightings were rejected.
+    pub fn recoveries(&self) -> usize {
+        self.map().recoveries()
     }
 
     /// How many answers are followed.

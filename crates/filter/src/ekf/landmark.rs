@@ -95,4 +95,7 @@ pub enum FilterError {
     /// A motion or an initial pose is not finite, or a variance is negative.
     #[error("a motion or a first pose is not finite, or its covariance is not one")]
     NotFinite,
+    /// There is not one measurement for the map for each sighting.
+    #[error("{0} sightings, but {1} measurements for the map")]
+    Measurements(usize, usize),
 }

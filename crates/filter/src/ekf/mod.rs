@@ -224,6 +224,11 @@ impl EkfSlam {
         self.landmarks.binary_search_by_key(&id, |r| r.id).ok().map(|k| &self.landmarks[k])
     }
 
+    /// Whether there is a landmark with this number.
+    pub(super) fn has(&self, id: LandmarkId) -> bool {
+        self.record(id).is_some()
+    }
+
     /// Landmarks that turned out to be the same as another, and that other one.
     pub fn joined(&self) -> &BTreeMap<LandmarkId, LandmarkId> {
         &self.joined

@@ -131,6 +131,30 @@ impl EkfSlam {
         }
     }
 
+    /// Two labels turned out to be of one landmark: the first one is gone, and both were in the same place.
+    pub(super) fn join_labelled(&mut self, gone: u32, kept: u32) {
+        let index = |label| {
+            let id = self.by_label.get(&label)?;
+            self.landmarks.binary_search_by_key(id, |r| r.id).ok()
+        };
+        let (Some(lose), Some(keep)) = (index(gone), index(kept)) else { return };
+        if let (Some(a), Some(b)) = (self.landmarks[lose].place, self.landmarks[keep].place) {
+            let linear = self.apart(a, b);
+            self.active.update(&linear);
+        }
+        self.landmarks[keep].seen += self.landmarks[lose].seen;
+        self.drop_landmark(lose);
+    }
+
+    /// Removes the landmarks of all other labels.
+    pub(super) fn keep_labels(&mut self, keep: impl Fn(u32) -> bool) {
+        for k in (0..self.landmarks.len()).rev() {
+            if self.landmarks[k].label.is_some_and(|label| !keep(label)) {
+                self.drop_landmark(k);
+            }
+        }
+    }
+
     /// The measurement that two landmarks are the same: their difference is zero.
     fn apart(&self, a: Place, b: Place) -> Linear {
         let unit = |sign: f64| Matrix3::from_diagonal(&Vector3::new(sign, sign, 0.0));
