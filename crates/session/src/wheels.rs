@@ -41,9 +41,8 @@ pub struct Wheels {
 }
 
 impl Wheels {
-    /// Switched on, with nothing mapped.
-    /// Jacobians are at first estimates whatever the configuration says: beacons that only tell ranges are placed from several poses, and
-    /// with invariant errors the place was lost then.
+    /// Switched on, with nothing mapped. Jacobians are at first estimates whatever the configuration says: among beacons that only
+    /// tell ranges the robot of `tests/wheels.rs` loses its place with invariant errors.
     ///
     /// # Errors
     /// When the filter cannot begin.
