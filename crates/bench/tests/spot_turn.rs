@@ -7,14 +7,8 @@ use cairn_engine::{Config, State};
 #[test]
 fn nobody_is_moved_by_a_turn_on_the_spot_and_the_first_steps_after_it() {
     for seed in [1, 2, 4] {
-        let out_and_back = Walk {
-            seed,
-            metres: [20.0, 4.0],
-            backwards_after_s: None,
-            every: 1,
-            guessed_lens: false,
-            delays: None,
-        };
+        let out_and_back =
+            Walk { seed, metres: [20.0, 4.0], backwards_after_s: None, every: 1, delays: None };
         let steps = walk(&out_and_back, &Config::default(), false).unwrap().steps;
         let carried = steps.iter().filter(|s| matches!(s.state, State::Coasting { .. })).count();
         assert!(2 * carried > steps.len(), "seed {seed}: the map does not show what he turns to");
@@ -30,14 +24,7 @@ fn nobody_is_moved_by_a_turn_on_the_spot_and_the_first_steps_after_it() {
 /// lost for that: the motion sensors carry the pose, and his first steps back show landmarks.
 #[test]
 fn one_who_stands_where_the_map_shows_nothing_walks_home_backwards() {
-    let stands = Walk {
-        seed: 1,
-        metres: [20.0, 4.0],
-        backwards_after_s: Some(18.0),
-        every: 1,
-        guessed_lens: false,
-        delays: None,
-    };
+    let stands = Walk { seed: 1, metres: [20.0, 4.0], backwards_after_s: Some(18.0), every: 1, delays: None };
     let steps = walk(&stands, &Config::default(), false).unwrap().steps;
     let standing: Vec<_> = steps.iter().filter(|s| s.t_s < 0.0).collect();
     let seen = standing.iter().filter(|s| s.inliers > 0).count();
@@ -48,24 +35,4 @@ fn one_who_stands_where_the_map_shows_nothing_walks_home_backwards() {
     println!("{} frames without landmarks, {lost} without a pose, at most {most:.3} m off", standing.len());
     assert!(lost == 0 && most < 0.25, "{lost} lost, {most} m off");
     assert!(matches!(last, Some((State::Tracking, 100..))), "{last:?}");
-}
-
-/// A guess that is 20 % too short (seed 4) shows turns that the gyroscope contradicts: nothing is told in metres. One that is right
-/// (seed 5) is read in metres as the lens itself would be.
-#[test]
-fn a_guessed_lens_gives_metres_only_where_it_is_right() {
-    for (seed, is_right) in [(4, false), (5, true)] {
-        let out = Walk {
-            seed,
-            metres: [8.0, 2.0],
-            backwards_after_s: None,
-            every: 1,
-            guessed_lens: true,
-            delays: None,
-        };
-        let walked = walk(&out, &Config::default(), false).unwrap();
-        println!("seed {seed}: metric after {:?} s, {:?}", walked.metric_s, walked.live);
-        assert_eq!(walked.metric_s.is_some(), is_right, "seed {seed}");
-        assert!(walked.live.wrong_s == 0.0 && walked.live.worst_percent < 10.0, "{:?}", walked.live);
-    }
 }

@@ -343,7 +343,6 @@ wait-first-try = mehr Weg, um Entfernungen zu messen
 wait-time = mehr Zeit, um Entfernungen zu messen
 wait-excitation = lebhaftere Bewegung, um Entfernungen zu messen
 wait-baseline = einen längeren Weg, um Entfernungen zu messen
-wait-lens = Kenntnis des Objektivs, um Entfernungen zu messen
 wait-precision = eine bessere Messung der Entfernungen
 wait-matches = etwas, das schon zu sehen war
 wait-translation = einen Schritt zur Seite oder nach vorn

@@ -329,7 +329,6 @@ wait-first-try = more of the way, to measure distances
 wait-time = more time, to measure distances
 wait-excitation = livelier motion, to measure distances
 wait-baseline = a longer way, to measure distances
-wait-lens = knowledge of the lens, to measure distances
 wait-precision = a better measurement of distances
 wait-matches = something that was seen before
 wait-translation = a step to the side or forwards

@@ -335,7 +335,6 @@ wait-first-try = más recorrido, para medir distancias
 wait-time = más tiempo, para medir distancias
 wait-excitation = un movimiento más vivo, para medir distancias
 wait-baseline = un recorrido más largo, para medir distancias
-wait-lens = conocer la lente, para medir distancias
 wait-precision = una medida mejor de las distancias
 wait-matches = algo que ya se haya visto
 wait-translation = un paso a un lado o adelante

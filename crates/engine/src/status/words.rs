@@ -167,7 +167,6 @@ impl Wait {
                 GateKind::KeyFrames | GateKind::Seconds => "wait-time",
                 GateKind::Excitation => "wait-excitation",
                 GateKind::Baseline => "wait-baseline",
-                GateKind::Lens => "wait-lens",
                 _ => "wait-precision",
             }),
             Self::Sight { .. } => language.text("wait-matches"),

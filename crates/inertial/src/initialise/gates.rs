@@ -2,7 +2,6 @@
 
 use super::estimate::Initial;
 use super::input::{InitialiseConfig, Scale, Seen};
-use super::turns::seen_over_measured;
 use crate::Preintegrated;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::GRAVITY_M_S2;
@@ -24,9 +23,6 @@ pub enum GateKind {
     Excitation,
     /// Spread of the camera's positions, in standard deviations of a position.
     Baseline,
-    /// How far turns seen across the view are from those measured, as a logarithm, beyond twice its standard deviation: by so
-    /// much the focal length is wrong.
-    Lens,
     /// 1 when the solver found a minimum.
     Converged,
     /// Weighted squared residual per degree of freedom.
@@ -73,7 +69,6 @@ impl GateKind {
             Self::Clocks => ("clocks compared", ""),
             Self::Excitation => ("excitation", " m/s^2"),
             Self::Baseline => ("baseline", " sigma"),
-            Self::Lens => ("turns seen are off those measured by", ""),
             Self::Converged => ("minimum found", ""),
             Self::Residual => ("residual", ""),
             Self::GyroNoise => ("gyro noise", " times the data sheet's"),
@@ -149,10 +144,6 @@ pub fn before(
             s.least_excitation,
         ));
         gates.push(Gate::new(GateKind::Baseline, baseline(seen), s.least_baseline));
-        if let Some([factor, sigma]) = seen_over_measured(seen, links, imu_from_camera) {
-            let off = (factor.abs() - 2.0 * sigma).max(0.0);
-            gates.push(Gate::new(GateKind::Lens, off, s.most_lens_off));
-        }
     }
     gates
 }

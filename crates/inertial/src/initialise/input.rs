@@ -62,9 +62,6 @@ pub struct InitialiseConfig {
     pub least_excitation: f64,
     /// Minimum spread of the camera's positions, in standard deviations of a position; only where scale is free.
     pub least_baseline: f64,
-    /// Maximum difference of the turns seen across the view from those measured, as a logarithm, beyond twice its standard
-    /// deviation; only where scale is free.
-    pub most_lens_off: f64,
     /// Maximum weighted squared residual per degree of freedom.
     pub most_residual: f64,
     /// Maximum difference of gravity's norm, when estimated, from 9.81, beyond twice its standard deviation, m/s^2.
@@ -92,7 +89,6 @@ impl Default for InitialiseConfig {
             least_seconds: 1.5,
             least_excitation: 0.2,
             least_baseline: 10.0,
-            most_lens_off: 0.02,
             most_residual: 4.0,
             most_gravity_off: 0.5,
             most_scale_sigma: 0.03,

@@ -16,7 +16,6 @@ mod guess;
 mod input;
 mod map;
 mod problem;
-mod turns;
 
 use crate::Preintegrated;
 use cairn_geometry::Se3;
