@@ -7,8 +7,14 @@ use cairn_engine::{Config, State};
 #[test]
 fn nobody_is_moved_by_a_turn_on_the_spot_and_the_first_steps_after_it() {
     for seed in [1, 2, 4] {
-        let out_and_back =
-            Walk { seed, metres: [20.0, 4.0], backwards_after_s: None, every: 1, delays: None };
+        let out_and_back = Walk {
+            seed,
+            metres: [20.0, 4.0],
+            backwards_after_s: None,
+            every: 1,
+            delays: None,
+            guessed_lens: false,
+        };
         let steps = walk(&out_and_back, &Config::default(), false).unwrap().steps;
         let carried = steps.iter().filter(|s| matches!(s.state, State::Coasting { .. })).count();
         assert!(2 * carried > steps.len(), "seed {seed}: the map does not show what he turns to");
@@ -24,7 +30,14 @@ fn nobody_is_moved_by_a_turn_on_the_spot_and_the_first_steps_after_it() {
 /// lost for that: the motion sensors carry the pose, and his first steps back show landmarks.
 #[test]
 fn one_who_stands_where_the_map_shows_nothing_walks_home_backwards() {
-    let stands = Walk { seed: 1, metres: [20.0, 4.0], backwards_after_s: Some(18.0), every: 1, delays: None };
+    let stands = Walk {
+        seed: 1,
+        metres: [20.0, 4.0],
+        backwards_after_s: Some(18.0),
+        every: 1,
+        delays: None,
+        guessed_lens: false,
+    };
     let steps = walk(&stands, &Config::default(), false).unwrap().steps;
     let standing: Vec<_> = steps.iter().filter(|s| s.t_s < 0.0).collect();
     let seen = standing.iter().filter(|s| s.inliers > 0).count();
