@@ -31,7 +31,7 @@ pub struct LiveScale {
 }
 
 impl LiveScale {
-    /// That of metric poses against the truth while the body walks since a first frame, each of the odometry over [`SCALE_S`].
+    /// That of metric poses against the truth while the body walks since a first frame, each of the odometry over two seconds.
     pub fn of(
         first: Stamp,
         truth: &BTreeMap<Stamp, Se3>,
