@@ -432,15 +432,22 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
                 for (let k = 0; k < 60; k += 1) {
                     while (!pace.mayShoot(now)) now += 1;
                     const bytes = 60000 * LEVELS[pace.level][2];
-                    pace.sent(now, bytes);
-                    if (pace.mayShoot(now + 1000)) throw new Error('two under way');
+                    pace.sent(now, now, bytes);
+                    if (k === 0 && pace.mayShoot(now + 1000)) throw new Error('sent before the link is known');
                     const took = trip + bytes / bytesPerMs;
                     now += took;
-                    pace.got(now);
+                    pace.got(now, pace.last);
                     if (k > 10) most = Math.max(most, took - trip);
                 }
                 return [pace.side, Math.round(most), Math.round(now / 60)];
             };
+            const behind = new Pace();
+            behind.sent(0, 0, 1000);
+            behind.got(50, 0);
+            behind.sent(60, 60, 1000);
+            if (!behind.mayShoot(200)) throw new Error('waits to hear of one that has arrived');
+            behind.sent(200, 200, 1000);
+            if (behind.mayShoot(9000)) throw new Error('sends on, though nothing is heard');
             return JSON.stringify([walk(5000, 20), walk(500, 50), walk(125, 50), walk(25, 50)]);
         })()"#,
     );
