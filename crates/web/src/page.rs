@@ -306,6 +306,8 @@ impl Client {
         let holds = self.hub.take(self.id, &self.guest.secret, over);
         if holds {
             self.opens_port();
+            // The last one was in the clock of the page before it.
+            self.frame.mark_unchanged();
         }
         holds
     }

@@ -392,3 +392,33 @@ async fn silent_page_is_noticed_within_three_seconds() {
     let after = silent.elapsed().as_secs_f64();
     assert!(control["held"] == true && (2.5..3.6).contains(&after), "after {after} s: {control}");
 }
+
+/// A page that takes the walk over hears of no image of the page before it: that time would be of another clock.
+#[tokio::test(flavor = "multi_thread", worker_threads = 1)]
+async fn page_that_takes_over_hears_of_its_own_images() {
+    let server = server("over", CameraSource::Page { rig: None });
+    let mut first = enter(&server, "one").await;
+    let mut second = enter(&server, "two").await;
+    let me = next(&mut second, "hello").await["id"].clone();
+    send(&mut first, json!({ "take": true })).await;
+    let gray = image::GrayImage::from_fn(320, 240, |x, y| image::Luma([(37 * (x / 9) + 91 * (y / 7)) as u8]));
+    let mut jpeg = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new(&mut jpeg).encode_image(&gray).unwrap();
+    // Until the time of one of its images is told to the page that sent it.
+    let told = loop {
+        let picture = [&page_ms().to_le_bytes()[..], &jpeg].concat();
+        first.to.send(Message::binary(picture)).unwrap();
+        let told = next(&mut first, "frame").await["ms"].clone();
+        if !told.is_null() {
+            break told;
+        }
+    };
+    while next(&mut second, "control").await["id"].is_null() {}
+    send(&mut second, json!({ "takeover": true })).await;
+    let over = holder(&mut second, &me).await;
+    let until = tokio::time::Instant::now() + Duration::from_millis(500);
+    while let Ok(Some(message)) = tokio::time::timeout_at(until, second.from.recv()).await {
+        let Message::Text(text) = message else { continue };
+        assert!(!text.contains("\"frame\""), "{text} after {told} and {over}");
+    }
+}
