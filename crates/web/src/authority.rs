@@ -19,7 +19,7 @@ use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// The name of the file.
-const FILE: &str = "authority.pem";
+pub(crate) const FILE: &str = "authority.pem";
 /// The beginning of the first line; the id and the second of its beginning follow.
 const FIRST: &str = "authority ";
 const DAY: Duration = Duration::from_secs(86_400);

@@ -24,6 +24,15 @@ pub struct Certificate {
     key: PrivateKeyDer<'static>,
 }
 
+/// The certificates by which a page that keeps its own in this folder can be known: that of the page, and that of the authority.
+pub fn trusted(folder: &Path) -> Vec<CertificateDer<'static>> {
+    let read = |file: &str| {
+        let text = std::fs::read(folder.join(file)).ok()?;
+        CertificateDer::from_pem_slice(&text).ok()
+    };
+    [FILE, crate::authority::FILE].into_iter().filter_map(read).collect()
+}
+
 impl Certificate {
     /// The certificate stored in a folder, when it covers all of these addresses and names; else a new one, which is
     /// stored there. Also returns why it could not be stored, if so.

@@ -2,6 +2,7 @@
 
 mod authority;
 mod certificate;
+mod columns;
 mod config;
 mod connection;
 mod drawn;
@@ -15,6 +16,7 @@ mod page;
 mod requests;
 mod server;
 mod start;
+mod still;
 mod surface;
 mod survive;
 mod tls;
@@ -25,8 +27,9 @@ mod wire;
 mod words;
 
 pub use authority::Authority;
-pub use certificate::Certificate;
+pub use certificate::{Certificate, trusted};
 pub use config::{BeginSlam, Begun, CameraSource, OpenSource, ServeConfig, SlamFor, engine_here};
 pub use error::WebError;
 pub use invitation::{Invitation, lan_address, qr};
 pub use server::{Remote, Server};
+pub use still::{StillSurface, still};

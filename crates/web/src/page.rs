@@ -1,6 +1,7 @@
 //! One page's connection: from its hello until it disconnects or falls silent. Its messages go to the hub, news goes
 //! to the page: words at once, bulk data as the [`Link`] allows.
 
+use crate::columns::SentColumns;
 use crate::connection::Connection;
 use crate::drawn::Drawn;
 use crate::hub::{Hub, Shared};
@@ -72,7 +73,9 @@ pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<
         picture: hub.picture.subscribe(),
         surface: Sent::new(Instant::now()),
         surface_due: Instant::now(),
-        wants: Wants { hub: hub.clone(), picture: false, map: false, surface: false },
+        columns: SentColumns::default(),
+        columns_turn: false,
+        wants: Wants { hub: hub.clone(), picture: false, map: false, surface: false, columns: false },
         link: Link::new(Instant::now()),
         guest,
         hub: hub.clone(),
@@ -125,6 +128,9 @@ struct Client {
     /// The surface that it was sent, and when the next of it may be.
     surface: Sent,
     surface_due: Instant,
+    /// The columns that it was sent, and whether it is their turn: what may be sent is shared with the surface.
+    columns: SentColumns,
+    columns_turn: bool,
     wants: Wants,
 }
 
@@ -134,10 +140,11 @@ struct Wants {
     picture: bool,
     map: bool,
     surface: bool,
+    columns: bool,
 }
 
 impl Wants {
-    fn set(&mut self, picture: bool, map: bool, surface: bool) {
+    fn set(&mut self, picture: bool, map: bool, [surface, columns]: [bool; 2]) {
         let count = |counter: &AtomicU64, was: bool, is: bool| match (was, is) {
             (false, true) => drop(counter.fetch_add(1, Ordering::Relaxed)),
             (true, false) => drop(counter.fetch_sub(1, Ordering::Relaxed)),
@@ -146,13 +153,14 @@ impl Wants {
         count(&self.hub.pictures_wanted, self.picture, picture);
         count(&self.hub.maps_wanted, self.map, map);
         count(&self.hub.surfaces_wanted, self.surface, surface);
-        (self.picture, self.map, self.surface) = (picture, map, surface);
+        count(&self.hub.columns_wanted, self.columns, columns);
+        (self.picture, self.map, self.surface, self.columns) = (picture, map, surface, columns);
     }
 }
 
 impl Drop for Wants {
     fn drop(&mut self) {
-        self.set(false, false, false);
+        self.set(false, false, [false; 2]);
     }
 }
 
@@ -169,7 +177,8 @@ impl Client {
         loop {
             let free = self.link.may_send(0);
             // On a slow link something newer is always there: the surface gets its turn all the same.
-            let overdue = self.wants.surface && self.surface_due.elapsed() >= SURFACE_WAITS;
+            let wants_depth = self.wants.surface || self.wants.columns;
+            let overdue = wants_depth && self.surface_due.elapsed() >= SURFACE_WAITS;
             let others = free && !overdue;
             let text = |t: &Arc<str>| Message::Text(t.as_ref().into());
             // Bulk data that is too large for the link is skipped: the next update comes soon.
@@ -214,11 +223,10 @@ impl Client {
                     let may = self.link.may_send(length);
                     (may.then(|| Message::Binary(axum::body::Bytes::from_owner(bytes))), length)
                 }
-                () = tokio::time::sleep_until(self.surface_due.into()), if free && self.wants.surface => {
+                () = tokio::time::sleep_until(self.surface_due.into()), if free && wants_depth => {
                     let now = Instant::now();
                     self.surface_due = now + SURFACE_EVERY;
-                    let surface = self.hub.surface.lock().unwrap_or_else(PoisonError::into_inner);
-                    let message = self.surface.message(&surface, self.link.room(), now);
+                    let message = self.depth(now);
                     let length = message.as_ref().map_or(0, Vec::len);
                     (message.map(|m| Message::Binary(m.into())), length)
                 }
@@ -242,6 +250,31 @@ impl Client {
                 }
             }
         }
+    }
+
+    /// The next piece of what is made of the depth: the surface and the columns in turn, and either where the other has nothing.
+    fn depth(&mut self, now: Instant) -> Option<Vec<u8>> {
+        let room = self.link.room();
+        self.surface.wait(now);
+        self.columns_turn = !self.columns_turn;
+        for is_columns in [self.columns_turn, !self.columns_turn] {
+            let message = match is_columns {
+                true if self.wants.columns => {
+                    let columns = self.hub.columns.lock().unwrap_or_else(PoisonError::into_inner);
+                    let message = self.columns.message(&columns, room.min(self.surface.left()));
+                    message.inspect(|m| self.surface.spend(m.len()))
+                }
+                false if self.wants.surface => {
+                    let surface = self.hub.surface.lock().unwrap_or_else(PoisonError::into_inner);
+                    self.surface.message(&surface, room, now)
+                }
+                _ => None,
+            };
+            if message.is_some() {
+                return message;
+            }
+        }
+        None
     }
 
     /// Whether this page holds the walk.
@@ -289,8 +322,8 @@ impl Client {
                     let wrong = lines.iter().filter(|_| controls).find_map(|line| self.setting(line).err());
                     wrong.map(refusal)
                 }
-                Ok(FromPage::Want { picture, map, surface }) => {
-                    self.wants.set(picture, map, surface);
+                Ok(FromPage::Want { picture, map, surface, columns }) => {
+                    self.wants.set(picture, map, [surface, columns]);
                     self.view.mark_changed();
                     self.map.mark_changed();
                     None
