@@ -9,6 +9,7 @@ use crate::process::{Event, Process, Start, What};
 use crate::supervision::{Death, Tell, Told};
 use crate::worker::Worker;
 use cairn_dense::SurfaceChange;
+use cairn_session::DepthWanted;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -118,7 +118,7 @@ mod tests {
             (y, x) if !(-1.0..1.5).contains(&y) || x > 2.0 => Occupancy::Occupied,
             _ => Occupancy::Free,
         };
-        let corners = [Vec3::new(0.0, -1.2, 0.0), Vec3::new(2.5, 2.0, 1.0)];
+        let corners = [Vec3::new(0.0, -1.21, 0.0), Vec3::new(2.5, 1.99, 1.0)];
         let ([low, high], steps) = axes.around(corners.into_iter()).unwrap();
         assert_eq!((low, high, steps), ([0, 0], [1, 0], [-40, 25]));
         let tile = axes.tile([0, 0], steps, room).unwrap().unwrap();

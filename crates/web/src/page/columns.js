@@ -33,19 +33,25 @@ export class Columns {
       const place = [signed(), signed()];
       const base = signed();
       const born = number() / 10;
-      const spans = [];
+      const cells = [];
       for (let k = 0; k < TILE * TILE; k += 1) {
-        const middle = [k % TILE, Math.floor(k / TILE)].map((c, i) => (TILE * place[i] + c + 0.5) * this.cell);
+        const spans = [];
         let until = base;
         for (let runs = byte(); runs > 0; runs -= 1) {
           const run = byte();
           const from = until;
           until += (run & 63) + 1;
-          if (run >> 6) spans.push({ middle, ends: [from * this.step, until * this.step], kind: run >> 6 });
+          const last = spans.at(-1);
+          // A run is at most 64 steps long.
+          if (last && last.ends[1] === from && last.kind === run >> 6) last.ends[1] = until;
+          else if (run >> 6) spans.push({ ends: [from, until], kind: run >> 6 });
         }
+        cells.push(spans);
       }
-      const block = { born, ...this.boxes(spans.filter((s) => s.kind === OCCUPIED)) };
-      const free = spans.filter((s) => s.kind === FREE).map(({ middle, ends }) => ends.map((z) => this.inMap([...middle, z])));
+      const block = { born, ...this.boxes(place, cells) };
+      // More lines would hide what is occupied.
+      const free = cells.flatMap((spans, k) => (k % 4 === 2 && Math.floor(k / TILE) % 4 === 2
+        ? spans.filter((s) => s.kind === FREE).map(({ ends }) => ends.map((z) => this.inMap([...this.middle(place, k), z * this.step]))) : []));
       this.cubes.set(place.join(), { blocks: new Map([[0, block]]), mesh: null, free });
       this.latest = Math.max(this.latest, born);
     }
@@ -56,31 +62,41 @@ export class Columns {
   // A line in each free span.
   free() { return [...this.cubes.values()].flatMap((cube) => cube.free); }
 
-  // A box for each span: places, normals and corners, counter-clockwise as seen from outside.
-  boxes(spans) {
-    const places = new Float32Array(72 * spans.length);
-    const normals = new Float32Array(72 * spans.length);
-    const corners = new Uint32Array(36 * spans.length);
+  middle(place, k) { return [k % TILE, Math.floor(k / TILE)].map((c, i) => (TILE * place[i] + c + 0.5) * this.cell); }
+
+  // A box for each occupied span: the faces that are seen from free space, so that one looks through a ceiling into the room. What is
+  // beside the tile counts as free. Corners are counter-clockwise as seen from outside.
+  boxes(place, cells) {
+    const [places, normals, corners] = [[], [], []];
     const half = (FILLED * this.cell) / 2;
-    let [vertex, corner] = [0, 0];
-    for (const { middle, ends: [low, high] } of spans) {
-      const centre = [...middle, (low + high) / 2];
-      const halves = [half, half, (high - low) / 2];
-      for (const [axis, side] of FACES) {
-        const [next, last] = [(axis + 1) % 3, (axis + 2) % 3];
-        corners.set([0, 1, 2, 0, 2, 3].map((c) => vertex + c), corner);
-        corner += 6;
-        for (const [a, b] of CORNERS) {
-          const p = [...centre];
-          p[axis] += side * halves[axis];
-          p[next] += side * a * halves[next];
-          p[last] += b * halves[last];
-          places.set(this.inMap(p), 3 * vertex);
-          normals.set(this.axes[axis].map((v) => side * v), 3 * vertex);
-          vertex += 1;
+    cells.forEach((spans, k) => {
+      for (const { ends } of spans.filter((s) => s.kind === OCCUPIED)) {
+        const [low, high] = ends.map((z) => z * this.step);
+        const centre = [...this.middle(place, k), (low + high) / 2];
+        const halves = [half, half, (high - low) / 2];
+        for (const [axis, side] of FACES.filter(([a, s]) => isSeen(cells, k, ends, a, s))) {
+          const [next, last] = [(axis + 1) % 3, (axis + 2) % 3];
+          const first = places.length / 3;
+          corners.push(...[0, 1, 2, 0, 2, 3].map((c) => first + c));
+          for (const [a, b] of CORNERS) {
+            const p = [...centre];
+            p[axis] += side * halves[axis];
+            p[next] += side * a * halves[next];
+            p[last] += b * halves[last];
+            places.push(...this.inMap(p));
+            normals.push(...this.axes[axis].map((v) => side * v));
+          }
         }
       }
-    }
+    });
     return { places, normals, corners };
   }
+}
+
+// Whether a face of an occupied span borders on free space.
+function isSeen(cells, k, [low, high], axis, side) {
+  const isFree = (cell, from, to) => cells[cell].some((s) => s.kind === FREE && s.ends[0] < to && s.ends[1] > from);
+  if (axis === 2) return side > 0 ? isFree(k, high, high + 1) : isFree(k, low - 1, low);
+  const [along, step] = axis === 0 ? [k % TILE, 1] : [Math.floor(k / TILE), TILE];
+  return along + side < 0 || along + side >= TILE || isFree(k + side * step, low, high);
 }
