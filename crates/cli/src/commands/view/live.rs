@@ -71,7 +71,7 @@ pub fn show(a: &Arguments) -> Result<(), Failure> {
             match follow(&mut socket, &mut window, &address).await {
                 Ended::Closed => return window.end(),
                 Ended::Refused(why) => return Err(fail(why)),
-                Ended::Broken(why) => note(&format!("the page is away ({why}): it is looked for again")),
+                Ended::Broken => note("the page is away: it is looked for again"),
             }
             socket = loop {
                 tokio::time::sleep(AGAIN).await;
@@ -128,7 +128,7 @@ enum Ended {
     /// The page does not want this.
     Refused(String),
     /// The connection has ended.
-    Broken(String),
+    Broken,
 }
 
 /// Hands on what comes.
@@ -142,16 +142,15 @@ async fn follow(socket: &mut Socket, window: &mut Window, address: &Address<'_>)
         }
         let bytes = match message {
             Err(_) => continue,
-            Ok(None) => return Ended::Broken("it has closed the connection".into()),
-            Ok(Some(Err(e))) => return Ended::Broken(e.to_string()),
+            Ok(None | Some(Err(_))) => return Ended::Broken,
             Ok(Some(Ok(Message::Binary(bytes)))) => bytes.to_vec(),
             Ok(Some(Ok(Message::Text(text)))) => {
                 let Ok(told) = serde_json::from_str::<Value>(&text) else { continue };
                 if let Some(ping) = told.get("ping") {
                     let pong =
                         json!({ "pong": { "n": ping["n"], "ms": began.elapsed().as_secs_f64() * 1e3 } });
-                    if let Err(e) = socket.send(Message::text(pong.to_string())).await {
-                        return Ended::Broken(e.to_string());
+                    if socket.send(Message::text(pong.to_string())).await.is_err() {
+                        return Ended::Broken;
                     }
                     continue;
                 }

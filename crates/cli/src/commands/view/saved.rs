@@ -53,11 +53,11 @@ pub fn show(a: &Arguments, output: &Output) -> Result<(), Failure> {
         let why = a.map.map_or_else(|| "it is empty".into(), |root| format!("it has no map {root}"));
         Failure::new(&a.source, why, format!("it has these: {roots:?}"))
     })?;
+    // Before the work: who has no window learns so at once.
+    let mut window = Window::open(a)?;
     if roots.len() > 1 {
         note(&format!("map {} of {roots:?}; choose another with --map", id.root().index()));
     }
-    // Before the work: who has no window learns so at once.
-    let mut window = Window::open(a)?;
     let mut view = View::of_map(&file.snapshot, Some(id), POINTS);
     // The newest of its routes; others may lie in the other maps.
     for (_, _, route) in routes_of(&file) {
