@@ -5,6 +5,7 @@ mod certificate;
 mod columns;
 mod config;
 mod connection;
+mod depth;
 mod drawn;
 mod error;
 mod hub;

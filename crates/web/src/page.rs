@@ -1,12 +1,11 @@
 //! One page's connection: from its hello until it disconnects or falls silent. Its messages go to the hub, news goes
 //! to the page: words at once, bulk data as the [`Link`] allows.
 
-use crate::columns::SentColumns;
 use crate::connection::Connection;
+use crate::depth::SentDepth;
 use crate::drawn::Drawn;
 use crate::hub::{Hub, Shared};
 use crate::link::{ASK_EVERY, GONE_AFTER, Link};
-use crate::surface::Sent;
 use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
@@ -21,10 +20,10 @@ use tokio::sync::{broadcast, watch};
 /// A page that does not send its hello within this time is disconnected.
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
 
-/// Interval of pieces of the surface.
-const SURFACE_EVERY: Duration = Duration::from_millis(125);
+/// Interval of pieces of the surface and the columns.
+const DEPTH_EVERY: Duration = Duration::from_millis(125);
 /// How long one that is due waits for status, map and images.
-const SURFACE_WAITS: Duration = Duration::from_millis(250);
+const DEPTH_WAITS: Duration = Duration::from_millis(250);
 
 /// What a page states about itself.
 pub(crate) struct Guest {
@@ -71,10 +70,8 @@ pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<
         has: None,
         routes: hub.routes.subscribe(),
         picture: hub.picture.subscribe(),
-        surface: Sent::new(Instant::now()),
-        surface_due: Instant::now(),
-        columns: SentColumns::default(),
-        columns_turn: false,
+        depth: SentDepth::new(Instant::now()),
+        depth_due: Instant::now(),
         wants: Wants { hub: hub.clone(), picture: false, map: false, surface: false, columns: false },
         link: Link::new(Instant::now()),
         guest,
@@ -125,12 +122,9 @@ struct Client {
     has: Option<Arc<Drawn>>,
     routes: watch::Receiver<Arc<str>>,
     picture: watch::Receiver<Shared>,
-    /// The surface that it was sent, and when the next of it may be.
-    surface: Sent,
-    surface_due: Instant,
-    /// The columns that it was sent, and whether it is their turn: what may be sent is shared with the surface.
-    columns: SentColumns,
-    columns_turn: bool,
+    /// What it was sent of the surface and the columns, and when the next of it may be.
+    depth: SentDepth,
+    depth_due: Instant,
     wants: Wants,
 }
 
@@ -176,9 +170,9 @@ impl Client {
         clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             let free = self.link.may_send(0);
-            // On a slow link something newer is always there: the surface gets its turn all the same.
+            // On a slow link something newer is always there: surface and columns get their turn all the same.
             let wants_depth = self.wants.surface || self.wants.columns;
-            let overdue = wants_depth && self.surface_due.elapsed() >= SURFACE_WAITS;
+            let overdue = wants_depth && self.depth_due.elapsed() >= DEPTH_WAITS;
             let others = free && !overdue;
             let text = |t: &Arc<str>| Message::Text(t.as_ref().into());
             // Bulk data that is too large for the link is skipped: the next update comes soon.
@@ -223,10 +217,10 @@ impl Client {
                     let may = self.link.may_send(length);
                     (may.then(|| Message::Binary(axum::body::Bytes::from_owner(bytes))), length)
                 }
-                () = tokio::time::sleep_until(self.surface_due.into()), if free && wants_depth => {
+                () = tokio::time::sleep_until(self.depth_due.into()), if free && wants_depth => {
                     let now = Instant::now();
-                    self.surface_due = now + SURFACE_EVERY;
-                    let message = self.depth(now);
+                    self.depth_due = now + DEPTH_EVERY;
+                    let message = self.piece_of_depth(now);
                     let length = message.as_ref().map_or(0, Vec::len);
                     (message.map(|m| Message::Binary(m.into())), length)
                 }
@@ -252,29 +246,13 @@ impl Client {
         }
     }
 
-    /// The next piece of what is made of the depth: the surface and the columns in turn, and either where the other has nothing.
-    fn depth(&mut self, now: Instant) -> Option<Vec<u8>> {
-        let room = self.link.room();
-        self.surface.wait(now);
-        self.columns_turn = !self.columns_turn;
-        for is_columns in [self.columns_turn, !self.columns_turn] {
-            let message = match is_columns {
-                true if self.wants.columns => {
-                    let columns = self.hub.columns.lock().unwrap_or_else(PoisonError::into_inner);
-                    let message = self.columns.message(&columns, room.min(self.surface.left()));
-                    message.inspect(|m| self.surface.spend(m.len()))
-                }
-                false if self.wants.surface => {
-                    let surface = self.hub.surface.lock().unwrap_or_else(PoisonError::into_inner);
-                    self.surface.message(&surface, room, now)
-                }
-                _ => None,
-            };
-            if message.is_some() {
-                return message;
-            }
-        }
-        None
+    /// The next piece of what is made of the depth.
+    fn piece_of_depth(&mut self, now: Instant) -> Option<Vec<u8>> {
+        let Self { hub, depth, wants, link, .. } = self;
+        let surface = hub.surface.lock().unwrap_or_else(PoisonError::into_inner);
+        let columns = hub.columns.lock().unwrap_or_else(PoisonError::into_inner);
+        let surface = Some(&*surface).filter(|_| wants.surface);
+        depth.message(surface, Some(&*columns).filter(|_| wants.columns), link.room(), now)
     }
 
     /// Whether this page holds the walk.

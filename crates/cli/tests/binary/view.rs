@@ -87,7 +87,7 @@ fn a_saved_map_is_shown_with_its_route_its_surface_and_its_columns() {
     );
     assert!(told(&folder).surface.parts.is_empty());
     fails(&["view", &route], &["not a map file"]);
-    fails(&["view", &map, "--map", "77"], &["it has no map 77", "[0]"]);
+    fails(&["view", &map, "--map", "77"], &["it has no map 77", "it has these: [0"]);
     // Without the window.
     std::fs::remove_file(folder.join("cairn-view")).unwrap();
     let mut command = Command::new(folder.join("cairn"));
