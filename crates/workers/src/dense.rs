@@ -30,7 +30,7 @@ const SLICE: Duration = Duration::from_millis(200);
 const SHOW_EVERY: Duration = Duration::from_millis(500);
 /// Images that are fused again between two looks at the clock.
 const FUSED_AGAIN: usize = 4;
-/// Tiles of columns that are looked at each time, at most: some milliseconds each.
+/// Tiles of columns that are looked at each time, at most.
 const TILES: usize = 12;
 
 /// What is asked of the process.

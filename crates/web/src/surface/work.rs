@@ -21,7 +21,7 @@ const MOST_WAITING: usize = 64;
 const MESH_EVERY: Duration = Duration::from_millis(500);
 /// Images that are fused again after each packet, at most, where the map has been corrected.
 const FUSED_AGAIN: usize = 4;
-/// Tiles of columns that are looked at each time, at most: some milliseconds each.
+/// Tiles of columns that are looked at each time, at most.
 const TILES: usize = 12;
 
 /// The running thread; it ends when this is dropped.
