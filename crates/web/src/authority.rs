@@ -19,7 +19,7 @@ use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// The name of the file.
-pub(crate) const FILE: &str = "authority.pem";
+const FILE: &str = "authority.pem";
 /// The beginning of the first line; the id and the second of its beginning follow.
 const FIRST: &str = "authority ";
 const DAY: Duration = Duration::from_secs(86_400);
@@ -50,6 +50,15 @@ pub struct Authority {
     pem: String,
     der: CertificateDer<'static>,
     key: KeyPair,
+}
+
+/// The certificates by which a page that keeps its own in this folder can be known: that of the page, and that of the authority.
+pub fn trusted(folder: &Path) -> Vec<CertificateDer<'static>> {
+    let read = |file: &str| {
+        let text = std::fs::read(folder.join(file)).ok()?;
+        CertificateDer::from_pem_slice(&text).ok()
+    };
+    [crate::certificate::FILE, FILE].into_iter().filter_map(read).collect()
 }
 
 impl Authority {

@@ -12,7 +12,7 @@ use std::net::IpAddr;
 use std::path::Path;
 
 /// The name of the file.
-const FILE: &str = "page.pem";
+pub(crate) const FILE: &str = "page.pem";
 /// The beginning of the first line.
 const COVERS: &str = "for ";
 /// How many addresses of earlier starts stay covered.
@@ -22,15 +22,6 @@ const EARLIER: usize = 12;
 pub struct Certificate {
     chain: Vec<CertificateDer<'static>>,
     key: PrivateKeyDer<'static>,
-}
-
-/// The certificates by which a page that keeps its own in this folder can be known: that of the page, and that of the authority.
-pub fn trusted(folder: &Path) -> Vec<CertificateDer<'static>> {
-    let read = |file: &str| {
-        let text = std::fs::read(folder.join(file)).ok()?;
-        CertificateDer::from_pem_slice(&text).ok()
-    };
-    [FILE, crate::authority::FILE].into_iter().filter_map(read).collect()
 }
 
 impl Certificate {

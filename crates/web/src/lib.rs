@@ -27,8 +27,8 @@ mod walk;
 mod wire;
 mod words;
 
-pub use authority::Authority;
-pub use certificate::{Certificate, trusted};
+pub use authority::{Authority, trusted};
+pub use certificate::Certificate;
 pub use config::{BeginSlam, Begun, CameraSource, OpenSource, ServeConfig, SlamFor, engine_here};
 pub use error::WebError;
 pub use invitation::{Invitation, lan_address, qr};

@@ -78,7 +78,10 @@ fn follow(told: &Mutex<Told>, ctx: &egui::Context) {
         let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = match message {
             Ok(Some(message)) => told.scene.take(&message).map_err(|e| e.to_string()),
-            Ok(None) => Ok(told.is_all = true),
+            Ok(None) => {
+                told.is_all = true;
+                Ok(())
+            }
             Err(e) => Err(e.to_string()),
         };
         if let Err(why) = taken {
