@@ -54,11 +54,13 @@ fn a_saved_map_is_shown_with_its_route_its_surface_and_its_columns() {
         let mut command = Command::new(folder.join("cairn"));
         command.args(["view", map, "--json"]).args(more).output().unwrap()
     };
-    let done = shown(&map, &["--language", "de", "--voxel", "0.05"]);
+    // With a picture it ends when all is told.
+    let picture = ["--picture", "a.png"];
+    let done = shown(&map, &[&["--language", "de", "--voxel", "0.05"], &picture[..]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
     let scene = told(&folder);
     let report = json(&done);
-    assert_eq!(std::fs::read_to_string(folder.join("arguments")).unwrap(), "--language de\n");
+    assert_eq!(std::fs::read_to_string(folder.join("arguments")).unwrap(), "--language de --picture a.png\n");
     assert_eq!((scene.title.as_str(), scene.is_metric, scene.walker), ("a.map", true, None));
     assert_eq!(scene.model.key_frames.len() as u64, report["key_frames"].as_u64().unwrap());
     assert!(scene.model.points.len() > 100 && scene.model.recorded.len() > 3, "{report}");
@@ -78,7 +80,7 @@ fn a_saved_map_is_shown_with_its_route_its_surface_and_its_columns() {
     // A map without depth is shown without; one that is none, and a map that is not in the file, are refused.
     let done = cairn(&["run", world, "--sensor", "rgbd", "--map-out", &bare]);
     assert!(done.status.success(), "{}", stderr(&done));
-    let done = shown(&bare, &[]);
+    let done = shown(&bare, &picture);
     assert_eq!(
         (done.status.code(), json(&done)["triangles"].as_u64()),
         (Some(0), Some(0)),

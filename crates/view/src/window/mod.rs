@@ -23,7 +23,7 @@ const SETTLED: u32 = 4;
 #[derive(Default)]
 struct Told {
     scene: Scene,
-    /// Nothing more comes.
+    /// Nothing more comes: whoever shows something here has gone, or a picture is wanted.
     is_all: bool,
     /// Why no more is shown, if something is wrong.
     wrong: Option<String>,
@@ -132,10 +132,12 @@ impl eframe::App for App {
         ctx.set_visuals(egui::Visuals::dark());
         egui::TopBottomPanel::bottom("below").show(ctx, |ui| self.below(ui, &told));
         egui::CentralPanel::default().frame(egui::Frame::NONE).show(ctx, |ui| self.map(ui, &told.scene));
-        let is_all = told.is_all;
+        let (is_all, is_wrong) = (told.is_all, told.wrong.is_some());
         drop(told);
-        if let Some(path) = self.picture.clone().filter(|_| is_all) {
-            self.write(ctx, &path);
+        match self.picture.clone() {
+            Some(path) if is_all => self.write(ctx, &path),
+            None if is_all && !is_wrong => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+            _ => {}
         }
     }
 

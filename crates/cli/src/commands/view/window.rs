@@ -13,6 +13,8 @@ const PROGRAM: &str = "cairn-view";
 /// A window.
 pub struct Window {
     child: Child,
+    /// It ends by itself once all is there.
+    ends: bool,
     to: Option<BufWriter<ChildStdin>>,
 }
 
@@ -34,7 +36,7 @@ impl Window {
             _ => Failure::new(PROGRAM, e.to_string(), "check that it can be executed"),
         })?;
         let to = child.stdin.take().map(BufWriter::new);
-        Ok(Self { child, to })
+        Ok(Self { child, ends: a.picture.is_some(), to })
     }
 
     /// Sends a message; false when the window was closed.
@@ -56,7 +58,10 @@ impl Window {
     /// # Errors
     /// When it could not be shown; it has said why.
     pub fn end(mut self) -> Result<(), Failure> {
-        self.to = None;
+        // The window is closed when the pipe is: this program was killed.
+        if self.ends {
+            self.to = None;
+        }
         let hint = "give it a screen: a desktop, or DISPLAY or WAYLAND_DISPLAY of one";
         match self.child.wait() {
             Ok(status) if status.success() => Ok(()),
