@@ -7,7 +7,7 @@ use std::fmt::Write;
 /// The groups and their commands, in order.
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Start here", &["demo", "run", "doctor"]),
-    ("Maps and routes", &["map", "route", "mesh", "plan", "fleet"]),
+    ("Maps and routes", &["map", "view", "route", "mesh", "plan", "fleet"]),
     ("A phone, a robot", &["serve", "ros"]),
     ("Recordings, cameras, figures", &["rig", "eval", "bench", "sim", "config", "vocab"]),
     ("Solvers and filters", &["solve", "team", "ekf"]),

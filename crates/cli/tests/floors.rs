@@ -12,7 +12,7 @@ use std::process::Command;
 const FLOORS: &[(u8, &[&str])] = &[
     (0, &["cairn-random", "cairn-settings-derive"]),
     (1, &["cairn-files", "cairn-geometry", "cairn-phrases", "cairn-rerun", "cairn-settings"]),
-    (2, &["cairn-solve", "cairn-sensor", "cairn-eval"]),
+    (2, &["cairn-solve", "cairn-sensor", "cairn-eval", "cairn-view"]),
     (3, &["cairn-vision", "cairn-sim", "cairn-inertial", "cairn-bag"]),
     (4, &["cairn-sources", "cairn-atlas", "cairn-filter"]),
     (5, &["cairn-adjust", "cairn-dense", "cairn-plan", "cairn-guide"]),

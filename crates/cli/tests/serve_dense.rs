@@ -19,11 +19,20 @@ use std::time::{Duration, Instant};
 struct Drawn {
     submaps: BTreeSet<u32>,
     blocks: BTreeMap<(u32, BlockKey), usize>,
+    /// Tiles of columns, and how often all of them began anew.
+    tiles: BTreeSet<[i32; 2]>,
+    begun: usize,
 }
 
 impl Drawn {
     fn take(&mut self, change: SurfaceChange) {
         self.submaps = change.submaps.iter().map(|(number, _)| *number).collect();
+        if change.columns.axes.is_some() {
+            self.tiles.clear();
+            self.begun += 1;
+        }
+        change.columns.gone.iter().for_each(|at| assert!(self.tiles.remove(at), "{at:?} was not there"));
+        self.tiles.extend(change.columns.tiles.iter().map(|tile| tile.at));
         self.blocks.retain(|(number, _), _| self.submaps.contains(number));
         for (number, key, mesh) in change.blocks {
             assert!(self.submaps.contains(&number), "a block of submap {number}, which is not there");
@@ -125,8 +134,11 @@ fn surfaces_that_are_killed_or_hang_come_again_and_the_walk_does_not_notice() {
     // Nothing is meshed until somebody wants to see it; then all that was seen so far comes.
     walk(&mut slam, &mut drawn, 50);
     assert!(drawn.submaps.is_empty() && changes.try_recv().is_err(), "nobody wants surfaces");
-    wanted.store(true, Ordering::Relaxed);
+    wanted.any.store(true, Ordering::Relaxed);
     drawn.until(&changes, "the first surface", |d| d.triangles() > 5_000);
+    assert!(drawn.tiles.is_empty(), "nobody wants columns");
+    wanted.columns.store(true, Ordering::Relaxed);
+    drawn.until(&changes, "the first columns", |d| d.tiles.len() > 10);
     let (before, first) = (drawn.triangles(), drawn.submaps.clone());
     // Killed: the walk goes on, nothing that is drawn goes away, and then all of it comes from the next process.
     signal(&heard, Role::Dense, "-KILL");
@@ -134,6 +146,7 @@ fn surfaces_that_are_killed_or_hang_come_again_and_the_walk_does_not_notice() {
     let is_next = |d: &Drawn| !d.submaps.is_empty() && d.submaps.is_disjoint(&first);
     drawn.until(&changes, "the surface of the next process", is_next);
     drawn.until(&changes, "all of it", |d| d.triangles() as f64 > 0.9 * before as f64);
+    drawn.until(&changes, "the columns of the next process", |d| d.begun == 2 && d.tiles.len() > 10);
     // SLAM killed: surfaces follow what the next one writes.
     let grown = drawn.triangles();
     signal(&heard, Role::Slam, "-KILL");

@@ -36,8 +36,9 @@ pub use raycast::raycast;
 pub use register::{RegisterConfig, Registration, Surface, SurfaceFeatures, Verdict, register};
 pub use rendered::RayCast;
 pub use submap::{
-    AnchorId, DenseMap, Followed, Located, Locator, MapId, PackedDepth, PackedGray, Place, Progress,
-    SavedFrame, SavedSubmap, SubmapConfig, SubmapView, SurfaceChange, SurfaceChanges,
+    AnchorId, ColumnChange, ColumnChanges, DenseMap, Followed, Located, Locator, MapId, PackedDepth,
+    PackedGray, Place, Progress, SavedFrame, SavedSubmap, SubmapConfig, SubmapView, SurfaceChange,
+    SurfaceChanges,
 };
 pub use track::{DenseTracked, TrackConfig, track, track_from};
 pub use tsdf::{Fused, TsdfConfig, TsdfVolume};

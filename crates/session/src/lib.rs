@@ -32,6 +32,7 @@ mod status;
 #[path = "../../adjust/tests/common/mod.rs"]
 mod synthetic;
 mod take_me;
+mod view;
 mod walk_state;
 mod way_ahead;
 mod wheels;
@@ -57,7 +58,7 @@ pub use route_recorder::RouteRecorder;
 pub use script::{Script, ScriptError, When};
 pub use session::{NotSaved, Session};
 pub use settings::{STEP_M, STEPS_M, Setting, SettingError, WORDS_PER_MINUTE};
-pub use slam::{NotTracked, Slam, Surfaces};
+pub use slam::{DepthWanted, NotTracked, Slam, Surfaces};
 pub use status::{GuidingStatus, RecordingStatus, RouteStatus, SessionStatus, View};
 pub use take_me::{Destination, NoWay, Planned, WalkedRoutes};
 pub use walk_state::WalkState;

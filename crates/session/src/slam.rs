@@ -33,9 +33,18 @@ pub enum Surfaces {
     Elsewhere {
         /// What changes, until the session's map ends.
         changes: Receiver<SurfaceChange>,
-        /// Whether somebody wants to know; at first nobody does.
-        wanted: Arc<AtomicBool>,
+        /// Whether somebody wants to know.
+        wanted: Arc<DepthWanted>,
     },
+}
+
+/// What somebody wants to know of what is made of the depth; at first nobody does.
+#[derive(Debug, Default)]
+pub struct DepthWanted {
+    /// The surfaces, or more.
+    pub any: AtomicBool,
+    /// The columns too.
+    pub columns: AtomicBool,
 }
 
 /// Packets in, poses and a map out.

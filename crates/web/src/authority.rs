@@ -52,6 +52,15 @@ pub struct Authority {
     key: KeyPair,
 }
 
+/// The certificates by which a page that keeps its own in this folder can be known: that of the page, and that of the authority.
+pub fn trusted(folder: &Path) -> Vec<CertificateDer<'static>> {
+    let read = |file: &str| {
+        let text = std::fs::read(folder.join(file)).ok()?;
+        CertificateDer::from_pem_slice(&text).ok()
+    };
+    [crate::certificate::FILE, FILE].into_iter().filter_map(read).collect()
+}
+
 impl Authority {
     /// The authority stored in a folder, or a new one, which is stored there. Also returns why it could not be stored, if so.
     ///

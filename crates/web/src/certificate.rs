@@ -12,7 +12,7 @@ use std::net::IpAddr;
 use std::path::Path;
 
 /// The name of the file.
-const FILE: &str = "page.pem";
+pub(crate) const FILE: &str = "page.pem";
 /// The beginning of the first line.
 const COVERS: &str = "for ";
 /// How many addresses of earlier starts stay covered.

@@ -85,6 +85,11 @@ impl Drawn {
         }
     }
 
+    /// The direction up.
+    pub fn up(&self) -> [f32; 3] {
+        self.up
+    }
+
     /// The message to a page that has drawn `before`.
     pub fn message(&self, before: Option<&Self>) -> Vec<u8> {
         let nothing = Self::default();

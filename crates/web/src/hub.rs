@@ -3,6 +3,7 @@
 //! A walk is held by the page that began it. While that page is away the walk waits for it: the page comes back with
 //! its secret, and another page gets the walk only by taking it over.
 
+use crate::columns::Columns;
 use crate::drawn::Drawn;
 use crate::line::Lines;
 use crate::surface::Surface;
@@ -52,6 +53,10 @@ pub(crate) struct Hub {
     pub maps_wanted: AtomicU64,
     /// Number of pages that want the surface.
     pub surfaces_wanted: AtomicU64,
+    /// Number of pages that want the columns.
+    pub columns_wanted: AtomicU64,
+    /// The columns, where depth is made into surfaces.
+    pub columns: Mutex<Columns>,
     /// The surface of the depth, where that is made.
     pub surface: Mutex<Surface>,
     /// Messages that must all arrive, in order.
@@ -90,6 +95,8 @@ impl Hub {
             pictures_wanted: AtomicU64::new(0),
             maps_wanted: AtomicU64::new(0),
             surfaces_wanted: AtomicU64::new(0),
+            columns_wanted: AtomicU64::new(0),
+            columns: Mutex::default(),
             surface: Mutex::default(),
             messages: broadcast::Sender::new(BEHIND),
             status: watch::Sender::new(empty.clone()),

@@ -2,8 +2,10 @@
 
 mod authority;
 mod certificate;
+mod columns;
 mod config;
 mod connection;
+mod depth;
 mod drawn;
 mod error;
 mod hub;
@@ -15,6 +17,7 @@ mod page;
 mod requests;
 mod server;
 mod start;
+mod still;
 mod surface;
 mod survive;
 mod tls;
@@ -24,9 +27,10 @@ mod walk;
 mod wire;
 mod words;
 
-pub use authority::Authority;
+pub use authority::{Authority, trusted};
 pub use certificate::Certificate;
 pub use config::{BeginSlam, Begun, CameraSource, OpenSource, ServeConfig, SlamFor, engine_here};
 pub use error::WebError;
 pub use invitation::{Invitation, lan_address, qr};
 pub use server::{Remote, Server};
+pub use still::{StillSurface, still};

@@ -2,10 +2,10 @@
 //! to the page: words at once, bulk data as the [`Link`] allows.
 
 use crate::connection::Connection;
+use crate::depth::SentDepth;
 use crate::drawn::Drawn;
 use crate::hub::{Hub, Shared};
 use crate::link::{ASK_EVERY, GONE_AFTER, Link};
-use crate::surface::Sent;
 use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
@@ -20,10 +20,10 @@ use tokio::sync::{broadcast, watch};
 /// A page that does not send its hello within this time is disconnected.
 const HELLO_WITHIN: Duration = Duration::from_secs(5);
 
-/// Interval of pieces of the surface.
-const SURFACE_EVERY: Duration = Duration::from_millis(125);
+/// Interval of pieces of the surface and the columns.
+const DEPTH_EVERY: Duration = Duration::from_millis(125);
 /// How long one that is due waits for status, map and images.
-const SURFACE_WAITS: Duration = Duration::from_millis(250);
+const DEPTH_WAITS: Duration = Duration::from_millis(250);
 
 /// What a page states about itself.
 pub(crate) struct Guest {
@@ -70,9 +70,9 @@ pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<
         has: None,
         routes: hub.routes.subscribe(),
         picture: hub.picture.subscribe(),
-        surface: Sent::new(Instant::now()),
-        surface_due: Instant::now(),
-        wants: Wants { hub: hub.clone(), picture: false, map: false, surface: false },
+        depth: SentDepth::new(Instant::now()),
+        depth_due: Instant::now(),
+        wants: Wants { hub: hub.clone(), picture: false, map: false, surface: false, columns: false },
         link: Link::new(Instant::now()),
         guest,
         hub: hub.clone(),
@@ -122,9 +122,9 @@ struct Client {
     has: Option<Arc<Drawn>>,
     routes: watch::Receiver<Arc<str>>,
     picture: watch::Receiver<Shared>,
-    /// The surface that it was sent, and when the next of it may be.
-    surface: Sent,
-    surface_due: Instant,
+    /// What it was sent of the surface and the columns, and when the next of it may be.
+    depth: SentDepth,
+    depth_due: Instant,
     wants: Wants,
 }
 
@@ -134,10 +134,11 @@ struct Wants {
     picture: bool,
     map: bool,
     surface: bool,
+    columns: bool,
 }
 
 impl Wants {
-    fn set(&mut self, picture: bool, map: bool, surface: bool) {
+    fn set(&mut self, picture: bool, map: bool, [surface, columns]: [bool; 2]) {
         let count = |counter: &AtomicU64, was: bool, is: bool| match (was, is) {
             (false, true) => drop(counter.fetch_add(1, Ordering::Relaxed)),
             (true, false) => drop(counter.fetch_sub(1, Ordering::Relaxed)),
@@ -146,13 +147,14 @@ impl Wants {
         count(&self.hub.pictures_wanted, self.picture, picture);
         count(&self.hub.maps_wanted, self.map, map);
         count(&self.hub.surfaces_wanted, self.surface, surface);
-        (self.picture, self.map, self.surface) = (picture, map, surface);
+        count(&self.hub.columns_wanted, self.columns, columns);
+        (self.picture, self.map, self.surface, self.columns) = (picture, map, surface, columns);
     }
 }
 
 impl Drop for Wants {
     fn drop(&mut self) {
-        self.set(false, false, false);
+        self.set(false, false, [false; 2]);
     }
 }
 
@@ -168,8 +170,9 @@ impl Client {
         clock.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             let free = self.link.may_send(0);
-            // On a slow link something newer is always there: the surface gets its turn all the same.
-            let overdue = self.wants.surface && self.surface_due.elapsed() >= SURFACE_WAITS;
+            // On a slow link something newer is always there: surface and columns get their turn all the same.
+            let wants_depth = self.wants.surface || self.wants.columns;
+            let overdue = wants_depth && self.depth_due.elapsed() >= DEPTH_WAITS;
             let others = free && !overdue;
             let text = |t: &Arc<str>| Message::Text(t.as_ref().into());
             // Bulk data that is too large for the link is skipped: the next update comes soon.
@@ -214,11 +217,10 @@ impl Client {
                     let may = self.link.may_send(length);
                     (may.then(|| Message::Binary(axum::body::Bytes::from_owner(bytes))), length)
                 }
-                () = tokio::time::sleep_until(self.surface_due.into()), if free && self.wants.surface => {
+                () = tokio::time::sleep_until(self.depth_due.into()), if free && wants_depth => {
                     let now = Instant::now();
-                    self.surface_due = now + SURFACE_EVERY;
-                    let surface = self.hub.surface.lock().unwrap_or_else(PoisonError::into_inner);
-                    let message = self.surface.message(&surface, self.link.room(), now);
+                    self.depth_due = now + DEPTH_EVERY;
+                    let message = self.piece_of_depth(now);
                     let length = message.as_ref().map_or(0, Vec::len);
                     (message.map(|m| Message::Binary(m.into())), length)
                 }
@@ -242,6 +244,15 @@ impl Client {
                 }
             }
         }
+    }
+
+    /// The next piece of what is made of the depth.
+    fn piece_of_depth(&mut self, now: Instant) -> Option<Vec<u8>> {
+        let Self { hub, depth, wants, link, .. } = self;
+        let surface = hub.surface.lock().unwrap_or_else(PoisonError::into_inner);
+        let columns = hub.columns.lock().unwrap_or_else(PoisonError::into_inner);
+        let surface = Some(&*surface).filter(|_| wants.surface);
+        depth.message(surface, Some(&*columns).filter(|_| wants.columns), link.room(), now)
     }
 
     /// Whether this page holds the walk.
@@ -289,8 +300,8 @@ impl Client {
                     let wrong = lines.iter().filter(|_| controls).find_map(|line| self.setting(line).err());
                     wrong.map(refusal)
                 }
-                Ok(FromPage::Want { picture, map, surface }) => {
-                    self.wants.set(picture, map, surface);
+                Ok(FromPage::Want { picture, map, surface, columns }) => {
+                    self.wants.set(picture, map, [surface, columns]);
                     self.view.mark_changed();
                     self.map.mark_changed();
                     None

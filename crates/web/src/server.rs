@@ -239,6 +239,7 @@ fn router(hub: Arc<Hub>, session: &SessionConfig, authority: Option<&Authority>)
     }
     router
         .route("/", get(document))
+        .route("/columns.js", file(SCRIPT, include_str!("page/columns.js")))
         .route("/words.js", file(SCRIPT, include_str!("page/words.js")))
         .route("/style.css", file("text/css; charset=utf-8", include_str!("page/style.css")))
         .route("/app.js", file(SCRIPT, include_str!("page/app.js")))

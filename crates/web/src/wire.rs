@@ -39,12 +39,14 @@ pub(crate) enum FromPage {
     Settings { language: String, lines: Vec<String> },
     /// Motion: milliseconds, angular rate, specific force, each in the image axes.
     Motion(Vec<[f64; 7]>),
-    /// What the page wants to receive: images, the map, the surface of the depth.
+    /// What the page wants to receive: images, the map, the surface of the depth, columns.
     Want {
         picture: bool,
         map: bool,
         #[serde(default)]
         surface: bool,
+        #[serde(default)]
+        columns: bool,
     },
     /// Takes the walk when no page holds it.
     Take(bool),

@@ -4,6 +4,7 @@ use crate::authority::Authority;
 use cairn_guide::{DirectionStyle, PhraseConfig, Unit, WORDS_PER_MINUTE};
 use cairn_phrases::{Language, page_messages};
 use cairn_session::{KEYS, STEP_M, SessionConfig};
+use cairn_view::{Act, KEYS as VIEW_KEYS};
 use serde_json::{Map, Value, json};
 
 /// Keys that are commands of the terminal only.
@@ -50,11 +51,23 @@ pub(crate) fn catalogue(
         "language": language,
         "languages": languages,
         "keys": keys,
+        "viewKeys": view_keys(),
         "speaking": speaking(&session.phrases, session.announcer.rate),
         "authority": authority.map(|a| json!({ "name": a.name(), "fingerprint": a.fingerprint() })),
         "messages": page_messages(language),
     })
     .to_string()
+}
+
+/// What the keys of the view do: angles to turn by, steps to walk by, a factor, or to show all.
+fn view_keys() -> Map<String, Value> {
+    let act = |act: Act| match act {
+        Act::Turn(by) => json!({ "turn": by }),
+        Act::Walk(by) => json!({ "walk": by }),
+        Act::Grow(by) => json!({ "grow": by }),
+        Act::All => json!({ "all": true }),
+    };
+    VIEW_KEYS.iter().map(|k| (k.key.to_owned(), act(k.act))).collect()
 }
 
 fn speaking(phrases: &PhraseConfig, rate: f64) -> Value {
@@ -110,6 +123,8 @@ mod tests {
         let catalogue: Value = serde_json::from_str(&text).unwrap();
         assert_eq!(catalogue["keys"]["g"], "guide");
         assert_eq!(catalogue["keys"].as_object().unwrap().len(), KEYS.len() - NOT_ON_THE_PAGE.len());
+        assert_eq!(catalogue["viewKeys"].as_object().unwrap().len(), VIEW_KEYS.len());
+        assert_eq!(catalogue["viewKeys"]["w"], json!({ "walk": [0.0, 0.0, 1.0] }));
         assert_eq!(catalogue["languages"][2], json!(["de", "Deutsch"]));
         assert_eq!(
             catalogue["speaking"],

@@ -12,7 +12,7 @@ use crate::shown::Shown;
 use crate::slam::FINAL_MAP;
 use cairn_atlas::store::{DepthPart, MapFile, Place, SavedDepth};
 use cairn_atlas::{Change, Feed, KeyFrameId, Published, Snapshot};
-use cairn_dense::{PackedDepth, PackedGray, SubmapConfig, SurfaceChanges};
+use cairn_dense::{ColumnChanges, PackedDepth, PackedGray, SubmapConfig, SurfaceChanges};
 use cairn_engine::{DenseMapper, DenseSetupError, SensorMode, has_colours};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{DepthSensor, Rig};
@@ -30,6 +30,8 @@ const SLICE: Duration = Duration::from_millis(200);
 const SHOW_EVERY: Duration = Duration::from_millis(500);
 /// Images that are fused again between two looks at the clock.
 const FUSED_AGAIN: usize = 4;
+/// Tiles of columns that are looked at each time, at most.
+const TILES: usize = 12;
 
 /// What is asked of the process.
 pub struct Work<S> {
@@ -88,6 +90,7 @@ struct Following {
     newest: Vec3,
     /// What pages know, and when they were told.
     changes: SurfaceChanges,
+    columns: ColumnChanges,
     told: Option<Instant>,
 }
 
@@ -124,7 +127,7 @@ where
                     reports.extend(self.follow(SLICE)?.then_some(Report::Followed));
                     reports.push(Report::Pong);
                 }
-                Ok(Some(Order::Show)) => reports.extend(self.show()),
+                Ok(Some(Order::Show { columns })) => reports.extend(self.show(columns)),
                 Ok(Some(Order::End)) => reports.push(self.end()?),
                 Ok(Some(_)) => {}
                 Ok(None) | Err(_) => return Ok(()),
@@ -160,7 +163,7 @@ where
     }
 
     /// Fuses again what has moved, and tells what has changed since pages were told; at first only once all of it is there.
-    fn show(&mut self) -> Vec<Report> {
+    fn show(&mut self, with_columns: bool) -> Vec<Report> {
         let Some(f) = self.following.as_mut().filter(|f| f.commits.is_empty()) else { return Vec::new() };
         let until = Instant::now() + SLICE;
         while f.mapper.step(&f.newest, FUSED_AGAIN).waiting > 0 {
@@ -177,7 +180,14 @@ where
         f.told = Some(Instant::now());
         // No submap has the number that one had which was made before it from the same depth.
         let first = (self.start as u32 & 0xff) << 24 | (self.begun & 0xff) << 16;
-        Shown::messages(f.changes.of(f.mapper.map()), first).into_iter().map(Report::Shown).collect()
+        let mut change = f.changes.of(f.mapper.map());
+        if with_columns {
+            let is_level = f.tail.map().is_gravity_aligned_throughout();
+            let up = if is_level { Vec3::z() } else { -Vec3::y() };
+            // A map that is too high for columns is shown without.
+            change.columns = f.columns.of(f.mapper.map(), None, &up, &f.newest, TILES).unwrap_or_default();
+        }
+        Shown::messages(change, first).into_iter().map(Report::Shown).collect()
     }
 
     /// Begins at the map as it is now, with the depth of all its key frames.
@@ -206,7 +216,8 @@ where
         let own = submaps(&map, here, camera_from_depth, self.work.config.reach_m, &template);
         let restored = restored.images + mapper.restore_own(own).0.images;
         let (commits, spare) = (VecDeque::new(), Vec::new());
-        let (newest, changes, told) = (Vec3::zeros(), SurfaceChanges::new(), None);
+        let (newest, told) = (Vec3::zeros(), None);
+        let (changes, columns) = (SurfaceChanges::new(), ColumnChanges::new());
         let following = Following {
             tail,
             feed,
@@ -219,6 +230,7 @@ where
             restored,
             newest,
             changes,
+            columns,
             told,
         };
         Ok(Ok(following))

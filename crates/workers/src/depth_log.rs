@@ -14,7 +14,8 @@
 //! had committed it, and its number may come again.
 //!
 //! Once most of the file is void, and [`MOST_VOID`] bytes of it, it is written again without that, as the next generation. Who reads it finds out
-//! by the number, and is told that what is missing in it is void. So the file is at most about twice as long as what counts in it.
+//! by the number, and is told that what is missing in it is void. So the file is at most about twice as long as what counts in it, and what
+//! comes while it is written again, by a thread of its own.
 
 use crate::journal::{JournalError, failed, record};
 use cairn_atlas::{KeyFrameId, Snapshot};
@@ -25,6 +26,7 @@ use std::fs::File;
 use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread::JoinHandle;
 
 const MAGIC: [u8; 8] = *b"\x8ccrndpt\n";
 /// Of this file; another layout gets another number.
@@ -70,6 +72,15 @@ pub struct DepthWriter {
     /// What counts: stamp and bytes of the record of each key frame.
     kept: BTreeMap<KeyFrameId, (Stamp, u64)>,
     bytes: u64,
+    /// The next generation, while it is written.
+    again: Option<Again>,
+}
+
+/// The file written again from what it was until so many bytes.
+#[derive(Debug)]
+struct Again {
+    thread: JoinHandle<std::io::Result<(File, u64)>>,
+    until: u64,
 }
 
 impl DepthWriter {
@@ -93,7 +104,7 @@ impl DepthWriter {
         };
         let log = open().map_err(failed(&path, "continue"))?;
         let (generation, bytes) = (tail.generation, tail.at.max(HEADER as u64));
-        let mut writer = Self { log, path, generation, kept: BTreeMap::new(), bytes };
+        let mut writer = Self { log, path, generation, kept: BTreeMap::new(), bytes, again: None };
         for d in &found {
             writer.count(d.id, d.stamp, [&d.packed, &d.gray].map(|part| part.len()));
         }
@@ -131,8 +142,8 @@ impl DepthWriter {
         let Some((stamp, _)) = self.kept.get(&id).copied() else { return Ok(()) };
         self.write(id, stamp, &[], &[])?;
         let counts: u64 = self.kept.values().map(|(_, bytes)| bytes).sum();
-        if self.bytes.saturating_sub(counts) > counts.max(MOST_VOID) {
-            self.write_again()?;
+        if self.settle() && self.bytes.saturating_sub(counts) > counts.max(MOST_VOID) {
+            self.write_again();
         }
         Ok(())
     }
@@ -157,33 +168,75 @@ impl DepthWriter {
         };
     }
 
-    /// Writes the file again without what is void. One that dies meanwhile leaves the file as it was.
-    fn write_again(&mut self) -> Result<(), JournalError> {
-        let (path, generation) = (next_in(&self.path), self.generation.wrapping_add(1));
-        let old = std::fs::read(&self.path).map_err(failed(&self.path, "read"))?;
-        let mut all = header(generation).to_vec();
-        let mut at = HEADER;
-        while let Some((body, next)) = record(&old, at) {
-            let d = parse(body);
-            let counts = |d: &KeyFrameDepth| self.kept.get(&d.id).is_some_and(|(stamp, _)| *stamp == d.stamp);
-            if d.is_some_and(|d| !d.is_void() && counts(&d)) {
-                all.extend(&old[at..next]);
+    /// Begins to write the file again without what is void, on a thread of its own: SLAM does not wait for it. One that dies meanwhile
+    /// leaves the file as it was.
+    fn write_again(&mut self) {
+        let (path, next, until) = (self.path.clone(), next_in(&self.path), self.bytes);
+        let generation = self.generation.wrapping_add(1);
+        let stamps: BTreeMap<KeyFrameId, Stamp> =
+            self.kept.iter().map(|(id, (stamp, _))| (*id, *stamp)).collect();
+        let thread = std::thread::Builder::new().name("cairn-depth-log".into());
+        let thread = thread.spawn(move || {
+            let old = read(&path, 0, until)?;
+            let mut all = header(generation).to_vec();
+            let mut at = HEADER;
+            while let Some((body, end)) = record(&old, at) {
+                let counts = |d: &KeyFrameDepth| !d.is_void() && stamps.get(&d.id) == Some(&d.stamp);
+                if parse(body).is_some_and(|d| counts(&d)) {
+                    all.extend(&old[at..end]);
+                }
+                at = end;
             }
-            at = next;
-        }
-        let write = || -> std::io::Result<File> {
-            let mut log = File::create(&path)?;
+            let mut log = File::create(&next)?;
             log.write_all(&all)?;
-            std::fs::rename(&path, &self.path)?;
-            Ok(log)
+            Ok((log, all.len() as u64))
+        });
+        // Without a thread the old file goes on.
+        self.again = thread.ok().map(|thread| Again { thread, until });
+    }
+
+    /// Takes the file that was written again, where it is done: what came meanwhile is added. Returns whether none is being written.
+    pub fn settle(&mut self) -> bool {
+        let Some(Again { thread, until }) = self.again.take_if(|again| again.thread.is_finished()) else {
+            return self.again.is_none();
+        };
+        let next = next_in(&self.path);
+        let take = |made: std::io::Result<(File, u64)>| -> std::io::Result<(File, u64)> {
+            let (mut log, bytes) = made?;
+            let since = read(&self.path, until, self.bytes)?;
+            log.write_all(&since)?;
+            std::fs::rename(&next, &self.path)?;
+            Ok((log, bytes + since.len() as u64))
         };
         // Without room for both the old one goes on, and is told when it finds none itself.
-        match write() {
-            Ok(log) => (self.log, self.generation, self.bytes) = (log, generation, all.len() as u64),
-            Err(_) => drop(std::fs::remove_file(&path)),
+        match thread.join().map(take) {
+            Ok(Ok((log, bytes))) => {
+                (self.log, self.bytes) = (log, bytes);
+                self.generation = self.generation.wrapping_add(1);
+            }
+            _ => drop(std::fs::remove_file(&next)),
         }
-        Ok(())
+        true
     }
+}
+
+impl Drop for DepthWriter {
+    /// Nobody else may write the next generation meanwhile.
+    fn drop(&mut self) {
+        if let Some(again) = self.again.take() {
+            let _ = again.thread.join();
+            let _ = std::fs::remove_file(next_in(&self.path));
+        }
+    }
+}
+
+/// A part of a file.
+fn read(path: &Path, from: u64, until: u64) -> std::io::Result<Vec<u8>> {
+    let mut file = File::open(path)?;
+    file.seek(SeekFrom::Start(from))?;
+    let mut bytes = Vec::new();
+    file.take(until - from).read_to_end(&mut bytes)?;
+    Ok(bytes)
 }
 
 fn header(generation: u32) -> [u8; HEADER] {

@@ -74,7 +74,10 @@ pub enum Order {
     /// Answer, and write what is due.
     Ping,
     /// To dense: tell what has changed of the surfaces, if it is time.
-    Show,
+    Show {
+        /// The columns too.
+        columns: bool,
+    },
     /// There are no more frames.
     End,
 }

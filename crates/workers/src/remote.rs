@@ -20,12 +20,11 @@ use cairn_atlas::store::MapFile;
 use cairn_dense::SubmapConfig;
 use cairn_engine::{Config, DenseSetupError, Engine, OpenMapError, Output, Runner, SensorMode, Status};
 use cairn_sensor::{FramePacket, ImuSample, Rig, Stamp};
-use cairn_session::{NotTracked, Slam, Surfaces};
+use cairn_session::{DepthWanted, NotTracked, Slam, Surfaces};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
@@ -413,7 +412,7 @@ impl Slam for RemoteSlam {
         }
         let (ring, folder) = (self.ring_path.clone(), self.folder.clone());
         let (command, tell) = (self.command.clone(), self.tell.clone());
-        let wanted = Arc::new(AtomicBool::new(false));
+        let wanted = Arc::new(DepthWanted::default());
         let begun = RemoteDense::begin(ring, folder, self.opened.clone(), command, tell, wanted.clone());
         let (dense, changes) = begun.map_err(|_| DenseSetupError::NoMapping)?;
         self.dense = Some(dense);

@@ -9,6 +9,7 @@ use crate::process::{Event, Process, Start, What};
 use crate::supervision::{Death, Tell, Told};
 use crate::worker::Worker;
 use cairn_dense::SurfaceChange;
+use cairn_session::DepthWanted;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -44,7 +45,7 @@ impl RemoteDense {
         opened: Opened,
         command: Start,
         tell: Tell,
-        wanted: Arc<AtomicBool>,
+        wanted: Arc<DepthWanted>,
     ) -> std::io::Result<(Self, Receiver<SurfaceChange>)> {
         let (changes, surfaces) = channel();
         let (to, events) = channel();
@@ -80,7 +81,7 @@ struct Looking {
     /// When the one before died, until the next has begun.
     died: Option<Instant>,
     changes: Sender<SurfaceChange>,
-    wanted: Arc<AtomicBool>,
+    wanted: Arc<DepthWanted>,
 }
 
 impl Looking {
@@ -158,8 +159,8 @@ impl Looking {
         if self.worker.take_due() {
             return self.start();
         }
-        if self.worker.ping() && self.wanted.load(Ordering::Relaxed) {
-            self.worker.order(Order::Show);
+        if self.worker.ping() && self.wanted.any.load(Ordering::Relaxed) {
+            self.worker.order(Order::Show { columns: self.wanted.columns.load(Ordering::Relaxed) });
         }
         let limit = if self.worker.ready { HANG_LIMIT } else { BEGIN_LIMIT };
         if self.worker.process.is_some() && self.worker.heard.elapsed() > limit {

@@ -99,6 +99,7 @@ impl DepthOf {
     fn write(&mut self, commit: &Published) -> Result<(), crate::JournalError> {
         let Self { to, offered, mirror, views, .. } = self;
         let mut written = Ok(());
+        to.settle();
         mirror.take_with(commit, |mirror, change, _| {
             let said = match change {
                 Change::AddKeyFrame(k) => Self::add(to, offered, views, k.id, k.stamp),

@@ -163,7 +163,7 @@ fn meminfo(text: &str, field: &str) -> Option<u64> {
 }
 
 /// The programs that may be started: name, argument that makes it tell its version, use, and how to get it.
-const PROGRAMS: [(&str, &str, &str, &str); 6] = [
+const PROGRAMS: [(&str, &str, &str, &str); 7] = [
     (
         "ffmpeg",
         "-version",
@@ -182,6 +182,12 @@ const PROGRAMS: [(&str, &str, &str, &str); 6] = [
         "--version",
         "cairn run --rerun",
         "cargo install --path crates/rerun --features sdk, in the sources of Cairn",
+    ),
+    (
+        "cairn-view",
+        "--version",
+        "cairn view",
+        "cargo install --path crates/view --features window, in the sources of Cairn",
     ),
     (
         "cairn-ros",

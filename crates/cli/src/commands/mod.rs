@@ -20,4 +20,5 @@ pub mod serve;
 pub mod sim;
 pub mod solve;
 pub mod team;
+pub mod view;
 pub mod vocab;

@@ -21,6 +21,7 @@ mod run;
 mod sim;
 mod solve;
 mod team;
+mod view;
 mod vocab;
 mod walk;
 
@@ -67,10 +68,10 @@ fn every_listed_command_has_help_and_json() {
     let listed =
         help.lines().take_while(|line| *line != "Options:").filter_map(|line| line.strip_prefix("  "));
     let names: Vec<&str> = listed.filter_map(|line| line.split_whitespace().next()).collect();
-    for name in ["run", "demo", "doctor", "completions", "map", "ekf", "team", "fleet"] {
+    for name in ["run", "demo", "doctor", "completions", "map", "view", "ekf", "team", "fleet"] {
         assert!(names.contains(&name), "{name}: {help}");
     }
-    assert_eq!(names.len(), 20, "{help}");
+    assert_eq!(names.len(), 21, "{help}");
     for name in names.iter().filter(|name| **name != "help") {
         let output = cairn(&[name, "--help"]);
         assert_eq!(output.status.code(), Some(0), "{name}");

@@ -303,20 +303,34 @@ impl OccupancyGrid {
 
     /// The state at a point.
     pub fn at(&self, p: &Vec3) -> Occupancy {
+        state(self.odds_at(p))
+    }
+
+    /// The log-odds at a point, as [`Self::odds`] gives them.
+    pub fn odds_at(&self, p: &Vec3) -> i8 {
         let voxel = p.map(|v| (v / self.config.voxel_m).floor());
         if !voxel.iter().all(|v| v.abs() < f64::from(i32::MAX)) {
-            return Occupancy::Unknown;
+            return 0;
         }
-        self.voxel([voxel.x as i32, voxel.y as i32, voxel.z as i32])
+        self.odds([voxel.x as i32, voxel.y as i32, voxel.z as i32])
+    }
+
+    /// The corners of a box around all that is known; `None` where nothing is.
+    pub fn extent(&self) -> Option<[Vec3; 8]> {
+        let group_m = self.config.voxel_m * f64::from(SIDE as i32 * GROUP);
+        let mut keys = self.keys.iter();
+        let first = keys.next()?.0;
+        let [low, high] = keys.fold([first; 2], |[low, high], key| {
+            let bound = |b: [i32; 3], f: fn(i32, i32) -> i32| std::array::from_fn(|k| f(b[k], key.0[k]));
+            [bound(low, i32::min), bound(high, i32::max)]
+        });
+        let end = |corner: usize, k: usize| if corner >> k & 1 == 0 { low[k] } else { high[k] + 1 };
+        Some(std::array::from_fn(|corner| Vec3::from_fn(|k, _| group_m * f64::from(end(corner, k)))))
     }
 
     /// The state of a voxel; the one with index `i` has its centre at `(i + 0.5) * voxel_m`.
     pub fn voxel(&self, voxel: [i32; 3]) -> Occupancy {
-        match self.odds(voxel) {
-            0 => Occupancy::Unknown,
-            v if v < 0 => Occupancy::Free,
-            _ => Occupancy::Occupied,
-        }
+        state(self.odds(voxel))
     }
 
     /// The log-odds of a voxel, in the units of the config; 0 where unknown.
@@ -462,5 +476,13 @@ fn mark_silent(frame: &DepthFrame, out: &mut Vec<u32>) {
             let none = tiles.greatest[y * w + x] == 0.0 && around.all(|i| tiles.greatest[i] == 0.0);
             out.push(u32::from(none));
         }
+    }
+}
+
+fn state(odds: i8) -> Occupancy {
+    match odds {
+        0 => Occupancy::Unknown,
+        v if v < 0 => Occupancy::Free,
+        _ => Occupancy::Occupied,
     }
 }

@@ -1,6 +1,6 @@
 //! What has changed of the surfaces of submaps: for whoever shows them while they grow.
 
-use super::{DenseMap, SubmapView};
+use super::{ColumnChange, DenseMap, SubmapView};
 use crate::{BlockKey, Mesh, MeshConfig, Mesher};
 use cairn_geometry::Se3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,6 +12,8 @@ pub struct SurfaceChange {
     pub submaps: Vec<(u32, Se3)>,
     /// Meshes of blocks in the frames of their submaps; one without triangles is gone.
     pub blocks: Vec<(u32, BlockKey, Mesh)>,
+    /// Columns, where they are shown.
+    pub columns: ColumnChange,
 }
 
 /// Meshes the blocks of submaps that have changed since it was asked last.
@@ -35,7 +37,7 @@ impl SurfaceChanges {
             submaps.iter().map(|s| (s.number as u32, s.world_from_submap)).collect();
         let numbers: BTreeSet<u32> = submaps.iter().map(|(number, _)| *number).collect();
         self.known.retain(|number, _| numbers.contains(number));
-        SurfaceChange { submaps, blocks }
+        SurfaceChange { submaps, blocks, columns: ColumnChange::default() }
     }
 
     /// The meshes of a submap's blocks that have changed since it was asked last.

@@ -6,6 +6,7 @@
 
 mod changes;
 mod codec;
+mod columns;
 mod forget;
 mod locate;
 mod refuse;
@@ -16,6 +17,7 @@ mod tests;
 pub use changes::{SurfaceChange, SurfaceChanges};
 pub use codec::{PackedDepth, PackedGray};
 pub(crate) use codec::{Rows, broken};
+pub use columns::{ColumnChange, ColumnChanges};
 pub use locate::{Followed, Located, Locator, Place};
 pub use refuse::Progress;
 pub use saved::{SavedFrame, SavedSubmap};
@@ -383,6 +385,19 @@ impl DenseMap {
     /// # Errors
     /// A config value out of range; poses out of range.
     pub fn fuse_all(&mut self, map: MapId, tsdf: TsdfConfig) -> Result<TsdfVolume, DenseError> {
+        self.fuse_in_order(map, tsdf, |_, _| ())
+    }
+
+    /// As [`Self::fuse_all`], in the order of the key frames; `after` gets the key frame of each image and the field with it.
+    ///
+    /// # Errors
+    /// As those of [`Self::fuse_all`].
+    pub fn fuse_in_order(
+        &mut self,
+        map: MapId,
+        tsdf: TsdfConfig,
+        mut after: impl FnMut(AnchorId, &TsdfVolume),
+    ) -> Result<TsdfVolume, DenseError> {
         let of = |k: &Kept| self.anchors.get(&k.anchored.anchor).filter(|a| a.map == map).copied();
         let colour = tsdf.colour && self.kept.iter().any(|k| k.gray.is_some() && of(k).is_some());
         let widest = (WALL_M / tsdf.voxel_m).max(LEAST_BAND);
@@ -390,11 +405,13 @@ impl DenseMap {
         TsdfVolume::new(tsdf)?;
         let band_voxels = tsdf.band_voxels.min(widest);
         let mut out = TsdfVolume::new(TsdfConfig { colour, band_voxels, ..tsdf })?;
-        for kept in &self.kept {
-            let Some(anchor) = of(kept) else { continue };
+        let mut order: Vec<(&Kept, Anchor)> = self.kept.iter().filter_map(|k| Some((k, of(k)?))).collect();
+        order.sort_by_key(|(kept, _)| kept.anchored.anchor);
+        for (kept, anchor) in order {
             let colours = self.preparer.colours_packed(kept.gray.as_ref().filter(|_| colour))?;
             let frame = self.preparer.prepare_packed(&kept.depth)?;
             out.integrate(frame, colours.as_ref(), &(anchor.world_from_anchor * kept.anchored.pose))?;
+            after(kept.anchored.anchor, &out);
         }
         Ok(out)
     }

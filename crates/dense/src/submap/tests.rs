@@ -319,3 +319,79 @@ fn sides_of_a_thin_wall_stay_where_they_are_in_a_whole_map() {
     assert!(near > 100 && far > 100 && near + far == all, "{near} and {far} of {all} vertices");
     assert!(map.fuse_all(MapId(0), TsdfConfig { band_voxels: 17.0, ..tsdf }).is_err());
 }
+
+/// All tiles that were told, as whoever follows has them.
+#[derive(Default)]
+struct Told {
+    axes: Option<crate::walk::ColumnAxes>,
+    tiles: BTreeMap<[i32; 2], crate::walk::ColumnTile>,
+}
+
+impl Told {
+    fn take(&mut self, change: ColumnChange) -> usize {
+        if change.axes.is_some() {
+            *self = Self { axes: change.axes, ..Self::default() };
+        }
+        for gone in change.gone {
+            assert!(self.tiles.remove(&gone).is_some(), "it was not there");
+        }
+        let count = change.tiles.len();
+        self.tiles.extend(change.tiles.into_iter().map(|tile| (tile.at, tile)));
+        count
+    }
+}
+
+#[test]
+fn columns_follow_the_map_and_only_what_has_changed_is_told() {
+    let up = -Vec3::y();
+    let fresh = |map: &DenseMap| {
+        let mut told = Told::default();
+        told.take(ColumnChanges::new().of(map, None, &up, &Vec3::zeros(), usize::MAX).expect("columns"));
+        told.tiles
+    };
+    let mut map = DenseMap::new(config(), camera(), 0.001).expect("a map");
+    let (mut changes, mut told) = (ColumnChanges::new(), Told::default());
+    for k in 0..12_u64 {
+        let x = 0.4 * k as f64;
+        map.insert(AnchorId(k), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x), None).expect("depth");
+        told.take(changes.of(&map, None, &up, &Vec3::zeros(), 3).expect("columns"));
+    }
+    // A few at a time, until all are there; then nothing more is told.
+    for _ in 0..100 {
+        told.take(changes.of(&map, None, &up, &Vec3::zeros(), 3).expect("columns"));
+    }
+    assert!(told.axes.is_some() && told.tiles.len() > 4, "{} tiles", told.tiles.len());
+    assert!(told.tiles == fresh(&map), "what was told piece by piece is what there is");
+    assert_eq!(
+        changes.of(&map, None, &up, &Vec3::zeros(), usize::MAX).expect("columns"),
+        ColumnChange::default()
+    );
+    // The wall is seen above free space before it: both are in the columns.
+    let kinds = |what: u8| told.tiles.values().flat_map(|t| &t.runs).filter(|run| **run >> 6 == what).count();
+    assert!(kinds(1) > 500 && kinds(2) > 100, "{} {}", kinds(1), kinds(2));
+    // The last key frames move by half a metre: the columns there are others, those far from it stay.
+    let moved: Vec<_> = (9..12).map(|k| (AnchorId(k), pose(0.4 * k as f64, [0.0, 0.0, 0.5]))).collect();
+    map.align(&moved).expect("poses");
+    finish(&mut map);
+    let told_again = told.take(changes.of(&map, None, &up, &Vec3::zeros(), usize::MAX).expect("columns"));
+    assert!(told_again > 0 && told_again < told.tiles.len(), "{told_again} of {}", told.tiles.len());
+    assert!(told.tiles == fresh(&map));
+    // Another direction up: all is told anew.
+    let change = changes.of(&map, None, &Vec3::z(), &Vec3::zeros(), usize::MAX).expect("columns");
+    assert!(change.axes.is_some() && !change.tiles.is_empty());
+}
+
+#[test]
+fn field_of_a_map_does_not_depend_on_the_order_and_tells_which_key_frame_came_when() {
+    let mut map = DenseMap::new(config(), camera(), 0.001).expect("a map");
+    for k in [3_u64, 1, 2] {
+        let x = 0.4 * k as f64;
+        map.insert(AnchorId(k), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x), None).expect("depth");
+    }
+    let mut order = Vec::new();
+    let tsdf = config().tsdf;
+    let field =
+        map.fuse_in_order(MapId(0), tsdf, |id, field| order.push((id.0, field.revision()))).expect("a field");
+    assert_eq!(order, [(1, 1), (2, 2), (3, 3)]);
+    assert!(voxels(&field) == voxels(&map.fuse_all(MapId(0), tsdf).expect("a field")));
+}

@@ -10,6 +10,7 @@ mod floor;
 mod ground;
 mod hazard;
 mod local;
+mod tiles;
 
 pub use around::free_around;
 pub use columns::{Columns, Span, Window};
@@ -17,3 +18,4 @@ pub use distance::distance_field;
 pub use ground::{Cell, Ground, GroundConfig, Surface};
 pub use hazard::{Hazard, HazardConfig, HazardKind, hazards};
 pub use local::{Blocked, Hit, LocalConfig, LocalSpace, first_hit};
+pub use tiles::{ColumnAxes, ColumnTile, TILE};

@@ -3,14 +3,13 @@
 use super::Session;
 use crate::age::Age;
 use crate::recording::Recording;
-use crate::reference_path::anchor_in_map;
 use crate::slam::Slam;
 use crate::status::{GuidingStatus, RecordingStatus, RouteStatus, SessionStatus, View};
+use crate::view::single;
 use cairn_engine::Phase;
 use cairn_geometry::Vec3;
 use cairn_guide::{Facing, GuideState, StopReason, reason_words};
 use cairn_phrases::Arg;
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 impl<S: Slam> Session<S> {
@@ -112,50 +111,25 @@ impl<S: Slam> Session<S> {
     /// Polylines and points to draw; at most `most` landmarks.
     pub fn view(&self, most: usize) -> View {
         let map = self.engine.snapshot();
-        let single = |v: &Vec3| [v.x as f32, v.y as f32, v.z as f32];
-        // By their numbers, so that the same ones are shown while the map grows.
-        let each = map.landmark_count().div_ceil(most.max(1)).next_power_of_two() as u64;
-        let shown = map.landmarks().filter(|l| (l.id.index() as u64).is_multiple_of(each)).take(most);
-        let (point_ids, points) = shown.map(|l| (l.id.index() as u64, single(&l.position))).unzip();
-        let numbers: BTreeMap<_, u32> = map.key_frames().zip(0..).map(|(k, n)| (k.id, n)).collect();
-        let loops = map.key_frames().filter(|k| !k.links.is_empty()).flat_map(|k| {
-            let others = k.links.iter().filter(|other| **other < k.id).filter_map(|other| numbers.get(other));
-            others.map(|other| [*other, numbers[&k.id]]).collect::<Vec<_>>()
-        });
-        let route = self.recording.as_ref().map(Recording::route).or(self
-            .route
-            .as_ref()
-            .filter(|w| w.here)
-            .map(|w| &w.route));
-        let recorded = route.map_or_else(Vec::new, |route| {
-            let anchored = route.resolve(|a| anchor_in_map(&map, a));
-            let each = anchored.len().div_ceil(600).max(1);
-            anchored.iter().step_by(each).map(|p| single(&p.frame_from_camera.translation)).collect()
-        });
-        let up = self.guiding.as_ref().map_or_else(|| -Vec3::y(), |g| g.reference_path.world_ground.up());
-        View {
-            up: single(&up),
-            points,
-            point_ids,
-            key_frames: map.key_frames().map(|k| single(&k.world_from_camera.translation)).collect(),
-            key_frame_ids: map.key_frames().map(|k| k.id.index() as u64).collect(),
-            maps: map.key_frames().map(|k| k.map.root().index() as u64).collect(),
-            loops: loops.collect(),
-            recorded,
-            plan: self
-                .guiding
-                .as_ref()
-                .map_or_else(Vec::new, |g| g.reference_path.corners().map(|p| single(&p)).collect()),
-            camera: self.camera().filter(|_| self.engine_status().valid),
+        let mut view = View::of_map(&map, None, most);
+        let recording = self.recording.as_ref().map(Recording::route);
+        let loaded = || self.route.as_ref().filter(|w| w.here).map(|w| &w.route);
+        if let Some(route) = recording.or_else(loaded) {
+            view.record(route, &map);
         }
+        if let Some(guiding) = &self.guiding {
+            view.up = single(&guiding.reference_path.world_ground.up());
+            view.plan = guiding.reference_path.corners().map(|p| single(&p)).collect();
+        }
+        view.camera = self.camera().filter(|_| self.engine_status().valid);
+        view
     }
 
     /// The camera: position, then the axes right, down and forward, in the map's frame.
     pub fn camera(&self) -> Option<[[f32; 3]; 4]> {
         let pose = self.place?.world_from_camera.se3;
-        let single = |v: Vec3| [v.x as f32, v.y as f32, v.z as f32];
-        let axis = |v: Vec3| single(pose.rotation * v);
-        Some([single(pose.translation), axis(Vec3::x()), axis(Vec3::y()), axis(Vec3::z())])
+        let axis = |v: Vec3| single(&(pose.rotation * v));
+        Some([single(&pose.translation), axis(Vec3::x()), axis(Vec3::y()), axis(Vec3::z())])
     }
 
     pub(super) fn status_words(&self) -> String {

@@ -23,8 +23,8 @@ const STALE_MS = 500;
 const BACK_MS = 1000;
 // "Stop" is repeated while its reason lasts.
 const AGAIN_MS = 3000;
-// The first byte of a map and of surface; other bytes are images.
-const [MAP, SURFACE] = [2, 3];
+// The first byte of a map, of surface and of columns; other bytes are images.
+const [MAP, SURFACE, COLUMNS] = [2, 3, 4];
 
 // The page is in the language that was chosen here, else in the one that the server found best.
 let words = await Words.in(kept.language ?? document.documentElement.lang).catch(() => Words.in('en'));
@@ -32,7 +32,12 @@ const t = (id, values) => words.text(id, values);
 
 const senses = new Senses({ polite: $('polite'), urgent: $('urgent') });
 const picture = new Picture($('picture'));
-const map = new MapView($('map'), $('map-words'), t, (value, decimals) => words.number(value, decimals), () => want());
+const map = new MapView($('map'), $('map-words'), {
+  t,
+  number: (value, decimals) => words.number(value, decimals),
+  keys: () => words.viewKeys,
+  chosen: () => want(),
+});
 const model = new Model();
 const pace = new Pace();
 const routes = new RouteList(command, t);
@@ -87,6 +92,7 @@ function takeBytes(bytes) {
   const [kind] = new Uint8Array(bytes, 0, 1);
   if (kind === MAP) map.take(model.take(bytes));
   else if (kind === SURFACE) map.takeSurface(bytes);
+  else if (kind === COLUMNS) map.takeColumns(bytes);
   else picture.draw(bytes);
 }
 
@@ -112,7 +118,7 @@ function send(data) {
 // A hidden page needs neither images nor the map; a phone that sends its own camera images needs no copy of them.
 function want() {
   const shown = document.visibilityState === 'visible';
-  send(JSON.stringify({ want: { picture: shown && !camera.running, map: shown, surface: shown && map.wantsSurface } }));
+  send(JSON.stringify({ want: { picture: shown && !camera.running, map: shown, surface: shown && map.wantsSurface, columns: shown && map.wantsColumns } }));
 }
 
 function take(message) {

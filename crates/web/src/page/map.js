@@ -1,5 +1,6 @@
 // The map on the page: what of it is drawn and in which colours, in three dimensions or, where WebGL is missing, flat;
 // and the same in words, for people who cannot see it.
+import { Columns } from './columns.js';
 import { Flat } from './view.js';
 import { Orbit, ground } from './orbit.js';
 import { Scene } from './scene.js';
@@ -23,18 +24,20 @@ const SQUARES = 12;
 const BAR = 110;
 
 export class MapView {
-  // `t` gives a sentence of the page by its id and values, `number` a number in its language; `chosen` is called when
-  // another part of the map is wanted.
-  constructor(canvas, words, t, number, chosen) {
+  // `t` gives a sentence of the page by its id and values, `number` a number in its language, `keys` what the keys of the view do;
+  // `chosen` is called when another part of the map is wanted.
+  constructor(canvas, words, { t, number, keys, chosen }) {
     Object.assign(this, { canvas, words, t, number, view: null, place: null, metric: false, waits: false, isSeen: false });
-    this.orbit = new Orbit(canvas, () => this.draw());
+    this.orbit = new Orbit(canvas, () => this.draw(), keys);
     this.scene = Scene.on(canvas);
     this.flat = this.scene ? null : new Flat(canvas);
     this.surface = new Surface();
+    this.columns = new Columns();
     this.shaded = this.scene && new Shaded(this.scene);
+    this.boxes = this.scene && new Shaded(this.scene);
     $('map-controls').hidden = !this.scene;
     for (const id of ['map-colour', 'map-follow']) $(id).addEventListener('change', () => { this.tint = null; this.draw(); });
-    $('map-surface').addEventListener('change', () => { this.tint = null; this.draw(); chosen(); });
+    for (const id of ['map-surface', 'map-columns']) $(id).addEventListener('change', () => { this.tint = null; this.draw(); chosen(); });
     canvas.addEventListener('webglcontextrestored', () => this.draw());
     matchMedia('(prefers-color-scheme: light)').addEventListener('change', () => { this.tint = null; this.draw(); });
     new ResizeObserver(() => this.draw()).observe(canvas);
@@ -51,10 +54,21 @@ export class MapView {
   // Whether the surface is to be sent.
   get wantsSurface() { return Boolean(this.shaded?.isPossible) && $('map-surface').checked; }
 
+  // Whether the columns are to be sent.
+  get wantsColumns() { return Boolean(this.boxes?.isPossible) && $('map-columns').checked; }
+
+  // A message with some of the columns.
+  takeColumns(buffer) {
+    this.columns.take(buffer);
+    this.tint = null;
+    this.draw();
+  }
+
   // A message with some of the surface.
   takeSurface(buffer) {
     this.surface.take(buffer);
-    $('map-surface-line').hidden = this.surface.isEmpty;
+    // Where there is a surface, there are columns too.
+    for (const id of ['map-surface-line', 'map-columns-line']) $(id).hidden = this.surface.isEmpty && this.columns.isEmpty;
     this.tint = null;
     this.draw();
   }
@@ -119,10 +133,11 @@ export class MapView {
     scene.clear(colour.canvas, orbit.matrix);
     this.grid(colour.faint, axes, floor, size, at, follows ? this.place[0] : middle);
     if (this.wantsSurface && !this.surface.isEmpty) {
-      const by = $('map-colour').value;
-      const range = { height: heights, age: [0, this.surface.latest], normal: [-1, 1] }[by];
-      const ramp = [colour.low, colour.middle, colour.high];
-      this.shaded.draw(this.surface, { by, range, up: axes[2], into: orbit.into, colours: ramp });
+      this.shaded.draw(this.surface, this.shades(colour, this.surface.latest, heights, axes[2]));
+    }
+    if (this.wantsColumns && !this.columns.isEmpty) {
+      this.boxes.draw(this.columns, this.shades(colour, this.columns.latest, heights, axes[2]));
+      scene.lines(this.tint.free, colour.faint, 1);
     }
     scene.discs(places, colours, 3);
     const path = view.key_frames.slice(1).flatMap((p, i) => (view.maps[i] === view.maps[i + 1] ? [[view.key_frames[i], p]] : []));
@@ -133,6 +148,13 @@ export class MapView {
     scene.lines(pairs(view.plan), colour.plan, 3, 24);
     if (this.place) this.wedge(colour.eye, this.place);
     if (moves) this.draw();
+  }
+
+  // How surfaces and boxes are coloured.
+  shades(colour, latest, heights, up) {
+    const by = $('map-colour').value;
+    const range = { height: heights, age: [0, latest], normal: [-1, 1] }[by];
+    return { by, range, up, into: this.orbit.into, colours: [colour.low, colour.middle, colour.high] };
   }
 
   // Where points are and in which colour, for this view; the box around the way, along the axes of the ground.
@@ -157,7 +179,8 @@ export class MapView {
       height: ['page-map-low', 'page-map-high'], age: ['page-map-old', 'page-map-new'], normal: ['page-map-down', 'page-map-up'],
     }[by];
     ['map-ramp-from', 'map-ramp-to'].forEach((id, k) => { $(id).textContent = this.t(ends[k]); });
-    return { places: view.points.flat(), colours, floor: Math.min(low, bounds[0][2]), bounds, heights: [low, high] };
+    const free = this.wantsColumns ? this.columns.free() : [];
+    return { places: view.points.flat(), colours, free, floor: Math.min(low, bounds[0][2]), bounds, heights: [low, high] };
   }
 
   // Squares on the floor, of one round length, and a bar of another on the screen.

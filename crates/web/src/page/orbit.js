@@ -3,8 +3,6 @@
 
 const EASE_MS = 120;
 const FIELD = 0.9;
-// What the keys of walking do: to the right, up, ahead.
-const STEPS = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], q: [0, -1, 0], e: [0, 1, 0] };
 // A step, as a share of what is seen.
 const STEP = 0.05;
 const STILL = matchMedia('(prefers-reduced-motion: reduce)');
@@ -14,17 +12,17 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 export const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((v) => v / n); };
 
-// Two directions in the ground, and up.
+// Two directions in the ground, the second to the left of the first as seen from above, and up.
 export function ground(up) {
   const high = unit(up);
-  const side = unit(cross(high, Math.abs(high[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]));
-  return [side, cross(side, high), high];
+  const side = unit(cross(Math.abs(high[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0], high));
+  return [side, cross(high, side), high];
 }
 
 export class Orbit {
-  // `changed` is called when the view is to be drawn again.
-  constructor(canvas, changed) {
-    Object.assign(this, { canvas, changed, yaw: 0.6, pitch: 0.9, zoom: 1, aside: [0, 0], walked: [0, 0, 0], size: 1, shown: null, fingers: new Map() });
+  // `changed` is called when the view is to be drawn again; `keys` gives what each key does, by its name.
+  constructor(canvas, changed, keys) {
+    Object.assign(this, { canvas, changed, keys, yaw: 0.6, pitch: 0.9, zoom: 1, aside: [0, 0], walked: [0, 0, 0], size: 1, shown: null, fingers: new Map() });
     canvas.addEventListener('keydown', (event) => this.key(event));
     canvas.addEventListener('pointerdown', (event) => this.down(event));
     canvas.addEventListener('pointermove', (event) => this.drag(event));
@@ -34,12 +32,11 @@ export class Orbit {
 
   key(event) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
-    const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
-    if (turns[event.key]) this[event.shiftKey ? 'move' : 'turn'](...turns[event.key]);
-    else if (event.key === '+' || event.key === '=') this.grow(1.2);
-    else if (event.key === '-') this.grow(1 / 1.2);
-    else if (event.key === '0') this.reset();
-    else if (STEPS[event.key.toLowerCase()]) this.walk(...STEPS[event.key.toLowerCase()]);
+    const act = this.keys()[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (act?.turn) this[event.shiftKey ? 'move' : 'turn'](...act.turn);
+    else if (act?.grow) this.grow(act.grow);
+    else if (act?.walk) this.walk(...act.walk);
+    else if (act?.all) this.reset();
     else return;
     event.preventDefault();
     // Some of these keys are commands elsewhere on the page.
@@ -84,7 +81,7 @@ export class Orbit {
   walk(right, up, ahead) {
     const step = (STEP * this.size) / this.zoom;
     const [c, s] = [Math.cos(this.yaw), Math.sin(this.yaw)];
-    const by = [c * right - s * ahead, s * right + c * ahead, up];
+    const by = [c * right + s * ahead, c * ahead - s * right, up];
     this.walked = this.walked.map((v, i) => v + step * by[i]);
     this.changed();
   }
@@ -119,8 +116,8 @@ export class Orbit {
     const [x, y, z, logSize, yaw, pitch, right, high] = this.shown;
     const [side, ahead, top] = ground(up);
     const [c, s, cp, sp] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
-    const across = side.map((v, i) => c * v + s * ahead[i]);
-    const away = side.map((v, i) => c * ahead[i] - s * v);
+    const across = side.map((v, i) => c * v - s * ahead[i]);
+    const away = side.map((v, i) => c * ahead[i] + s * v);
     // The eye looks down by `pitch`.
     const into = away.map((v, i) => cp * v - sp * top[i]);
     this.into = into;

@@ -1,6 +1,6 @@
 // Drawing on plain canvases: the image with its features, and, where WebGL is missing, the map with the route.
 
-import { unit } from './orbit.js';
+import { ground } from './orbit.js';
 
 const LITTLE = true;
 
@@ -31,7 +31,6 @@ export class Picture {
 }
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 
 export class Flat {
   constructor(canvas) {
@@ -41,12 +40,10 @@ export class Flat {
   // Axes of the drawing: gravity points down, yaw rotates about it, pitch tilts from the side view to the view from
   // above.
   axes() {
-    const up = unit(this.view.up);
-    const side = unit(cross(up, Math.abs(up[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0]));
-    const ahead = cross(side, up);
+    const [side, ahead, up] = ground(this.view.up);
     const [c, s] = [Math.cos(this.yaw), Math.sin(this.yaw)];
-    const right = side.map((v, i) => c * v + s * ahead[i]);
-    const away = side.map((v, i) => c * ahead[i] - s * v);
+    const right = side.map((v, i) => c * v - s * ahead[i]);
+    const away = side.map((v, i) => c * ahead[i] + s * v);
     const [cp, sp] = [Math.cos(this.pitch), Math.sin(this.pitch)];
     return [right, away.map((v, i) => sp * v + cp * up[i])];
   }

@@ -36,9 +36,10 @@ pub(crate) struct Sent {
     waiting: BTreeMap<Name, Instant>,
     /// The change up to which `waiting` is complete.
     seen: u64,
-    /// What it may be sent, and when that was so.
+    /// What it may be sent, and when that was so; and the most at once.
     bytes: f64,
     at: Instant,
+    at_once: f64,
 }
 
 impl Sent {
@@ -52,14 +53,35 @@ impl Sent {
             seen: 0,
             bytes: AT_ONCE,
             at: now,
+            at_once: AT_ONCE,
         }
+    }
+
+    /// A viewer on this machine, which may be sent all at once.
+    pub fn beside(now: Instant) -> Self {
+        Self { bytes: f64::MAX, at_once: f64::MAX, ..Self::new(now) }
+    }
+
+    /// Time has passed: more may be sent.
+    pub fn wait(&mut self, now: Instant) {
+        let passed = now.saturating_duration_since(self.at).as_secs_f64();
+        (self.bytes, self.at) = ((self.bytes + BYTES_PER_S * passed).min(self.at_once), now);
+    }
+
+    /// What else may be sent now, in bytes.
+    pub fn left(&self) -> usize {
+        self.bytes as usize
+    }
+
+    /// So much else was sent.
+    pub fn spend(&mut self, bytes: usize) {
+        self.bytes -= bytes as f64;
     }
 
     /// The next message of at most `room` bytes; `None` where nothing is to be sent or nothing may be.
     pub fn message(&mut self, surface: &Surface, room: usize, now: Instant) -> Option<Vec<u8>> {
-        let passed = now.saturating_duration_since(self.at).as_secs_f64();
-        (self.bytes, self.at) = ((self.bytes + BYTES_PER_S * passed).min(AT_ONCE), now);
-        let most = room.min(AT_ONCE as usize);
+        self.wait(now);
+        let most = room.min(self.at_once as usize);
         let room = room.min(self.bytes as usize);
         self.notice(surface, now);
         let mut out = Message::new(!self.begun, surface.voxel_m);
@@ -96,7 +118,7 @@ impl Sent {
         }
         let message = out.end()?;
         self.begun = true;
-        self.bytes -= message.len() as f64;
+        self.spend(message.len());
         Some(message)
     }
 

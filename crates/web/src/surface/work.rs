@@ -3,13 +3,13 @@
 
 use super::Surface;
 use crate::hub::Hub;
-use cairn_dense::{SubmapConfig, SurfaceChange, SurfaceChanges};
+use cairn_dense::{ColumnChanges, SubmapConfig, SurfaceChange, SurfaceChanges};
 use cairn_engine::{DenseMapper, Output};
 use cairn_geometry::Vec3;
 use cairn_sensor::FramePacket;
-use cairn_session::Surfaces;
+use cairn_session::{DepthWanted, Surfaces};
 use std::collections::BTreeSet;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, PoisonError};
 use std::thread::JoinHandle;
@@ -21,6 +21,8 @@ const MOST_WAITING: usize = 64;
 const MESH_EVERY: Duration = Duration::from_millis(500);
 /// Images that are fused again after each packet, at most, where the map has been corrected.
 const FUSED_AGAIN: usize = 4;
+/// Tiles of columns that are looked at each time, at most.
+const TILES: usize = 12;
 
 /// The running thread; it ends when this is dropped.
 pub(crate) struct SurfaceWork {
@@ -42,7 +44,8 @@ impl SurfaceWork {
         match surfaces {
             Surfaces::Here(mapper) => {
                 let (to, from) = sync_channel(MOST_WAITING);
-                let work = Work { mapper: *mapper, changes: SurfaceChanges::new(), shown, meshed: None };
+                let (changes, columns) = (SurfaceChanges::new(), ColumnChanges::new());
+                let work = Work { mapper: *mapper, changes, columns, shown, meshed: None };
                 let thread = Some(named.spawn(move || work.run(&from))?);
                 Ok(Self { hub, to: Some(to), thread })
             }
@@ -89,36 +92,45 @@ struct Shown {
 }
 
 impl Shown {
-    /// Whether a page wants the surface.
+    /// Whether a page wants the surface or the columns.
     fn is_wanted(&self) -> bool {
-        self.hub.surfaces_wanted.load(Ordering::Relaxed) > 0
+        self.hub.surfaces_wanted.load(Ordering::Relaxed) > 0 || self.are_columns_wanted()
+    }
+
+    fn are_columns_wanted(&self) -> bool {
+        self.hub.columns_wanted.load(Ordering::Relaxed) > 0
     }
 
     /// Takes what another process sends, which is told whether a page wants it.
-    fn follow(&self, changes: &Receiver<SurfaceChange>, wanted: &AtomicBool) {
+    fn follow(&self, changes: &Receiver<SurfaceChange>, wanted: &DepthWanted) {
         loop {
-            wanted.store(self.is_wanted(), Ordering::Relaxed);
+            wanted.any.store(self.is_wanted(), Ordering::Relaxed);
+            wanted.columns.store(self.are_columns_wanted(), Ordering::Relaxed);
             match changes.recv_timeout(MESH_EVERY) {
-                Ok(change) => self.put(&change),
+                Ok(change) => self.put(change),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
         }
     }
 
-    fn put(&self, change: &SurfaceChange) {
+    fn put(&self, change: SurfaceChange) {
         let now = (10.0 * self.began.elapsed().as_secs_f64()) as u32;
         let numbers: BTreeSet<u32> = change.submaps.iter().map(|(number, _)| *number).collect();
         let mut surface = lock(&self.hub);
         surface.keep(|number| numbers.contains(&number));
         change.submaps.iter().for_each(|(number, pose)| surface.place(*number, pose));
         change.blocks.iter().for_each(|(number, key, mesh)| surface.set(*number, *key, mesh, now));
+        drop(surface);
+        let mut columns = self.hub.columns.lock().unwrap_or_else(PoisonError::into_inner);
+        columns.take(change.columns, now);
     }
 }
 
 struct Work {
     mapper: DenseMapper,
     changes: SurfaceChanges,
+    columns: ColumnChanges,
     shown: Shown,
     meshed: Option<Instant>,
 }
@@ -140,9 +152,15 @@ impl Work {
             let is_due = self.meshed.is_none_or(|at| at.elapsed() >= MESH_EVERY);
             if is_due && self.shown.is_wanted() {
                 self.meshed = Some(Instant::now());
-                let change = self.changes.of(self.mapper.map());
+                let mut change = self.changes.of(self.mapper.map());
+                if self.shown.are_columns_wanted() {
+                    let up = Vec3::from(self.shown.hub.map.borrow().up().map(f64::from));
+                    // A map that is too high for columns is shown without.
+                    let columns = self.columns.of(self.mapper.map(), None, &up, &camera, TILES);
+                    change.columns = columns.unwrap_or_default();
+                }
                 at(&mut lock(&self.shown.hub), &camera);
-                self.shown.put(&change);
+                self.shown.put(change);
             }
         }
     }

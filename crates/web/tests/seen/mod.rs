@@ -52,6 +52,20 @@ fn surface_grows_on_the_page_in_a_browser() {
     browser.key(&desk, " ");
     println!("{with} of the map is filled with the surface, {without} without");
     assert!(with > without + 0.05, "{with} of the map is filled with the surface, {without} without");
+    // The columns in place of the surface, of which the page had nothing before: boxes have colours too.
+    for id in ["map-surface", "map-columns"] {
+        browser.eval(&desk, &format!("document.getElementById('{id}').focus()"));
+        browser.key(&desk, " ");
+    }
+    std::thread::sleep(Duration::from_secs(8));
+    let columns = share(&mut browser);
+    browser.picture(&desk, &folder.join("desk-columns.png"));
+    println!("{columns} of the map is filled with columns");
+    assert!(columns > without + 0.03, "{columns} of the map is filled with columns, {without} without");
+    for id in ["map-columns", "map-surface"] {
+        browser.eval(&desk, &format!("document.getElementById('{id}').focus()"));
+        browser.key(&desk, " ");
+    }
     // The colours, each of which is another picture and has its words.
     let mut seen = Vec::new();
     for (by, end) in [("height", "high"), ("age", "new"), ("normal", "faces up")] {

@@ -239,7 +239,7 @@ fn begun(a: &Arguments) -> (BeginSlam, Option<String>, u16) {
 }
 
 /// The user's data folder; `None` where the system defines none.
-fn data_folder() -> Option<PathBuf> {
+pub fn data_folder() -> Option<PathBuf> {
     let named = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let base = match cfg!(windows) {
         true => named("LOCALAPPDATA"),
