@@ -49,3 +49,26 @@ fn one_who_stands_where_the_map_shows_nothing_walks_home_backwards() {
     assert!(lost == 0 && most < 0.25, "{lost} lost, {most} m off");
     assert!(matches!(last, Some((State::Tracking, 100..))), "{last:?}");
 }
+
+/// The gyroscope tells within seconds that a guess is a sixth too short: the walk goes on with a better one, and its lengths are about
+/// right. A guess that is nearly right stays.
+#[test]
+fn a_guessed_lens_that_the_gyroscope_contradicts_is_replaced_before_lengths_are_told() {
+    for (seed, is_wrong) in [(6, true), (2, false)] {
+        let out = Walk {
+            seed,
+            metres: [20.0, 2.0],
+            backwards_after_s: None,
+            every: 1,
+            guessed_lens: true,
+            delays: None,
+        };
+        let walked = walk(&out, &Config::default(), false).unwrap();
+        println!("seed {seed}: focal length off {:?}, {:?}", walked.focal, walked.live);
+        assert_eq!(walked.focal.len(), 1 + usize::from(is_wrong), "seed {seed}: {:?}", walked.focal);
+        if let [_, [off, from_s]] = walked.focal[..] {
+            assert!(off.abs() < 5.0 && Some(from_s) < walked.metric_s, "{off} % after {from_s} s");
+        }
+        assert!(walked.live.worst_percent < 20.0, "seed {seed}: {:?}", walked.live);
+    }
+}

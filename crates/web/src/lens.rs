@@ -1,14 +1,18 @@
 //! The lens of a phone whose calibration nobody gave: estimated while a session runs with a guess, and kept in the data
 //! folder for the next session of the same phone. There it is checked in the same way, and replaced where it does not fit.
+//!
+//! It is found in two steps. Within seconds the gyroscope tells whether the guess is wrong, and a better one to some percent
+//! ([`TurnFactor`]); after half a minute and some turns the lens is certain ([`LensProblem`]).
 
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
-use cairn_geometry::Se3;
-use cairn_lens::{Lens, LensEstimate, LensProblem};
+use cairn_geometry::{Se3, So3};
+use cairn_lens::{Lens, LensEstimate, LensProblem, TurnFactor};
 use cairn_sensor::{Camera, Distortion};
 use cairn_session::Slam;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -31,6 +35,8 @@ const AGREE: [f64; 2] = [0.015, 0.03];
 const GONE_ON: (f64, f64) = (0.15, 0.4);
 /// A kept lens is contradicted beyond that, and beyond so many standard deviations of both.
 const CONTRADICTED: f64 = 3.0;
+/// Standard deviation of a distortion of which nothing is known.
+const ANY_RADIAL: f64 = 0.1;
 
 /// A kept lens: focal length as a share of the longer side, distortion of the ray's offset (as in [`Lens`]), and their
 /// standard deviations.
@@ -49,6 +55,17 @@ impl KeptLens {
         camera.validate().is_ok().then_some(camera)
     }
 
+    /// Whether it is known as well as it is going to be; otherwise it is a better guess.
+    fn is_certain(&self) -> bool {
+        (0..2).all(|k| self.sigma[k] < CERTAIN[k])
+    }
+
+    /// This lens with another focal length, by the turns of the camera.
+    fn turned(&self, found: &TurnFactor) -> Self {
+        let sigma = [found.sigma_after().max(CERTAIN[0]), ANY_RADIAL];
+        Self { focal: self.focal * found.factor, radial: self.radial, sigma }
+    }
+
     /// This lens followed by what was found to be left of it, to first order in the distortions.
     fn followed_by(&self, left: &LensEstimate) -> Self {
         let radial = self.radial * left.lens.focal.powi(2) + left.lens.radial;
@@ -61,6 +78,11 @@ impl KeptLens {
         let sigma = |k: usize| self.sigma[k].hypot(left.sigma[k]);
         (0..2).any(|k| off[k] > AGREE[k].max(CONTRADICTED * sigma(k)))
     }
+}
+
+/// A phone's motion comes in the axes of its images.
+fn imu_from_camera() -> So3 {
+    So3::identity()
 }
 
 /// The lens kept for a phone and the shape of its images.
@@ -105,6 +127,8 @@ pub(crate) struct LensWatch {
     job: Option<JoinHandle<Option<LensEstimate>>>,
     /// The last certain estimate.
     before: Option<Lens>,
+    /// The gyroscope contradicted the lens that the images are read with, and a better one was told.
+    turned: bool,
     done: bool,
 }
 
@@ -121,13 +145,14 @@ impl LensWatch {
             looked_at: None,
             job: None,
             before: None,
+            turned: false,
             done: false,
         }
     }
 
-    /// Whether the images are read with a lens that was kept.
-    pub fn is_kept(&self) -> bool {
-        self.kept.is_some()
+    /// Whether the images are read with a lens that is known.
+    pub fn is_certain(&self) -> bool {
+        self.kept.is_some_and(|kept| kept.is_certain())
     }
 
     /// A watch over this lens, once images are read with it; `None` where it is no lens for these images.
@@ -141,10 +166,22 @@ impl LensWatch {
         self.kept.and_then(|lens| lens.camera(&self.guess)).unwrap_or(self.guess)
     }
 
-    /// Called often: begins an estimate on a thread of its own, or takes a finished one. Returns what was found, once.
+    /// The lens that the images are read with.
+    fn read_with(&self) -> KeptLens {
+        let guessed = self.guess.fx / self.guess.width.max(self.guess.height) as f64;
+        self.kept.unwrap_or(KeptLens { focal: guessed, radial: 0.0, sigma: [0.0; 2] })
+    }
+
+    /// Called often: compares turns, begins an estimate on a thread of its own, or takes a finished one. Returns what was found, once
+    /// for each of the two.
     pub fn step(&mut self, engine: &dyn Slam) -> Option<LensFound> {
         if self.done || self.guess.distortion != Distortion::None {
             return None;
+        }
+        let snapshot = engine.snapshot();
+        if let Some(lens) = self.by_turns(&snapshot) {
+            self.turned = true;
+            return Some(self.kept_as(lens));
         }
         if let Some(job) = self.job.take_if(|job| job.is_finished()) {
             let estimate = job.join().ok().flatten()?;
@@ -152,28 +189,40 @@ impl LensWatch {
                 return None;
             }
             self.done = true;
-            let lens = self.found(&estimate)?;
-            let kept = keep(&self.folder, &self.phone, &self.guess, lens);
-            let not_kept = kept.err().map(|e| e.to_string());
-            return Some(LensFound { lens, not_kept });
+            return self.found(&estimate).map(|lens| self.kept_as(lens));
         }
         if self.job.is_none() && self.tried.is_none_or(|t| t.elapsed() >= AGAIN) {
-            self.job = self.begin(engine);
+            self.job = self.begin(engine, snapshot);
             self.tried = self.job.as_ref().map(|_| Instant::now());
         }
         None
     }
 
+    fn kept_as(&self, lens: KeptLens) -> LensFound {
+        let kept = keep(&self.folder, &self.phone, &self.guess, lens);
+        LensFound { lens, is_certain: lens.is_certain(), not_kept: kept.err().map(|e| e.to_string()) }
+    }
+
+    /// The lens by the turns of the newest map, where these contradict a guess.
+    fn by_turns(&self, snapshot: &Snapshot) -> Option<KeptLens> {
+        if self.turned || self.is_certain() {
+            return None;
+        }
+        let newest = snapshot.key_frames().max_by_key(|k| k.id)?.map;
+        self.better_by(&TurnFactor::of(snapshot, newest, &imu_from_camera())?)
+    }
+
+    /// The lens by a factor on the turns, where that contradicts what is known.
+    fn better_by(&self, found: &TurnFactor) -> Option<KeptLens> {
+        let is_wrong = found.contradicts(self.kept.map(|kept| kept.sigma[0]));
+        let lens = is_wrong.then(|| self.read_with().turned(found))?;
+        lens.camera(&self.guess).map(|_| lens)
+    }
+
     /// The lens by a trusted estimate; `None` where that agrees with the one that was kept.
     fn found(&self, estimate: &LensEstimate) -> Option<KeptLens> {
-        match self.kept {
-            Some(kept) => kept.is_contradicted(estimate).then(|| kept.followed_by(estimate)),
-            None => {
-                let guessed = self.guess.fx / self.guess.width.max(self.guess.height) as f64;
-                let guess = KeptLens { focal: guessed, radial: 0.0, sigma: [0.0; 2] };
-                Some(guess.followed_by(estimate))
-            }
-        }
+        let lens = self.read_with();
+        (!self.is_certain() || lens.is_contradicted(estimate)).then(|| lens.followed_by(estimate))
     }
 
     /// Whether an estimate is certain and agrees with the one before it.
@@ -190,8 +239,11 @@ impl LensWatch {
         self.before.replace(estimate.lens).is_some_and(agrees)
     }
 
-    fn begin(&mut self, engine: &dyn Slam) -> Option<JoinHandle<Option<LensEstimate>>> {
-        let snapshot = engine.snapshot();
+    fn begin(
+        &mut self,
+        engine: &dyn Slam,
+        snapshot: Arc<Snapshot>,
+    ) -> Option<JoinHandle<Option<LensEstimate>>> {
         let (last, newest) = snapshot.key_frames().max_by_key(|k| k.id).map(|k| (k.id, k.map))?;
         if snapshot.key_frames_of(newest).take(LEAST_KEY_FRAMES).count() < LEAST_KEY_FRAMES {
             return None;
@@ -201,10 +253,8 @@ impl LensWatch {
         }
         self.looked_at = Some(last);
         let camera = *engine.camera();
-        // A phone's motion comes in the axes of its images.
-        let imu_from_camera = cairn_geometry::So3::identity();
         let work = move || {
-            let problem = LensProblem::of(&snapshot, newest, &camera, &imu_from_camera)?;
+            let problem = LensProblem::of(&snapshot, newest, &camera, &imu_from_camera())?;
             (problem.turned_rad() >= LEAST_TURN_RAD).then(|| problem.solve())?
         };
         std::thread::Builder::new().name("cairn-lens".into()).spawn(work).ok()
@@ -232,6 +282,8 @@ fn are_elsewhere(later: &[Se3], before: &[Se3]) -> bool {
 /// A lens that was just found.
 pub(crate) struct LensFound {
     pub lens: KeptLens,
+    /// Otherwise it is a better guess.
+    pub is_certain: bool,
     /// Why it could not be kept, if so.
     pub not_kept: Option<String>,
 }
@@ -278,7 +330,7 @@ mod tests {
 
     #[test]
     fn one_who_stands_says_nothing_new() {
-        use cairn_geometry::{So3, Vec3};
+        use cairn_geometry::Vec3;
         let at = |x: f64, heading: f64| Se3::new(So3::exp(&(Vec3::y() * heading)), Vec3::x() * x);
         let before: Vec<Se3> = (0..=40).map(|i| at(0.1 * f64::from(i), 0.0)).collect();
         let sways: Vec<Se3> = (0..20).map(|i| at(4.0 + 0.05 * f64::from(i).sin(), 0.1)).collect();
@@ -286,6 +338,27 @@ mod tests {
         assert!(are_elsewhere(&[at(4.7, 0.0)], &before), "he walks on");
         assert!(are_elsewhere(&[at(4.0, 0.5)], &before), "he turns");
         assert!(are_elsewhere(&sways, &[]), "another map");
+    }
+
+    #[test]
+    fn a_guess_that_the_gyroscope_contradicts_is_replaced_at_once_by_a_better_one() {
+        let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
+        let watch = LensWatch::new(PathBuf::new(), "a".into(), guess, None);
+        let turns = |factor: f64| TurnFactor { factor, sigma: 0.01 };
+        assert!(!watch.is_certain() && watch.better_by(&turns(1.01)).is_none());
+        let better = watch.better_by(&turns(1.15)).unwrap();
+        assert!((better.focal - 0.805).abs() < 1e-9 && !better.is_certain(), "{better:?}");
+        assert!((0.02..0.05).contains(&better.sigma[0]), "what is left is within what is stated: {better:?}");
+        // It is a guess too, and is replaced by what is certain, however near that is.
+        let next = watch.with(better).unwrap();
+        assert!((next.camera().fx - 515.2).abs() < 1e-9 && !next.is_certain());
+        assert!(next.better_by(&turns(1.05)).is_none(), "it is not known better than that");
+        assert!(next.better_by(&turns(1.3)).is_some());
+        let lens = Lens { focal: 1.02, radial: 0.01 };
+        let found = next.found(&LensEstimate { lens, sigma: [0.003, 0.005], rms_px: 0.5, converged: true });
+        assert!(found.is_some_and(|f| f.is_certain() && (f.focal - 0.8211).abs() < 1e-9), "{found:?}");
+        let certain = next.with(found.unwrap()).unwrap();
+        assert!(certain.is_certain());
     }
 
     #[test]

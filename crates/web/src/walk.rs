@@ -64,7 +64,7 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
             let is_given = rig.is_some();
             let mut phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
             lens = (!is_given).then(|| lens_of(hub, serve.keep.clone(), &mut phone)).flatten();
-            guessed = !is_given && !lens.as_ref().is_some_and(LensWatch::is_kept);
+            guessed = !is_given && !lens.as_ref().is_some_and(LensWatch::is_certain);
             // A phone with motion data makes the map metric.
             let has_imu = phone.rig().imu.is_some();
             // Phones expose row after row, each type with a time of its own.
@@ -215,20 +215,27 @@ impl PageObserver {
         let Some((watch, start)) = &mut self.lens else { return };
         let Some(found) = watch.step(&**session.engine()) else { return };
         let lens = found.lens;
-        self.hub.broadcast(&ToPage::Lens { focal: lens.focal, radial: lens.radial, sigma: lens.sigma });
+        if found.is_certain {
+            self.hub.broadcast(&ToPage::Lens { focal: lens.focal, radial: lens.radial, sigma: lens.sigma });
+        }
         if let Some(why) = found.not_kept {
             self.hub.broadcast(&ToPage::Doubt(&why));
         }
         let Some(next) = watch.with(lens).filter(|_| session.may_begin_again()) else {
-            return session.knows_of_lens(LensKnowledge::FoundForLater);
+            if found.is_certain {
+                session.knows_of_lens(LensKnowledge::FoundForLater);
+            }
+            return;
         };
         start.rig.cameras[0].camera = next.camera();
-        let camera = start.camera(true);
+        let camera = start.camera(found.is_certain);
         match camera.and_then(|camera| session.begin_again(&camera, |map| start.slam(map))) {
             Ok(notes) => {
                 notes.iter().for_each(|note| self.hub.broadcast(&ToPage::Doubt(note)));
                 *watch = next;
-                session.knows_of_lens(LensKnowledge::Found);
+                if found.is_certain {
+                    session.knows_of_lens(LensKnowledge::Found);
+                }
             }
             Err(e) => self.hub.broadcast(&ToPage::Trouble(&e.to_string())),
         }

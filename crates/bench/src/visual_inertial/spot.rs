@@ -5,9 +5,10 @@
 use super::drawn::DrawnPhone;
 use super::live_scale::LiveScale;
 use super::phone::STATED;
-use cairn_engine::{Config, Delays, Engine, Evidence, Runner, SensorMode, State};
+use cairn_engine::{Config, Delays, Engine, Evidence, Odometry, Runner, SensorMode, State};
 use cairn_eval::{Align, EvalOptions, evaluate};
-use cairn_geometry::{Se3, Sim3, Trajectory, Vec2, Vec3};
+use cairn_geometry::{Se3, Sim3, So3, Trajectory, Vec2, Vec3};
+use cairn_lens::TurnFactor;
 use cairn_random::Random;
 use cairn_sensor::{Camera, Rig, Source, Stamp};
 use cairn_sim::{Motion, PhoneMotion, PhoneTraits, SimConfig, SimSource, Stride, Walker, WorldKind};
@@ -37,7 +38,8 @@ pub struct Walk {
     pub backwards_after_s: Option<f64>,
     /// Only every nth picture of 10 to 15 a second comes, as with a machine that is too slow for more.
     pub every: usize,
-    /// Whether the engine is given a guess of the lens instead of the lens.
+    /// Whether the engine is given a guess of the lens instead of the lens; where the gyroscope contradicts it, it begins again with a
+    /// better one.
     pub guessed_lens: bool,
     /// Latencies of mapping; lockstep without.
     pub delays: Option<Delays>,
@@ -58,6 +60,8 @@ pub struct Walked {
     pub scale_percent: Option<f64>,
     /// Whether lengths told as metres are metres.
     pub live: LiveScale,
+    /// By how much the focal length is off in percent that the images are read with, and from how many seconds on.
+    pub focal: Vec<[f64; 2]>,
     /// What was found at the end and is true: of the clocks' offset, and of the readout of the rows, seconds.
     pub offset_s: [f64; 2],
     /// See [`Walked::offset_s`].
@@ -78,9 +82,11 @@ impl Walked {
         let or = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
         let [most, last] = self.off_m().map(|m| or(m, 2));
         let lost = self.steps.iter().filter(|s| s.off.is_none()).count();
+        let focal: Vec<String> =
+            self.focal.iter().map(|[off, from_s]| format!("{off:.1} ({from_s:.1})")).collect();
         let ms = |[found, truth]: [f64; 2]| format!("{:.1} ({:+.1})", 1e3 * found, 1e3 * (found - truth));
         format!(
-            "| {}{} | {} | {:.1} | {} | {} | {} | {:.1} ({:.0}) | {:.1} | {most} | {last} | {lost} of {} | {} | {} |\n",
+            "| {}{} | {} | {:.1} | {} | {} | {} | {} | {:.1} ({:.0}) | {:.1} | {most} | {last} | {lost} of {} | {} | {} |\n",
             self.walk.seed,
             self.walk.delays.map_or(String::new(), |d| format!(", delays {}", d.seed)),
             if self.walk.backwards_after_s.is_some() { "backwards" } else { "home" },
@@ -88,6 +94,7 @@ impl Walked {
             or(self.metric_s, 1),
             self.lost_before,
             or(self.scale_percent, 1),
+            focal.join(", "),
             100.0 * (self.live.worst_percent / 100.0).exp_m1(),
             self.live.worst_at_s,
             self.live.wrong_s,
@@ -99,7 +106,7 @@ impl Walked {
 }
 
 /// Header of the table of walks.
-pub const HEAD: &str = "| seed | walks home | pictures a second | metric after s | pictures without a pose before the turn | scale error of the way out % | lengths told as metres: worst % (at s) | s more than 10 % off | most m off | last m off | pictures without a pose in metres from the turn on | clocks' offset ms (error) | readout ms (error) |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
+pub const HEAD: &str = "| seed | walks home | pictures a second | metric after s | pictures without a pose before the turn | scale error of the way out % | focal length off % (from s on) | lengths told as metres: worst % (at s) | s more than 10 % off | most m off | last m off | pictures without a pose in metres from the turn on | clocks' offset ms (error) | readout ms (error) |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 /// A frame after the turn has begun.
 #[derive(Clone, Copy, Debug)]
@@ -207,8 +214,11 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
         imu.noise = STATED;
     }
     let runner = walk.delays.map_or(Runner::Lockstep, Runner::Delayed);
-    let mut engine = Engine::new(&rig, SensorMode::Mono, source.info().rate_hz, runner, &config)
-        .map_err(|e| e.to_string())?;
+    let rate_hz = source.info().rate_hz;
+    let begin =
+        |rig: &Rig| Engine::new(rig, SensorMode::Mono, rate_hz, runner, &config).map_err(|e| e.to_string());
+    let mut engine = begin(&rig)?;
+    let off = |rig: &Rig| 100.0 * (rig.cameras[0].camera.fx / traits.camera.fx).ln();
     let truth: BTreeMap<Stamp, Se3> = source.info().truth.iter().copied().collect();
     let first = *truth.keys().next().ok_or("no frames")?;
     let last = *truth.keys().next_back().ok_or("no frames")?;
@@ -220,14 +230,18 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
         lost_before: 0,
         scale_percent: None,
         live: LiveScale::default(),
+        focal: vec![[off(&rig), 0.0]],
         offset_s: [0.0, traits.stamp_delay_s],
         readout_s: [0.0, traits.readout_s],
         steps: Vec::new(),
     };
     let (mut moved, mut told) = (Vec::new(), BTreeSet::new());
+    // What is known of the focal length, and the odometry's segments of engines before.
+    let (mut known, mut segments) = (None, 0);
     while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
         let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
-        moved.extend(out.odometry.filter(|_| out.metric).map(|o| (packet.stamp, o)));
+        let moves = out.odometry.map(|o| Odometry { segment: o.segment + segments, ..o });
+        moved.extend(moves.filter(|_| out.metric).map(|o| (packet.stamp, o)));
         told.extend(out.scale.filter(|scale| scale.metric && scale.is_known()).map(|_| packet.stamp));
         if let Some(cause) = out.stage_failed {
             return Err(cause);
@@ -238,7 +252,7 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
             walked.metric_s = Some(t_s);
         }
         let before = pose.is_some().then(|| beside(&engine, &truth, turns)).flatten();
-        let off = pose.zip(before).and_then(|(pose, before)| {
+        let off_m = pose.zip(before).and_then(|(pose, before)| {
             Some(before * pose.se3.translation - truth.get(&packet.stamp)?.translation)
         });
         if verbose {
@@ -249,7 +263,7 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
                 .map(|g| g.to_string())
                 .collect::<Vec<_>>()
                 .join(", ");
-            let off = off.map_or("-".to_owned(), |off| format!("{:.3}", off.norm()));
+            let off = off_m.map_or("-".to_owned(), |off| format!("{:.3}", off.norm()));
             let Evidence { features, expected, matched, inliers } = out.evidence;
             let kind = match out.state {
                 State::Tracking => "tracking",
@@ -265,17 +279,39 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
                 engine.snapshot().maps().count(),
             );
         }
+        // As a session does, as long as nothing hangs on the map.
+        let turned = (walk.guessed_lens && packet.stamp < turns).then(|| turn_factor(&engine)).flatten();
+        if let Some(found) = turned.filter(|found| found.contradicts(known)) {
+            let camera = &mut rig.cameras[0].camera;
+            (camera.fx, camera.fy) = (camera.fx * found.factor, camera.fy * found.factor);
+            known = Some(found.sigma_after());
+            segments = moves.map_or(segments, |o| o.segment + 1);
+            engine = begin(&rig)?;
+            walked.focal.push([off(&rig), t_s]);
+        }
         if packet.stamp < turns {
             walked.lost_before += usize::from(pose.is_none() && walked.metric_s.is_some());
             continue;
         }
-        walked.steps.push(Step { t_s: t_s - sets_out, state: out.state, inliers: out.evidence.inliers, off });
+        walked.steps.push(Step {
+            t_s: t_s - sets_out,
+            state: out.state,
+            inliers: out.evidence.inliers,
+            off: off_m,
+        });
     }
     walked.live = LiveScale::of(first, &truth, &moved, &told);
     walked.offset_s[0] = engine.snapshot().imu_offset();
     walked.readout_s[0] = engine.readout().seconds;
     walked.scale_percent = scale_percent(&engine, &truth, turns);
     Ok(walked)
+}
+
+/// The turns of the newest map over those measured; the sensors' axes are those of the camera.
+fn turn_factor(engine: &Engine) -> Option<TurnFactor> {
+    let snapshot = engine.snapshot();
+    let newest = snapshot.key_frames().max_by_key(|k| k.id)?.map;
+    TurnFactor::of(&snapshot, newest, &So3::identity())
 }
 
 /// Ground truth and the engine's poses as the map has them now, up to an instant.
