@@ -112,6 +112,19 @@ pub enum Command {
         #[arg(long)]
         config: Option<PathBuf>,
     },
+    /// Whether the scale of one camera and an IMU is as uncertain as it says: errors over stated standard deviations in windows
+    /// of several lengths, of real motions, recordings and simulated walks.
+    ScaleSigma {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Only those whose name contains this.
+        #[arg(long)]
+        only: Option<String>,
+        /// Seeds of the simulated walks.
+        #[arg(long, default_value_t = 6)]
+        seeds: u64,
+    },
     /// Maps and saves the first half of each recording, and localizes the second half in it.
     Halves {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.

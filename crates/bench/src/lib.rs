@@ -21,6 +21,7 @@ pub mod places;
 pub mod processor;
 pub mod recordings;
 pub mod revisit;
+pub mod scale_sigma;
 pub mod store;
 pub mod street;
 pub mod visual_inertial;

@@ -9,7 +9,7 @@ use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
     RunOptions, Sensor, accuracy, busy, dense, depth_scale, figures, graphs, halves, inertial, live, long,
-    measure, places, revisit, store, street, visual_inertial, walks,
+    measure, places, revisit, scale_sigma, store, street, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -104,6 +104,11 @@ fn run(command: Command) -> Result<(), String> {
         Command::DepthScale { seeds, config } => {
             let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
             print!("{}", depth_scale::table(&depth_scale::run(seeds, &config)?));
+            Ok(())
+        }
+        Command::ScaleSigma { data, only, seeds } => {
+            let data = data.unwrap_or_else(data_folder);
+            print!("{}", scale_sigma::table(&scale_sigma::run(&data, only.as_deref(), seeds)?));
             Ok(())
         }
         Command::Halves { data } => {

@@ -19,8 +19,10 @@ pub(crate) const STATIONARY_M_S: f64 = 0.05;
 
 /// Camera and IMU of the key frames.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct CameraAndImu<'a> {
+pub struct CameraAndImu<'a> {
+    /// The camera.
     pub camera: &'a RectifiedCamera,
+    /// The IMU.
     pub imu: &'a ImuModel,
     /// Standard deviation of the offset between their clocks, seconds.
     pub offset_sigma_s: f64,
@@ -28,35 +30,42 @@ pub(crate) struct CameraAndImu<'a> {
 
 impl CameraAndImu<'_> {
     /// The initialisation with the key frames of the last `seconds` of a chain.
-    pub fn attempt(&self, snapshot: &Snapshot, chain: &[KeyFrameId], seconds: f64) -> Option<Attempt> {
-        let camera = self.camera;
+    pub(crate) fn attempt(&self, snapshot: &Snapshot, chain: &[KeyFrameId], seconds: f64) -> Option<Attempt> {
         let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
         let last = frames.last()?.frame.stamp;
         let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.stamp <= seconds).collect();
-        let poses: Vec<SeenPose> = frames
-            .iter()
-            .map(|k| SeenPose { stamp: k.stamp, world_from_camera: k.world_from_camera })
-            .collect();
         let links: Option<Vec<Preintegrated>> = frames
             .iter()
             .skip(1)
             .map(|k| Some((*k.motion.as_ref()?.imu_factor.as_ref()?.sum).clone()))
             .collect();
-        let rotation_sigma = SEEN_PIXELS / camera.fx;
-        let position_sigma = rotation_sigma * median_depth(snapshot, frames.last()?)?;
-        let seen = Seen { poses: &poses, rotation_sigma, position_sigma };
-        let scale = match camera.has_depth() {
-            true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
-            false => Scale::Free,
-        };
-        // `initialise` raises the noise itself, starting from that of the data sheet.
-        let config = InitialiseConfig {
-            noise_times: 1.0,
-            offset_sigma_s: self.offset_sigma_s,
-            ..InitialiseConfig::default()
-        };
-        Some(initialise(&seen, &links?, &self.imu.imu_from_camera, scale, &config))
+        initialise_key_frames(snapshot, self, &frames, &links?)
     }
+}
+
+/// The initialisation of these key frames; `links[k]` sums the readings from key frame `k` to `k + 1`.
+pub fn initialise_key_frames(
+    snapshot: &Snapshot,
+    of: &CameraAndImu,
+    frames: &[&KeyFrame],
+    links: &[Preintegrated],
+) -> Option<Attempt> {
+    let poses: Vec<SeenPose> =
+        frames.iter().map(|k| SeenPose { stamp: k.stamp, world_from_camera: k.world_from_camera }).collect();
+    let rotation_sigma = SEEN_PIXELS / of.camera.fx;
+    let position_sigma = rotation_sigma * median_depth(snapshot, frames.last()?)?;
+    let seen = Seen { poses: &poses, rotation_sigma, position_sigma };
+    let scale = match of.camera.has_depth() {
+        true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
+        false => Scale::Free,
+    };
+    // `initialise` raises the noise itself, starting from that of the data sheet.
+    let config = InitialiseConfig {
+        noise_times: 1.0,
+        offset_sigma_s: of.offset_sigma_s,
+        ..InitialiseConfig::default()
+    };
+    Some(initialise(&seen, links, &of.imu.imu_from_camera, scale, &config))
 }
 
 #[cfg(test)]

@@ -29,5 +29,6 @@ pub use closing::{
     Refusal, Seam, Support, Verdict,
 };
 pub use inertial::InertialConfig;
+pub use initialisation::{CameraAndImu, initialise_key_frames};
 pub use mapper::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};
 pub use scale_check::{ScaleCheck, ScaleVerdict};
