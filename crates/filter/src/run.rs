@@ -94,9 +94,9 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     let began = Instant::now();
     let labelled = config.association == Association::Known;
     let mut steps = recorded.steps(if labelled { &log.noise } else { &log.unlabelled_noise }, &[])?;
-    // The same instants, so the same delay.
+    // Without labels the map has a noise of its own; the same instants, so the same delay.
     let for_map = Noise { sighting_delay_s: log.unlabelled_noise.sighting_delay_s, ..log.noise };
-    let mut mapping = recorded.steps(if labelled { &log.noise } else { &for_map }, &[])?;
+    let mut mapping = if labelled { Vec::new() } else { recorded.steps(&for_map, &[])? };
     let mut filter = Hypotheses::new(*config);
     // The start defines the frame of the map, so it is known, except for a small variance against rounding.
     let id = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12))?;
@@ -106,10 +106,12 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     let (mut poses, mut snapshots) = (Vec::with_capacity(steps.len()), Vec::new());
     let every = steps.len().div_ceil(SNAPSHOTS).max(1);
     let mut snapshot_ms = 0.0;
-    for (k, (step, for_map)) in steps.iter().zip(&mapping).enumerate() {
-        filter.predict(id, &step.motion, &for_map.motion)?;
-        let measured: Vec<Measurement> = for_map.sightings.iter().map(|s| s.measurement).collect();
-        filter.observe(id, &step.sightings, &measured)?;
+    for (k, step) in steps.iter().enumerate() {
+        let for_map = mapping.get(k);
+        filter.predict(id, &step.motion, for_map.map(|m| &m.motion))?;
+        let measured: Option<Vec<Measurement>> =
+            for_map.map(|m| m.sightings.iter().map(|s| s.measurement).collect());
+        filter.observe(id, &step.sightings, measured.as_deref())?;
         let (pose, covariance) = filter.pose(id).ok_or(RunError::NoRobot(robot))?;
         poses.push(pose);
         if k % every == 0 || k + 1 == steps.len() {

@@ -64,7 +64,7 @@ fn both_forms_of_the_covariance_give_one_estimate() {
 fn local_updates_are_those_of_the_whole_filter() {
     // Two laps: landmarks become passive and active again, and the loop closes over passive ones.
     let simulated = world(60, 200.0).drive(5);
-    for linearisation in [Linearisation::Latest, Linearisation::First] {
+    for linearisation in [Linearisation::Latest, Linearisation::First, Linearisation::Invariant] {
         let config = EkfConfig { linearisation, gate_probability: 1.0, ..EkfConfig::default() };
         let whole = driven(&simulated, config);
         for form in [Form::Joseph, Form::SquareRoot] {
@@ -73,20 +73,6 @@ fn local_updates_are_those_of_the_whole_filter() {
             let d = difference(&whole, &local);
             assert!(d < 1e-6, "{linearisation:?} {form:?}: {d:e}");
         }
-    }
-}
-
-#[test]
-fn invariant_errors_are_turned_at_once_when_a_region_is_left() {
-    // Not bit-identical to the filter with everything active, but within a small fraction of the standard deviations.
-    let simulated = world(60, 200.0).drive(5);
-    let config = EkfConfig { gate_probability: 1.0, ..EkfConfig::default() };
-    let whole = driven(&simulated, config);
-    let local = driven(&simulated, EkfConfig { local_radius_m: Some(16.0), ..config });
-    for (a, b) in whole.landmarks().iter().zip(&local.landmarks()) {
-        let deviation = a.covariance.trace().sqrt();
-        assert!((a.position - b.position).norm() < 0.1 * deviation);
-        assert!((a.covariance - b.covariance).amax() < 0.1 * a.covariance.amax());
     }
 }
 
@@ -187,6 +173,49 @@ fn ranges_alone_and_bearings_alone_place_landmarks() {
     }
 }
 
+/// Root mean square error of the position on a way of 48 m, out and back around a corner, among beacons that tell ranges alone.
+fn off_among_beacons(seed: u64) -> f64 {
+    let beacons = [(3, 3), (6, -3), (10, 2), (15, -1), (15, 5), (9, 8), (14, 11), (10, 13)];
+    let beacons: Vec<Vec2> = beacons.map(|(x, y)| Vec2::new(f64::from(x), f64::from(y))).to_vec();
+    let (wheels, dt, mut random) = (World::default().velocity, 0.1, Random::new(seed));
+    let (mut filter, mut truth) = (started(EkfConfig::default()), Se2::identity());
+    let (mut sum, mut count) = (0.0, 0.0);
+    for goal in [(12.0, 0.0), (12.0, 12.0), (12.0, 0.0), (0.0, 0.0)].map(|(x, y)| Vec2::new(x, y)) {
+        while (goal - truth.translation).norm() > 0.3 {
+            let ahead = truth.inverse() * goal;
+            let bearing = ahead.y.atan2(ahead.x);
+            let (speed, turn) = (if bearing.abs() > 0.5 { 0.0 } else { 0.6 }, bearing.clamp(-0.6, 0.6));
+            truth = truth * wheels.motion(speed, turn, dt).before_from_after;
+            let mut noisy = |deviation: f64| deviation / dt.sqrt() * random.standard_normal();
+            let measured = wheels.motion(speed + noisy(wheels.speed), turn + noisy(wheels.turn), dt);
+            let at = Vector3::new(truth.translation.x, truth.translation.y, truth.rotation.log());
+            let mut sightings = Vec::new();
+            for (label, beacon) in (0..).zip(&beacons) {
+                let range = (beacon - at.xy()).norm();
+                if range < 9.0 {
+                    let range = (range + 0.05 * random.standard_normal()).max(0.0);
+                    let measurement = Measurement::range(range, 0.05).unwrap();
+                    sightings.push(Sighting { target: Target::Landmark(label), measurement });
+                }
+            }
+            filter.predict(0, &measured).unwrap();
+            filter.observe(0, &sightings).unwrap();
+            sum += (filter.pose(0).unwrap().0 - at).xy().norm_squared();
+            count += 1.0;
+        }
+    }
+    f64::sqrt(sum / count)
+}
+
+#[test]
+fn beacons_beside_a_straight_way_are_not_put_on_the_wrong_side_of_it() {
+    // The wheels believe that the way bends. Poses that are taken to be exact would tell the side of a beacon by that.
+    let off_m: Vec<f64> = (0..40).map(off_among_beacons).collect();
+    let most = off_m.iter().fold(0.0, |a: f64, b| a.max(*b));
+    println!("RMS at most {most:.2} m");
+    assert!(most < 1.5, "{off_m:.2?}");
+}
+
 #[test]
 fn unlabelled_sightings_find_their_landmarks() {
     for association in [Association::Nearest, Association::Joint] {
@@ -264,15 +293,14 @@ fn a_decision_that_is_not_certain_waits_for_what_is_seen_later() {
         let mut filter = Hypotheses::new(EkfConfig { association, ..EkfConfig::default() });
         filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12)).unwrap();
         let observe = |filter: &mut Hypotheses, seen: Vec<Sighting>| {
-            let measured: Vec<Measurement> = seen.iter().map(|s| s.measurement).collect();
-            filter.observe(0, &seen, &measured).unwrap();
+            filter.observe(0, &seen, None).unwrap();
         };
         for _ in 0..3 {
             observe(&mut filter, seen(&Vector3::zeros(), &[0, 1, 2, 3]));
         }
         let slip = Matrix3::from_diagonal(&Vector3::new(0.3, 1e-4, 1e-4));
         let slip = Motion { before_from_after: Se2::identity(), covariance: slip };
-        filter.predict(0, &slip, &slip).unwrap();
+        filter.predict(0, &slip, None).unwrap();
         let at = Vector3::new(0.6, 0.0, 0.0);
         observe(&mut filter, seen(&at, &[1]));
         let early = (filter.count(), filter.pose(0).unwrap().0.x);
@@ -302,10 +330,10 @@ fn a_decision_that_is_not_certain_waits_for_what_is_seen_later() {
     let mut nobody =
         Hypotheses::new(EkfConfig { association: Association::Deferred, ..EkfConfig::default() });
     let still = Motion::identity();
-    assert_eq!(nobody.observe(0, &[], &[]), Err(FilterError::NoRobot(0)));
-    assert_eq!(nobody.predict(0, &still, &still), Err(FilterError::NoRobot(0)));
+    assert_eq!(nobody.observe(0, &[], None), Err(FilterError::NoRobot(0)));
+    assert_eq!(nobody.predict(0, &still, None), Err(FilterError::NoRobot(0)));
     let one = seen(&Vector3::zeros(), &[0]);
-    assert_eq!(nobody.observe(0, &one, &[]), Err(FilterError::Measurements(1, 0)));
+    assert_eq!(nobody.observe(0, &one, Some(&[])), Err(FilterError::Measurements(1, 0)));
 }
 
 #[test]
@@ -324,7 +352,7 @@ fn without_labels_the_map_has_its_own_noise() {
         filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12)).unwrap();
         let mapping: Vec<Measurement> = seen(0.2).iter().map(|s| s.measurement).collect();
         for _ in 0..4 {
-            filter.observe(0, &seen(0.02), &mapping).unwrap();
+            filter.observe(0, &seen(0.02), Some(&mapping)).unwrap();
         }
         let (map, associated) = (filter.landmarks(), filter.best().landmarks());
         assert_eq!(map.len(), 3);

@@ -10,7 +10,7 @@ use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_engine::{
     AnchoredPose, Evidence, MotionSource, Odometry, Output, Phase, Scale, SensorMode, State, Status,
 };
-use cairn_filter::ekf::{EkfConfig, EkfSlam, FilterError, Linearisation};
+use cairn_filter::ekf::{EkfConfig, EkfSlam, FilterError};
 use cairn_filter::log::Step;
 use cairn_geometry::{Mat3, Pose, Se2, Se3, Sim3, Similarity, So3, Vec3};
 use cairn_sensor::{FramePacket, Stamp};
@@ -41,13 +41,12 @@ pub struct Wheels {
 }
 
 impl Wheels {
-    /// Switched on, with nothing mapped. Jacobians are at first estimates whatever the configuration says: among beacons that only
-    /// tell ranges the robot of `tests/wheels.rs` loses its place with invariant errors.
+    /// Switched on, with nothing mapped.
     ///
     /// # Errors
     /// When the filter cannot begin.
     pub fn new(config: EkfConfig) -> Result<Self, FilterError> {
-        let mut filter = EkfSlam::new(EkfConfig { linearisation: Linearisation::First, ..config });
+        let mut filter = EkfSlam::new(config);
         // The start defines the frame of the map, so it is known, except for a small variance against rounding.
         let robot = filter.add_robot(&Se2::identity(), &(Matrix3::identity() * 1e-12))?;
         let ahead = Mat3::from_columns(&[-Vec3::y(), -Vec3::z(), Vec3::x()]);

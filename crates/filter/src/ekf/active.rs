@@ -7,7 +7,7 @@ use crate::angle::wrap;
 use crate::covariance::{Covariance, Form, Rows};
 use crate::measure::{Measurement, jacobians};
 use crate::motion::Motion;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// Position of a variable in the active state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -67,7 +67,7 @@ impl Active {
         }
     }
 
-    /// Whether the filter is the invariant one, whose corrections turn the errors.
+    /// Whether the filter is the invariant one, whose passive part is stored with its own errors.
     pub fn is_invariant(&self) -> bool {
         self.linearisation == Linearisation::Invariant
     }
@@ -160,17 +160,21 @@ impl Active {
         let after = [x, y, wrap(before.z + motion.before_from_after.rotation.log())];
         let f = Matrix3::new(1.0, 0.0, -(y - from.y), 0.0, 1.0, x - from.x, 0.0, 0.0, 1.0);
         let turn = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0);
-        self.covariance.predict(pose.at, &f, &(turn * motion.covariance * turn.transpose()));
+        let noise = turn * motion.covariance * turn.transpose();
+        self.covariance.predict(pose.at, &f, &noise);
         self.x[pose.at..pose.at + 3].copy_from_slice(&after);
         self.first[pose.at..pose.at + 3].copy_from_slice(&after);
         if let Some(deferred) = &mut self.deferred {
-            deferred.predict(pose.at, &f);
+            deferred.predict(pose.at, &f, &noise);
         }
     }
 
     /// Adds noise to a pose.
     pub fn inflate(&mut self, pose: Place, q: &Matrix3<f64>) {
         self.covariance.predict(pose.at, &Matrix3::identity(), q);
+        if let Some(deferred) = &mut self.deferred {
+            deferred.predict(pose.at, &Matrix3::identity(), q);
+        }
     }
 
     /// The linearised measurement of `target` from `observer`; `None` where its Jacobian is not defined.
@@ -232,8 +236,39 @@ impl Active {
     /// The Kalman update. Returns false, and changes nothing, when the covariance of the innovation is not positive
     /// definite.
     pub fn update(&mut self, l: &Linear) -> bool {
+        let Some(moved) = self.absorb(l) else { return false };
+        self.correct(&moved);
+        true
+    }
+
+    /// One update by rows with unit noise and these residuals, all linearised at the present estimate. The state is
+    /// corrected once, after the last row: the rows would not belong to a state that the first of them has moved.
+    pub fn update_together(&mut self, rows: Vec<(Rows, f64)>) {
+        let mut moved = vec![0.0; self.size()];
+        for (h, residual) in rows {
+            let innovation = Vector3::new(residual - h.row_times(0, &moved), 0.0, 0.0);
+            let linear = self.linear_rows(h, innovation, Matrix3::identity());
+            if let Some(more) = self.absorb(&linear) {
+                moved.iter_mut().zip(&more).for_each(|(m, more)| *m += more);
+            }
+        }
+        self.correct(&moved);
+    }
+
+    /// Normalised innovation squared of rows with unit noise and these residuals together; `None` when the covariance
+    /// of the innovation is not positive definite.
+    pub fn nis_together(&self, rows: &[(Rows, f64)]) -> Option<f64> {
+        let cross: Vec<Vec<f64>> = rows.iter().map(|(h, _)| self.covariance.cross(h)).collect();
+        let entry = |i: usize, j: usize| rows[i].0.row_times(0, &cross[j]) + f64::from(u8::from(i == j));
+        let s = DMatrix::from_fn(rows.len(), rows.len(), |i, j| 0.5 * (entry(i, j) + entry(j, i)));
+        let residual = DVector::from_iterator(rows.len(), rows.iter().map(|(_, r)| *r));
+        Some(residual.dot(&s.cholesky()?.solve(&residual))).filter(|v| v.is_finite())
+    }
+
+    /// The covariance after a measurement; returns by how much it moves the state, which is left to [`Active::correct`].
+    fn absorb(&mut self, l: &Linear) -> Option<Vec<f64>> {
         let (n, rows) = (self.size(), l.h.rows);
-        let Some(inverse) = l.s.cholesky().map(|c| c.inverse()) else { return false };
+        let inverse = l.s.cholesky().map(|c| c.inverse())?;
         let (mut gain, mut moved) = (vec![0.0; n * rows], vec![0.0; n]);
         for (r, gain) in gain.chunks_exact_mut(n).enumerate() {
             for (k, cross) in l.cross.chunks_exact(n).enumerate() {
@@ -242,29 +277,45 @@ impl Active {
             }
             moved.iter_mut().zip(&*gain).for_each(|(m, g)| *m += g * l.innovation[r]);
         }
-        self.x.iter_mut().zip(&moved).for_each(|(x, m)| *x += m);
         self.covariance.update(&l.h, &l.cross, &gain, &l.noise);
         if let Some(deferred) = &mut self.deferred {
             deferred.update(&l.h, &gain, &inverse, &l.innovation);
         }
-        if self.linearisation == Linearisation::Invariant {
-            self.turn_errors(&moved);
-        }
-        true
+        Some(moved)
     }
 
-    /// To be called after a correction that moved the state by `moved`. In the invariant filter the error of every
-    /// position is its own error plus the heading error times the position turned by a right angle; when the position
-    /// moves, the covariance in plain coordinates must change with it. `H` at the latest estimates then has the
-    /// unobservable directions in its null space.
-    fn turn_errors(&mut self, moved: &[f64]) {
-        let mut d = vec![0.0; moved.len()];
+    /// Moves the state by a correction.
+    ///
+    /// In the invariant filter the error of every position is its own error plus the heading error times the position
+    /// turned by a right angle; when the position moves, the covariance in plain coordinates must change with it. `H` at
+    /// the latest estimates then has the unobservable directions in its null space.
+    fn correct(&mut self, moved: &[f64]) {
+        self.x.iter_mut().zip(moved).for_each(|(x, m)| *x += m);
+        if let Some(deferred) = &mut self.deferred {
+            deferred.correct(moved[HEADING]);
+        }
+        if self.is_invariant() {
+            self.shear_by(moved, 1.0);
+        }
+    }
+
+    /// Converts the covariance between plain errors and those of the invariant filter: adds the heading error, times
+    /// `sign`, times each position turned by a right angle.
+    pub fn turn_errors(&mut self, sign: f64) {
+        let x = std::mem::take(&mut self.x);
+        self.shear_by(&x, sign);
+        self.x = x;
+    }
+
+    /// Adds the heading error, times `sign`, times these positions turned by a right angle to the errors of the state.
+    fn shear_by(&mut self, positions: &[f64], sign: f64) {
+        let mut d = vec![0.0; positions.len()];
         let mut i = 0;
         while i < d.len() {
             if self.angles[i] {
                 i += 1;
             } else {
-                (d[i], d[i + 1]) = (-moved[i + 1], moved[i]);
+                (d[i], d[i + 1]) = (-sign * positions[i + 1], sign * positions[i]);
                 i += 2;
             }
         }

@@ -4,8 +4,9 @@
 //! The poses are kept in the state (stochastic cloning, Roumeliotis and Burdick 2002), so that the landmark gets its
 //! true correlations: the measurements are rotated so that two rows determine the landmark and initialise it, and the
 //! other rows correct the state (the nullspace projection of Mourikis and Roumeliotis 2007, equations 23-24). The two
-//! mirrored solutions of ranges along a line are distinguished by their likelihoods; until that is possible, the
-//! landmark waits.
+//! mirrored solutions of ranges along a line are distinguished by their likelihoods, in which the poses are as uncertain
+//! as they are: a straight line that is believed to bend a little must not decide. Until that is possible, the landmark
+//! waits.
 
 use super::active::Place;
 use crate::measure::{Kind, Measurement, jacobians};
@@ -19,7 +20,7 @@ use std::f64::consts::TAU;
 /// the baseline grows.
 pub(super) const MOST: usize = 12;
 /// The second best position must be less likely by this much (twice the log likelihood ratio: about 1 in 400).
-const MARGIN: f64 = 12.0;
+pub(super) const MARGIN: f64 = 12.0;
 /// Number of directions, and of depths, from which the search for a position starts.
 const STARTS: usize = 24;
 
@@ -38,12 +39,6 @@ pub(crate) struct Delayed {
     pub poses: BTreeMap<u32, Kept>,
     pub next: u32,
     pub waiting: BTreeMap<u32, Vec<(u32, Measurement)>>,
-}
-
-/// Position of a landmark according to the measurements, and their cost there.
-pub(super) struct Found {
-    pub at: Vec2,
-    pub cost: f64,
 }
 
 impl Delayed {
@@ -84,9 +79,9 @@ pub(super) fn linearised(
     Some((a, b, r))
 }
 
-/// The one position that fits the measurements; `None` while there are two.
-pub(super) fn sought(poses: &[Vector3<f64>], list: &[(Place, Measurement)]) -> Option<Found> {
-    let (pose, (_, last)) = (poses.last()?, list.last()?);
+/// The positions that fit the measurements, the best one first.
+pub(super) fn sought(poses: &[Vector3<f64>], list: &[(Place, Measurement)]) -> Vec<Vec2> {
+    let (Some(pose), Some((_, last))) = (poses.last(), list.last()) else { return Vec::new() };
     let along = |angle: f64, depth: f64| {
         pose.xy() + Vec2::new((pose.z + angle).cos(), (pose.z + angle).sin()) * depth
     };
@@ -95,17 +90,20 @@ pub(super) fn sought(poses: &[Vector3<f64>], list: &[(Place, Measurement)]) -> O
         Kind::Bearing => along(last.value().x, reach * 0.2 * 1.3_f64.powi(k as i32)),
         _ => along(k as f64 / STARTS as f64 * TAU, last.value().x),
     });
-    let mut found: Vec<Found> = starts.filter_map(|start| descend(poses, list, start)).collect();
-    found.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    let best = found.first()?;
-    let distance = (best.at - pose.xy()).norm();
-    let second = found.iter().find(|f| (f.at - best.at).norm() > 0.1 * distance);
-    let clear = second.is_none_or(|s| s.cost > best.cost + MARGIN);
-    clear.then(|| found.swap_remove(0))
+    let mut all: Vec<(Vec2, f64)> = starts.filter_map(|start| descend(poses, list, start)).collect();
+    all.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut found: Vec<Vec2> = Vec::new();
+    for (at, _) in all {
+        let same = 0.1 * (at - pose.xy()).norm();
+        if found.iter().all(|f| (f - at).norm() > same) {
+            found.push(at);
+        }
+    }
+    found
 }
 
-/// Levenberg-Marquardt over the landmark alone.
-fn descend(poses: &[Vector3<f64>], list: &[(Place, Measurement)], start: Vec2) -> Option<Found> {
+/// Levenberg-Marquardt over the landmark alone: its position, and the cost there.
+fn descend(poses: &[Vector3<f64>], list: &[(Place, Measurement)], start: Vec2) -> Option<(Vec2, f64)> {
     let solver = LevenbergMarquardt {
         iterations: 30,
         damping: Damping::Factors {
@@ -131,5 +129,5 @@ fn descend(poses: &[Vector3<f64>], list: &[(Place, Measurement)], start: Vec2) -
     };
     let (at, normal, _) = minimise_dense(&solver, &start, 0.0, normal, |at, step| at + step);
     let cost = 2.0 * normal.cost;
-    (cost.is_finite() && at.iter().all(|v| v.is_finite())).then_some(Found { at, cost })
+    (cost.is_finite() && at.iter().all(|v| v.is_finite())).then_some((at, cost))
 }

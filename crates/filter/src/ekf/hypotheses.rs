@@ -43,11 +43,11 @@ impl Branch {
     fn observe_map(
         &mut self,
         robot: usize,
-        (sightings, mapping): (&[Sighting], &[Measurement]),
+        (sightings, mapping): (&[Sighting], Option<&[Measurement]>),
         verdicts: &[Verdict],
     ) -> Result<(), FilterError> {
         let Some(map) = &mut self.map else { return Ok(()) };
-        let labelled = |((s, m), verdict): ((&Sighting, &Measurement), &Verdict)| {
+        let labelled = |(k, (s, verdict)): (usize, (&Sighting, &Verdict))| {
             let target = match (s.target, verdict) {
                 (Target::Robot(other), _) => Target::Robot(other),
                 (_, Verdict::Taken { landmark: Some(id), .. } | Verdict::New { landmark: id }) => {
@@ -55,9 +55,10 @@ impl Branch {
                 }
                 _ => return None,
             };
-            Some(Sighting { target, measurement: *m })
+            let measurement = mapping.and_then(|m| m.get(k)).copied().unwrap_or(s.measurement);
+            Some(Sighting { target, measurement })
         };
-        let seen: Vec<Sighting> = sightings.iter().zip(mapping).zip(verdicts).filter_map(labelled).collect();
+        let seen: Vec<Sighting> = sightings.iter().zip(verdicts).enumerate().filter_map(labelled).collect();
         map.observe(robot, &seen)?;
         self.filter.joined().iter().for_each(|(gone, kept)| map.join_labelled(gone.0, kept.0));
         map.keep_labels(|label| self.filter.has(LandmarkId(label)));
@@ -102,11 +103,18 @@ impl Hypotheses {
         Ok(number)
     }
 
-    /// Propagates a robot by a motion; `mapping` is the same with the noise for the map, and not used where there are labels.
+    /// Propagates a robot by a motion; `mapping` is the same with the noise for the map, where that is another one. Only without
+    /// labels there is a map of its own.
     ///
     /// # Errors
     /// As [`EkfSlam::predict`]; nothing is changed then.
-    pub fn predict(&mut self, robot: usize, motion: &Motion, mapping: &Motion) -> Result<(), FilterError> {
+    pub fn predict(
+        &mut self,
+        robot: usize,
+        motion: &Motion,
+        mapping: Option<&Motion>,
+    ) -> Result<(), FilterError> {
+        let mapping = mapping.unwrap_or(motion);
         if !mapping.is_valid() {
             return Err(FilterError::NotFinite);
         }
@@ -116,18 +124,18 @@ impl Hypotheses {
         })
     }
 
-    /// Processes what a robot sees at one instant; `mapping` are the measurements of the sightings with the noise for the map, and not
-    /// used where there are labels.
+    /// Processes what a robot sees at one instant; `mapping` are the measurements of the sightings with the noise for the map, where
+    /// that is another one. Only without labels there is a map of its own.
     ///
     /// # Errors
-    /// As [`EkfSlam::observe`], and when there is not one measurement for each sighting.
+    /// As [`EkfSlam::observe`], and when there are measurements for the map, but not one for each sighting.
     pub fn observe(
         &mut self,
         robot: usize,
         sightings: &[Sighting],
-        mapping: &[Measurement],
+        mapping: Option<&[Measurement]>,
     ) -> Result<(), FilterError> {
-        if sightings.len() != mapping.len() {
+        if let Some(mapping) = mapping.filter(|m| m.len() != sightings.len()) {
             return Err(FilterError::Measurements(sightings.len(), mapping.len()));
         }
         let deferred = self.best().config.association == Association::Deferred;
@@ -153,7 +161,7 @@ impl Hypotheses {
         &mut self,
         robot: usize,
         sightings: &[Sighting],
-        mapping: &[Measurement],
+        mapping: Option<&[Measurement]>,
     ) -> Result<(), FilterError> {
         let seen: Vec<Unlabelled> =
             self.branches.iter().map(|b| b.filter.unlabelled(robot, sightings)).collect();

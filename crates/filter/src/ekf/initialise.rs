@@ -1,12 +1,13 @@
 //! Initialises the landmarks that one measurement does not determine, once several do; the search is in `delayed.rs`.
 
 use super::active::Place;
-use super::delayed::{Kept, MOST, linearised, sought};
+use super::delayed::{Kept, MARGIN, MOST, linearised, sought};
 use super::landmark::Verdict;
 use super::state::{EkfSlam, Robot};
 use crate::chi2;
 use crate::covariance::Rows;
 use crate::measure::Measurement;
+use cairn_geometry::Vec2;
 use nalgebra::{DMatrix, Matrix2, Matrix3, Vector3};
 
 /// The standard deviation of the landmark must be below this fraction of its distance, so that its linearisation is
@@ -59,8 +60,27 @@ impl EkfSlam {
             return None;
         }
         let poses: Vec<Vector3<f64>> = list.iter().map(|(p, _)| self.active.value(*p)).collect();
-        let found = sought(&poses, list)?;
-        let (a, b, r) = linearised(&poses, list, found.at)?;
+        let mut fits: Vec<Fit> =
+            sought(&poses, list).into_iter().filter_map(|at| self.fit(&poses, list, at)).collect();
+        fits.sort_by(|a, b| a.nis.total_cmp(&b.nis));
+        if fits.get(1).is_some_and(|second| second.nis <= fits[0].nis + MARGIN) {
+            return None;
+        }
+        let best = fits.into_iter().next()?;
+        let distance = (best.at - poses[list.len() - 1].xy()).norm();
+        let too_wide = best.spread.trace().sqrt() > SHARPNESS * distance;
+        if too_wide || best.nis > chi2::quantile(0.999, list.len() - 2) {
+            return None;
+        }
+        let noise = best.spread.fixed_resize::<3, 3>(0.0);
+        let place = self.active.add_landmark(best.at.into(), &best.by_poses, &noise);
+        self.active.update_together(best.rest);
+        Some(place)
+    }
+
+    /// The landmark at a position that is a minimum of the measurements' errors for these poses.
+    fn fit(&self, poses: &[Vector3<f64>], list: &[(Place, Measurement)], at: Vec2) -> Option<Fit> {
+        let (a, b, r) = linearised(poses, list, at)?;
         // `Q^T [H_L | H_c | r]`: two rows determine the landmark, the others do not depend on it.
         let m = list.len();
         let mut q_t = DMatrix::identity(m, m);
@@ -68,11 +88,6 @@ impl EkfSlam {
         let (by_landmark, by_poses, residual) = (&q_t * b, &q_t * a, &q_t * r);
         let root = by_landmark.fixed_view::<2, 2>(0, 0).into_owned();
         let inverse: Matrix2<f64> = root.try_inverse()?;
-        let spread = inverse * inverse.transpose();
-        let distance = (found.at - poses[m - 1].xy()).norm();
-        if spread.trace().sqrt() > SHARPNESS * distance {
-            return None;
-        }
         let rows = |first: usize, count: usize, scale: &dyn Fn(usize, usize) -> f64| Rows {
             rows: count,
             blocks: list
@@ -87,28 +102,25 @@ impl EkfSlam {
                 .collect(),
         };
         let rest: Vec<(Rows, f64)> = (2..m).map(|k| (rows(k, 1, &|_, _| 1.0), residual[k])).collect();
-        let unit = Matrix3::identity();
-        let nis = rest
-            .iter()
-            .filter_map(|(h, r)| self.active.linear_rows(h.clone(), Vector3::new(*r, 0.0, 0.0), unit).nis());
-        if nis.sum::<f64>() > chi2::quantile(0.999, m - 2) {
-            return None;
-        }
-        let g = rows(0, 2, &|i, l| -inverse[(i, l)]);
-        let at = found.at + inverse * residual.fixed_rows::<2>(0);
-        let place = self.active.add_landmark(at.into(), &g, &spread.fixed_resize::<3, 3>(0.0));
-        // Each row moves the state, so the expected values of the other rows change too.
-        let before: Vec<Vector3<f64>> = list.iter().map(|(p, _)| self.active.value(*p)).collect();
-        for (h, r) in rest {
-            let moved: f64 = h
-                .blocks
-                .iter()
-                .zip(list.iter().zip(&before))
-                .map(|((_, _, by), ((p, _), was))| (by * (self.active.value(*p) - was))[0])
-                .sum();
-            let linear = self.active.linear_rows(h, Vector3::new(r - moved, 0.0, 0.0), unit);
-            self.active.update(&linear);
-        }
-        Some(place)
+        Some(Fit {
+            at: at + inverse * residual.fixed_rows::<2>(0),
+            nis: self.active.nis_together(&rest)?,
+            by_poses: rows(0, 2, &|i, l| -inverse[(i, l)]),
+            spread: inverse * inverse.transpose(),
+            rest,
+        })
     }
+}
+
+/// A position that fits the measurements.
+struct Fit {
+    at: Vec2,
+    /// Normalised innovation squared of all measurements, with the uncertainty of the poses.
+    nis: f64,
+    /// Derivative of the position by the poses.
+    by_poses: Rows,
+    /// Covariance of the position for given poses.
+    spread: Matrix2<f64>,
+    /// The rows that do not depend on the landmark, with their residuals.
+    rest: Vec<(Rows, f64)>,
 }

@@ -5,6 +5,10 @@
 //! active at the start, `psi`, the information gained about them, and `theta`, the resulting correction of the state.
 //! With `W = P_BA` at the start: `P_AB = phi W^T`, `P_BB -= W psi W^T`, `x_B += W theta`. They grow with the region,
 //! not with the map.
+//!
+//! Corrections of the invariant filter change the covariance of all plain errors. Its own errors change by the noise of the
+//! heading instead, in a way that three matrices hold as well (`deferred.rs`), so they are what is stored, and local updates
+//! are exact for it too.
 
 use super::active::{Active, HEADING, Place};
 use super::deferred::Deferred;
@@ -29,7 +33,7 @@ pub(crate) struct Passive {
     covariance: Tiles,
     x: Vec<f64>,
     first: Vec<f64>,
-    /// Rows of the active region against everything, as they were when it became active: `W`.
+    /// Rows of the active region against everything, as they were when it became active: `W`, in the columns of `deferred.rs`.
     cross: DMatrix<f64>,
     free: Vec<usize>,
     /// First indices of all landmarks.
@@ -61,6 +65,9 @@ impl Passive {
 
     /// Stores the active part again; `members` are all its variables.
     pub fn close(&mut self, active: &mut Active, members: &[Member]) {
+        if active.is_invariant() {
+            active.turn_errors(-1.0);
+        }
         let n = self.x.len();
         let numbers: Vec<(usize, usize)> =
             members.iter().flat_map(|m| (0..m.place.size).map(|k| (m.place.at + k, m.store + k))).collect();
@@ -80,9 +87,6 @@ impl Passive {
             self.x.iter_mut().zip(moved.iter()).for_each(|(x, m)| *x += m);
             let left = &cross * &deferred.psi;
             self.covariance.subtract(left, cross);
-            if active.is_invariant() {
-                self.turn_errors(&moved, &numbers, active, &mut rows);
-            }
         }
         let matrix = active.covariance.matrix();
         let size = active.size();
@@ -93,31 +97,6 @@ impl Passive {
             }
         }
         self.covariance.write(&stored, &rows);
-    }
-
-    /// What [`Active`] does after each correction, for the passive part at once, with its whole correction since it
-    /// became passive.
-    fn turn_errors(
-        &mut self,
-        moved: &DVector<f64>,
-        numbers: &[(usize, usize)],
-        active: &Active,
-        rows: &mut DMatrix<f64>,
-    ) {
-        let Some(heading) = numbers.iter().position(|(at, _)| *at == HEADING) else { return };
-        let mut d = DVector::zeros(moved.len());
-        // Robots are always active, so passive variables are landmarks, two indices each.
-        for store in self.landmarks.iter().filter(|s| !numbers.iter().any(|(_, n)| n == *s)) {
-            (d[*store], d[store + 1]) = (-moved[store + 1], moved[*store]);
-        }
-        let own = rows.column(heading).into_owned();
-        let variance = active.covariance.at(HEADING, HEADING);
-        for (k, (at, _)) in numbers.iter().enumerate() {
-            rows.column_mut(k).axpy(active.covariance.at(HEADING, *at), &d, 1.0);
-        }
-        let right = DMatrix::from_columns(&[own.clone(), d.clone()]);
-        let left = -DMatrix::from_columns(&[d.clone(), own + d * variance]);
-        self.covariance.subtract(left, right);
     }
 
     /// Makes these variables the active ones, in this order; returns their places.
@@ -138,8 +117,26 @@ impl Passive {
         active.x = numbers.iter().map(|k| self.x[*k]).collect();
         active.angles = places.iter().flat_map(|p| (0..p.size).map(|k| k == 2)).collect();
         active.first = numbers.iter().map(|k| self.first[*k]).collect();
-        active.deferred = Some(Deferred::new(n));
+        active.deferred = Some(Deferred::new(n, active.is_invariant()));
+        if active.is_invariant() {
+            active.turn_errors(1.0);
+            self.pair_columns();
+        }
         places
+    }
+
+    /// Brings `W` into the columns of the invariant filter. Robots are always active, so only rows of landmarks count.
+    fn pair_columns(&mut self) {
+        let (n, width) = self.cross.shape();
+        let mut paired = DMatrix::zeros(n, 2 * width + 2);
+        for &store in &self.landmarks {
+            let cross = (0..width).map(|c| (self.cross[(store, c)], self.cross[(store + 1, c)]));
+            let rows = Deferred::columns(self.x[store], self.x[store + 1], cross);
+            for (k, row) in rows.iter().enumerate() {
+                paired.row_mut(store + k).iter_mut().zip(row).for_each(|(to, from)| *to = *from);
+            }
+        }
+        self.cross = paired;
     }
 
     /// Does a part of the postponed subtractions.
@@ -152,9 +149,16 @@ impl Passive {
         let mut value = Vector2::new(self.x[store], self.x[store + 1]);
         let mut covariance = Matrix2::from_fn(|i, j| self.covariance.at(store + i, store + j));
         if let Some(deferred) = active.deferred.as_ref().filter(|_| store + 1 < self.cross.nrows()) {
-            let rows = self.cross.rows(store, 2);
+            let rows = self.cross.fixed_rows::<2>(store);
             value += rows * &deferred.theta;
             covariance -= rows * &deferred.psi * rows.transpose();
+            if active.is_invariant() {
+                let by_heading: Vector2<f64> = rows * DVector::from_column_slice(&deferred.phi[HEADING]);
+                let across = Vector2::new(-value.y, value.x);
+                let both = across * by_heading.transpose();
+                let variance = active.covariance.at(HEADING, HEADING);
+                covariance += both + both.transpose() + across * across.transpose() * variance;
+            }
         }
         (value, covariance)
     }
