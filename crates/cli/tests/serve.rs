@@ -4,8 +4,6 @@
 //! `docs/processes.md`.
 #![cfg(unix)]
 
-#[path = "../../web/tests/network/pace.rs"]
-mod pace;
 #[path = "../../web/tests/network/phone.rs"]
 mod phone;
 #[path = "../../web/tests/walked/mod.rs"]
