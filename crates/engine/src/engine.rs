@@ -155,8 +155,9 @@ impl Engine {
         shared.taken[usize::from(is_lost)] += usize::from(was_told);
         shared.up = self.tracker.up(tracked.stamp);
         shared.is_of_use = self.tracker.may_believe_depth(frame);
-        let levelled = snapshot.maps().map(|(map, _)| map).filter(|map| snapshot.is_gravity_aligned(*map));
-        shared.levelled = levelled.collect();
+        let gravity_aligned =
+            snapshot.maps().map(|(map, _)| map).filter(|map| snapshot.is_gravity_aligned(*map));
+        shared.gravity_aligned = gravity_aligned.collect();
     }
 
     /// Tells what other sensors (the wheels of a robot) measured of the motion of the body since the packet before; to be

@@ -24,7 +24,7 @@ pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, O
 pub use cairn_vision::SensorMode;
 pub use config::Config;
 pub use dense::{
-    DenseCounts, DenseMapper, DenseSetupError, Offered, OfferedDepth, RefusedLooks, Restored,
+    DenseCounts, DenseMapper, DenseSetupError, Offered, OfferedDepth, RefusedAttempts, Restored,
     SavedDepthError, SearchCounts, Views, has_colours, saved_dense_map,
 };
 pub use engine::Engine;

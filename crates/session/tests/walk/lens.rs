@@ -13,7 +13,7 @@ fn a_guessed_lens_is_told_until_it_is_found() {
     walk.see(&out()[..5]);
     assert!(walk.when("I do not know the camera of this phone yet", 0.0).is_some(), "{}", walk.transcript());
     assert!(walk.ask("record").unwrap().contains("may be wrong"));
-    assert!(!walk.session.may_begin_again(), "what is recorded hangs on the map");
+    assert!(!walk.session.may_restart_slam(), "what is recorded hangs on the map");
     walk.session.knows_of_lens(LensKnowledge::FoundForLater);
     walk.see(&out()[5..]);
     // What is being said is said to its end.
@@ -53,13 +53,13 @@ fn a_lens_that_becomes_known_is_used_at_once_and_nothing_is_recorded_before() {
     walk.see(&out()[..60]);
     let guessed = walk.session.engine().snapshot().key_frame_count();
     assert!(guessed > 0 && !walk.session.is_recording(), "{}", walk.transcript());
-    assert!(walk.session.may_begin_again());
-    walk.session.begin_again(&camera, |_| Ok((engine(), Vec::new()))).unwrap();
+    assert!(walk.session.may_restart_slam());
+    walk.session.restart_slam(&camera, |_| Ok((engine(), Vec::new()))).unwrap();
     walk.session.knows_of_lens(LensKnowledge::Found);
     assert_eq!(walk.session.engine().snapshot().key_frame_count(), 0, "the map of the guess is gone");
     assert!(walk.session.place().is_none());
     walk.see(&out()[..60]);
-    assert!(walk.session.is_recording() && !walk.session.may_begin_again(), "{}", walk.transcript());
+    assert!(walk.session.is_recording() && !walk.session.may_restart_slam(), "{}", walk.transcript());
     walk.see(&out()[60..]);
     let known = walk.when("I know the camera of this phone now. From here on", 0.0);
     assert!(known.is_some(), "{}", walk.transcript());

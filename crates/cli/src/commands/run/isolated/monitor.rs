@@ -7,7 +7,7 @@ use cairn_guide::{Cue, CueKind, StopReason};
 use cairn_sensor::Stamp;
 use cairn_voice::Voice;
 use cairn_workers::message::Said;
-use cairn_workers::{Death, Role, Told};
+use cairn_workers::{Death, Role, RunEvent};
 use std::time::Instant;
 
 /// What is shown and counted while the run goes on.
@@ -57,11 +57,11 @@ impl Monitor {
         }
     }
 
-    pub(super) fn tell(&mut self, told: &Told) {
+    pub(super) fn tell(&mut self, told: &RunEvent) {
         line(told).iter().for_each(|line| self.progress.note(line));
         match told {
-            Told::Opened(opened) => self.progress = Progress::new(opened.frames),
-            Told::Tracked(frame) => {
+            RunEvent::Opened(opened) => self.progress = Progress::new(opened.frames),
+            RunEvent::Tracked(frame) => {
                 self.frames += 1;
                 let stamp = Stamp(frame.stamp);
                 self.t_s = stamp - *self.first.get_or_insert(stamp);
@@ -71,8 +71,8 @@ impl Monitor {
                 }
                 self.progress.step(self.frames);
             }
-            Told::Died(death) => self.died(death),
-            Told::Said(said) => self.said(said),
+            RunEvent::Died(death) => self.died(death),
+            RunEvent::Said(said) => self.said(said),
             _ => {}
         }
     }
