@@ -6,7 +6,7 @@
 
 use crate::made_by::MadeBy;
 use crate::store::{About, MapFile};
-use crate::{KeyFrame, MapId, OtherCamera, Snapshot, Unfit};
+use crate::{CombineError, KeyFrame, MapId, OtherCamera, Snapshot};
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
 use std::sync::Arc;
 
@@ -89,11 +89,11 @@ impl MapFile {
     /// their camera along.
     ///
     /// # Errors
-    /// [`Unfit::Octaves`].
-    pub fn in_atlas_of(&self, other: &MapFile) -> Result<Self, Unfit> {
+    /// [`CombineError::Octaves`].
+    pub fn in_atlas_of(&self, other: &MapFile) -> Result<Self, CombineError> {
         let octaves = [&self.snapshot, &other.snapshot].map(Snapshot::octaves);
         if octaves[0] != octaves[1] {
-            return Err(Unfit::Octaves(octaves[0], octaves[1]));
+            return Err(CombineError::Octaves(octaves[0], octaves[1]));
         }
         let about = &other.about;
         Ok(self.in_atlas_with(about.sensor, &about.camera, other.snapshot.right_offset()))

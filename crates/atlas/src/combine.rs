@@ -40,7 +40,7 @@ impl Shift {
 
 /// Why two maps cannot be in one atlas.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum Unfit {
+pub enum CombineError {
     /// Their pyramids differ: levels of features could not be compared.
     #[error("one map has {0:?}, the other {1:?}")]
     Octaves(Octaves, Octaves),
@@ -58,14 +58,14 @@ impl Snapshot {
     /// of this snapshot, and so does the camera of the atlas: the other one must be in an atlas of that camera, too.
     ///
     /// # Errors
-    /// [`Unfit`].
-    pub fn combined_with(&self, other: &Snapshot) -> Result<(Snapshot, Shift), Unfit> {
+    /// [`CombineError`].
+    pub fn combined_with(&self, other: &Snapshot) -> Result<(Snapshot, Shift), CombineError> {
         if self.octaves != other.octaves {
-            return Err(Unfit::Octaves(self.octaves, other.octaves));
+            return Err(CombineError::Octaves(self.octaves, other.octaves));
         }
-        let robots = self.renamed_robots(other).ok_or(Unfit::Robots)?;
+        let robots = self.renamed_robots(other).ok_or(CombineError::Robots)?;
         let shift = Shift { key_frames: self.next_key_frame, landmarks: self.next_landmark, robots };
-        let snapshot = self.combined(other, &shift).ok_or(Unfit::Ids)?;
+        let snapshot = self.combined(other, &shift).ok_or(CombineError::Ids)?;
         Ok((snapshot, shift))
     }
 

@@ -50,12 +50,12 @@ impl<'a> Viewpoint<'a> {
     /// How a landmark appears; `None` where it is not in view.
     #[inline]
     pub fn sees(&self, landmark: &Landmark) -> Option<Sighting> {
-        self.sees_as_from(landmark, &landmark.normal)
+        self.sees_along(landmark, &landmark.normal)
     }
 
     /// The same for a landmark that was seen along `direction` (unit length), in place of the mean of its views.
     #[inline]
-    pub fn sees_as_from(&self, landmark: &Landmark, direction: &Vec3) -> Option<Sighting> {
+    pub fn sees_along(&self, landmark: &Landmark, direction: &Vec3) -> Option<Sighting> {
         let q = self.rotation * landmark.position + self.translation;
         let pixel = self.camera.project(&q)?;
         if !self.camera.contains(pixel[0], pixel[1]) {
@@ -133,6 +133,6 @@ mod tests {
         assert!(Viewpoint::new(&camera, &far).sees(&landmark()).is_none());
         assert_eq!(Viewpoint::of_camera(&camera, &far, 2.0).sees(&landmark()).unwrap().farthest, 12.0);
         let here = Se3::default();
-        assert!(Viewpoint::new(&camera, &here).sees_as_from(&landmark(), &-Vec3::z()).is_none());
+        assert!(Viewpoint::new(&camera, &here).sees_along(&landmark(), &-Vec3::z()).is_none());
     }
 }

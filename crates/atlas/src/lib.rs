@@ -35,7 +35,7 @@ mod stream;
 
 pub use atlas::{Atlas, Reader};
 pub use change::{Applied, Change, ChangeSet};
-pub use combine::{Shift, Unfit};
+pub use combine::{CombineError, Shift};
 pub use ids::{KeyFrameId, LandmarkId};
 pub use in_view::{Sighting, Viewpoint};
 pub use inertial::{ImuFactor, ImuSegment, InertialState};

@@ -101,13 +101,13 @@ impl Topic {
 }
 
 /// Returns how many messages of a topic (name, type) to index.
-pub(crate) type Wanted<'a> = &'a dyn Fn(&str, &str) -> usize;
+pub(crate) type TopicFilter<'a> = &'a dyn Fn(&str, &str) -> usize;
 
 /// The index while a bag is being scanned.
 pub(crate) struct Index<'a> {
     pub topics: Vec<Topic>,
     pub chunks: Vec<ChunkAt>,
-    wanted: Wanted<'a>,
+    wanted: TopicFilter<'a>,
     /// Topic by file and connection (channel, topic id).
     connections: BTreeMap<(u16, u32), usize>,
     /// Problems of the bag, one sentence each.
@@ -118,7 +118,7 @@ pub(crate) struct Index<'a> {
 }
 
 impl<'a> Index<'a> {
-    pub fn new(wanted: Wanted<'a>) -> Self {
+    pub fn new(wanted: TopicFilter<'a>) -> Self {
         Self {
             topics: Vec::new(),
             chunks: Vec::new(),

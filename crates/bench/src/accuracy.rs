@@ -1,6 +1,7 @@
 //! `accuracy`: the real recordings. Each run has its own process, so that peak memory is measured separately; each
 //! recording runs twice, to check that results are bit-identical.
 
+use crate::MeasureError;
 use crate::recordings::{RECORDINGS, Recording};
 use crate::{Measured, RunOptions, measure};
 use cairn_sources::{OpenOptions, open};
@@ -24,9 +25,9 @@ pub struct Row {
 ///
 /// # Errors
 /// As [`measure()`], and when the recording cannot be opened.
-pub fn run_here(data: &Path, recording: &Recording, config: &RunOptions) -> Result<Measured, String> {
+pub fn run_here(data: &Path, recording: &Recording, config: &RunOptions) -> Result<Measured, MeasureError> {
     let folder = data.join(recording.folder);
-    let mut source = open(&folder.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
+    let mut source = open(&folder.to_string_lossy(), OpenOptions::default())?;
     measure(source.as_mut(), config)
 }
 
@@ -34,7 +35,7 @@ pub fn run_here(data: &Path, recording: &Recording, config: &RunOptions) -> Resu
 ///
 /// # Errors
 /// When a run fails; the text names the recording.
-pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, String> {
+pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, MeasureError> {
     let mut rows = Vec::new();
     for recording in RECORDINGS.iter().filter(|r| only.is_none_or(|o| r.name.contains(o))) {
         if !data.join(recording.folder).exists() {
@@ -52,18 +53,19 @@ pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, St
     Ok(rows)
 }
 
-fn child(data: &Path, recording: &Recording) -> Result<Measured, String> {
+fn child(data: &Path, recording: &Recording) -> Result<Measured, MeasureError> {
     let name = recording.name;
-    let me = std::env::current_exe().map_err(|e| format!("{name}: {e}"))?;
+    let me = std::env::current_exe().map_err(|e| MeasureError::of(name, e))?;
     let out = Command::new(me)
         .args(["one", name, "--data"])
         .arg(data)
         .output()
-        .map_err(|e| format!("{name}: {e}"))?;
+        .map_err(|e| MeasureError::of(name, e))?;
     if !out.status.success() {
-        return Err(format!("{name}: {}", String::from_utf8_lossy(&out.stderr).trim()));
+        let said = String::from_utf8_lossy(&out.stderr).trim().to_owned();
+        return Err(MeasureError::of(name, MeasureError::Program(said)));
     }
-    serde_json::from_slice(&out.stdout).map_err(|e| format!("{name}: {e}"))
+    serde_json::from_slice(&out.stdout).map_err(|e| MeasureError::of(name, e))
 }
 
 /// The table in Markdown, with the figures of the reference in brackets.
@@ -127,11 +129,12 @@ const MEASURED: &str = "Measured on two cores";
 ///
 /// # Errors
 /// When a row or the line about the measurement is not in it.
-pub fn readme(text: &str, rows: &[Row]) -> Result<String, String> {
+pub fn readme(text: &str, rows: &[Row]) -> Result<String, MeasureError> {
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     let mut replace = |begin: &str, new: String| {
         let line = lines.iter_mut().find(|l| l.starts_with(begin));
-        line.map(|l| *l = new).ok_or_else(|| format!("README.md has no line that begins with {begin:?}"))
+        let none = || MeasureError::from(format!("README.md has no line that begins with {begin:?}"));
+        line.map(|l| *l = new).ok_or_else(none)
     };
     for row in rows {
         let title = crate::recordings::recording(&row.name).map(|recording| recording.title);
@@ -193,7 +196,7 @@ mod tests {
         let new = readme(text, &rows).unwrap();
         assert_eq!(new.lines().count(), text.lines().count());
         assert_eq!(new.lines().zip(text.lines()).filter(|(a, b)| a != b).count(), RECORDINGS.len() + 1);
-        assert!(readme("# Another page\n", &rows).unwrap_err().contains("EuRoC MH_01"));
+        assert!(readme("# Another page\n", &rows).unwrap_err().to_string().contains("EuRoC MH_01"));
     }
 
     #[test]

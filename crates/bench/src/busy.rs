@@ -5,6 +5,7 @@
 //! again and again, as loop closing does after a loop, and without. Besides the wall time of a step, the CPU time of
 //! the tracking thread is measured, which other load on the machine affects less.
 
+use crate::MeasureError;
 use crate::Sensor;
 use crate::processor::thread_cpu_ms;
 use crate::revisit::Revisit;
@@ -60,10 +61,10 @@ pub struct Busy {
 ///
 /// # Errors
 /// When the world is unsuitable or a stage of the engine stops.
-pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, String> {
+pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, MeasureError> {
     let mut source = walk.source()?;
     let mut packets = Vec::new();
-    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
+    while let Some(packet) = source.next_packet()? {
         packets.push(packet);
     }
     let (rate_hz, rig) = (source.info().rate_hz, source.rig());
@@ -88,12 +89,16 @@ pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, String> 
 }
 
 /// The map of the whole walk.
-fn build_map(packets: &[FramePacket], rig: &Rig, sensor: Sensor, rate_hz: f64) -> Result<MapFile, String> {
+fn build_map(
+    packets: &[FramePacket],
+    rig: &Rig,
+    sensor: Sensor,
+    rate_hz: f64,
+) -> Result<MapFile, MeasureError> {
     let config = Config::default();
-    let mut engine =
-        Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    let mut engine = Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config)?;
     for packet in packets {
-        engine.on_packet(packet).map_err(|e| e.to_string())?;
+        engine.on_packet(packet)?;
     }
     engine.finish();
     Ok(engine.to_save("bench", BTreeMap::new()))
@@ -107,10 +112,10 @@ fn run_once(
     rate_hz: f64,
     file: &MapFile,
     adjust: bool,
-) -> Result<(Steps, Vec<f64>), String> {
+) -> Result<(Steps, Vec<f64>), MeasureError> {
     let config = Config::default();
     let opened = Engine::in_map(rig, sensor.mode(), rate_hz, Runner::Threaded, &config, file);
-    let (mut engine, _) = opened.map_err(|e| e.to_string())?;
+    let (mut engine, _) = opened?;
     let closer = Closer::new(*engine.front_end().model(), config.closer, config.mapper.window);
     let map = file.snapshot.maps().next().map(|(id, _)| id).ok_or("the file has no map")?;
     let over = AtomicBool::new(false);
@@ -127,22 +132,23 @@ fn run_once(
         });
         let steps = run_in_real_time(&mut engine, packets);
         over.store(true, Ordering::Relaxed);
-        let took = adjuster.join().map_err(|_| "the adjusting thread panicked")?;
+        let took =
+            adjuster.join().map_err(|_| MeasureError::Program("the adjusting thread panicked".into()))?;
         Ok((steps?, took))
     })
 }
 
-fn run_in_real_time(engine: &mut Engine, packets: &[FramePacket]) -> Result<Steps, String> {
+fn run_in_real_time(engine: &mut Engine, packets: &[FramePacket]) -> Result<Steps, MeasureError> {
     let start = Instant::now();
     let mut steps = Steps::default();
     for packet in packets {
         let due = start + Duration::from_secs_f64((packet.stamp - packets[0].stamp).max(0.0));
         std::thread::sleep(due.saturating_duration_since(Instant::now()));
         let before = thread_cpu_ms();
-        let out = engine.on_packet(packet).map_err(|e| e.to_string())?;
+        let out = engine.on_packet(packet)?;
         let after = thread_cpu_ms();
         if let Some(cause) = out.stage_failed {
-            return Err(cause);
+            return Err(MeasureError::Stage(cause));
         }
         if out.anchored.is_some() {
             steps.ms.push(out.extract_ms + out.track_ms);

@@ -1,6 +1,7 @@
 //! How old the figures of the documents are: for each table with numbers in `docs/` the commit at which its oldest row was
 //! written, and how many commits have changed the code since. Rows that nobody has measured again are at the top.
 
+use crate::MeasureError;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -27,7 +28,7 @@ pub struct Figures {
 ///
 /// # Errors
 /// When git does not answer.
-pub fn run(root: &Path) -> Result<Vec<Figures>, String> {
+pub fn run(root: &Path) -> Result<Vec<Figures>, MeasureError> {
     let pages = git(root, &["ls-files", "docs/*.md", "README.md"])?;
     let mut since: BTreeMap<String, usize> = BTreeMap::new();
     let mut all = Vec::new();
@@ -111,12 +112,15 @@ pub fn table(all: &[Figures]) -> String {
     out
 }
 
-fn git(root: &Path, arguments: &[&str]) -> Result<String, String> {
+fn git(root: &Path, arguments: &[&str]) -> Result<String, MeasureError> {
     let out = Command::new("git").arg("-C").arg(root).args(arguments).output();
-    let out = out.map_err(|e| format!("git: {e}"))?;
+    let out = out.map_err(|e| MeasureError::of("git", e))?;
     match out.status.success() {
         true => Ok(String::from_utf8_lossy(&out.stdout).into_owned()),
-        false => Err(format!("git {}: {}", arguments.join(" "), String::from_utf8_lossy(&out.stderr).trim())),
+        false => {
+            let said = String::from_utf8_lossy(&out.stderr).trim().to_owned();
+            Err(MeasureError::of(format!("git {}", arguments.join(" ")), MeasureError::Program(said)))
+        }
     }
 }
 

@@ -4,6 +4,7 @@
 //! The known values are the global optima of SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, "SE-Sync", 2019,
 //! table 1, to four digits); the digits beyond are certified by `tools/compare_graphs.py`.
 
+use crate::MeasureError;
 use crate::processor::thread_cpu_ms;
 use cairn_solve::Report;
 use cairn_solve::g2o::{Graph, read};
@@ -59,7 +60,7 @@ pub struct Solved {
 ///
 /// # Errors
 /// When a file cannot be read; the message names it.
-pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, String> {
+pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, MeasureError> {
     let mut rows = Vec::new();
     for known in KNOWN.iter().filter(|k| only.is_none_or(|o| k.name.contains(o))) {
         let path = data.join("graphs").join(format!("{}.g2o", known.name));
@@ -67,9 +68,8 @@ pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, St
             eprintln!("skipped: {} does not exist", path.display());
             continue;
         }
-        let failed = |why: String| format!("{}: {why}", path.display());
-        let text = std::fs::read_to_string(&path).map_err(|e| failed(e.to_string()))?;
-        rows.push(match read(&text).map_err(|e| failed(e.to_string()))?.graph {
+        let text = std::fs::read_to_string(&path).map_err(MeasureError::file(&path))?;
+        rows.push(match read(&text).map_err(|e| MeasureError::of(path.display(), e))?.graph {
             Graph::Plane(named) => row(*known, &named.graph, times),
             Graph::Space(named) => row(*known, &named.graph, times),
         });

@@ -1,5 +1,6 @@
 //! `halves`: maps and saves the first half of a recording, then localizes the second half in the loaded map.
 
+use crate::MeasureError;
 use crate::recordings::Recording;
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner};
@@ -34,18 +35,17 @@ pub struct Halves {
 ///
 /// # Errors
 /// When the recording cannot be read, or the map cannot be saved or loaded.
-pub fn run(data: &Path, recording: &Recording) -> Result<Halves, String> {
+pub fn run(data: &Path, recording: &Recording) -> Result<Halves, MeasureError> {
     let address = data.join(recording.folder);
-    let mut source = open(&address.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
+    let mut source = open(&address.to_string_lossy(), OpenOptions::default())?;
     let (rig, rate_hz, mode) = (source.rig().clone(), source.info().rate_hz, recording.sensor.mode());
     let config = Config::default();
     let mut packets = Vec::new();
-    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
+    while let Some(packet) = source.next_packet()? {
         packets.push(packet);
     }
     let (one, two) = packets.split_at(packets.len() / 2);
-    let mut engine =
-        Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config)?;
     feed(&mut engine, one)?;
     engine.finish();
     let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
@@ -53,11 +53,10 @@ pub fn run(data: &Path, recording: &Recording) -> Result<Halves, String> {
     let pairs = engine.trajectory().into_iter().filter_map(|(t, p)| Some((at(&t)?, p.translation)));
     let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
     let with_scale = !engine.is_metric();
-    let true_from_map: Sim3 = umeyama(&target, &from, with_scale).map_err(|e| e.to_string())?;
-    let bytes = engine.to_save("bench", BTreeMap::new()).write().map_err(|e| e.to_string())?;
-    let file = MapFile::read(&bytes).map_err(|e| e.to_string())?;
-    let (second, _) =
-        Engine::in_map(&rig, mode, rate_hz, Runner::Lockstep, &config, &file).map_err(|e| e.to_string())?;
+    let true_from_map: Sim3 = umeyama(&target, &from, with_scale)?;
+    let bytes = engine.to_save("bench", BTreeMap::new()).write()?;
+    let file = MapFile::read(&bytes)?;
+    let (second, _) = Engine::in_map(&rig, mode, rate_hz, Runner::Lockstep, &config, &file)?;
     let mut second = second.localize_only();
     feed(&mut second, two)?;
     let poses = second.trajectory();
@@ -75,9 +74,9 @@ pub fn run(data: &Path, recording: &Recording) -> Result<Halves, String> {
     })
 }
 
-fn feed(engine: &mut Engine, packets: &[FramePacket]) -> Result<(), String> {
+fn feed(engine: &mut Engine, packets: &[FramePacket]) -> Result<(), MeasureError> {
     for packet in packets {
-        engine.on_packet(packet).map_err(|e| e.to_string())?;
+        engine.on_packet(packet)?;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 //! After every run: all frames are there once and in order, whole, in one map. Where SLAM lived, the surface is bit for bit that
 //! of a run in which nothing dies.
 
+use crate::MeasureError;
 use cairn_dense::{MeshConfig, Mesher, SubmapConfig, TsdfConfig, write_ply};
 use cairn_engine::{Config, DenseMapper, Runner};
 use cairn_random::Random;
@@ -11,7 +12,7 @@ use cairn_sources::{OpenOptions, open};
 use cairn_workers::capture::rest_of;
 use cairn_workers::message::{Failure, OfKeyFrames, Outcome};
 use cairn_workers::{
-    Role, RunFolder, SHARED_MEMORY, Supervised, Supervision, Told, capture, dense, slam, supervise,
+    Role, RunEvent, RunFolder, SHARED_MEMORY, Supervised, Supervision, capture, dense, slam, supervise,
 };
 use rustix::process::{Pid, Signal, kill_process};
 use serde::Serialize;
@@ -54,17 +55,17 @@ pub struct Row {
 ///
 /// # Errors
 /// Without the recording or shared memory, or when a run fails.
-pub fn run(data: &Path, times: usize) -> Result<Vec<Row>, String> {
+pub fn run(data: &Path, times: usize) -> Result<Vec<Row>, MeasureError> {
     let recording = data.join("7scenes-kitchen");
     if !recording.is_dir() {
-        return Err(format!("{}: not found", recording.display()));
+        return Err(MeasureError::of(recording.display(), "not found"));
     }
     eprintln!("kills: none ...");
     let whole = once(&recording, &mut |_, _| ())?.1;
     ROLES.into_iter().map(|role| killed(&recording, role, times, &whole)).collect()
 }
 
-fn killed(recording: &Path, role: Role, times: usize, whole: &[u8]) -> Result<Row, String> {
+fn killed(recording: &Path, role: Role, times: usize, whole: &[u8]) -> Result<Row, MeasureError> {
     eprintln!("kills: {} ...", role.name());
     let mut random = Random::new(11);
     let mut row = Row {
@@ -80,7 +81,7 @@ fn killed(recording: &Path, role: Role, times: usize, whole: &[u8]) -> Result<Ro
     while row.kills < times {
         let (mut due, mut since) = (random.below(25) as u64, None);
         let (run, surface) = once(recording, &mut |told, ids| match told {
-            Told::Tracked(frame) if frame.number >= due && row.kills < times && since.is_none() => {
+            RunEvent::Tracked(frame) if frame.number >= due && row.kills < times && since.is_none() => {
                 // At any moment of the frames after.
                 std::thread::sleep(Duration::from_micros(random.below(30_000) as u64));
                 let id = ids.get(&role).and_then(|id| Pid::from_raw(*id as i32));
@@ -90,11 +91,11 @@ fn killed(recording: &Path, role: Role, times: usize, whole: &[u8]) -> Result<Ro
                 }
                 due = frame.number + 8 + random.below(25) as u64;
             }
-            Told::Started { role: started, .. } if *started == role => {
+            RunEvent::Started { role: started, .. } if *started == role => {
                 row.started_s.extend(since.take().map(|at| at.elapsed().as_secs_f64()));
             }
-            Told::Relocalised { after_s, .. } => row.back_s.push(*after_s),
-            Told::DenseResumed { after_s, .. } => row.back_s.push(*after_s),
+            RunEvent::Relocalised { after_s, .. } => row.back_s.push(*after_s),
+            RunEvent::DenseResumed { after_s, .. } => row.back_s.push(*after_s),
             _ => {}
         })?;
         let read_whole = run.frames.iter().filter(|f| matches!(f.outcome, Outcome::State(_))).count();
@@ -109,10 +110,11 @@ fn killed(recording: &Path, role: Role, times: usize, whole: &[u8]) -> Result<Ro
 /// A run, and the bytes of its surface.
 fn once(
     recording: &Path,
-    tell: &mut dyn FnMut(&Told, &BTreeMap<Role, u32>),
-) -> Result<(Supervised, Vec<u8>), String> {
-    let folder = RunFolder::create(Path::new(SHARED_MEMORY)).map_err(|e| format!("{SHARED_MEMORY}: {e}"))?;
-    let program = std::env::current_exe().map_err(|e| e.to_string())?;
+    tell: &mut dyn FnMut(&RunEvent, &BTreeMap<Role, u32>),
+) -> Result<(Supervised, Vec<u8>), MeasureError> {
+    let folder =
+        RunFolder::create(Path::new(SHARED_MEMORY)).map_err(|e| MeasureError::of(SHARED_MEMORY, e))?;
+    let program = std::env::current_exe()?;
     let recording = recording.to_owned();
     let command = move |role: Role| {
         let mut command = Command::new(&program);
@@ -130,14 +132,16 @@ fn once(
     };
     let mut ids = BTreeMap::new();
     let run = supervise(&how, &folder, &AtomicBool::new(false), &mut |told| {
-        if let Told::Started { role, id } = told {
+        if let RunEvent::Started { role, id } = told {
             ids.insert(role, id);
         }
         tell(&told, &ids);
     });
-    let run = run.map_err(|e| e.to_string())?;
-    run.surfaces.as_ref().map_err(ToString::to_string)?;
-    let surface = std::fs::read(folder.path().join(dense::SURFACE)).map_err(|e| e.to_string())?;
+    let run = run?;
+    if let Err(e) = &run.surfaces {
+        return Err(MeasureError::Program(e.to_string()));
+    }
+    let surface = std::fs::read(folder.path().join(dense::SURFACE))?;
     Ok((run, surface))
 }
 
@@ -145,8 +149,9 @@ fn once(
 ///
 /// # Errors
 /// When the role is unknown. What fails later is told to the supervisor.
-pub fn work(role: &str) -> Result<(), String> {
-    let role = Role::named(role).ok_or_else(|| format!("there is no process '{role}'"))?;
+pub fn work(role: &str) -> Result<(), MeasureError> {
+    let role =
+        Role::named(role).ok_or_else(|| MeasureError::from(format!("there is no process '{role}'")))?;
     cairn_workers::die_with_parent();
     let (from, to) = (std::io::stdin(), std::io::stdout());
     let mut config = Config::default();
@@ -161,7 +166,7 @@ pub fn work(role: &str) -> Result<(), String> {
             let (config, saved) = (SubmapConfig::default(), Vec::new());
             Ok(dense::Work { config, saved, surface: Some(surface) })
         }),
-        Role::Guide | Role::Walk => return Err(format!("{} is not measured here", role.name())),
+        Role::Guide | Role::Walk => return Err(format!("{} is not measured here", role.name()).into()),
     }
     Ok(())
 }

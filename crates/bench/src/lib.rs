@@ -5,6 +5,7 @@ pub mod build;
 pub mod busy;
 pub mod dense;
 pub mod depth_scale;
+mod error;
 pub mod figures;
 pub mod graphs;
 pub mod halves;
@@ -27,4 +28,5 @@ pub mod street;
 pub mod visual_inertial;
 pub mod walks;
 
+pub use error::MeasureError;
 pub use measure::{Measured, RunOptions, Sensor, measure};

@@ -5,6 +5,7 @@
 //! to the publisher to its pose is measured with the clock of this process alone. The walk goes out, and back with the
 //! camera looking backwards, again and again.
 
+use crate::MeasureError;
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::Percentiles;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig, Stamp};
@@ -63,11 +64,11 @@ pub struct Live {
 ///
 /// # Errors
 /// When ffmpeg is missing, or nothing arrives.
-pub fn run(minutes: f64) -> Result<Live, String> {
+pub fn run(minutes: f64) -> Result<Live, MeasureError> {
     let images = Arc::new(render()?);
     let port = TcpListener::bind("127.0.0.1:0")
         .and_then(|l| l.local_addr())
-        .map_err(|e| format!("no free port: {e}"))?
+        .map_err(|e| MeasureError::of("no free port", e))?
         .port();
     let place = format!("127.0.0.1:{port}/cairn");
     let handed = Arc::new(Mutex::new(Vec::new()));
@@ -79,21 +80,20 @@ pub fn run(minutes: f64) -> Result<Live, String> {
     };
     let rig = Rig::mono(camera());
     let options = OpenOptions { rig: Some(rig.clone()), ..OpenOptions::default() };
-    let source = open(&format!("rtmp-listen://{place}"), options).map_err(|e| e.to_string())?;
-    let engine = Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Threaded, &Config::default())
-        .map_err(|e| e.to_string())?;
+    let source = open(&format!("rtmp-listen://{place}"), options)?;
+    let engine = Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Threaded, &Config::default())?;
     let folder = std::env::temp_dir().join(format!("cairn-live-{}", std::process::id()));
     let mut session =
         Session::new(engine, SessionConfig { folder: folder.clone(), ..SessionConfig::default() });
     let inbox = Inbox::new();
-    feed(source, inbox.clone()).map_err(|e| e.to_string())?;
+    feed(source, inbox.clone())?;
     let mut stopwatch = Stopwatch::new(handed.clone(), minutes);
     let driven = drive_live(&mut session, &inbox, &mut Script::default(), &mut stopwatch);
     inbox.close();
     over.store(true, Ordering::Relaxed);
-    let published = publisher.join().map_err(|_| "the publisher failed".to_owned())?;
+    let published = publisher.join().map_err(|_| MeasureError::Program("the publisher failed".into()))?;
     let _ = std::fs::remove_dir_all(folder);
-    driven.map_err(|e| e.to_string())?;
+    driven?;
     let reconnects = published?;
     let published = handed.lock().unwrap_or_else(PoisonError::into_inner).len();
     Ok(Live {
@@ -117,7 +117,7 @@ fn camera() -> Camera {
 }
 
 /// Renders the walk: out, and the same images in reverse order.
-fn render() -> Result<Vec<GrayImage>, String> {
+fn render() -> Result<Vec<GrayImage>, MeasureError> {
     let config = SimConfig {
         sensor: SimSensor::Mono,
         imu: None,
@@ -125,13 +125,13 @@ fn render() -> Result<Vec<GrayImage>, String> {
         rate_hz: RATE_HZ,
         ..SimConfig::new(WorldKind::Demo, 3)
     };
-    let mut rig = LiveRig::new(&config).map_err(|e| e.to_string())?;
+    let mut rig = LiveRig::new(&config)?;
     let route = rig.world().routes().first().map(|w| w.points.clone()).unwrap_or_default();
     let motion = config.walker.motion(&route);
     let mut images = Vec::new();
     for k in 0..(OUT_S * RATE_HZ) as usize {
         let t = k as f64 / RATE_HZ;
-        let packet = rig.packet(Stamp::from_seconds(t), &motion.pose(t)).map_err(|e| e.to_string())?;
+        let packet = rig.packet(Stamp::from_seconds(t), &motion.pose(t))?;
         let image = packet.images.first().ok_or("the world rendered no image")?;
         images.push(image.as_ref().clone());
     }
@@ -166,7 +166,7 @@ fn publish(
     url: &str,
     handed: &Mutex<Vec<Instant>>,
     over: &AtomicBool,
-) -> Result<usize, String> {
+) -> Result<usize, MeasureError> {
     let mut again = 0;
     // The listener needs some time to start.
     std::thread::sleep(Duration::from_millis(800));
@@ -195,7 +195,7 @@ fn publish(
     Ok(again)
 }
 
-fn publisher(url: &str) -> Result<Child, String> {
+fn publisher(url: &str) -> Result<Child, MeasureError> {
     let size = format!("{WIDTH}x{HEIGHT}");
     Command::new("ffmpeg")
         .args(["-loglevel", "error", "-fflags", "nobuffer", "-f", "rawvideo", "-pix_fmt", "gray"])
@@ -205,7 +205,7 @@ fn publisher(url: &str) -> Result<Child, String> {
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .spawn()
-        .map_err(|e| format!("ffmpeg: {e}; install it (Debian, Ubuntu: apt install ffmpeg)"))
+        .map_err(|e| MeasureError::of("ffmpeg (Debian, Ubuntu: apt install ffmpeg)", e))
 }
 
 /// Measures the times and gives the commands of the walk.

@@ -1,5 +1,6 @@
 //! `long`: minutes of laps in one world. Once the map of the area is complete, step time and memory must stay constant.
 
+use crate::MeasureError;
 use crate::Sensor;
 use crate::memory::resident_mb;
 use cairn_engine::{Config, Engine, Runner};
@@ -35,30 +36,29 @@ pub struct Minute {
 ///
 /// # Errors
 /// As [`crate::measure()`].
-pub fn run(source: &mut dyn Source, sensor: Sensor) -> Result<Vec<Minute>, String> {
+pub fn run(source: &mut dyn Source, sensor: Sensor) -> Result<Vec<Minute>, MeasureError> {
     let rig = source.rig().clone();
     let (config, rate_hz) = (Config::default(), source.info().rate_hz);
-    let mut engine =
-        Engine::new(&rig, sensor.mode(), rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    let mut engine = Engine::new(&rig, sensor.mode(), rate_hz, Runner::Lockstep, &config)?;
     let mut minutes = Vec::new();
     let mut first = None;
     let mut current = Costs::default();
-    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
+    while let Some(packet) = source.next_packet()? {
         let first = *first.get_or_insert(packet.stamp);
         if packet.stamp - first >= 60.0 * (minutes.len() + 1) as f64 {
             minutes.push(std::mem::take(&mut current).close(&engine));
             eprintln!("minute {}: {}", minutes.len(), line(&minutes[minutes.len() - 1]));
         }
-        let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        let out = engine.on_packet(&packet)?;
         if let Some(cause) = out.stage_failed {
-            return Err(cause);
+            return Err(MeasureError::Stage(cause));
         }
         current.step_ms.push(out.extract_ms + out.track_ms);
         current.track_ms.push(out.track_ms);
         current.map_ms.extend(out.map_ms);
         current.tracked += out.anchored.is_some() as usize;
     }
-    engine.snapshot().check().map_err(|e| e.to_string())?;
+    engine.snapshot().check()?;
     // The rest counts as a minute if it is longer than half of one.
     if current.step_ms.len() as f64 > 30.0 * source.info().rate_hz {
         minutes.push(current.close(&engine));

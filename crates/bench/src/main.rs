@@ -3,6 +3,7 @@
 mod arguments;
 
 use arguments::{Arguments, Command};
+use bench::MeasureError;
 use bench::nextday::{self, Day};
 use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
@@ -18,9 +19,9 @@ use clap::Parser;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-fn read_config(path: &Path) -> Result<Config, String> {
-    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
-    Config::from_toml(&text).map_err(|e| format!("{}: {e}", path.display()))
+fn read_config(path: &Path) -> Result<Config, MeasureError> {
+    let text = std::fs::read_to_string(path).map_err(MeasureError::file(path))?;
+    Config::from_toml(&text).map_err(|e| MeasureError::of(path.display(), e.to_string()))
 }
 
 fn main() -> ExitCode {
@@ -33,7 +34,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(command: Command) -> Result<(), String> {
+fn run(command: Command) -> Result<(), MeasureError> {
     match command {
         Command::Accuracy { data, only, times, json, write } => {
             let rows = accuracy::run(&data.unwrap_or_else(data_folder), only.as_deref(), times)?;
@@ -44,8 +45,7 @@ fn run(command: Command) -> Result<(), String> {
                     &accuracy::page(&rows),
                 )?;
                 let readme: PathBuf = concat!(env!("CARGO_MANIFEST_DIR"), "/../../README.md").into();
-                let text =
-                    std::fs::read_to_string(&readme).map_err(|e| format!("{}: {e}", readme.display()))?;
+                let text = std::fs::read_to_string(&readme).map_err(MeasureError::file(&readme))?;
                 let text = accuracy::readme(&text, &rows)?;
                 save(readme, &text)?;
             }
@@ -113,7 +113,8 @@ fn run(command: Command) -> Result<(), String> {
         }
         Command::Halves { data } => {
             let data = data.unwrap_or_else(data_folder);
-            let rows: Result<Vec<_>, String> = RECORDINGS.iter().map(|r| halves::run(&data, r)).collect();
+            let rows: Result<Vec<_>, MeasureError> =
+                RECORDINGS.iter().map(|r| halves::run(&data, r)).collect();
             print!("{}", halves::table(&rows?));
             Ok(())
         }
@@ -139,7 +140,7 @@ fn run(command: Command) -> Result<(), String> {
             let address = format!(
                 "sim:{world}?route={route}&laps={laps}&sensor={sensor_name}&rate=15&duration={seconds}"
             );
-            let mut source = open(&address, OpenOptions::default()).map_err(|e| e.to_string())?;
+            let mut source = open(&address, OpenOptions::default())?;
             print!("{}", long::table(&long::run(source.as_mut(), sensor)?));
             Ok(())
         }
@@ -261,7 +262,7 @@ fn run(command: Command) -> Result<(), String> {
                     accuracy::run_here(&data.unwrap_or_else(data_folder), &r, &config)?
                 }
                 None => {
-                    let mut source = open(&source, OpenOptions::default()).map_err(|e| e.to_string())?;
+                    let mut source = open(&source, OpenOptions::default())?;
                     measure(
                         source.as_mut(),
                         &RunOptions { frames, verbose, config, ..RunOptions::new(sensor) },
@@ -274,21 +275,20 @@ fn run(command: Command) -> Result<(), String> {
     }
 }
 
-fn text(value: &impl serde::Serialize) -> Result<String, String> {
-    serde_json::to_string_pretty(value).map_err(|e| e.to_string())
+fn text(value: &impl serde::Serialize) -> Result<String, MeasureError> {
+    Ok(serde_json::to_string_pretty(value)?)
 }
 
-fn save(path: PathBuf, text: &str) -> Result<(), String> {
-    let failed = |e: std::io::Error| format!("{}: {e}", path.display());
+fn save(path: PathBuf, text: &str) -> Result<(), MeasureError> {
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(failed)?;
+        std::fs::create_dir_all(folder).map_err(MeasureError::file(folder))?;
     }
-    std::fs::write(&path, text).map_err(failed)
+    std::fs::write(&path, text).map_err(MeasureError::file(&path))
 }
 
 /// Writes these figures into a page of `docs/`.
-fn put(page: &str, name: &str, figures: &str) -> Result<(), String> {
+fn put(page: &str, name: &str, figures: &str) -> Result<(), MeasureError> {
     let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs")).join(page);
-    let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let text = std::fs::read_to_string(&path).map_err(MeasureError::file(&path))?;
     save(path, &bench::pages::with_figures(&text, name, figures)?)
 }

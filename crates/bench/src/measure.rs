@@ -1,5 +1,6 @@
 //! Runs the engine in lockstep over one source: accuracy, speed, size, and a hash of all bits of the result.
 
+use crate::MeasureError;
 use cairn_atlas::KeyFrameId;
 use cairn_engine::{Config, Engine, Joined, Runner, SensorMode};
 use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
@@ -172,14 +173,13 @@ impl Measured {
 /// # Errors
 /// When the source fails, the rig does not have the sensors, a packet does not fit the rig, or the final map is
 /// inconsistent.
-pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured, String> {
+pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured, MeasureError> {
     let rate_hz = source.info().rate_hz;
     let rig = source.rig().clone();
     let mode = options.sensor.mode();
     let mut config = options.config.clone();
     config.inertial.enabled = options.sensor.is_inertial();
-    let mut engine =
-        Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).map_err(|e| e.to_string())?;
+    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config)?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stamps = Vec::new();
     let (mut loops, mut merges, mut refused) = (0, 0, 0);
@@ -188,10 +188,11 @@ pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured
     let mut before: Option<(Stamp, Se3)> = None;
     let mut metric_s = None;
     while stamps.len() < options.frames {
-        let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
-        let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        let Some(packet) = source.next_packet()? else { break };
+        let out = engine.on_packet(&packet)?;
         if let Some(cause) = out.stage_failed {
-            return Err(format!("frame {}: {cause}", stamps.len()));
+            let frame = format!("frame {}", stamps.len());
+            return Err(MeasureError::of(frame, MeasureError::Stage(cause)));
         }
         if options.verbose {
             eprintln!(
@@ -248,7 +249,7 @@ pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured
     }
     map_ms.extend(engine.finish().map_ms);
     let map = engine.snapshot();
-    map.check().map_err(|e| e.to_string())?;
+    map.check()?;
     let poses = engine.trajectory();
     let align = if engine.is_metric() { Align::Se3 } else { Align::Sim3 };
     let truth = engine.comparable(&source.info().truth);
@@ -323,10 +324,13 @@ fn join_error(
 }
 
 /// RMSE and scale; no RMSE when there are too few poses for an alignment.
-fn ate(truth: &[(Stamp, Se3)], poses: &[(Stamp, Se3)], align: Align) -> Result<(Option<f64>, f64), String> {
-    let trajectory = |poses: &[(Stamp, Se3)]| {
-        Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect()).map_err(|e| e.to_string())
-    };
+fn ate(
+    truth: &[(Stamp, Se3)],
+    poses: &[(Stamp, Se3)],
+    align: Align,
+) -> Result<(Option<f64>, f64), MeasureError> {
+    let trajectory =
+        |poses: &[(Stamp, Se3)]| Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect());
     let options = EvalOptions { align, ..EvalOptions::default() };
     match evaluate(&trajectory(truth)?, &trajectory(poses)?, &options) {
         Ok(e) => Ok((Some(e.ate_m.rmse), e.scale)),

@@ -1,11 +1,12 @@
 //! `next-day`: relocalisation in the map of an earlier walk, from starts in its middle: in different light, beside the
 //! path, looking in another direction. How often, and how soon, is the place recognised?
 
+use crate::MeasureError;
 use crate::Sensor;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_geometry::{Se3, Sim3, So3, Vec3, umeyama};
 use cairn_random::Random;
-use cairn_sensor::{Source, SourceError, Stamp};
+use cairn_sensor::{Source, Stamp};
 use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -52,8 +53,7 @@ impl Day {
     ///
     /// # Errors
     /// When the world cannot be rendered or nothing was mapped.
-    pub fn walk(world: WorldKind, sensor: Sensor, seed: u64) -> Result<Self, String> {
-        let text = |e: SourceError| e.to_string();
+    pub fn walk(world: WorldKind, sensor: Sensor, seed: u64) -> Result<Self, MeasureError> {
         let mut config = SimConfig::new(world, seed);
         config.rate_hz = RATE_HZ;
         config.imu = None;
@@ -61,12 +61,11 @@ impl Day {
         config.walker.speed = 1.1;
         config.options.detail = 0.6;
         config.sensor = sensor.simulated();
-        let mut source = SimSource::new(&config).map_err(text)?;
+        let mut source = SimSource::new(&config)?;
         let rig = source.rig().clone();
-        let mut engine = Engine::new(&rig, sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default())
-            .map_err(|e| e.to_string())?;
-        while let Some(packet) = source.next_packet().map_err(text)? {
-            engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        let mut engine = Engine::new(&rig, sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default())?;
+        while let Some(packet) = source.next_packet()? {
+            engine.on_packet(&packet)?;
         }
         engine.finish();
         let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
@@ -90,8 +89,7 @@ impl Day {
         beside_m: f64,
         aside_deg: f64,
         gamma: f64,
-    ) -> Result<Option<Start>, String> {
-        let text = |e: SourceError| e.to_string();
+    ) -> Result<Option<Start>, MeasureError> {
         let truth = &self.source.info().truth;
         let frames = (SOON_S * RATE_HZ) as usize + 1;
         let first = (share * truth.len().saturating_sub(frames) as f64) as usize;
@@ -111,19 +109,18 @@ impl Day {
         let mut config = self.config.clone();
         config.route = CameraPath::Poses(poses);
         config.duration_s = None;
-        let mut source = SimSource::in_world(&config, self.source.world().clone()).map_err(text)?;
+        let mut source = SimSource::in_world(&config, self.source.world().clone())?;
         let file = self.engine.to_save("bench", BTreeMap::new());
         let rig = source.rig().clone();
         let (engine, _) =
-            Engine::in_map(&rig, self.sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default(), &file)
-                .map_err(|e| e.to_string())?;
+            Engine::in_map(&rig, self.sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default(), &file)?;
         let mut engine = engine.localize_only();
         let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
         let gamma_table: Vec<u8> =
             (0..=255u8).map(|v| (255.0 * (f64::from(v) / 255.0).powf(gamma)) as u8).collect();
         let mut outcome = Start { beside_m, aside_deg, known_s: None, wrong: 0 };
         let mut began = None;
-        while let Some(mut packet) = source.next_packet().map_err(text)? {
+        while let Some(mut packet) = source.next_packet()? {
             let began = *began.get_or_insert(packet.stamp);
             for image in &mut packet.images {
                 std::sync::Arc::make_mut(image)
@@ -131,7 +128,7 @@ impl Day {
                     .iter_mut()
                     .for_each(|v| *v = gamma_table[usize::from(*v)]);
             }
-            let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+            let out = engine.on_packet(&packet)?;
             let (Some(pose), Some(truth)) = (out.world_from_body, truth.get(&packet.stamp)) else { continue };
             let off = (self.true_from_map * pose.se3.translation - truth.translation).norm();
             match off < RIGHT_M {
@@ -147,10 +144,10 @@ impl Day {
 ///
 /// # Errors
 /// As [`Day::start`].
-pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<Start>, String> {
+pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<Start>, MeasureError> {
     let mut rng = Random::stream(seed, 77);
     let mut found = Vec::new();
-    let mut go = |beside: f64, aside: f64, wanted: usize| -> Result<(), String> {
+    let mut go = |beside: f64, aside: f64, wanted: usize| -> Result<(), MeasureError> {
         let mut done = 0;
         // Where there is no room beside the path, another place is tried.
         for _ in 0..10 * wanted {

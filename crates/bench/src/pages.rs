@@ -1,6 +1,7 @@
 //! Figures in the pages of `docs/`: each table stands between two comments with its name, and is written there by the
 //! command that measures it, together with the build and the machine.
 
+use crate::MeasureError;
 use crate::build::measured_on;
 
 /// The page with this text between `<!-- figures: NAME -->` and `<!-- end of figures -->`, and under it where and with
@@ -8,7 +9,7 @@ use crate::build::measured_on;
 ///
 /// # Errors
 /// When the comments are not on the page.
-pub fn with_figures(page: &str, name: &str, figures: &str) -> Result<String, String> {
+pub fn with_figures(page: &str, name: &str, figures: &str) -> Result<String, MeasureError> {
     let (begin, end) = (format!("<!-- figures: {name} -->"), "<!-- end of figures -->");
     let (before, rest) = page.split_once(&begin).ok_or_else(|| format!("the page has no comment {begin}"))?;
     let (_, after) =
@@ -31,7 +32,9 @@ mod tests {
         assert!(new.contains("\n1\n<!-- end of figures -->\ntext\n"), "{new}");
         assert!(new.contains("<!-- figures: b -->\n| 3 |\n\nMeasured on two cores: "), "{new}");
         assert!(!new.contains("\n2\n") && new.ends_with("\n<!-- end of figures -->\nend\n"), "{new}");
-        assert!(with_figures(page, "c", "").unwrap_err().contains("figures: c"));
-        assert!(with_figures("<!-- figures: b -->", "b", "").unwrap_err().contains("end of figures"));
+        assert!(with_figures(page, "c", "").unwrap_err().to_string().contains("figures: c"));
+        assert!(
+            with_figures("<!-- figures: b -->", "b", "").unwrap_err().to_string().contains("end of figures")
+        );
     }
 }

@@ -1,6 +1,7 @@
 //! `revisit`: walks that return to earlier places. Laps with and without loop closing; a camera covered around a
 //! corner; rooms that look alike.
 
+use crate::MeasureError;
 use crate::{Measured, RunOptions, Sensor, measure};
 use cairn_engine::Config;
 use cairn_geometry::{Se3, Vec2, Vec3};
@@ -63,8 +64,7 @@ impl Revisit {
     ///
     /// # Errors
     /// When the world is unsuitable.
-    pub fn source(&self) -> Result<SimSource, String> {
-        let text = |e: SourceError| e.to_string();
+    pub fn source(&self) -> Result<SimSource, MeasureError> {
         let mut sim = SimConfig::new(self.world, self.seed);
         sim.rate_hz = RATE_HZ;
         if !self.sensor.is_inertial() {
@@ -74,18 +74,18 @@ impl Revisit {
         sim.options.detail = 0.6;
         sim.options.look_alike = self.trial == Trial::Alike;
         sim.sensor = self.sensor.simulated();
-        let plain = SimSource::new(&sim).map_err(text)?;
+        let plain = SimSource::new(&sim)?;
         if self.trial != Trial::Alike {
             sim.route = CameraPath::Points(laps(&plain, self.world)?);
         }
-        SimSource::in_world(&sim, plain.world().clone()).map_err(text)
+        Ok(SimSource::in_world(&sim, plain.world().clone())?)
     }
 
     /// Runs the engine on the walk.
     ///
     /// # Errors
     /// As [`measure()`].
-    pub fn run(&self, config: &Config, verbose: bool) -> Result<Revisited, String> {
+    pub fn run(&self, config: &Config, verbose: bool) -> Result<Revisited, MeasureError> {
         let inner = self.source()?;
         let dark_s = (self.trial == Trial::Dark).then(|| around_a_corner(&inner.info().truth)).flatten();
         let known_s = dark_s.and_then(|dark| back_at(&inner.info().truth, dark));
@@ -99,7 +99,7 @@ impl Revisit {
 }
 
 /// The closed route of a world, twice.
-fn laps(source: &SimSource, world: WorldKind) -> Result<Vec<Vec2>, String> {
+fn laps(source: &SimSource, world: WorldKind) -> Result<Vec<Vec2>, MeasureError> {
     let name = match world {
         WorldKind::Street => "block",
         _ => "loop",

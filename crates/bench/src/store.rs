@@ -1,5 +1,6 @@
 //! `store`: saving and opening a large synthetic map: a walk along a corridor with plausible features.
 
+use crate::MeasureError;
 use cairn_atlas::store::{About, MapFile, Table};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Snapshot};
 use cairn_eval::process::cpu_s;
@@ -149,11 +150,11 @@ fn add(
 ///
 /// # Errors
 /// When the folder or the file cannot be written or read, or a different map is read.
-pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> Result<Stored, String> {
+pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> Result<Stored, MeasureError> {
     let map = corridor(key_frames, features);
     let about = About { program: "cairn bench".into(), sensor: SensorMode::Stereo, camera: camera() };
     let file = MapFile { snapshot: map, about, attached: BTreeMap::new() };
-    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    std::fs::create_dir_all(folder).map_err(MeasureError::file(folder))?;
     let path = folder.join(format!("cairn-bench-store-{}.map", std::process::id()));
     let measured = measure(&file, &path, times);
     let _ = std::fs::remove_file(&path);
@@ -164,7 +165,7 @@ pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> R
 ///
 /// # Errors
 /// As [`run`].
-pub fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, String> {
+pub fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, MeasureError> {
     let map = &file.snapshot;
     let mut stored = Stored {
         key_frames: map.key_frame_count(),
@@ -181,13 +182,13 @@ pub fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, Stri
     for _ in 0..times.max(1) {
         let before = cpu_s();
         let start = Instant::now();
-        let bytes = file.save(path).map_err(|e| e.to_string())?;
+        let bytes = file.save(path)?;
         stored.save_s.push(start.elapsed().as_secs_f64());
         stored.file_mb = bytes as f64 / 1e6;
         let saved = since(before);
         let before = cpu_s();
         let start = Instant::now();
-        let again = MapFile::load(path).map_err(|e| e.to_string())?;
+        let again = MapFile::load(path)?;
         stored.load_s.push(start.elapsed().as_secs_f64());
         let opened = since(before);
         processor = processor.and_then(|[a, b]| Some([a + saved?, b + opened?]));
@@ -198,8 +199,8 @@ pub fn measure(file: &MapFile, path: &Path, times: usize) -> Result<Stored, Stri
         }
     }
     stored.processor_s = processor.map(|sums| sums.map(|s| s / times.max(1) as f64));
-    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
-    for part in Table::read(&bytes).map_err(|e| e.to_string())?.parts {
+    let bytes = std::fs::read(path)?;
+    for part in Table::read(&bytes)?.parts {
         let kind = part.name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end().to_owned();
         let [stored, plain] = stored.parts.entry(kind).or_default();
         *stored += part.stored_bytes;

@@ -1,6 +1,7 @@
 //! `walks`: simulated walks with rendered images. Some have walls with little texture, some motion blur, in some a
 //! passer-by crosses the view, depending on the seed.
 
+use crate::MeasureError;
 use crate::{Measured, RunOptions, Sensor, measure};
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
@@ -58,10 +59,10 @@ impl Walk {
     ///
     /// # Errors
     /// As [`measure()`].
-    pub fn run(&self, seconds: f64) -> Result<Measured, String> {
+    pub fn run(&self, seconds: f64) -> Result<Measured, MeasureError> {
         let address = self.address(seconds);
-        let mut source = open(&address, OpenOptions::default()).map_err(|e| format!("{address}: {e}"))?;
-        measure(source.as_mut(), &RunOptions::new(self.sensor)).map_err(|e| format!("{address}: {e}"))
+        let mut source = open(&address, OpenOptions::default()).map_err(|e| MeasureError::of(&address, e))?;
+        measure(source.as_mut(), &RunOptions::new(self.sensor)).map_err(|e| MeasureError::of(&address, e))
     }
 }
 
@@ -82,9 +83,10 @@ pub struct Walked {
 ///
 /// # Errors
 /// The first walk that failed, in order.
-pub fn run(walks: &[Walk], seconds: f64, jobs: usize) -> Result<Vec<Walked>, String> {
+pub fn run(walks: &[Walk], seconds: f64, jobs: usize) -> Result<Vec<Walked>, MeasureError> {
     let next = AtomicUsize::new(0);
-    let results: Mutex<Vec<Option<Result<Walked, String>>>> = Mutex::new(vec![None; walks.len()]);
+    let results: Mutex<Vec<Option<Result<Walked, MeasureError>>>> =
+        Mutex::new(walks.iter().map(|_| None).collect());
     let work = || {
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
@@ -111,7 +113,7 @@ pub fn run(walks: &[Walk], seconds: f64, jobs: usize) -> Result<Vec<Walked>, Str
             scope.spawn(work);
         });
     });
-    let slots = results.into_inner().map_err(|_| "a walk panicked".to_string())?;
+    let slots = results.into_inner().map_err(|_| MeasureError::Program("a walk panicked".into()))?;
     slots.into_iter().map(|s| s.unwrap_or_else(|| Err("a walk was not run".into()))).collect()
 }
 

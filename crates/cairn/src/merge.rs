@@ -2,7 +2,7 @@
 
 use crate::ROUTE_PREFIX;
 use cairn_atlas::store::{MapFile, StoreError};
-use cairn_atlas::{Atlas, MapId, RobotId, Shift, Unfit};
+use cairn_atlas::{Atlas, CombineError, MapId, RobotId, Shift};
 use cairn_engine::Config;
 use cairn_guide::{Route, RouteError};
 use cairn_mapping::{Agreement, Closer, MapComparison, MapJoin};
@@ -20,7 +20,7 @@ pub enum MergeError {
     Empty,
     /// Its features cannot be compared with those of the first, or there are not enough ids.
     #[error("{name}: does not fit the first map: {why}")]
-    Unfit {
+    CombineError {
         /// Which, as it was given.
         name: String,
         /// What differs, with both numbers.
@@ -214,7 +214,8 @@ impl MergedMaps {
 
     /// Puts another file beside what is there.
     fn add(&mut self, name: &str, other: MapFile) -> Result<Shift, MergeError> {
-        let unfit = |why: Unfit| MergeError::Unfit { name: name.to_owned(), why: why.to_string() };
+        let unfit =
+            |why: CombineError| MergeError::CombineError { name: name.to_owned(), why: why.to_string() };
         let mut other = self.fitted(name, other).map_err(unfit)?;
         let (kept, left) = (self.file.snapshot.right_offset(), other.snapshot.right_offset());
         if (kept - left).abs() > RIGHT_OFFSET_PX {
@@ -259,7 +260,7 @@ impl MergedMaps {
 
     /// A file as it can be put beside what is there: as it is where its camera is that of the atlas, else with key frames that
     /// carry their camera.
-    fn fitted(&mut self, name: &str, other: MapFile) -> Result<MapFile, Unfit> {
+    fn fitted(&mut self, name: &str, other: MapFile) -> Result<MapFile, CombineError> {
         let b = &self.file.about;
         let weighed = match (b.sensor, other.about.sensor) {
             (SensorMode::Rgbd, SensorMode::Rgbd) => other.with_depth_weighed_for(&b.camera).into_owned(),

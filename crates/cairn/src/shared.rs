@@ -34,7 +34,9 @@ pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Opti
         let (name, why) = match merge_maps(named, config) {
             Ok(merged) => return Some(SharedAtlas { merged, left_out }),
             Err(MergeError::Empty) => return None,
-            Err(MergeError::Unfit { name, why }) => (name, format!("it does not fit the first map: {why}")),
+            Err(MergeError::CombineError { name, why }) => {
+                (name, format!("it does not fit the first map: {why}"))
+            }
             Err(MergeError::Route { name, route, source }) => (name, format!("route {route}: {source}")),
             Err(MergeError::Depth { name, source }) => (name, source.to_string()),
         };

@@ -5,7 +5,7 @@
 use crate::{Error, Slam};
 use cairn_guide::{Facing, GuideState, Route};
 use cairn_sensor::{Live, Stamp};
-use cairn_session::{Command, Event, Refused, Which};
+use cairn_session::{Command, Event, Refused, RouteChoice};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -37,7 +37,7 @@ impl Slam {
     pub fn load_route(&mut self, path: impl AsRef<Path>) -> Result<String, Error> {
         // Read here for the typed error; the session holds the one that it reads itself.
         Route::load(path.as_ref())?;
-        self.command(&Command::Load(Which::File(path.as_ref().to_owned())))
+        self.command(&Command::Load(RouteChoice::File(path.as_ref().to_owned())))
     }
 
     /// The route at hand: the one recorded or loaded last.

@@ -33,7 +33,7 @@ mod unix {
     use super::*;
     use crate::failure::Failure;
     use crate::interrupt;
-    use cairn_workers::{Role, RunFolder, Told};
+    use cairn_workers::{Role, RunEvent, RunFolder};
     use std::process::Command;
 
     /// A folder of this run, removed with it; what runs that were killed have left is removed too, and said.
@@ -64,31 +64,31 @@ mod unix {
     }
 
     /// What became of a process, in a line; `None` where nothing is to be said.
-    pub fn line(told: &Told) -> Option<String> {
+    pub fn line(told: &RunEvent) -> Option<String> {
         Some(match told {
-            Told::Started { role, id } => format!("{}: process {id}", role.name()),
-            Told::Died(death) if death.role == Role::Walk => format!("walk died: {}", death.how),
-            Told::Died(death) => {
+            RunEvent::Started { role, id } => format!("{}: process {id}", role.name()),
+            RunEvent::Died(death) if death.role == Role::Walk => format!("walk died: {}", death.how),
+            RunEvent::Died(death) => {
                 format!("{} died at frame {}: {}", death.role.name(), death.at_frame, death.how)
             }
-            Told::GivenUp { role } => {
+            RunEvent::GivenUp { role } => {
                 format!("{} died too often: the run goes on without it", role.name())
             }
-            Told::Waits { role, delay_s, times } => {
+            RunEvent::Waits { role, delay_s, times } => {
                 format!("{} died {times} times in a row: it is started again after {delay_s} s", role.name())
             }
-            Told::Resumed { key_frames, after_s } => {
+            RunEvent::Resumed { key_frames, after_s } => {
                 format!("slam goes on in a map of {key_frames} key frames after {after_s:.2} s")
             }
-            Told::DenseResumed { key_frames, after_s } => {
+            RunEvent::DenseResumed { key_frames, after_s } => {
                 format!("dense goes on with the depth of {key_frames} key frames after {after_s:.2} s")
             }
-            Told::NoSurfaces(why) => format!("no surfaces any more: {why}"),
-            Told::Relocalised { frames, after_s, .. } => {
+            RunEvent::NoSurfaces(why) => format!("no surfaces any more: {why}"),
+            RunEvent::Relocalised { frames, after_s, .. } => {
                 format!("slam has a pose again after {after_s:.2} s, {frames} frames without one")
             }
-            Told::LeftOut { number } => format!("slam died twice at frame {number}: it is left out"),
-            Told::Opened(_) | Told::Tracked(_) | Told::Said(_) => return None,
+            RunEvent::LeftOut { number } => format!("slam died twice at frame {number}: it is left out"),
+            RunEvent::Opened(_) | RunEvent::Tracked(_) | RunEvent::Said(_) => return None,
         })
     }
 }

@@ -4,8 +4,6 @@
 //! `docs/processes.md`.
 #![cfg(unix)]
 
-#[path = "../../web/tests/network/pace.rs"]
-mod pace;
 #[path = "../../web/tests/network/phone.rs"]
 mod phone;
 #[path = "../../web/tests/walked/mod.rs"]
@@ -15,7 +13,7 @@ use cairn_engine::{Config, SensorMode};
 use cairn_random::Random;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig};
 use cairn_session::Slam;
-use cairn_workers::{RemoteSetup, RemoteSlam, Told};
+use cairn_workers::{RemoteSetup, RemoteSlam, RunEvent};
 use phone::{Album, Clock, Phone, Walk};
 use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject;
@@ -239,7 +237,7 @@ fn slam_begins_again_with_another_lens_in_a_map_of_its_own() {
             dense: false,
             command: Arc::new(command),
             tell: Arc::new(move |told| {
-                if let Told::Started { id, .. } = told {
+                if let RunEvent::Started { id, .. } = told {
                     started.lock().unwrap().push(id);
                 }
             }),

@@ -5,7 +5,7 @@ use cairn_dense::{BlockKey, SurfaceChange};
 use cairn_engine::{Config, SensorMode};
 use cairn_sensor::Source;
 use cairn_session::{NotTracked, Slam, Surfaces};
-use cairn_workers::{RemoteSetup, RemoteSlam, Role, Told};
+use cairn_workers::{RemoteSetup, RemoteSlam, Role, RunEvent};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -83,7 +83,7 @@ fn begin(folder: &Path, source: &dyn Source, heard: &Heard) -> RemoteSlam {
         tell: Arc::new(move |what| {
             let mut heard = told.lock().unwrap();
             match what {
-                Told::Started { role, id } => drop(heard.0.insert(role, id)),
+                RunEvent::Started { role, id } => drop(heard.0.insert(role, id)),
                 what => heard.1.push(format!("{what:?}")),
             }
         }),

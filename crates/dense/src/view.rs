@@ -10,7 +10,7 @@ pub(crate) const NEAREST_M: f32 = 0.05;
 
 /// Result of comparing a cube with the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Look {
+pub(crate) enum Visibility {
     /// Behind the camera, or outside the image.
     Outside,
     /// So near that it reaches behind the camera: it cannot be judged as a whole.
@@ -121,13 +121,13 @@ impl Box2 {
 }
 
 /// Compares cubes of one size with the image.
-pub(crate) struct Looker<'a> {
+pub(crate) struct BlockView<'a> {
     frame: &'a DepthFrame,
     boxes: Box2,
     finest: usize,
 }
 
-impl<'a> Looker<'a> {
+impl<'a> BlockView<'a> {
     /// For cubes of `side_m`; uses squares of pixels no finer than the pyramid's level `finest`.
     pub fn new(frame: &'a DepthFrame, volume_from_camera: &Se3, side_m: f64, finest: usize) -> Self {
         Self { frame, boxes: Box2::new(frame.camera(), volume_from_camera, side_m), finest }
@@ -135,14 +135,14 @@ impl<'a> Looker<'a> {
 
     /// Compares the cube with this key, in units of this size.
     #[inline]
-    pub fn look(&self, key: BlockKey) -> Look {
+    pub fn visibility(&self, key: BlockKey) -> Visibility {
         match self.boxes.project(key) {
-            Image2::Outside => Look::Outside,
-            Image2::Near(_) => Look::Near,
+            Image2::Outside => Visibility::Outside,
+            Image2::Near(_) => Visibility::Near,
             Image2::Spans(u, v, depth) => {
                 let (width, height) = (self.boxes.size[0] as f32, self.boxes.size[1] as f32);
                 let whole = u[0] >= 0.0 && v[0] >= 0.0 && u[1] < width && v[1] < height;
-                Look::Inside(self.cover(self.boxes.cut(u, 0), self.boxes.cut(v, 1), depth, whole))
+                Visibility::Inside(self.cover(self.boxes.cut(u, 0), self.boxes.cut(v, 1), depth, whole))
             }
         }
     }

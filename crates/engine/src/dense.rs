@@ -16,7 +16,7 @@ mod spare;
 
 pub use offered::{Offered, OfferedDepth};
 pub use saved::{Restored, SavedDepthError, saved_dense_map};
-pub use search::{RefusedLooks, SearchCounts};
+pub use search::{RefusedAttempts, SearchCounts};
 pub use spare::Views;
 
 use crate::{Engine, Output};
@@ -172,9 +172,10 @@ impl DenseMapper {
             self.map.step(&Vec3::zeros(), FUSED_WHILE_LOST);
         }
         if lost.is_due(packet.stamp, is_lost) && self.map.is_complete() {
-            let levelled = lost.levelled();
+            let gravity_aligned = lost.gravity_aligned();
             let maps: Vec<MapId> = self.mirror.maps().map(|(map, _)| map).collect();
-            let places = |map: MapId| self.map.places(dense_map(map), levelled.contains(&map).then(Vec3::z));
+            let places =
+                |map: MapId| self.map.places(dense_map(map), gravity_aligned.contains(&map).then(Vec3::z));
             let places: Vec<Place> = maps.into_iter().flat_map(places).collect();
             lost.begin(places);
         }

@@ -13,7 +13,7 @@ pub(crate) struct Exchange {
     /// The direction against gravity in the camera, at the last frame.
     pub up: Option<Vec3>,
     /// The maps that are aligned with gravity, while tracking is lost.
-    pub levelled: Vec<MapId>,
+    pub gravity_aligned: Vec<MapId>,
     /// Whether a place could be believed at present.
     pub is_of_use: bool,
     /// How often tracking went on where it was told to, and how often it did not.

@@ -14,6 +14,7 @@ mod record;
 mod saved;
 mod scale;
 mod status;
+mod trajectory;
 
 pub use background::background;
 pub use cairn_inertial::{Gate, GateKind};
@@ -23,10 +24,10 @@ pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, O
 pub use cairn_vision::SensorMode;
 pub use config::Config;
 pub use dense::{
-    DenseCounts, DenseMapper, DenseSetupError, Offered, OfferedDepth, RefusedLooks, Restored,
+    DenseCounts, DenseMapper, DenseSetupError, Offered, OfferedDepth, RefusedAttempts, Restored,
     SavedDepthError, SearchCounts, Views, has_colours, saved_dense_map,
 };
-pub use engine::{Engine, PoseTime};
+pub use engine::Engine;
 pub use journal::{Journal, JournalError, ReplayError};
 pub use log::{Log, Logged};
 pub use mapping::{Delays, Replayed, Runner, Stopped};
@@ -35,3 +36,4 @@ pub use record::record_input;
 pub use saved::OpenMapError;
 pub use scale::{Scale, ScaleStretch};
 pub use status::{ImuStatus, Phase, Status, StatusEvent, Wait};
+pub use trajectory::PoseTime;

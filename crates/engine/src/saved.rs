@@ -2,7 +2,7 @@
 
 use crate::{Config, Engine, Runner, SensorMode};
 use cairn_atlas::Snapshot;
-use cairn_atlas::store::{About, MapFile, Misfit};
+use cairn_atlas::store::{About, CameraMismatch, MapFile};
 use cairn_sensor::{Rig, RigError};
 use cairn_vision::FrontEnd;
 use std::collections::BTreeMap;
@@ -14,10 +14,10 @@ pub enum OpenMapError {
     #[error(transparent)]
     Rig(#[from] RigError),
     /// The map was made with another camera or other sensors, and is of no use to this one.
-    #[error("{misfit}; {why}")]
+    #[error("{mismatch}; {why}")]
     OtherCamera {
         /// In what they differ.
-        misfit: Misfit,
+        mismatch: CameraMismatch,
         /// What another camera would need.
         why: &'static str,
     },
@@ -44,9 +44,9 @@ impl Engine {
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let opened = Opened::new(rig, mode, config, file)?;
-        if let Some(misfit) = opened.only_localises {
+        if let Some(mismatch) = opened.only_localises {
             let why = "another camera that has neither depth nor an IMU cannot continue it";
-            return Err(OpenMapError::OtherCamera { misfit, why });
+            return Err(OpenMapError::OtherCamera { mismatch, why });
         }
         let Opened { front_end, snapshot, notes, .. } = opened;
         Ok((Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config), notes))
@@ -91,16 +91,16 @@ struct Opened {
     snapshot: Snapshot,
     notes: Vec<String>,
     /// In what the cameras differ, where this one cannot continue them.
-    only_localises: Option<Misfit>,
+    only_localises: Option<CameraMismatch>,
 }
 
 impl Opened {
     fn new(rig: &Rig, mode: SensorMode, config: &Config, file: &MapFile) -> Result<Self, OpenMapError> {
         let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
         let has_imu = rig.imu.is_some() && config.inertial.enabled;
-        let misfit = match for_own_camera(file, mode, &front_end) {
+        let mismatch = match for_own_camera(file, mode, &front_end) {
             Ok((snapshot, notes)) => return Ok(Self { front_end, snapshot, notes, only_localises: None }),
-            Err(misfit) => misfit,
+            Err(mismatch) => mismatch,
         };
         match for_other_camera(file, mode, &front_end, has_imu) {
             Ok((snapshot, continues)) => {
@@ -108,10 +108,10 @@ impl Opened {
                     true => "its key frames keep their camera, new ones have this one",
                     false => "this run only localises in it",
                 };
-                let notes = vec![format!("{misfit}; {how}")];
-                Ok(Self { front_end, snapshot, notes, only_localises: (!continues).then_some(misfit) })
+                let notes = vec![format!("{mismatch}; {how}")];
+                Ok(Self { front_end, snapshot, notes, only_localises: (!continues).then_some(mismatch) })
             }
-            Err(why) => Err(OpenMapError::OtherCamera { misfit, why }),
+            Err(why) => Err(OpenMapError::OtherCamera { mismatch, why }),
         }
     }
 }
@@ -121,7 +121,7 @@ fn for_own_camera(
     file: &MapFile,
     mode: SensorMode,
     front_end: &FrontEnd,
-) -> Result<(Snapshot, Vec<String>), Misfit> {
+) -> Result<(Snapshot, Vec<String>), CameraMismatch> {
     let file = file.with_depth_weighed_for(front_end.model());
     let notes = file.about.fits(file.snapshot.octaves(), mode, front_end.model(), front_end.octaves())?;
     Ok((file.snapshot.clone(), notes))

@@ -37,7 +37,7 @@ pub use relative::Delta;
 pub use report::{LiveReport, Lost, RunReport, ScaleReport, SkipReport};
 pub use segments::{KittiErrors, SegmentErrors};
 pub use statistics::Statistics;
-pub use status_summary::{GateStanding, ImuStanding, StatusSummary};
+pub use status_summary::{GateSummary, ImuSummary, StatusSummary};
 pub use svg::{Figure, Tone};
 pub use timeline::{Moment, Span, Timeline, TimelineRow};
 pub use write::{seconds_text, to_euroc, to_kitti, to_tum, write_bytes_whole, write_whole};

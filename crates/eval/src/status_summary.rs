@@ -14,12 +14,12 @@ pub struct StatusSummary {
     /// Number of relocalisations in an existing map.
     pub found: usize,
     /// The inertial sensor, if it was used.
-    pub imu: Option<ImuStanding>,
+    pub imu: Option<ImuSummary>,
 }
 
 /// Status of the inertial sensor.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ImuStanding {
+pub struct ImuSummary {
     /// Samples synthesised because no real one had arrived in time.
     pub synthesised: usize,
     /// Gaps of more than two and a half periods between samples.
@@ -29,12 +29,12 @@ pub struct ImuStanding {
     /// True when scale and gravity were known at the last pose (inertial initialisation was complete).
     pub initialised: bool,
     /// The checks of the last attempt of inertial initialisation, passed and failed.
-    pub gates: Vec<GateStanding>,
+    pub gates: Vec<GateSummary>,
 }
 
 /// A check of an attempt of inertial initialisation (estimation of scale and gravity).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct GateStanding {
+pub struct GateSummary {
     /// What was checked, as text with numbers and units.
     pub words: String,
     /// Measured value; `None` if not finite.

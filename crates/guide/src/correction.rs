@@ -46,14 +46,14 @@ impl Easing {
 
 /// What the walker was told last, as far as a correction can contradict it.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Told {
+pub(crate) struct LastDirections {
     /// What comes next on the route.
     next: Option<Next>,
     /// When he was told to turn or bear, and by how much, radians, positive left.
     turn: Option<(Stamp, f64)>,
 }
 
-impl Told {
+impl LastDirections {
     /// Takes a cue.
     fn note(&mut self, kind: &CueKind, now: Stamp) {
         use CueKind::*;
@@ -88,7 +88,7 @@ impl Told {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Corrections {
     easing: Option<Easing>,
-    told: Told,
+    told: LastDirections,
     /// A correction contradicts what was told, and the walker does not know yet.
     due: bool,
     /// The last good pose.
@@ -108,7 +108,7 @@ impl Corrections {
 
     /// The words that follow tell the whole direction anew.
     pub(crate) fn clear(&mut self) {
-        (self.easing, self.due, self.told) = (None, false, Told::default());
+        (self.easing, self.due, self.told) = (None, false, LastDirections::default());
     }
 
     /// The poses before say nothing about those to come.

@@ -59,7 +59,7 @@ impl Motion {
     }
 
     /// True when the walker stayed within `metres` for `seconds`.
-    pub fn stood_still(&self, seconds: f64, metres: f64) -> bool {
+    pub fn is_stationary(&self, seconds: f64, metres: f64) -> bool {
         let (Some(last), Some(first)) = (self.history.back(), self.history.front()) else { return false };
         last.0 - first.0 >= seconds
             && self

@@ -6,8 +6,8 @@
 //! it grows. Nothing is discarded meanwhile, and if the initialisation never succeeds, visual mapping goes on.
 
 use crate::clocks::Clocks;
+use crate::gravity_refinement::{Due, Refined, differs_from_map, estimated_gravity, realigned};
 use crate::initialisation::{CameraAndImu, INITIALISATION_S};
-use crate::level::{Due, Refined, is_better_level, levelled, told_level};
 use crate::scale_check::{ScaleCheck, ScaleWatch};
 use cairn_adjust::{ImuModel, Window, WindowConfig, WindowResult};
 use cairn_atlas::{Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrameId, MapId, Snapshot};
@@ -174,14 +174,14 @@ impl Inertial {
         if snapshot.is_gravity_aligned(map) {
             let refined = self.refined.entry(map).or_default();
             let due = refined.due(last, seconds)?;
-            let told = told_level(&of, &snapshot, chain);
+            let told = estimated_gravity(&of, &snapshot, chain);
             refined.looked(last, told.is_some());
-            let better = told.filter(is_better_level);
-            if due == Due::IfNotLevel && better.is_none() {
+            let better = told.filter(differs_from_map);
+            if due == Due::IfGravityDiffers && better.is_none() {
                 return None;
             }
             if let Some(found) = better {
-                atlas.commit(levelled(&snapshot, map, chain, &found, centre_point));
+                atlas.commit(realigned(&snapshot, map, chain, &found, centre_point));
             }
         } else {
             let mut attempt = of.attempt(&snapshot, chain, INITIALISATION_S)?;

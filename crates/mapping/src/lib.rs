@@ -5,13 +5,13 @@ mod closing;
 mod cull;
 mod disparity;
 mod fuse;
+mod gravity_refinement;
 #[cfg(test)]
 #[path = "../../adjust/tests/common/imu_walk.rs"]
 mod imu_walk;
 mod inertial;
 mod initialisation;
 mod insert;
-mod level;
 mod mapper;
 #[cfg(test)]
 mod mapper_tests;

@@ -15,7 +15,7 @@ const BLOCK: f64 = 64.0;
 
 /// What an update of the poses changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Laid {
+pub struct PoseUpdate {
     /// Keyframes whose motion shifts any point within range by more than half a cell.
     pub moved: usize,
     /// Keyframes that were removed; their scans are dropped.
@@ -26,7 +26,7 @@ pub struct Laid {
 
 /// Why a scan or step was not inserted.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum NotTaken {
+pub enum InsertError {
     /// A pose is not finite.
     #[error(transparent)]
     Rejected(#[from] ScanRejected),
@@ -84,7 +84,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         world_from_key: &Se2,
         key_from_sensor: Se2,
         rays: &[(f64, f64)],
-    ) -> Result<ScanReport, NotTaken> {
+    ) -> Result<ScanReport, InsertError> {
         self.insert_rays(key, world_from_key, key_from_sensor, rays, false)
     }
 
@@ -99,7 +99,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         world_from_key: &Se2,
         key_from_sensor: Se2,
         rays: &[(f64, f64)],
-    ) -> Result<ScanReport, NotTaken> {
+    ) -> Result<ScanReport, InsertError> {
         self.insert_rays(key, world_from_key, key_from_sensor, rays, true)
     }
 
@@ -110,7 +110,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         key_from_sensor: Se2,
         rays: &[(f64, f64)],
         is_new: bool,
-    ) -> Result<ScanReport, NotTaken> {
+    ) -> Result<ScanReport, InsertError> {
         let rays = rays.iter().map(|&(bearing, range)| [bearing as f32, range as f32]).collect();
         let item = Item::Scan { key_from_sensor, rays, is_new };
         let report = self.lay(&item, world_from_key)?;
@@ -124,7 +124,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
     ///
     /// # Errors
     /// When the grid cannot be rebuilt: it stays as it was.
-    pub fn forget_new(&mut self) -> Result<usize, NotTaken> {
+    pub fn forget_new(&mut self) -> Result<usize, InsertError> {
         let is_new = |item: &Item| matches!(item, Item::Scan { is_new: true, .. });
         let count = self.items.iter().filter(|(_, item)| is_new(item)).count();
         if count > 0 {
@@ -134,7 +134,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
     }
 
     /// Rebuilds the grid from the items that are kept, with these poses; returns how many scans that were.
-    fn rebuild(&mut self, now: BTreeMap<K, Se2>, keep: impl Fn(&Item) -> bool) -> Result<usize, NotTaken> {
+    fn rebuild(&mut self, now: BTreeMap<K, Se2>, keep: impl Fn(&Item) -> bool) -> Result<usize, InsertError> {
         let mut anew = Self::new(self.resolution_m, self.config);
         let mut scans = 0;
         for (key, item) in self.items.iter().filter(|(_, item)| keep(item)) {
@@ -161,7 +161,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         world_from_key: &Se2,
         key_from_body: Se2,
         radius_m: f64,
-    ) -> Result<(), NotTaken> {
+    ) -> Result<(), InsertError> {
         let item = Item::Step { key_from_body, radius_m };
         self.lay(&item, world_from_key)?;
         self.keys.insert(key, *world_from_key);
@@ -173,7 +173,10 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
     ///
     /// # Errors
     /// When a pose is not finite, or the grid would become too large: the grid stays as it was.
-    pub fn set_poses(&mut self, world_from_key: impl Fn(K) -> Option<Se2>) -> Result<Laid, NotTaken> {
+    pub fn set_poses(
+        &mut self,
+        world_from_key: impl Fn(K) -> Option<Se2>,
+    ) -> Result<PoseUpdate, InsertError> {
         let now: BTreeMap<K, Se2> =
             self.keys.keys().filter_map(|&k| world_from_key(k).map(|pose| (k, pose))).collect();
         let gone = self.keys.len() - now.len();
@@ -181,10 +184,10 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
             now.iter().filter(|(k, pose)| self.keys.get(k).is_some_and(|old| self.is_moved(old, pose)));
         let moved = moved.count();
         if gone + moved == 0 {
-            return Ok(Laid::default());
+            return Ok(PoseUpdate::default());
         }
         let scans = self.rebuild(now, |_| true)?;
-        Ok(Laid { moved, gone, scans })
+        Ok(PoseUpdate { moved, gone, scans })
     }
 
     fn is_moved(&self, old: &Se2, new: &Se2) -> bool {
@@ -194,7 +197,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         reach.is_nan() || reach > 0.5 * self.resolution_m
     }
 
-    fn lay(&mut self, item: &Item, world_from_key: &Se2) -> Result<ScanReport, NotTaken> {
+    fn lay(&mut self, item: &Item, world_from_key: &Se2) -> Result<ScanReport, InsertError> {
         match item {
             Item::Scan { key_from_sensor, rays, .. } => {
                 let pose = *world_from_key * *key_from_sensor;
@@ -214,7 +217,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
     }
 
     /// The grid, grown so that it contains everything within `reach_m` of a point.
-    fn grid_around(&mut self, at: Vec2, reach_m: f64) -> Result<&mut OccupancyGrid, NotTaken> {
+    fn grid_around(&mut self, at: Vec2, reach_m: f64) -> Result<&mut OccupancyGrid, InsertError> {
         if !(at.x.is_finite() && at.y.is_finite() && reach_m.is_finite()) {
             return Err(ScanRejected::Pose.into());
         }
@@ -228,7 +231,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
             let size = Vec2::new(frame.width() as f64, frame.height() as f64) / BLOCK;
             (from, to) = (from.inf(&corner), to.sup(&(corner + size)));
             if from == corner && to == corner + size {
-                return self.grid.as_mut().ok_or(NotTaken::Rejected(ScanRejected::Outside));
+                return self.grid.as_mut().ok_or(InsertError::Rejected(ScanRejected::Outside));
             }
         }
         let [width, height] = [(to.x - from.x) * BLOCK, (to.y - from.y) * BLOCK].map(|n| n as usize);

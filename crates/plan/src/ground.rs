@@ -6,7 +6,7 @@
 //! What has stood in one place for a while goes into the grid: a door that was closed, a chair that was moved. It may have gone
 //! again unseen: where no path is left, [`GroundMap::forget_new`] opens the ground to be looked at once more.
 
-use crate::anchored::{AnchoredGrid, Laid, NotTaken};
+use crate::anchored::{AnchoredGrid, InsertError, PoseUpdate};
 use crate::costmap::{CostConfig, CostError, Costmap, Detection, DynamicConfig, DynamicLayer, Track};
 use crate::grid::{Cell, Grid};
 use crate::occupancy::OccupancyConfig;
@@ -57,7 +57,7 @@ impl Default for GroundConfig {
 pub enum GroundError {
     /// A scan or a pose was refused.
     #[error(transparent)]
-    NotTaken(#[from] NotTaken),
+    InsertError(#[from] InsertError),
     /// Radii or costs are unusable.
     #[error(transparent)]
     Costs(#[from] CostError),
@@ -156,7 +156,10 @@ impl<K: Copy + Ord> GroundMap<K> {
     ///
     /// # Errors
     /// When a pose is not finite, or the grid would become too large: everything stays as it was.
-    pub fn set_poses(&mut self, world_from_key: impl Fn(K) -> Option<Se2>) -> Result<Laid, GroundError> {
+    pub fn set_poses(
+        &mut self,
+        world_from_key: impl Fn(K) -> Option<Se2>,
+    ) -> Result<PoseUpdate, GroundError> {
         let laid = self.grid.set_poses(world_from_key)?;
         if laid.scans > 0 {
             self.refresh()?;
@@ -231,7 +234,7 @@ impl<K: Copy + Ord> GroundMap<K> {
         let middle = frame.in_cells(world_from_sensor.translation);
         let [x, y] = [middle.x, middle.y].map(|v| (v - half).floor() as i64);
         let side = 2 * half as usize;
-        let mut window = costs.map().window(x, y, side, side, -1).map_err(NotTaken::from)?;
+        let mut window = costs.map().window(x, y, side, side, -1).map_err(InsertError::from)?;
         for point in hits(world_from_sensor, rays, self.config.occupancy.max_range_m).map(|(_, p)| p) {
             if let Some(cell) = window.frame().cell_at(point) {
                 window.set(cell, 100);

@@ -34,7 +34,7 @@ pub enum Message {
 /// What an entity shows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Show {
-    /// Which way is up: z, as in a map that gravity has levelled, or the axes of a camera (x right, y down, z ahead).
+    /// Which way is up: z, as in a gravity-aligned map, or the axes of a camera (x right, y down, z ahead).
     Axes {
         /// Whether z points up.
         z_is_up: bool,

@@ -6,7 +6,7 @@
 use crate::messages::{Header, MapMetaData, OccupancyGrid, Point, Pose, Quaternion};
 use cairn::atlas::{KeyFrameId, Snapshot};
 use cairn::geometry::{Se2, Se3, Vec3};
-use cairn::plan::anchored::{AnchoredGrid, NotTaken};
+use cairn::plan::anchored::{AnchoredGrid, InsertError};
 use cairn::plan::depth_scan::{DepthCamera, DepthScanConfig, DepthScanner};
 use cairn::plan::{Grid, OccupancyConfig};
 use cairn::sensor::{DepthImage, DepthSensor, Distortion};
@@ -73,7 +73,7 @@ impl GroundGrid {
         key: KeyFrameId,
         map_from_key: &Se3,
         map_from_base: &Se3,
-    ) -> Result<(), NotTaken> {
+    ) -> Result<(), InsertError> {
         let moved = self.last.is_none_or(|last| {
             let by = last.inverse() * *map_from_base;
             by.translation.norm() > MOVED.0 || by.rotation.angle() > MOVED.1
@@ -94,7 +94,7 @@ impl GroundGrid {
     ///
     /// # Errors
     /// Why it was not laid anew.
-    pub fn follow(&mut self, snapshot: &Snapshot, map_from_world: &Se3) -> Result<(), NotTaken> {
+    pub fn follow(&mut self, snapshot: &Snapshot, map_from_world: &Se3) -> Result<(), InsertError> {
         let pose = |key| snapshot.key_frame(key).map(|k| flat(&(*map_from_world * k.world_from_camera)));
         self.grid.set_poses(pose).map(|_| ())
     }

@@ -15,7 +15,7 @@ use crate::planner::Planner;
 use crate::results::{self, FrameNames};
 use crate::setup::{Found, Setup};
 use crate::time::Time;
-use crate::worker::{Requests, Told, Worker};
+use crate::worker::{Requests, SetupEvent, Worker};
 use cairn::atlas::MapId;
 use cairn::geometry::Se3;
 use cairn::guide::Facing;
@@ -133,21 +133,21 @@ fn read_config(path: &Path) -> Result<Config, NodeError> {
 /// Waits for the first messages; says what is missing. `None` when the node is to stop.
 fn wait(
     network: &Network,
-    told: &Receiver<Told>,
+    told: &Receiver<SetupEvent>,
     faults: &Faults,
     stop: &AtomicBool,
 ) -> Result<Option<(Found, Clock)>, NodeError> {
     let mut failed = String::new();
     while !stop.load(Ordering::Relaxed) {
         match told.recv_timeout(TICK) {
-            Ok(Told::Found(found, clock)) => return Ok(Some((*found, clock))),
+            Ok(SetupEvent::Found(found, clock)) => return Ok(Some((*found, clock))),
             // The next calibration may be another: drivers send one that is empty until they are ready.
-            Ok(Told::Failed(why)) if why.to_string() != failed => {
+            Ok(SetupEvent::Failed(why)) if why.to_string() != failed => {
                 failed = why.to_string();
                 faults.say(Severity::Error, &failed);
             }
-            Ok(Told::Failed(_)) | Err(RecvTimeoutError::Timeout) => {}
-            Ok(Told::Missing(topics)) => {
+            Ok(SetupEvent::Failed(_)) | Err(RecvTimeoutError::Timeout) => {}
+            Ok(SetupEvent::Missing(topics)) => {
                 let line = |topic: &String| match network.publishers_of(topic) {
                     0 => format!("{topic} (nobody publishes it)"),
                     _ => format!("{topic} (no message yet)"),

@@ -42,7 +42,7 @@ impl Requests {
 }
 
 /// What the worker tells while the node is set up.
-pub enum Told {
+pub enum SetupEvent {
     /// What is waited for.
     Missing(Vec<String>),
     /// The rig, and the clock of the packets.
@@ -69,11 +69,11 @@ pub struct Worker {
 
 impl Worker {
     /// Waits until the rig is known, tells it, and puts packets into the inbox until that is closed.
-    pub fn run(self, mut setup: Setup, tell: &Sender<Told>) {
+    pub fn run(self, mut setup: Setup, tell: &Sender<SetupEvent>) {
         let Some(found) = self.set_up(&mut setup, tell) else { return };
         let mut assembler = Assembler::new(&found.rig, self.pair_within_s, self.faults.clone());
         let has_imu = found.rig.imu.is_some();
-        if tell.send(Told::Found(Box::new(found), assembler.clock())).is_err() {
+        if tell.send(SetupEvent::Found(Box::new(found), assembler.clock())).is_err() {
             return;
         }
         while let Ok(incoming) = self.messages.recv() {
@@ -91,7 +91,7 @@ impl Worker {
     }
 
     /// Waits until the rig is known; `None` when the network has gone.
-    fn set_up(&self, setup: &mut Setup, tell: &Sender<Told>) -> Option<Found> {
+    fn set_up(&self, setup: &mut Setup, tell: &Sender<SetupEvent>) -> Option<Found> {
         let mut remind = Instant::now() + Duration::from_secs(2);
         let mut complete = None;
         loop {
@@ -110,12 +110,13 @@ impl Worker {
                 if setup.knows_base() || since.elapsed() > BASE_WAIT {
                     match setup.found() {
                         Ok(found) => return Some(found),
-                        Err(why) => tell.send(Told::Failed(why)).ok()?,
+                        Err(why) => tell.send(SetupEvent::Failed(why)).ok()?,
                     }
                 }
             } else if Instant::now() > remind {
                 remind = Instant::now() + REMIND;
-                tell.send(Told::Missing(missing.iter().map(|topic| (*topic).to_owned()).collect())).ok()?;
+                tell.send(SetupEvent::Missing(missing.iter().map(|topic| (*topic).to_owned()).collect()))
+                    .ok()?;
             }
         }
     }

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 /// Which route.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Which {
+pub enum RouteChoice {
     /// The one recorded last.
     Latest,
     /// The one with this number in the folder of the routes.
@@ -27,7 +27,7 @@ pub enum Command {
     /// Say which routes there are.
     Routes,
     /// Load a recorded route: it is the one at hand from then on.
-    Load(Which),
+    Load(RouteChoice),
     /// Give a route a name: this one, else the one at hand.
     Rename(Option<u32>, String),
     /// Delete a route after asking: this one, else the one at hand.
@@ -153,7 +153,7 @@ impl Command {
     pub fn of_key(key: char) -> Option<Self> {
         let key = key.to_ascii_lowercase();
         if let Some(number) = key.to_digit(10).filter(|n| *n > 0) {
-            return Some(Self::Load(Which::Number(number)));
+            return Some(Self::Load(RouteChoice::Number(number)));
         }
         KEYS.iter().find(|k| k.key == key).and_then(|k| Self::parse(k.line).ok())
     }
@@ -207,11 +207,11 @@ fn after(line: &str) -> &str {
     line.trim().split_once(char::is_whitespace).map_or("", |(_, rest)| rest.trim())
 }
 
-fn which(text: &str) -> Which {
+fn which(text: &str) -> RouteChoice {
     match (text.is_empty(), text.parse()) {
-        (true, _) => Which::Latest,
-        (_, Ok(number)) => Which::Number(number),
-        _ => Which::File(text.into()),
+        (true, _) => RouteChoice::Latest,
+        (_, Ok(number)) => RouteChoice::Number(number),
+        _ => RouteChoice::File(text.into()),
     }
 }
 
@@ -327,10 +327,10 @@ mod tests {
             Command::Load(which) => which,
             other => panic!("{other:?}"),
         };
-        assert_eq!(load("load my route.route"), Which::File("my route.route".into()));
+        assert_eq!(load("load my route.route"), RouteChoice::File("my route.route".into()));
         assert_eq!(
             (load("load"), load("load 12"), load("7")),
-            (Which::Latest, Which::Number(12), Which::Number(7))
+            (RouteChoice::Latest, RouteChoice::Number(12), RouteChoice::Number(7))
         );
         assert_eq!(
             Command::parse("rename 3 to the  kitchen"),

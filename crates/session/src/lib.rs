@@ -38,7 +38,7 @@ mod way_ahead;
 mod wheels;
 
 pub use age::Age;
-pub use command::{Command, CommandError, KEYS, Key, Which, help, key_of};
+pub use command::{Command, CommandError, KEYS, Key, RouteChoice, help, key_of};
 pub use config::SessionConfig;
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
 pub use drive::{Ended, Observer, drive_live, drive_lockstep};

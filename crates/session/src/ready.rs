@@ -41,7 +41,7 @@ pub fn landmarks_in_view(
         let from = key_frame.world_from_camera.translation;
         let sees = |id: &LandmarkId| {
             let l = map.landmark(*id)?;
-            viewpoint.sees_as_from(l, &(l.position - from).normalize()).map(|_| *id)
+            viewpoint.sees_along(l, &(l.position - from).normalize()).map(|_| *id)
         };
         found.extend(key_frame.landmarks.iter().flatten().filter_map(sees));
     }

@@ -4,11 +4,11 @@
 //! ([`crate::drive_live`], [`crate::drive_lockstep`]) passes packets, and ticks while there are none: after a while
 //! the guide then says stop.
 
-mod begin_again;
 mod commands;
 mod guide;
 mod look;
 mod record;
+mod restart;
 mod routes;
 mod survive;
 mod take_me;

@@ -58,7 +58,7 @@ pub trait Slam {
     /// Time passes without a packet: what may have died is looked after.
     fn look_after(&mut self) {}
 
-    /// It ends for good, and so does its map: another takes its place ([`crate::Session::begin_again`]).
+    /// It ends for good, and so does its map: another takes its place ([`crate::Session::restart_slam`]).
     fn end(&mut self) {}
 
     /// Why there are no poses at present, where what tracks is late, dead or being started again.

@@ -19,7 +19,7 @@ pub fn derive(input: proc_macro::TokenStream) -> proc_macro::TokenStream {
 
 /// What the attribute of a field says.
 #[derive(Default)]
-struct Told {
+struct FieldAttribute {
     default: Option<TokenStream>,
     range: Option<(TokenStream, TokenStream)>,
     section: bool,
@@ -36,7 +36,7 @@ fn expand(input: &DeriveInput) -> syn::Result<TokenStream> {
     };
     let (mut entries, mut sections, mut defaults) = (Vec::new(), Vec::new(), Vec::new());
     for field in &fields.named {
-        let told = told(field)?;
+        let told = field_attribute(field)?;
         let (name, help) = (&field.ident, help(&field.attrs)?);
         let Some(name) = name else { continue };
         let key = name.to_string();
@@ -79,8 +79,8 @@ fn expand(input: &DeriveInput) -> syn::Result<TokenStream> {
 }
 
 /// The attribute of one field.
-fn told(field: &Field) -> syn::Result<Told> {
-    let mut told = Told::default();
+fn field_attribute(field: &Field) -> syn::Result<FieldAttribute> {
+    let mut told = FieldAttribute::default();
     for attribute in field.attrs.iter().filter(|a| a.path().is_ident("setting")) {
         attribute.parse_nested_meta(|meta| {
             match meta.path.get_ident().map(ToString::to_string).as_deref() {

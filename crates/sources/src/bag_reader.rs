@@ -36,7 +36,7 @@ enum Picture<'a> {
 }
 
 /// What the first message of an image topic tells.
-pub struct Look {
+pub struct FirstImage {
     /// Frame of its header, without a leading slash.
     pub frame: String,
     /// Encoding of raw images, format of compressed ones.
@@ -108,7 +108,7 @@ impl BagReader {
     }
 
     /// What the first readable image of a topic tells; a topic without any is an error.
-    pub fn look(&mut self, topic: usize) -> Result<Look, String> {
+    pub fn first_image(&mut self, topic: usize) -> Result<FirstImage, String> {
         let entries =
             self.topics().get(topic).map_or(Vec::new(), |t| t.entries.iter().take(20).copied().collect());
         let mut first = None;
@@ -119,7 +119,7 @@ impl BagReader {
                     Picture::File(image) => (&image.header, &image.format),
                 };
                 let frame = header.frame_id.trim_start_matches('/').to_owned();
-                Ok(Look { frame, encoding: encoding.clone() })
+                Ok(FirstImage { frame, encoding: encoding.clone() })
             });
             match look {
                 Ok(look) => return Ok(look),

@@ -26,7 +26,7 @@ const ADJUSTED_SIGMAS: [f64; 5] = [0.003, 0.002, 0.02, 0.001, 0.05];
 const ADJUSTED_LANDMARKS: usize = 30;
 /// The standard deviations where only the pose was tracked.
 const TRACKED_SIGMAS: [f64; 5] = [0.005, 0.003, 1.0, 0.003, 0.05];
-/// What a map that mapping has levelled tells of gravity and of the accelerometer's bias.
+/// What a map that mapping has aligned with gravity tells of gravity and of the accelerometer's bias.
 const LEVELLED: Level = Level { bias: 0.1, bias_along: 0.05, tilt: 0.002 };
 /// Age in seconds up to which an adjusted key frame corrects the state.
 const MAX_AGE_S: f64 = 2.0;
@@ -44,7 +44,7 @@ const ON_THE_SPOT_BEFORE_SIGMA_M_S: f64 = 0.3;
 const TURNING_S: f64 = 0.03;
 /// One who stands is not pushed by more than this over the last moments: seconds, and m/s^2. An estimate that is level to a degree and a
 /// half is off by less.
-const SETS_OUT: (f64, f64) = (0.25, 0.25);
+const STARTS_MOVING: (f64, f64) = (0.25, 0.25);
 /// Estimated speed up to which the camera may be stationary, m/s.
 const STATIONARY_M_S: f64 = 0.15;
 
@@ -333,7 +333,7 @@ impl InertialFilter {
         from.after(&sum, &self.imu_from_camera)
     }
 
-    /// A state in a map that mapping has levelled.
+    /// A state in a map that mapping has aligned with gravity.
     fn state(&self, world_from_camera: Se3, velocity: Vec3, bias: Bias, sigmas: [f64; 5]) -> NavEstimate {
         NavEstimate::new(world_from_camera, velocity, bias, sigmas, &LEVELLED, &self.imu_from_camera)
     }
@@ -363,18 +363,18 @@ impl InertialFilter {
         let from = stamp.plus_seconds(-1.1 * config.seconds);
         let samples: Vec<ImuSample> = self.buffer.within(from, stamp).copied().collect();
         Rest::of(&samples, &self.noise, Some(&estimate.bias), &config).is_still()
-            && !self.sets_out(stamp, estimate)
+            && !self.starts_moving(stamp, estimate)
     }
 
     /// Whether the last readings push the camera away: their mean is not the force that holds it against gravity. The noise that
     /// is allowed for at rest hides a walker who sets out gently, and his speed would be held at zero for his first steps.
-    fn sets_out(&self, stamp: Stamp, estimate: &NavEstimate) -> bool {
+    fn starts_moving(&self, stamp: Stamp, estimate: &NavEstimate) -> bool {
         let world_from_imu = estimate.world_from_camera.rotation * self.imu_from_camera.rotation.inverse();
         let at_rest = world_from_imu.inverse() * -estimate.gravity.vector() + estimate.bias.accel;
         let (mut off, mut count) = (Vec3::zeros(), 0.0);
-        let last = self.buffer.within(stamp.plus_seconds(-SETS_OUT.0), stamp);
+        let last = self.buffer.within(stamp.plus_seconds(-STARTS_MOVING.0), stamp);
         last.for_each(|s| (off, count) = (off + s.accel - at_rest, count + 1.0));
-        count > 0.0 && off.norm() > SETS_OUT.1 * count
+        count > 0.0 && off.norm() > STARTS_MOVING.1 * count
     }
 }
 

@@ -1,6 +1,8 @@
 #![doc = include_str!("../README.md")]
 
 mod decide;
+#[cfg(test)]
+mod decide_tests;
 mod dense;
 #[cfg(test)]
 mod dense_tests;
@@ -13,6 +15,8 @@ mod odometry;
 #[cfg(test)]
 mod odometry_tests;
 mod on_the_spot;
+#[cfg(test)]
+mod one_camera_tests;
 mod parallax;
 mod reckoning;
 #[cfg(test)]

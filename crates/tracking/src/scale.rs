@@ -22,7 +22,7 @@ const ENOUGH: usize = 25;
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ScaleSupport {
     /// The id of the next key frame when fewer than enough landmarks had parallax, until enough have it again.
-    thin_since: Option<KeyFrameId>,
+    low_parallax_since: Option<KeyFrameId>,
     /// Number of consecutive frames with too few.
     few: usize,
 }
@@ -32,7 +32,7 @@ impl ScaleSupport {
     /// key frames counts, since the positions of later ones depend on assumed depths, or on the few there were.
     pub fn update(&mut self, snapshot: &Snapshot, landmarks: &[Option<LandmarkId>]) {
         let next = snapshot.next_key_frame_id();
-        let before = self.thin_since.unwrap_or(next);
+        let before = self.low_parallax_since.unwrap_or(next);
         let tracked = landmarks.iter().flatten().filter_map(|id| snapshot.landmark(*id));
         let (mut all, mut supporting) = (0, 0);
         for landmark in tracked {
@@ -43,14 +43,14 @@ impl ScaleSupport {
                 return;
             }
         }
-        self.thin_since = Some(before);
+        self.low_parallax_since = Some(before);
         let few = supporting < FEW && (supporting as f64) < FEW_SHARE * all as f64;
         self.few = if few || self.is_lost() { self.few + 1 } else { 0 };
     }
 
     /// Once scale is no longer supported: the first key frame that rests on assumed depths.
     pub fn assumed_since(&self) -> Option<KeyFrameId> {
-        self.thin_since.filter(|_| self.is_lost())
+        self.low_parallax_since.filter(|_| self.is_lost())
     }
 
     /// Whether scale is no longer supported.

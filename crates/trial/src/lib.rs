@@ -1,9 +1,11 @@
 #![doc = include_str!("../README.md")]
 
 mod listener;
+mod pace;
 pub mod robot;
 pub mod walk;
 mod walker;
 pub mod way;
 
+pub use pace::{LEVELS, Pace};
 pub use walker::{Walker, side_of};

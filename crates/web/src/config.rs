@@ -10,7 +10,7 @@ use std::path::PathBuf;
 pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode, bool), SourceError> + Send>;
 
 /// What SLAM is begun with.
-pub struct SlamFor<'a> {
+pub struct SlamSetup<'a> {
     /// Kind and location of the source.
     pub name: &'a str,
     /// Its rig.
@@ -28,13 +28,13 @@ pub struct SlamFor<'a> {
 }
 
 /// SLAM, and small differences between the camera of its map and this one.
-pub type Begun = Result<(Box<dyn Slam>, Vec<String>), OpenMapError>;
+pub type StartedSlam = Result<(Box<dyn Slam>, Vec<String>), OpenMapError>;
 
 /// Begins SLAM, in a map where there is one; called on the session's thread.
-pub type BeginSlam = Box<dyn FnMut(&SlamFor, Option<&MapFile>) -> Begun + Send>;
+pub type StartSlam = Box<dyn FnMut(&SlamSetup, Option<&MapFile>) -> StartedSlam + Send>;
 
 /// An engine in this process.
-pub fn engine_here() -> BeginSlam {
+pub fn engine_here() -> StartSlam {
     Box::new(|s, map| {
         let runner = Runner::Threaded;
         let (engine, notes) = match map {
@@ -85,7 +85,7 @@ pub struct ServeConfig {
     /// Makes surfaces of the depth of key frames and shows them on the pages; needs a source with depth.
     pub dense: bool,
     /// Begins SLAM: [`engine_here`], or a process of its own.
-    pub slam: BeginSlam,
+    pub slam: StartSlam,
     /// The engine's config.
     pub config: Config,
     /// The session's config.

@@ -29,7 +29,7 @@ mod words;
 
 pub use authority::{Authority, trusted};
 pub use certificate::Certificate;
-pub use config::{BeginSlam, Begun, CameraSource, OpenSource, ServeConfig, SlamFor, engine_here};
+pub use config::{CameraSource, OpenSource, ServeConfig, SlamSetup, StartSlam, StartedSlam, engine_here};
 pub use error::WebError;
 pub use invitation::{Invitation, lan_address, qr};
 pub use server::{Remote, Server};

@@ -10,7 +10,7 @@ use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
 use cairn_phrases::Language;
-use cairn_session::{Command, Which};
+use cairn_session::{Command, RouteChoice};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError};
@@ -342,7 +342,7 @@ impl Client {
         let text = |id: &str| self.guest.language.text(id);
         match command {
             // Other files are chosen on the terminal, and the server is stopped there.
-            Command::Quit | Command::Load(Which::File(_)) => Err(text("page-terminal-only")),
+            Command::Quit | Command::Load(RouteChoice::File(_)) => Err(text("page-terminal-only")),
             _ if !self.hub.running.load(Ordering::Relaxed) => Err(text("page-no-picture-yet")),
             _ => {
                 self.hub.inbox.command(command);

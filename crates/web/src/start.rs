@@ -1,6 +1,6 @@
 //! How SLAM is begun for the session's camera, at its start and again where its lens becomes known.
 
-use crate::config::{BeginSlam, Begun, SlamFor};
+use crate::config::{SlamSetup, StartSlam, StartedSlam};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, SensorMode};
 use cairn_sensor::Rig;
@@ -8,7 +8,7 @@ use cairn_session::{LibraryCamera, LibraryError};
 
 /// What SLAM is begun with.
 pub(crate) struct Start {
-    pub begin: BeginSlam,
+    pub begin: StartSlam,
     pub name: String,
     pub rig: Rig,
     pub mode: SensorMode,
@@ -28,8 +28,8 @@ impl Start {
     }
 
     /// Begins it, in a map where there is one.
-    pub fn slam(&mut self, map: Option<&MapFile>) -> Begun {
-        let with = SlamFor {
+    pub fn slam(&mut self, map: Option<&MapFile>) -> StartedSlam {
+        let with = SlamSetup {
             name: &self.name,
             rig: &self.rig,
             mode: self.mode,

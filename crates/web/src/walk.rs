@@ -221,7 +221,7 @@ impl PageObserver {
         if let Some(why) = found.not_kept {
             self.hub.broadcast(&ToPage::Doubt(&why));
         }
-        let Some(next) = watch.with(lens).filter(|_| session.may_begin_again()) else {
+        let Some(next) = watch.with(lens).filter(|_| session.may_restart_slam()) else {
             if found.is_certain {
                 session.knows_of_lens(LensKnowledge::FoundForLater);
             }
@@ -229,7 +229,7 @@ impl PageObserver {
         };
         start.rig.cameras[0].camera = next.camera();
         let camera = start.camera(found.is_certain);
-        match camera.and_then(|camera| session.begin_again(&camera, |map| start.slam(map))) {
+        match camera.and_then(|camera| session.restart_slam(&camera, |map| start.slam(map))) {
             Ok(notes) => {
                 notes.iter().for_each(|note| self.hub.broadcast(&ToPage::Doubt(note)));
                 *watch = next;

@@ -31,7 +31,7 @@ pub use process::Start;
 pub use remote::{RemoteSetup, RemoteSlam};
 pub use respawn::respawn;
 pub use run_folder::{RunFolder, SHARED_MEMORY, remove_abandoned};
-pub use supervision::{Death, Supervised, Supervision, Tell, Told};
+pub use supervision::{Death, EventSink, RunEvent, Supervised, Supervision};
 pub use supervisor::supervise;
 
 use cairn_engine::SensorMode;

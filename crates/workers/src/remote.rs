@@ -12,7 +12,7 @@ use crate::process::{Event, Process, Start, What};
 use crate::remote_dense::RemoteDense;
 use crate::ring::Ring;
 use crate::run_folder::ring_in;
-use crate::supervision::{Death, Tell, Told};
+use crate::supervision::{Death, EventSink, RunEvent};
 use crate::worker::Worker;
 use crate::{Role, capture, depth_log, pixels, sensor_name};
 use cairn_atlas::Snapshot;
@@ -58,7 +58,7 @@ pub struct RemoteSetup<'a> {
     /// Starts workers.
     pub command: Start,
     /// Hears what becomes of them.
-    pub tell: Tell,
+    pub tell: EventSink,
 }
 
 /// SLAM in a process of its own. Dropped, it ends the process.
@@ -69,7 +69,7 @@ pub struct RemoteSlam {
     opened: Opened,
     config: Config,
     command: Start,
-    tell: Tell,
+    tell: EventSink,
     /// What SLAM writes for surfaces.
     surfaces: Option<OfKeyFrames>,
     /// Who makes them, once they were asked for.
@@ -191,7 +191,7 @@ impl RemoteSlam {
             surfaces: self.surfaces,
             session: Some(Box::new(self.config.clone())),
         });
-        (self.tell)(Told::Started { role, id: process.id() });
+        (self.tell)(RunEvent::Started { role, id: process.id() });
         self.worker.started(process, start);
     }
 
@@ -215,7 +215,7 @@ impl RemoteSlam {
                 self.away = None;
                 self.follow();
                 if let Some((died, ..)) = self.recovering {
-                    (self.tell)(Told::Resumed { key_frames, after_s: died.elapsed().as_secs_f64() });
+                    (self.tell)(RunEvent::Resumed { key_frames, after_s: died.elapsed().as_secs_f64() });
                 }
             }
             Report::Tracked(tracked) if self.in_hand == Some(tracked.number) => {
@@ -228,7 +228,7 @@ impl RemoteSlam {
             Report::Failed(Failure { what, why, cure }) => {
                 self.died(Some(format!("{what}: {why}; {cure}")));
             }
-            Report::NoSurfaces(why) => (self.tell)(Told::NoSurfaces(&why)),
+            Report::NoSurfaces(why) => (self.tell)(RunEvent::NoSurfaces(&why)),
             _ => {}
         }
     }
@@ -261,7 +261,7 @@ impl RemoteSlam {
         let how = why.unwrap_or(status);
         let role = Role::Slam;
         let (at_frame, t_s) = (self.next, self.began.elapsed().as_secs_f64());
-        (self.tell)(Told::Died(&Death { role, how: how.clone(), at_frame, t_s }));
+        (self.tell)(RunEvent::Died(&Death { role, how: how.clone(), at_frame, t_s }));
         self.worker.ready = false;
         (self.in_hand, self.answer) = (None, None);
         // A process that begins anew has no use for readings from before.
@@ -273,7 +273,7 @@ impl RemoteSlam {
             Some(delay) => {
                 if !delay.is_zero() {
                     let times = self.worker.backoff.times();
-                    (self.tell)(Told::Waits { role, delay_s: delay.as_secs_f64(), times });
+                    (self.tell)(RunEvent::Waits { role, delay_s: delay.as_secs_f64(), times });
                 }
                 self.worker.due = Some(Instant::now() + delay);
                 if delay.is_zero() {
@@ -281,7 +281,7 @@ impl RemoteSlam {
                 }
             }
             None => {
-                (self.tell)(Told::GivenUp { role });
+                (self.tell)(RunEvent::GivenUp { role });
                 self.fails(format!("SLAM died {} times in a row: {how}", self.worker.backoff.times()));
             }
         }
@@ -331,7 +331,7 @@ impl RemoteSlam {
             Some((died, frames, resumed)) if output.anchored.is_some() => {
                 let (frames, after_s) = (*frames, died.elapsed().as_secs_f64());
                 let resumed_s = resumed.elapsed().as_secs_f64();
-                (self.tell)(Told::Relocalised { frames, after_s, resumed_s });
+                (self.tell)(RunEvent::Relocalised { frames, after_s, resumed_s });
                 self.recovering = None;
             }
             Some((_, frames, _)) => *frames += 1,

@@ -6,7 +6,7 @@
 use crate::Role;
 use crate::message::{Failure, Opened, Order, Report};
 use crate::process::{Event, Process, Start, What};
-use crate::supervision::{Death, Tell, Told};
+use crate::supervision::{Death, EventSink, RunEvent};
 use crate::worker::Worker;
 use cairn_dense::SurfaceChange;
 use cairn_session::DepthWanted;
@@ -44,7 +44,7 @@ impl RemoteDense {
         folder: PathBuf,
         opened: Opened,
         command: Start,
-        tell: Tell,
+        tell: EventSink,
         wanted: Arc<DepthWanted>,
     ) -> std::io::Result<(Self, Receiver<SurfaceChange>)> {
         let (changes, surfaces) = channel();
@@ -73,7 +73,7 @@ struct Looking {
     /// What a process is told first, but for its number.
     first: Order,
     command: Start,
-    tell: Tell,
+    tell: EventSink,
     to: Sender<Event>,
     worker: Worker,
     starts: u64,
@@ -112,13 +112,13 @@ impl Looking {
                     *start = number;
                 }
                 process.order(first);
-                (self.tell)(Told::Started { role, id: process.id() });
+                (self.tell)(RunEvent::Started { role, id: process.id() });
                 self.worker.started(process, number);
                 true
             }
             Err(e) => {
                 let why = Failure::new("the process for dense", e, "close other programs");
-                (self.tell)(Told::NoSurfaces(&why));
+                (self.tell)(RunEvent::NoSurfaces(&why));
                 false
             }
         }
@@ -137,7 +137,7 @@ impl Looking {
             Report::Ready { key_frames, .. } => {
                 self.worker.ready = true;
                 if let Some(died) = self.died.take() {
-                    (self.tell)(Told::DenseResumed { key_frames, after_s: died.elapsed().as_secs_f64() });
+                    (self.tell)(RunEvent::DenseResumed { key_frames, after_s: died.elapsed().as_secs_f64() });
                 }
             }
             Report::Followed => {
@@ -147,7 +147,7 @@ impl Looking {
             // Without a receiver the session has ended, and this soon does.
             Report::Shown(shown) => return shown.into_change().is_none_or(|c| self.changes.send(c).is_ok()),
             Report::Failed(why) => {
-                (self.tell)(Told::NoSurfaces(&why));
+                (self.tell)(RunEvent::NoSurfaces(&why));
                 return false;
             }
             _ => {}
@@ -175,17 +175,22 @@ impl Looking {
         let Some(process) = self.worker.process.take() else { return true };
         let status = process.end();
         let (role, how) = (Role::Dense, why.unwrap_or(status));
-        (self.tell)(Told::Died(&Death { role, how, at_frame: 0, t_s: self.began.elapsed().as_secs_f64() }));
+        (self.tell)(RunEvent::Died(&Death {
+            role,
+            how,
+            at_frame: 0,
+            t_s: self.began.elapsed().as_secs_f64(),
+        }));
         self.worker.ready = false;
         self.died.get_or_insert_with(Instant::now);
         let had_done_work = self.worker.has_done_work();
         let Some(delay) = self.worker.backoff.after_death(had_done_work) else {
-            (self.tell)(Told::GivenUp { role });
+            (self.tell)(RunEvent::GivenUp { role });
             return false;
         };
         if !delay.is_zero() {
             let times = self.worker.backoff.times();
-            (self.tell)(Told::Waits { role, delay_s: delay.as_secs_f64(), times });
+            (self.tell)(RunEvent::Waits { role, delay_s: delay.as_secs_f64(), times });
         }
         self.worker.due = Some(Instant::now() + delay);
         true

@@ -5,7 +5,7 @@
 
 use crate::backoff::Backoff;
 use crate::process::words;
-use crate::supervision::{Death, Told};
+use crate::supervision::{Death, RunEvent};
 use crate::{Role, SuperviseError};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus};
@@ -30,7 +30,7 @@ pub fn respawn(
     role: Role,
     command: impl Fn() -> Command,
     alive: &Path,
-    tell: &mut dyn FnMut(Told),
+    tell: &mut dyn FnMut(RunEvent),
 ) -> Result<i32, SuperviseError> {
     let (began, mut backoff) = (Instant::now(), Backoff::default());
     loop {
@@ -38,7 +38,7 @@ pub fn respawn(
         let _ = std::fs::remove_file(alive);
         let cannot = |e: std::io::Error| SuperviseError::Start { role, why: e.to_string() };
         let mut child = command().spawn().map_err(cannot)?;
-        tell(Told::Started { role, id: child.id() });
+        tell(RunEvent::Started { role, id: child.id() });
         let started = Instant::now();
         let (status, why) = wait(&mut child, alive).map_err(cannot)?;
         let how = match (why, status.code()) {
@@ -47,12 +47,12 @@ pub fn respawn(
             (None, _) => words(status),
         };
         let t_s = began.elapsed().as_secs_f64();
-        tell(Told::Died(&Death { role, how: how.clone(), at_frame: 0, t_s }));
+        tell(RunEvent::Died(&Death { role, how: how.clone(), at_frame: 0, t_s }));
         let delay = backoff.after_death(started.elapsed() > LONG_LIFE);
         let times = backoff.times();
         let Some(delay) = delay else { return Err(SuperviseError::CrashLoop { role, how, times }) };
         if !delay.is_zero() {
-            tell(Told::Waits { role, delay_s: delay.as_secs_f64(), times });
+            tell(RunEvent::Waits { role, delay_s: delay.as_secs_f64(), times });
             std::thread::sleep(delay);
         }
     }

@@ -27,11 +27,11 @@ pub struct Supervision {
 }
 
 /// Hears what becomes of processes.
-pub type Tell = Arc<dyn Fn(Told) + Send + Sync>;
+pub type EventSink = Arc<dyn Fn(RunEvent) + Send + Sync>;
 
 /// What the supervisor tells while the run goes on.
 #[derive(Debug)]
-pub enum Told<'a> {
+pub enum RunEvent<'a> {
     /// A process was started.
     Started {
         /// What it does.

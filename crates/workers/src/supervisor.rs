@@ -11,7 +11,7 @@ use crate::message::{Failure, Finished, Frame, LeftOut, Opened, Order, Report, T
 use crate::process::{Event, Process, What};
 use crate::run_folder::RunFolder;
 use crate::slam::FINAL_MAP;
-use crate::supervision::{Death, Supervised, Supervision, Told};
+use crate::supervision::{Death, RunEvent, Supervised, Supervision};
 use crate::surfaces::Surfaces;
 use crate::worker::Worker;
 use crate::{Role, SuperviseError};
@@ -34,7 +34,7 @@ pub fn supervise(
     how: &Supervision,
     folder: &RunFolder,
     stop: &AtomicBool,
-    tell: &mut dyn FnMut(Told),
+    tell: &mut dyn FnMut(RunEvent),
 ) -> Result<Supervised, SuperviseError> {
     let (to, events) = channel();
     let mut run = Run {
@@ -87,7 +87,7 @@ struct Recovering {
 struct Run<'a, 't> {
     how: &'a Supervision,
     folder: &'a RunFolder,
-    tell: &'t mut dyn FnMut(Told),
+    tell: &'t mut dyn FnMut(RunEvent),
     to: Sender<Event>,
     began: Instant,
     starts: u64,
@@ -228,7 +228,7 @@ impl Run<'_, '_> {
             self.guide_waits = self.how.records;
             process.order(Order::PosesCome(self.poses_come));
         }
-        (self.tell)(Told::Started { role, id: process.id() });
+        (self.tell)(RunEvent::Started { role, id: process.id() });
         self.worker(role).started(process, start);
         Ok(())
     }
@@ -255,7 +255,7 @@ impl Run<'_, '_> {
             Report::Opened(opened) => {
                 self.capture.ready = true;
                 if self.opened.is_none() {
-                    (self.tell)(Told::Opened(&opened));
+                    (self.tell)(RunEvent::Opened(&opened));
                     self.opened = Some(opened);
                     self.start(Role::Slam)?;
                     if self.how.surfaces.is_some() {
@@ -281,14 +281,14 @@ impl Run<'_, '_> {
             Report::Ready { key_frames, .. } if role == Role::Dense => {
                 self.dense.ready = true;
                 if let Some(after_s) = self.surfaces.process_began() {
-                    (self.tell)(Told::DenseResumed { key_frames, after_s });
+                    (self.tell)(RunEvent::DenseResumed { key_frames, after_s });
                 }
             }
             Report::Ready { key_frames, .. } => {
                 self.slam.ready = true;
                 if let Some(r) = &mut self.recovering {
                     r.resumed = Some(Instant::now());
-                    (self.tell)(Told::Resumed { key_frames, after_s: r.died.elapsed().as_secs_f64() });
+                    (self.tell)(RunEvent::Resumed { key_frames, after_s: r.died.elapsed().as_secs_f64() });
                 }
             }
             Report::Tracked(tracked) => self.tracked(*tracked),
@@ -303,7 +303,7 @@ impl Run<'_, '_> {
                 self.recorded = Some(recorded);
                 self.guide.process = None;
             }
-            Report::Said(said) => (self.tell)(Told::Said(&said)),
+            Report::Said(said) => (self.tell)(RunEvent::Said(&said)),
             Report::Followed => self.dense.progress = true,
             Report::NoSurfaces(why) => self.end_surfaces(Err(why)),
             Report::Finished(_) if role == Role::Dense => self.end_surfaces(Ok(())),
@@ -330,7 +330,7 @@ impl Run<'_, '_> {
             if tracked.pose.is_some() {
                 let (after_s, since) = (r.died.elapsed().as_secs_f64(), r.resumed.unwrap_or(r.died));
                 let (frames, resumed_s) = (r.frames, since.elapsed().as_secs_f64());
-                (self.tell)(Told::Relocalised { frames, after_s, resumed_s });
+                (self.tell)(RunEvent::Relocalised { frames, after_s, resumed_s });
                 self.relocalised.push((frames, after_s));
                 self.recovering = None;
             } else {
@@ -346,7 +346,7 @@ impl Run<'_, '_> {
                 self.guide.order(Order::Tracked(Box::new(tracked.clone())));
             }
         }
-        (self.tell)(Told::Tracked(&tracked));
+        (self.tell)(RunEvent::Tracked(&tracked));
         self.log.insert(tracked.number, tracked);
     }
 

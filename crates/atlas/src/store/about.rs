@@ -25,7 +25,7 @@ pub struct About {
 /// What keeps a run from going on in a map.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Misfit {
+pub enum CameraMismatch {
     /// They use other sensors.
     #[error("the map was made with {}, this run uses {}", sensor_name(*.map), sensor_name(*.run))]
     Sensor {
@@ -82,16 +82,16 @@ impl About {
         sensor: SensorMode,
         camera: &RectifiedCamera,
         now: Octaves,
-    ) -> Result<Vec<String>, Misfit> {
+    ) -> Result<Vec<String>, CameraMismatch> {
         if self.sensor != sensor {
-            return Err(Misfit::Sensor { map: self.sensor, run: sensor });
+            return Err(CameraMismatch::Sensor { map: self.sensor, run: sensor });
         }
         if octaves != now {
-            return Err(Misfit::Octaves { map: octaves, run: now });
+            return Err(CameraMismatch::Octaves { map: octaves, run: now });
         }
         let apart = self.pixels_apart(camera);
         if apart > SAME_PX {
-            return Err(Misfit::Camera {
+            return Err(CameraMismatch::Camera {
                 map: Box::new(self.camera),
                 run: Box::new(*camera),
                 apart_px: apart,
@@ -100,7 +100,7 @@ impl About {
         let baseline = |camera: &RectifiedCamera| camera.baseline_fx / camera.fx;
         let (a, b) = (baseline(&self.camera), baseline(camera));
         if (a - b).abs() > SAME_BASELINE * a.max(b) {
-            return Err(Misfit::Baseline { map_m: a, run_m: b });
+            return Err(CameraMismatch::Baseline { map_m: a, run_m: b });
         }
         let mut notes = Vec::new();
         if apart > 1e-6 || a != b {

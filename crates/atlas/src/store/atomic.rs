@@ -130,7 +130,7 @@ mod tests {
         put(&path, "two").unwrap();
         let error = write_whole(&path, |file| {
             file.write_all(b"half").unwrap();
-            Err::<(), _>(StoreError::Unfit("on purpose".into()))
+            Err::<(), _>(StoreError::CombineError("on purpose".into()))
         });
         assert!(error.is_err());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "two");

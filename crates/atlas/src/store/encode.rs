@@ -41,7 +41,7 @@ impl Rows {
 pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(), StoreError> {
     let snapshot = &file.snapshot;
     if let Some(fault) = snapshot.read_fault() {
-        return Err(StoreError::Unfit(fault.to_owned()));
+        return Err(StoreError::CombineError(fault.to_owned()));
     }
     let rows = Rows::new(snapshot);
     let key_frames: Vec<&KeyFrame> = snapshot.key_frames().collect();
@@ -240,7 +240,7 @@ fn words(key_frames: &[&KeyFrame]) -> Result<Vec<u8>, StoreError> {
 /// The error of a key frame whose features are on the disk and cannot be read.
 fn unreadable(k: &KeyFrame) -> impl FnOnce(String) -> StoreError {
     let id = k.id;
-    move |fault| StoreError::Unfit(format!("{id:?}: {fault}"))
+    move |fault| StoreError::CombineError(format!("{id:?}: {fault}"))
 }
 
 /// Stretches of ids, first those of key frames, then those of landmarks.
@@ -260,7 +260,7 @@ fn robots(snapshot: &Snapshot) -> Vec<u8> {
 /// The other cameras, and for each key frame the number of its own, counted from 1; 0 is that of the atlas.
 fn cameras(snapshot: &Snapshot, key_frames: &[&KeyFrame]) -> Result<Vec<u8>, StoreError> {
     let count = u8::try_from(snapshot.other_cameras().count())
-        .map_err(|_| StoreError::Unfit("more than 255 cameras".into()))?;
+        .map_err(|_| StoreError::CombineError("more than 255 cameras".into()))?;
     let mut e = Encoder::default();
     e.u8(count);
     for other in snapshot.other_cameras() {

@@ -48,7 +48,7 @@ pub enum StoreError {
     },
     /// The map cannot be written.
     #[error("the map cannot be saved: {0}")]
-    Unfit(String),
+    CombineError(String),
 }
 
 impl StoreError {

@@ -21,7 +21,7 @@ mod readings;
 mod virtual_baseline;
 mod wire;
 
-pub use about::{About, Misfit, sensor_name};
+pub use about::{About, CameraMismatch, sensor_name};
 pub use changes::{COMMIT_VERSION, decode_commit, encode_commit};
 pub use container::{MAGIC, PartInfo};
 pub use depth::{DEPTH_PREFIX, DepthPart, Place, SavedDepth};
@@ -193,7 +193,7 @@ impl MapFile {
     ///
     /// # Errors
     ///
-    /// [`StoreError::Unfit`] when a name or a part cannot be stored.
+    /// [`StoreError::CombineError`] when a name or a part cannot be stored.
     pub fn write(&self) -> Result<Vec<u8>, StoreError> {
         let mut out = Cursor::new(Vec::new());
         encode::write(self, &mut out)?;

@@ -1,5 +1,6 @@
 //! The kitchen recording in memory, and what all sections share.
 
+use crate::MeasureError;
 use crate::processor::thread_cpu_ms;
 use cairn_dense::{Backend, DenseError, DepthConfig, DepthFrame, DepthPreparer, TsdfConfig, TsdfVolume};
 use cairn_geometry::Se3;
@@ -31,10 +32,9 @@ impl Kitchen {
     ///
     /// # Errors
     /// When it is missing, short, or has frames without depth or pose.
-    pub fn read(data: &Path) -> Result<Self, String> {
+    pub fn read(data: &Path) -> Result<Self, MeasureError> {
         let folder = data.join("7scenes-kitchen");
-        let mut source =
-            open(&folder.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
+        let mut source = open(&folder.to_string_lossy(), OpenOptions::default())?;
         let sensor = source.rig().depth.clone().ok_or("the recording has no depth sensor")?;
         let truth = source.info().truth.clone();
         let mut kitchen = Self {
@@ -43,8 +43,8 @@ impl Kitchen {
             all: Vec::new(),
             fused: Vec::new(),
         };
-        let mut preparer = kitchen.preparer(Backend::best()).map_err(|e| e.to_string())?;
-        while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
+        let mut preparer = kitchen.preparer(Backend::best())?;
+        while let Some(packet) = source.next_packet()? {
             let number = kitchen.all.len();
             if number == FRAMES {
                 break;
@@ -53,7 +53,7 @@ impl Kitchen {
             let (_, pose) = pose.ok_or_else(|| format!("frame {number} has no pose"))?;
             let depth = packet.depth.clone().ok_or_else(|| format!("frame {number} has no depth"))?;
             if number.is_multiple_of(EVERY) {
-                let frame = preparer.prepare(&depth).map_err(|e| e.to_string())?.clone();
+                let frame = preparer.prepare(&depth)?.clone();
                 let gray = packet.images.first().ok_or_else(|| format!("frame {number} has no image"))?;
                 let colour = gray.data().iter().map(|&v| [v; 3]).collect();
                 let colour = Image::from_vec(gray.width(), gray.height(), colour);
@@ -62,7 +62,7 @@ impl Kitchen {
             kitchen.all.push((depth, *pose));
         }
         if kitchen.all.len() < FRAMES {
-            return Err(format!("{} has {} of {FRAMES} frames", folder.display(), kitchen.all.len()));
+            return Err(format!("{} has {} of {FRAMES} frames", folder.display(), kitchen.all.len()).into());
         }
         Ok(kitchen)
     }

@@ -11,6 +11,7 @@ mod pairs;
 mod submaps;
 mod views;
 
+use crate::MeasureError;
 use kitchen::Kitchen;
 use serde::Serialize;
 use std::fmt::Write;
@@ -99,7 +100,7 @@ impl Row {
 ///
 /// # Errors
 /// When the recording is missing or cannot be read.
-pub fn run(data: &Path, only: &[Section]) -> Result<Vec<Row>, String> {
+pub fn run(data: &Path, only: &[Section]) -> Result<Vec<Row>, MeasureError> {
     let kitchen = Kitchen::read(data)?;
     let mut rows = Vec::new();
     for section in Section::ALL.into_iter().filter(|s| only.is_empty() || only.contains(s)) {

@@ -1,5 +1,6 @@
 //! Complete recordings of real IMUs with ground truth, without images.
 
+use crate::MeasureError;
 use cairn_geometry::{Se3, So3, Trajectory, Vec3};
 use cairn_inertial::{Bias, ImuBuffer, Preintegrated};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
@@ -36,11 +37,10 @@ impl Motion {
     ///
     /// # Errors
     /// When a file is missing or invalid.
-    pub fn read(data: &Path, name: &'static str) -> Result<Self, String> {
+    pub fn read(data: &Path, name: &'static str) -> Result<Self, MeasureError> {
         let folder = data.join("imu-truth").join(name);
-        let samples = cairn_sources::read_imu(folder.join("imu.csv")).map_err(|e| e.to_string())?;
-        let truth =
-            cairn_eval::load_trajectory(&folder.join("gt_tum.txt")).map_err(|e| e.to_string())?.trajectory;
+        let samples = cairn_sources::read_imu(folder.join("imu.csv"))?;
+        let truth = cairn_eval::load_trajectory(&folder.join("gt_tum.txt"))?.trajectory;
         let noise = if name.starts_with("tumvi") { TUMVI } else { EUROC };
         let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 200.0, noise, offset_s: 0.0 };
         Ok(Self { name, sensor, samples, truth })

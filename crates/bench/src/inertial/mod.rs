@@ -6,6 +6,7 @@ pub mod drift;
 pub mod reference;
 pub mod tries;
 
+use crate::MeasureError;
 use data::Motion;
 use drift::Drift;
 use reference::Reference;
@@ -47,7 +48,7 @@ pub struct Chosen<'a> {
 ///
 /// # Errors
 /// When an existing recording cannot be read.
-pub fn run(data: &Path, chosen: &Chosen) -> Result<Vec<Figures>, String> {
+pub fn run(data: &Path, chosen: &Chosen) -> Result<Vec<Figures>, MeasureError> {
     let holds = |name: &str, part: Option<&str>| part.is_none_or(|p| name.contains(p));
     let mut out = Vec::new();
     for name in data::NAMES.into_iter().filter(|n| holds(n, chosen.recording)) {

@@ -6,6 +6,7 @@
 //! those at least [`APART`] before it.
 
 use super::{View, extractor};
+use crate::MeasureError;
 use cairn_geometry::Se3;
 use cairn_sources::read_gray;
 use cairn_vision::bow::{NodeMatchConfig, Vocabulary, match_through_nodes};
@@ -81,19 +82,19 @@ pub struct Walk {
 ///
 /// # Errors
 /// When it exists and cannot be read.
-pub fn read(data: &Path, vocabulary: &Vocabulary) -> Result<Option<Walk>, String> {
+pub fn read(data: &Path, vocabulary: &Vocabulary) -> Result<Option<Walk>, MeasureError> {
     let folder = data.join("loops");
     if !folder.exists() {
         return Ok(None);
     }
     let matrix = folder.join("samples_GT.bmp");
-    let bytes = std::fs::read(&matrix).map_err(|e| format!("{}: {e}", matrix.display()))?;
-    let truth = gray_bmp(&bytes).map_err(|e| format!("{}: {e}", matrix.display()))?;
+    let bytes = std::fs::read(&matrix).map_err(MeasureError::file(&matrix))?;
+    let truth = gray_bmp(&bytes).map_err(|e| MeasureError::of(matrix.display(), e))?;
     let mut extractor = extractor();
     let mut views = Vec::new();
     let mut size = [0; 2];
     for i in 1..=truth.len() {
-        let image = read_gray(&folder.join(format!("samples/{i}.jpg"))).map_err(|e| e.to_string())?;
+        let image = read_gray(&folder.join(format!("samples/{i}.jpg")))?;
         size = [image.width(), image.height()];
         views.push(View::of(&mut extractor, &image, vocabulary));
     }
@@ -199,7 +200,7 @@ impl Walk {
 
 /// White pixels of an uncompressed bitmap with eight bits per pixel, top row first (the file stores the bottom row
 /// first).
-fn gray_bmp(bytes: &[u8]) -> Result<Vec<Vec<bool>>, String> {
+fn gray_bmp(bytes: &[u8]) -> Result<Vec<Vec<bool>>, MeasureError> {
     let word =
         |at: usize| -> Option<i32> { Some(i32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?)) };
     let fields = (word(10), word(18), word(22), word(28), word(30));

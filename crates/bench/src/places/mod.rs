@@ -5,6 +5,7 @@ pub mod page;
 pub mod recall;
 pub mod times;
 
+use crate::MeasureError;
 use cairn_sensor::GrayImage;
 use cairn_sources::{OpenOptions, open};
 use cairn_vision::bow::{BagOfWords, Vocabulary};
@@ -56,13 +57,18 @@ const RECORDINGS: [&str; 2] = ["7scenes-kitchen", "euroc-mh01"];
 ///
 /// # Errors
 /// When an existing input cannot be read.
-pub fn run(data: &Path, vocabularies: &[PathBuf], only_loops: bool, verbose: bool) -> Result<String, String> {
+pub fn run(
+    data: &Path,
+    vocabularies: &[PathBuf],
+    only_loops: bool,
+    verbose: bool,
+) -> Result<String, MeasureError> {
     let mut views = Vec::new();
     if !only_loops {
         for world in WORLDS {
             let walk = |more: &str| {
                 let source = open(&format!("{world}{more}"), OpenOptions::default());
-                recall::Views::read(world, source.map_err(|e| e.to_string())?.as_mut(), 1.0)
+                recall::Views::read(world, source?.as_mut(), 1.0)
             };
             views.push(walk(WALKS[0])?.with(walk(WALKS[1])?));
         }
@@ -72,19 +78,17 @@ pub fn run(data: &Path, vocabularies: &[PathBuf], only_loops: bool, verbose: boo
                 eprintln!("skipped: {name} is not in {}", data.display());
                 continue;
             }
-            let source = open(&folder.to_string_lossy(), OpenOptions::default());
-            let mut source = source.map_err(|e| e.to_string())?;
+            let mut source = open(&folder.to_string_lossy(), OpenOptions::default())?;
             views.push(recall::Views::read(name, source.as_mut(), 0.2)?);
         }
     }
     let others: Vec<Vocabulary> = vocabularies
         .iter()
         .map(|path| {
-            let failed = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
-            let bytes = std::fs::read(path).map_err(|e| failed(&e))?;
-            Vocabulary::open(bytes).map_err(|e| failed(&e))
+            let bytes = std::fs::read(path).map_err(MeasureError::file(path))?;
+            Vocabulary::open(bytes).map_err(|e| MeasureError::of(path.display(), e.to_string()))
         })
-        .collect::<Result<_, String>>()?;
+        .collect::<Result<_, MeasureError>>()?;
     let chosen: Vec<&Vocabulary> =
         if others.is_empty() { vec![Vocabulary::embedded()] } else { others.iter().collect() };
     let mut text = String::new();

@@ -6,6 +6,7 @@
 //! any view of the same place do not count.
 
 use super::{View, extractor};
+use crate::MeasureError;
 use cairn_geometry::Se3;
 use cairn_sensor::{Source, Stamp};
 use cairn_vision::bow::Vocabulary;
@@ -48,14 +49,14 @@ impl Views {
     ///
     /// # Errors
     /// When the source fails.
-    pub fn read(name: &str, source: &mut dyn Source, every_s: f64) -> Result<Self, String> {
+    pub fn read(name: &str, source: &mut dyn Source, every_s: f64) -> Result<Self, MeasureError> {
         let truth = source.info().truth.clone();
         let body_from_camera =
             source.rig().cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera);
         let mut extractor = extractor();
         let mut views = Self { name: name.into(), features: Vec::new(), at: Vec::new(), first: 0 };
         let mut next = i64::MIN;
-        while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
+        while let Some(packet) = source.next_packet()? {
             let after = truth.partition_point(|(t, _)| *t < packet.stamp);
             let around =
                 [after.checked_sub(1), Some(after)].into_iter().flatten().filter_map(|i| truth.get(i));

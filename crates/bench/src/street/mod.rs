@@ -7,6 +7,7 @@ mod memory;
 mod table;
 mod world;
 
+use crate::MeasureError;
 use crate::memory::resident_mb;
 use crate::store::{self, camera};
 use build::{SPEED_MPS, build};
@@ -100,7 +101,7 @@ pub struct Figures {
 ///
 /// # Errors
 /// When the map cannot be saved or read back, or a stage gives nothing to measure.
-pub fn run(folder: &Path, length_m: usize, features: usize, times: usize) -> Result<Figures, String> {
+pub fn run(folder: &Path, length_m: usize, features: usize, times: usize) -> Result<Figures, MeasureError> {
     if length_m < 400 || features < 100 {
         return Err("a street has at least 400 m, and frames at least 100 features".into());
     }
@@ -148,10 +149,10 @@ pub fn run(folder: &Path, length_m: usize, features: usize, times: usize) -> Res
     })
 }
 
-fn walk_new(street: &mut Street, walk: &mut Walk) -> Result<Walked, String> {
+fn walk_new(street: &mut Street, walk: &mut Walk) -> Result<Walked, MeasureError> {
     let (before, mut times) = (resident_mb(), Times::default());
     if let Some(found) = walk.go(street, NEW_M, &mut times) {
-        return Err(format!("a loop was closed where there is none: {:?}", found.accepted));
+        return Err(format!("a loop was closed where there is none: {:?}", found.accepted).into());
     }
     let ms = |seconds: &[f64]| percentiles(&seconds.iter().map(|s| s * 1e3).collect::<Vec<_>>());
     Ok(Walked {
@@ -165,7 +166,7 @@ fn walk_new(street: &mut Street, walk: &mut Walk) -> Result<Walked, String> {
 }
 
 /// Commits the loop on a thread of its own while tracking goes on.
-fn close(walk: Walk, found: Found, street: &mut Street) -> Result<(Snapshot, Option<Closed>), String> {
+fn close(walk: Walk, found: Found, street: &mut Street) -> Result<(Snapshot, Option<Closed>), MeasureError> {
     let (base, id) = (walk.atlas.latest().clone(), found.key_frame);
     // Alone: what was measured when it was found, and its commit on a copy.
     let mut copy = cairn_atlas::Atlas::new(base.as_ref().clone());
@@ -214,7 +215,7 @@ fn close(walk: Walk, found: Found, street: &mut Street) -> Result<(Snapshot, Opt
         std::thread::sleep(pause);
     }
     let frames = [beside.len(), tracked];
-    let (atlas, beside_s) = job.join().map_err(|_| "closing failed")?;
+    let (atlas, beside_s) = job.join().map_err(|_| MeasureError::Program("closing failed".into()))?;
     let grown_mb = resident_mb().zip(before).map(|(now, before)| now - before);
     let after = atlas.latest().clone();
     let (off_before, off_after) = (errors(street, &base), errors(street, &after));
@@ -247,13 +248,13 @@ fn save_and_open(
     times: usize,
     street: &mut Street,
     features: usize,
-) -> Result<(store::Stored, Option<f64>), String> {
+) -> Result<(store::Stored, Option<f64>), MeasureError> {
     let about = About { program: "cairn bench".into(), sensor: SensorMode::Stereo, camera: camera() };
     let file = MapFile { snapshot, about, attached: BTreeMap::new() };
-    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    std::fs::create_dir_all(folder).map_err(MeasureError::file(folder))?;
     let path = folder.join(format!("cairn-bench-street-{}.map", std::process::id()));
     let measured = store::measure(&file, &path, times).and_then(|stored| {
-        let opened = MapFile::load(&path).map_err(|e| e.to_string())?;
+        let opened = MapFile::load(&path)?;
         Ok((stored, first_pose_ms(&opened.snapshot, street, features)))
     });
     let _ = std::fs::remove_file(&path);
@@ -277,8 +278,8 @@ fn first_pose_ms(map: &Snapshot, street: &mut Street, features: usize) -> Option
     None
 }
 
-fn percentiles(ms: &[f64]) -> Result<Percentiles, String> {
-    Percentiles::of(ms).ok_or_else(|| "nothing to measure".to_owned())
+fn percentiles(ms: &[f64]) -> Result<Percentiles, MeasureError> {
+    Percentiles::of(ms).ok_or(MeasureError::Unfit("nothing to measure".into()))
 }
 
 fn median_ms(seconds: &[f64]) -> f64 {

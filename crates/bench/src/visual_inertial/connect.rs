@@ -1,5 +1,6 @@
 //! Creates the engine of the trials with or without IMU.
 
+use crate::MeasureError;
 use crate::Sensor;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_sensor::Rig;
@@ -14,10 +15,10 @@ pub fn engine(
     rate_hz: f64,
     runner: Runner,
     config: &Config,
-) -> Result<Engine, String> {
+) -> Result<Engine, MeasureError> {
     let mut config = config.clone();
     config.inertial.enabled = sensor.is_inertial();
-    Engine::new(rig, sensor.mode(), rate_hz, runner, &config).map_err(|e| e.to_string())
+    Ok(Engine::new(rig, sensor.mode(), rate_hz, runner, &config)?)
 }
 
 /// Seconds to add to an IMU stamp to get the image clock, as estimated by the engine (0 if it estimated none); `None`

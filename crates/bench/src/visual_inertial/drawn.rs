@@ -1,6 +1,7 @@
 //! A phone drawn by a seed on a planned walk, as a source: lens, rolling shutter, stamps, readings and start are those of
 //! [`PhoneTraits`], as in `cairn demo --phone`, but without a page, JPEGs and real time, so that runs are reproducible.
 
+use crate::MeasureError;
 use cairn_geometry::Se3;
 use cairn_random::Random;
 use cairn_sensor::{FramePacket, GrayImage, Merge, MergeConfig, Rig, Source, SourceError, SourceInfo, Stamp};
@@ -40,10 +41,10 @@ impl DrawnPhone {
         motion: cairn_sim::Motion,
         traits: &PhoneTraits,
         every: usize,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MeasureError> {
         let effects = Effects { noise: 3.0, ..config.effects };
         let camera = RollingCamera::new(world, &traits.camera, traits.readout_s, effects, config.seed);
-        let camera = camera.map_err(|e| e.to_string())?;
+        let camera = camera?;
         let rig = Rig { imu: Some(phone_imu()), ..Rig::mono(traits.camera) };
         let shots =
             shots(traits, motion.end(), config.seed).into_iter().step_by(every.max(1)).collect::<Vec<_>>();

@@ -3,6 +3,7 @@
 
 use super::drawn::DrawnPhone;
 use super::phone::{Noise, STATED};
+use crate::MeasureError;
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_lens::LensProblem;
 use cairn_sensor::{Camera, Distortion, Rig, Source};
@@ -14,11 +15,11 @@ use cairn_sim::{PhoneTraits, SimConfig, SimSource, Walker, WorldKind};
 ///
 /// # Errors
 /// When the phone or the engine fails.
-pub fn walk(seed: u64, noise: Noise, metres: f64, config: &Config) -> Result<(), String> {
+pub fn walk(seed: u64, noise: Noise, metres: f64, config: &Config) -> Result<(), MeasureError> {
     let mut sim = SimConfig::new(WorldKind::Demo, seed);
     sim.camera = Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5);
     sim.walker = Walker { turn_rate: 0.8, ..Walker::default() };
-    let plain = SimSource::new(&sim).map_err(|e| e.to_string())?;
+    let plain = SimSource::new(&sim)?;
     let route = plain.world().routes().first().ok_or("the world has no route")?.points.clone();
     let corners = super::walked::cut(&route, metres);
     let mut traits = PhoneTraits::new(seed, 640, 480);
@@ -34,8 +35,7 @@ pub fn walk(seed: u64, noise: Noise, metres: f64, config: &Config) -> Result<(),
     if let Some(imu) = &mut rig.imu {
         imu.noise = STATED;
     }
-    let mut engine = Engine::new(&rig, SensorMode::Mono, source.info().rate_hz, Runner::Lockstep, &config)
-        .map_err(|e| e.to_string())?;
+    let mut engine = Engine::new(&rig, SensorMode::Mono, source.info().rate_hz, Runner::Lockstep, &config)?;
     let truth = [
         traits.camera.fx / guess.fx,
         match traits.camera.distortion {
@@ -51,8 +51,8 @@ pub fn walk(seed: u64, noise: Noise, metres: f64, config: &Config) -> Result<(),
         1e3 * traits.stamp_delay_s
     );
     let (mut begin, mut last) = (None, -10.0);
-    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
-        engine.on_packet(&packet).map_err(|e| e.to_string())?;
+    while let Some(packet) = source.next_packet()? {
+        engine.on_packet(&packet)?;
         let now = packet.stamp.seconds();
         let t = now - *begin.get_or_insert(now);
         if t - last < 4.0 {

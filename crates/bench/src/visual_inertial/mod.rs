@@ -13,6 +13,7 @@ mod semi_real;
 pub mod spot;
 mod walked;
 
+use crate::MeasureError;
 use crate::{RunOptions, Sensor};
 use cairn_engine::Delays;
 use ran::{Figures, HEAD, row};
@@ -101,7 +102,7 @@ pub struct Measured {
 ///
 /// # Errors
 /// When a run fails.
-pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
+pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, MeasureError> {
     let options = |usual: &[Sensor]| -> Vec<RunOptions> {
         let sensors = if chosen.sensors.is_empty() { usual } else { &chosen.sensors };
         let of = |s: &Sensor| RunOptions {
@@ -162,7 +163,7 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, String> {
     Ok(out)
 }
 
-fn spots(chosen: &Chosen, out: &mut Measured) -> Result<(), String> {
+fn spots(chosen: &Chosen, out: &mut Measured) -> Result<(), MeasureError> {
     let metres = [chosen.metres, spot::BACK_M];
     for seed in chosen.seeds.clone() {
         for backwards_after_s in [None, Some(spot::STANDS_S)] {
@@ -184,7 +185,12 @@ fn spots(chosen: &Chosen, out: &mut Measured) -> Result<(), String> {
     Ok(())
 }
 
-fn semi_real(data: &Path, chosen: &Chosen, options: &[RunOptions], out: &mut Measured) -> Result<(), String> {
+fn semi_real(
+    data: &Path,
+    chosen: &Chosen,
+    options: &[RunOptions],
+    out: &mut Measured,
+) -> Result<(), MeasureError> {
     let only = |name: &str| chosen.only.as_ref().is_none_or(|part| name.contains(part.as_str()));
     for motion in semi_real::MOTIONS.iter().filter(|m| only(m.name)) {
         if !data.join("imu-truth").join(motion.name).exists() {

@@ -5,6 +5,7 @@ use super::carried::Carried;
 use super::drawn::DrawnPhone;
 use super::live_scale::LiveScale;
 use super::ran::{Figures, run_in};
+use crate::MeasureError;
 use crate::RunOptions;
 use cairn_engine::{Delays, Runner};
 use cairn_geometry::Vec2;
@@ -67,7 +68,7 @@ pub fn walk(
     noise: Noise,
     metres: f64,
     options: &RunOptions,
-) -> Result<Walked, String> {
+) -> Result<Walked, MeasureError> {
     let mut config = SimConfig::new(WorldKind::Demo, seed);
     config.sensor = options.sensor.simulated();
     config.camera = Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5);
@@ -77,7 +78,7 @@ pub fn walk(
         imu.noise = STATED;
     }
     config.imu = Some(imu);
-    let plain = SimSource::new(&config).map_err(|e| e.to_string())?;
+    let plain = SimSource::new(&config)?;
     let route = plain.world().routes().first().ok_or("the world has no route")?.points.clone();
     let out = super::walked::cut(&route, metres);
     let home = out.iter().rev().skip(1).copied();
@@ -95,7 +96,7 @@ pub fn walk(
         Noise::Overstated | Noise::AsStated => {
             config.route = CameraPath::Points(corners);
             let inner = SimSource::in_world(&config, plain.world().clone());
-            Box::new(inner.map_err(|e| e.to_string())?)
+            Box::new(inner?)
         }
         _ => {
             let mut traits = traits;

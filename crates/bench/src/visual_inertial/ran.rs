@@ -4,6 +4,7 @@
 use super::carried::Carried;
 use super::connect;
 use super::live_scale::LiveScale;
+use crate::MeasureError;
 use crate::RunOptions;
 use cairn_atlas::MapId;
 use cairn_engine::{Engine, Odometry, Runner, State};
@@ -86,7 +87,7 @@ pub struct Figures {
 ///
 /// # Errors
 /// When the source or the engine fails.
-pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, String> {
+pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, MeasureError> {
     run_in(source, options, Runner::Lockstep)
 }
 
@@ -94,7 +95,7 @@ pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, String>
 ///
 /// # Errors
 /// When the source or the engine fails.
-pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> Result<Ran, String> {
+pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> Result<Ran, MeasureError> {
     let rig = source.rig().clone();
     let mut engine = connect::engine(&rig, options.sensor, source.info().rate_hz, runner, &options.config)?;
     let (mut moved, mut told) = (Vec::new(), BTreeSet::new());
@@ -102,10 +103,11 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
     let (mut known, mut map_created, mut metric_at) = (BTreeSet::<MapId>::new(), Vec::new(), None);
     let (mut first_sigma, mut sigmas) = (None, BTreeMap::new());
     while stamps.len() < options.frames {
-        let Some(packet) = source.next_packet().map_err(|e| e.to_string())? else { break };
-        let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+        let Some(packet) = source.next_packet()? else { break };
+        let out = engine.on_packet(&packet)?;
         if let Some(cause) = out.stage_failed {
-            return Err(format!("frame {}: {cause}", stamps.len()));
+            let frame = format!("frame {}", stamps.len());
+            return Err(MeasureError::of(frame, MeasureError::Stage(cause)));
         }
         if options.verbose {
             eprintln!(
@@ -158,7 +160,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         step_ms.push(out.extract_ms + out.track_ms);
     }
     engine.finish();
-    engine.snapshot().check().map_err(|e| e.to_string())?;
+    engine.snapshot().check()?;
     let first = stamps.first().copied().unwrap_or_default();
     let last = stamps.last().copied().unwrap_or_default();
     let mut truth = engine.comparable(&source.info().truth);
@@ -202,7 +204,12 @@ impl Ran {
     ///
     /// # Errors
     /// When the times of the ground truth do not increase.
-    pub fn figures(&self, name: &str, options: &RunOptions, true_offset_s: f64) -> Result<Figures, String> {
+    pub fn figures(
+        &self,
+        name: &str,
+        options: &RunOptions,
+        true_offset_s: f64,
+    ) -> Result<Figures, MeasureError> {
         let (first, last) = (self.stamps.first().copied(), self.stamps.last().copied());
         let path: f64 = self.truth.windows(2).map(|w| (w[1].1.translation - w[0].1.translation).norm()).sum();
         let rigid = ate(&self.truth, &self.poses, Align::Se3)?.filter(|_| self.metric);
@@ -243,7 +250,7 @@ impl Ran {
     ///
     /// # Errors
     /// When the times of the ground truth do not increase.
-    pub fn live_ate(&self) -> Result<Option<f64>, String> {
+    pub fn live_ate(&self) -> Result<Option<f64>, MeasureError> {
         Ok(ate(&self.truth, &self.live, Align::Se3)?.filter(|_| self.metric_at.is_some()).map(|r| r.0))
     }
 
@@ -253,7 +260,7 @@ impl Ran {
     ///
     /// # Errors
     /// When the times of the ground truth do not increase.
-    pub fn wanders(&self, from: Stamp, to: Stamp) -> Result<Option<[f64; 3]>, String> {
+    pub fn wanders(&self, from: Stamp, to: Stamp) -> Result<Option<[f64; 3]>, MeasureError> {
         let farthest = |places: &[Vec3]| {
             let first = *places.first()?;
             Some(places.iter().map(|p| (p - first).norm()).fold(0.0, f64::max))
@@ -284,7 +291,11 @@ impl Ran {
     ///
     /// # Errors
     /// When the times of the ground truth do not increase.
-    pub fn end_error(&self, aligned_until: Stamp, poses: &[(Stamp, Se3)]) -> Result<Option<f64>, String> {
+    pub fn end_error(
+        &self,
+        aligned_until: Stamp,
+        poses: &[(Stamp, Se3)],
+    ) -> Result<Option<f64>, MeasureError> {
         let begin: Vec<(Stamp, Se3)> = poses.iter().filter(|(t, _)| *t <= aligned_until).copied().collect();
         let align = if self.metric { Align::Se3 } else { Align::Sim3 };
         let (Some((t, last)), Some(found)) = (poses.last(), evaluated(&self.truth, &begin, align)?) else {
@@ -297,7 +308,11 @@ impl Ran {
 }
 
 /// RMSE and scale after alignment; `None` with too few poses.
-fn ate(truth: &[(Stamp, Se3)], poses: &[(Stamp, Se3)], align: Align) -> Result<Option<(f64, f64)>, String> {
+fn ate(
+    truth: &[(Stamp, Se3)],
+    poses: &[(Stamp, Se3)],
+    align: Align,
+) -> Result<Option<(f64, f64)>, MeasureError> {
     Ok(evaluated(truth, poses, align)?.map(|e| (e.ate_m.rmse, e.scale)))
 }
 
@@ -305,10 +320,9 @@ fn evaluated(
     truth: &[(Stamp, Se3)],
     poses: &[(Stamp, Se3)],
     align: Align,
-) -> Result<Option<cairn_eval::Evaluation>, String> {
-    let trajectory = |poses: &[(Stamp, Se3)]| {
-        Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect()).map_err(|e| e.to_string())
-    };
+) -> Result<Option<cairn_eval::Evaluation>, MeasureError> {
+    let trajectory =
+        |poses: &[(Stamp, Se3)]| Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect());
     let options = EvalOptions { align, ..EvalOptions::default() };
     Ok(evaluate(&trajectory(truth)?, &trajectory(poses)?, &options).ok())
 }

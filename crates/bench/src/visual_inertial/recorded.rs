@@ -1,6 +1,7 @@
 //! EuRoC MH_01: metric accuracy, the first metric pose, standstill at the end; and the cost of the IMU.
 
 use super::ran::{Figures, run};
+use crate::MeasureError;
 use crate::{RunOptions, Sensor};
 use cairn_engine::SensorMode;
 use cairn_eval::Percentiles;
@@ -31,9 +32,9 @@ pub struct Cost {
     pub track_ms: [f64; 2],
 }
 
-fn once(data: &Path, options: &RunOptions) -> Result<Recorded, String> {
+fn once(data: &Path, options: &RunOptions) -> Result<Recorded, MeasureError> {
     let folder = data.join("euroc-mh01");
-    let mut source = open(&folder.to_string_lossy(), OpenOptions::default()).map_err(|e| e.to_string())?;
+    let mut source = open(&folder.to_string_lossy(), OpenOptions::default())?;
     let ran = run(source.as_mut(), options)?;
     let last = ran.stamps.last().copied().unwrap_or_default();
     let still_m = ran.wanders(last.plus_seconds(-STILL_S), last)?;
@@ -44,7 +45,7 @@ fn once(data: &Path, options: &RunOptions) -> Result<Recorded, String> {
 ///
 /// # Errors
 /// When a run fails.
-pub fn measure(data: &Path, options: &[RunOptions]) -> Result<Vec<Recorded>, String> {
+pub fn measure(data: &Path, options: &[RunOptions]) -> Result<Vec<Recorded>, MeasureError> {
     if !data.join("euroc-mh01").exists() {
         eprintln!("skipped: euroc-mh01 is not in {}", data.display());
         return Ok(Vec::new());
@@ -56,7 +57,7 @@ pub fn measure(data: &Path, options: &[RunOptions]) -> Result<Vec<Recorded>, Str
 ///
 /// # Errors
 /// When a run fails.
-pub fn cost(data: &Path, pair: [Sensor; 2], times: usize) -> Result<Option<Cost>, String> {
+pub fn cost(data: &Path, pair: [Sensor; 2], times: usize) -> Result<Option<Cost>, MeasureError> {
     if !data.join("euroc-mh01").exists() {
         return Ok(None);
     }

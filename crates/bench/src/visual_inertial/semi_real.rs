@@ -1,6 +1,7 @@
 //! Rooms rendered around real motions, with the real IMU data, as recorded and degraded.
 
 use super::ran::{Figures, run};
+use crate::MeasureError;
 use crate::inertial::data::links;
 use crate::{RunOptions, Sensor};
 use cairn_geometry::{Se3, So3, Vec3};
@@ -98,7 +99,12 @@ impl Checked {
 }
 
 /// Scale error from IMU data with key frames at the exact poses that `source` renders.
-fn exact_scale(data: &Path, motion: &Motion, source: &SimSource, seconds: f64) -> Result<[f64; 2], String> {
+fn exact_scale(
+    data: &Path,
+    motion: &Motion,
+    source: &SimSource,
+    seconds: f64,
+) -> Result<[f64; 2], MeasureError> {
     let readings = crate::inertial::data::Motion::read(data, motion.name)?;
     let stamps: Vec<Stamp> =
         (0..(seconds / STEP_S) as usize).map(|k| source.epoch().plus_seconds(STEP_S * k as f64)).collect();
@@ -158,7 +164,7 @@ pub fn measure(
     options: &[RunOptions],
     condition: Option<&str>,
     seconds: Option<f64>,
-) -> Result<(Checked, Vec<Figures>), String> {
+) -> Result<(Checked, Vec<Figures>), MeasureError> {
     let mut world: Option<Arc<World>> = None;
     let mut checked = None;
     let mut rows = Vec::new();
@@ -172,7 +178,7 @@ pub fn measure(
                 Some(world) => SimSource::in_world(&config, world.clone()),
                 None => SimSource::new(&config),
             };
-            let mut source = source.map_err(|e| e.to_string())?;
+            let mut source = source?;
             world.get_or_insert_with(|| source.world().clone());
             if checked.is_none() {
                 let span = source.motion().end() - 1.0;

@@ -5,6 +5,7 @@
 use super::drawn::DrawnPhone;
 use super::live_scale::LiveScale;
 use super::phone::STATED;
+use crate::MeasureError;
 use cairn_engine::{Config, Delays, Engine, Evidence, Odometry, Runner, SensorMode, State};
 use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Sim3, So3, Trajectory, Vec2, Vec3};
@@ -193,10 +194,10 @@ fn motion(corners: &[Vec2], walk: &Walk) -> (Motion, f64, f64) {
 ///
 /// # Errors
 /// When the phone or the engine fails.
-pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, String> {
+pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, MeasureError> {
     let mut sim = SimConfig::new(WorldKind::Demo, walk.seed);
     sim.camera = Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5);
-    let plain = SimSource::new(&sim).map_err(|e| e.to_string())?;
+    let plain = SimSource::new(&sim)?;
     let route = plain.world().routes().first().ok_or("the world has no route")?.points.clone();
     let corners = super::walked::cut(&route, walk.metres[0]);
     let traits = PhoneTraits::new(walk.seed, 640, 480);
@@ -215,8 +216,7 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
     }
     let runner = walk.delays.map_or(Runner::Lockstep, Runner::Delayed);
     let rate_hz = source.info().rate_hz;
-    let begin =
-        |rig: &Rig| Engine::new(rig, SensorMode::Mono, rate_hz, runner, &config).map_err(|e| e.to_string());
+    let begin = |rig: &Rig| Engine::new(rig, SensorMode::Mono, rate_hz, runner, &config);
     let mut engine = begin(&rig)?;
     let off = |rig: &Rig| 100.0 * (rig.cameras[0].camera.fx / traits.camera.fx).ln();
     let truth: BTreeMap<Stamp, Se3> = source.info().truth.iter().copied().collect();
@@ -238,13 +238,13 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Strin
     let (mut moved, mut told) = (Vec::new(), BTreeSet::new());
     // What is known of the focal length, and the odometry's segments of engines before.
     let (mut known, mut segments) = (None, 0);
-    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
-        let out = engine.on_packet(&packet).map_err(|e| e.to_string())?;
+    while let Some(packet) = source.next_packet()? {
+        let out = engine.on_packet(&packet)?;
         let moves = out.odometry.map(|o| Odometry { segment: o.segment + segments, ..o });
         moved.extend(moves.filter(|_| out.metric).map(|o| (packet.stamp, o)));
         told.extend(out.scale.filter(|scale| scale.metric && scale.is_known()).map(|_| packet.stamp));
         if let Some(cause) = out.stage_failed {
-            return Err(cause);
+            return Err(MeasureError::Stage(cause));
         }
         let t_s = packet.stamp - first;
         let pose = out.world_from_body.filter(|_| out.metric);

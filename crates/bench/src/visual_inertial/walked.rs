@@ -2,6 +2,7 @@
 //! covered.
 
 use super::ran::{Figures, run};
+use crate::MeasureError;
 use crate::RunOptions;
 use crate::revisit::Darkened;
 use cairn_geometry::Vec2;
@@ -47,13 +48,13 @@ const REST_S: f64 = 60.0;
 ///
 /// # Errors
 /// When the run fails.
-pub fn turn(seed: u64, options: &RunOptions) -> Result<Turn, String> {
+pub fn turn(seed: u64, options: &RunOptions) -> Result<Turn, MeasureError> {
     let turn_s = 2.0 + 2.0 * (seed.saturating_sub(1) % TURNS) as f64 / (TURNS - 1) as f64;
     let mut config = SimConfig::new(WorldKind::DeadEnd, seed);
     config.sensor = options.sensor.simulated();
     config.walker.turn_rate = PI / turn_s;
     config.walker.speed = 1.0;
-    let mut source = SimSource::new(&config).map_err(|e| e.to_string())?;
+    let mut source = SimSource::new(&config)?;
     let truth = source.info().truth.clone();
     let rate = |t: Stamp, source: &SimSource| source.motion().state(t - truth[0].0).rate.norm();
     let turning = truth.iter().map(|p| p.0).find(|t| *t - truth[0].0 > 5.0 && rate(*t, &source) > 0.4);
@@ -74,15 +75,15 @@ pub fn turn(seed: u64, options: &RunOptions) -> Result<Turn, String> {
 ///
 /// # Errors
 /// When the run fails.
-pub fn rest(seed: u64, options: &RunOptions, dark: bool) -> Result<Rest, String> {
+pub fn rest(seed: u64, options: &RunOptions, dark: bool) -> Result<Rest, MeasureError> {
     let mut config = SimConfig::new(WorldKind::Hall, seed);
     config.sensor = options.sensor.simulated();
     config.walker.rest_s = REST_S + 1.0;
     config.start_s = REST_S;
-    let plain = SimSource::new(&config).map_err(|e| e.to_string())?;
+    let plain = SimSource::new(&config)?;
     let route = plain.world().route("loop").ok_or("the hall has no loop")?.points.clone();
     config.route = CameraPath::Points(cut(&route, 12.0));
-    let inner = SimSource::in_world(&config, plain.world().clone()).map_err(|e| e.to_string())?;
+    let inner = SimSource::in_world(&config, plain.world().clone())?;
     let truth = &inner.info().truth;
     let end = truth.last().ok_or("no frames")?.0;
     let (first, from) = (truth[0].0, end.plus_seconds(-REST_S));

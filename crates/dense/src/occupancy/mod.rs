@@ -12,7 +12,7 @@ use crate::backend::dispatch;
 use crate::block::{BlockKey, BlockTable, KEY_LIMIT, Pages, SIDE, VOXELS};
 use crate::frame::DepthFrame;
 use crate::project::{Offsets, Projection};
-use crate::view::{Look, Looker};
+use crate::view::{BlockView, Visibility};
 use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::{Se3, Vec3};
 use kernel::{Evidence, Nearest, Odds, Pass, add_all, apply};
@@ -136,8 +136,8 @@ impl OccupancyGrid {
         let offsets = projection.offsets();
         let scene = Scene {
             frame,
-            groups: Looker::new(frame, volume_from_camera, side * f64::from(GROUP), 3),
-            blocks: Looker::new(frame, volume_from_camera, side, 3),
+            groups: BlockView::new(frame, volume_from_camera, side * f64::from(GROUP), 3),
+            blocks: BlockView::new(frame, volume_from_camera, side, 3),
             pass: self.pass(frame, projection.half_depth_m(), &offsets, &silent),
             projection,
         };
@@ -203,9 +203,9 @@ impl OccupancyGrid {
     }
 
     /// What the image says of a whole cube.
-    fn verdict(&self, look: Look, pass: &Pass) -> Verdict {
-        let Look::Inside(c) = look else {
-            return if look == Look::Outside { Verdict::Nothing } else { Verdict::Mixed };
+    fn verdict(&self, look: Visibility, pass: &Pass) -> Verdict {
+        let Visibility::Inside(c) = look else {
+            return if look == Visibility::Outside { Verdict::Nothing } else { Verdict::Mixed };
         };
         let noise = |z: f32| 2.0 * (pass.noise[0] + pass.noise[1] * (z - pass.noise[2]).powi(2));
         if c.greatest == 0.0 {
@@ -218,7 +218,7 @@ impl OccupancyGrid {
     }
 
     fn group(&mut self, key: BlockKey, scene: &Scene) {
-        let verdict = self.verdict(scene.groups.look(key), &scene.pass);
+        let verdict = self.verdict(scene.groups.visibility(key), &scene.pass);
         let known = self.table.get(&key).copied();
         if verdict == Verdict::Nothing || (verdict == Verdict::Silent && known.is_none()) {
             return;
@@ -232,7 +232,7 @@ impl OccupancyGrid {
             }
             let place = [i & 3, i >> 2 & 3, i >> 4].map(|v| v as i32);
             let block = BlockKey(std::array::from_fn(|k| key.0[k] * GROUP + place[k]));
-            match self.verdict(scene.blocks.look(block), &scene.pass) {
+            match self.verdict(scene.blocks.visibility(block), &scene.pass) {
                 Verdict::Nothing => {}
                 Verdict::Free => self.free(entry),
                 // Only what was occupied can have disappeared.
@@ -435,8 +435,8 @@ enum Verdict {
 
 struct Scene<'a> {
     frame: &'a DepthFrame,
-    groups: Looker<'a>,
-    blocks: Looker<'a>,
+    groups: BlockView<'a>,
+    blocks: BlockView<'a>,
     pass: Pass<'a>,
     projection: Projection,
 }

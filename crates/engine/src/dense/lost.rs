@@ -84,8 +84,8 @@ impl LostCamera {
     }
 
     /// The maps that are aligned with gravity.
-    pub fn levelled(&self) -> Vec<MapId> {
-        self.link.lock().levelled.clone()
+    pub fn gravity_aligned(&self) -> Vec<MapId> {
+        self.link.lock().gravity_aligned.clone()
     }
 
     /// Begins to look in these places.

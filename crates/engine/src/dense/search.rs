@@ -43,7 +43,7 @@ pub struct SearchCounts {
     /// Looks at an image without a guess, second looks included.
     pub looks: usize,
     /// Looks that found nothing that is believed: by the reason.
-    pub refused: RefusedLooks,
+    pub refused: RefusedAttempts,
     /// Places that were believed at first, but the following images did not fit.
     pub not_followed: usize,
     /// Places that a second look did not confirm, or contradicted.
@@ -63,7 +63,7 @@ pub struct SearchCounts {
 
 /// Refused looks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct RefusedLooks {
+pub struct RefusedAttempts {
     /// No pose that features agree on, or an image that cannot be used.
     pub no_agreement: usize,
     /// Too little in common.
@@ -76,7 +76,7 @@ pub struct RefusedLooks {
     pub ambiguous: usize,
 }
 
-impl RefusedLooks {
+impl RefusedAttempts {
     /// All together.
     pub fn all(&self) -> usize {
         self.no_agreement + self.little_overlap + self.free_space + self.unconstrained + self.ambiguous

@@ -23,7 +23,7 @@ impl Follower {
     }
 
     pub(crate) fn checking(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {
-        if now.stamp - since < self.config.check_s || !self.motion.stood_still(1.0, 0.15) {
+        if now.stamp - since < self.config.check_s || !self.motion.is_stationary(1.0, 0.15) {
             return None;
         }
         self.turn_now(now).or_else(|| self.go_or_rotate(now))
@@ -88,7 +88,7 @@ impl Follower {
         if let Some(arrived) = self.arrival(now) {
             return Some(arrived);
         }
-        if now.stamp - since < 3.5 || !self.motion.stood_still(1.0, 0.15) {
+        if now.stamp - since < 3.5 || !self.motion.is_stationary(1.0, 0.15) {
             return None;
         }
         if let Some(kind) = self.turn_now(now) {

@@ -10,7 +10,7 @@ const REACTION_S: f64 = 4.0;
 
 impl Follower {
     pub(crate) fn stopped(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        if !self.motion.stood_still(self.config.stopped_s, self.config.stopped_m) {
+        if !self.motion.is_stationary(self.config.stopped_s, self.config.stopped_m) {
             if now.speed > 0.2 {
                 self.memory.stopped_said = None;
             }

@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::synthetic::{View, World, mono, off, pose, sideways, stereo};
-use cairn_adjust::{MotionLinks, MotionSince};
+use cairn_adjust::{MatchFailure, MotionLinks, MotionSince};
 use cairn_atlas::Atlas;
-use cairn_geometry::So3;
+use cairn_geometry::{So3, Vec3};
 use cairn_vision::RectifiedCamera;
 
 /// Key frames in a lap.

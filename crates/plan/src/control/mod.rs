@@ -3,9 +3,12 @@
 //! combines them with planning; it has states and recoveries and gives reasons.
 
 mod ahead;
+mod config;
+mod delay;
 mod motion;
 mod mppi;
 mod navigator;
+mod path_finder;
 mod pursuit;
 mod reference;
 mod step;
@@ -13,9 +16,10 @@ pub mod trial;
 mod way_out;
 
 pub use ahead::{Ahead, Surroundings};
+pub use config::NavigatorConfig;
 pub use motion::{Limits, LimitsError, Motion, moved};
 pub use mppi::{Mppi, MppiConfig};
-pub use navigator::{Navigator, NavigatorConfig};
+pub use navigator::Navigator;
 pub use pursuit::{Following, Pursuit, PursuitConfig};
 pub use reference::{Projection, ReferencePath};
 pub use step::{Reason, State, Step};

@@ -8,12 +8,12 @@
 //! offset in it, chosen by the seed.
 
 use super::ahead::Surroundings;
-use super::motion::{Limits, Motion, moved};
+use super::delay::PendingCommands;
+use super::motion::{Limits, Motion};
 use super::pursuit::Following;
 use super::reference::ReferencePath;
 use cairn_geometry::{Se2, Vec2};
 use cairn_random::Random;
-use std::collections::VecDeque;
 
 /// Number and length of the roll-outs, and the cost weights.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,7 +111,7 @@ pub struct Mppi {
     angular_noise: Vec<f32>,
     along_m: f64,
     reached: bool,
-    ordered: VecDeque<Motion>,
+    pending: PendingCommands,
 }
 
 /// Size of the table of noise samples.
@@ -125,7 +125,6 @@ impl Mppi {
         (config.rollouts, config.steps) = (config.rollouts.clamp(1, NOISE / 4), config.steps.clamp(1, 1000));
         let mut random = Random::new(config.seed);
         let noise = (0..NOISE).map(|_| random.normal(0.0, 1.0) as f32).collect();
-        let late = (config.delay_s / config.period_s.max(1e-3)).round().clamp(0.0, 100.0) as usize;
         let all = config.rollouts * config.steps;
         Self {
             config,
@@ -137,7 +136,7 @@ impl Mppi {
             angular_noise: vec![0.0; all],
             along_m: 0.0,
             reached: false,
-            ordered: VecDeque::from(vec![Motion::stop(); late]),
+            pending: PendingCommands::new(config.delay_s, config.period_s),
         }
     }
 
@@ -153,10 +152,8 @@ impl Mppi {
     }
 
     /// Records a command that came from elsewhere: a turn in place or a recovery.
-    pub fn ordered(&mut self, motion: Motion) {
-        if self.ordered.pop_front().is_some() {
-            self.ordered.push_back(motion);
-        }
+    pub fn commanded(&mut self, motion: Motion) {
+        self.pending.push(motion);
     }
 
     /// One control step: the command for the current pose and motion.
@@ -168,8 +165,7 @@ impl Mppi {
         around: &Surroundings,
     ) -> Following {
         let c = self.config;
-        let pose = self.ordered.iter().fold(*world_from_body, |pose, m| moved(&pose, *m, c.period_s));
-        let now = self.ordered.back().copied().unwrap_or(motion);
+        let (pose, now) = self.pending.foreseen(world_from_body, motion);
         let projection = path.project(pose.translation, self.along_m - 0.3, self.along_m + 1.0);
         self.along_m = projection.along_m;
         let left_m = path.length_m() - projection.along_m;
@@ -195,7 +191,7 @@ impl Mppi {
             wish.linear = wish.linear.min(c.limits.speed_to_stop_within(free_m, c.period_s));
         }
         let order = c.limits.reachable(now, wish, c.period_s);
-        self.ordered(order);
+        self.pending.push(order);
         Following { motion: order, projection, left_m, ahead, reached: self.reached, blocked }
     }
 

@@ -9,70 +9,16 @@
 //! finite stops the body.
 
 use super::ahead::Surroundings;
+use super::config::NavigatorConfig;
 use super::motion::Motion;
-use super::mppi::{Mppi, MppiConfig};
-use super::pursuit::{Following, Pursuit, PursuitConfig};
+use super::mppi::Mppi;
+use super::path_finder::PathFinder;
+use super::pursuit::{Following, Pursuit};
 use super::reference::ReferencePath;
 use super::step::{Reason, State, Step};
-use super::way_out::way_out;
 use crate::costmap::{Costmap, DynamicLayer};
-use crate::grid::Cell;
-use crate::search::{BLOCKED, NoPath, Place, WeightedAStar};
-use crate::smooth::{SmoothConfig, smooth};
+use crate::search::{NoPath, Place};
 use cairn_geometry::{Se2, Vec2};
-
-/// Configuration of the navigator.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NavigatorConfig {
-    /// Pure pursuit.
-    pub pursuit: PursuitConfig,
-    /// If set, follows by path integral control with this configuration; pure pursuit then only turns in place and
-    /// brakes at the goal.
-    pub predictive: Option<MppiConfig>,
-    /// Path smoothing; radius and clearance come from the costmap.
-    pub smooth: SmoothConfig,
-    /// Clearance kept beyond that of the costmap where there is room, in metres.
-    pub room_m: f64,
-    /// Time to wait before each recovery when something is in the way, in seconds.
-    pub wait_s: f64,
-    /// Time to wait before the first recovery when what is in the way moves and may leave by itself, in seconds. A body that
-    /// backs up before someone who waits for it brings him after it.
-    pub passing_s: f64,
-    /// Time for which what moves may be in the way in all before the navigator gives up, in seconds: a body that creeps up to
-    /// someone each time he moves a little never comes to the end of its recoveries.
-    pub patience_s: f64,
-    /// Longest distance to back up, in metres.
-    pub back_up_m: f64,
-    /// Rounds of recovery after which the navigator plans again; one more, and it gives up.
-    pub attempts: u32,
-    /// A pose that differs by more than this from the predicted one has jumped, in metres.
-    pub jump_m: f64,
-    /// A body farther than this from its path plans again, in metres.
-    pub off_path_m: f64,
-    /// A start too near to an obstacle is accepted if free ground is this near, in metres: following is not exact. The path then
-    /// begins with the way out.
-    pub way_out_m: f64,
-}
-
-impl NavigatorConfig {
-    /// Defaults that suit a pure pursuit configuration.
-    pub fn new(pursuit: PursuitConfig) -> Self {
-        Self {
-            pursuit,
-            predictive: None,
-            smooth: SmoothConfig::default(),
-            room_m: 0.2,
-            wait_s: 1.0,
-            passing_s: 4.0,
-            patience_s: 60.0,
-            back_up_m: 0.3,
-            attempts: 3,
-            jump_m: 0.4,
-            off_path_m: 0.5,
-            way_out_m: 0.6,
-        }
-    }
-}
 
 /// Recoveries, in the order in which they are tried.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,7 +36,7 @@ pub struct Navigator {
     path: Option<ReferencePath>,
     pursuit: Pursuit,
     predictive: Option<Mppi>,
-    search: WeightedAStar,
+    finder: PathFinder,
     last_pose: Option<Se2>,
     recovery: Recovery,
     since_s: f64,
@@ -114,7 +60,7 @@ impl Navigator {
             path: None,
             pursuit: Pursuit::new(config.pursuit),
             predictive: config.predictive.map(Mppi::new),
-            search: WeightedAStar::new(),
+            finder: PathFinder::new(),
             last_pose: None,
             recovery: Recovery::Wait,
             since_s: 0.0,
@@ -203,14 +149,14 @@ impl Navigator {
     fn stand(&mut self, motion: Motion, reason: Option<Reason>) -> Step {
         let p = &self.config.pursuit;
         let motion = p.limits.reachable(motion, Motion::stop(), p.period_s);
-        self.ordered(motion);
+        self.commanded(motion);
         Step { state: self.state, motion, reason, following: None }
     }
 
     /// Informs both followers of a command that neither of them gave.
-    fn ordered(&mut self, motion: Motion) {
-        self.pursuit.ordered(motion);
-        self.predictive.iter_mut().for_each(|p| p.ordered(motion));
+    fn commanded(&mut self, motion: Motion) {
+        self.pursuit.commanded(motion);
+        self.predictive.iter_mut().for_each(|p| p.commanded(motion));
     }
 
     /// One step of the active follower; the other is informed of the command.
@@ -224,14 +170,14 @@ impl Navigator {
         match &mut self.predictive {
             Some(predictive) if !self.pursuit.is_needed(pose, path) => {
                 let following = predictive.step(pose, motion, path, around);
-                self.pursuit.ordered(following.motion);
+                self.pursuit.commanded(following.motion);
                 self.pursuit.restart(following.projection.along_m);
                 following
             }
             other => {
                 let following = self.pursuit.step(pose, motion, path, around);
                 if let Some(predictive) = other {
-                    predictive.ordered(following.motion);
+                    predictive.commanded(following.motion);
                     predictive.restart(following.projection.along_m);
                 }
                 following
@@ -252,9 +198,14 @@ impl Navigator {
         moving: Option<&DynamicLayer>,
     ) -> Step {
         let waited_s = self.blocked.map_or(0.0, |(since_s, _)| time_s - since_s);
-        let reason = match self.find_path(pose, costs, moving, waited_s) {
+        let around = moving.filter(|_| self.around).map(|moving| (moving, waited_s));
+        let found = match self.goal {
+            Some(goal) => self.finder.find(&self.config, pose, goal, costs, around),
+            None => Err(NoPath::NotFinite(Place::Goal)),
+        };
+        let reason = match found {
             Ok(path) => {
-                self.path = Some(path);
+                (self.path, self.around) = (Some(path), false);
                 self.pursuit.restart(0.0);
                 self.predictive.iter_mut().for_each(|p| p.restart(0.0));
                 self.state = State::Executing;
@@ -268,49 +219,6 @@ impl Navigator {
         let state = self.state;
         let step = self.stand(motion, Some(reason));
         Step { state: if state == State::NoPath { state } else { State::Planning }, ..step }
-    }
-
-    fn find_path(
-        &mut self,
-        pose: &Se2,
-        costs: &Costmap,
-        moving: Option<&DynamicLayer>,
-        waited_s: f64,
-    ) -> Result<ReferencePath, NoPath> {
-        let frame = costs.frame();
-        let goal = self.goal.ok_or(NoPath::NotFinite(Place::Goal))?;
-        if !goal.iter().all(|v| v.is_finite()) {
-            return Err(NoPath::NotFinite(Place::Goal));
-        }
-        let goal_cell = frame.cell_at(goal).ok_or(NoPath::Outside(Place::Goal))?;
-        let own = frame.cell_at(pose.translation).ok_or(NoPath::Outside(Place::Start))?;
-        let out = way_out(costs, own, self.config.way_out_m);
-        let out = out.ok_or(NoPath::Blocked { place: Place::Start, cell: own })?;
-        let start = out.last().copied().unwrap_or(own);
-        let past = self.search.search(costs.costs(), start, goal_cell)?;
-        let path = match moving.filter(|_| self.around) {
-            Some(moving) => {
-                let mut around = costs.costs().clone();
-                block_moving(&mut around, moving, costs.config().radius_m, [start, goal_cell]);
-                let longest_m = past.length_m(frame) + waited_s * self.config.pursuit.limits.linear;
-                let around = self.search.search(&around, start, goal_cell).ok();
-                around.filter(|path| path.length_m(frame) <= longest_m).unwrap_or(past)
-            }
-            None => past,
-        };
-        self.around = false;
-        let keep_m = costs.config().touch_m(frame.resolution_m()) + costs.config().margin_m;
-        let clearance_m = keep_m + self.config.room_m;
-        let smoothing = SmoothConfig { radius_m: keep_m, clearance_m, ..self.config.smooth };
-        let mut points = smooth(costs.field(), &path.cells, &smoothing).points;
-        // The path runs from where the body stands, over its way out, to the exact goal.
-        let out = out.iter().skip(1).map(|cell| frame.centre(*cell));
-        points.splice(..points.len().min(1), std::iter::once(pose.translation).chain(out));
-        if points.len() > 1 {
-            points.pop();
-        }
-        points.push(goal);
-        ReferencePath::new(&points).ok_or(NoPath::NotFinite(Place::Start))
     }
 
     fn follow(
@@ -401,7 +309,7 @@ impl Navigator {
         let late = time_s - self.since_s > wait_s;
         let order = |wish: Motion, reason: Reason, me: &mut Self| {
             let motion = p.limits.reachable(motion, wish, p.period_s);
-            me.ordered(motion);
+            me.commanded(motion);
             Some(Step { state: State::Blocked, motion, reason: Some(reason), following: None })
         };
         match self.recovery {
@@ -450,53 +358,4 @@ fn blocked_along(path: &ReferencePath, along_m: f64, around: &Surroundings) -> O
     let here = at(0) - 1e-9;
     let out = (0..steps).find(|&k| at(k) >= limit || at(k) < here).unwrap_or(steps);
     (out.max(5)..steps).step_by(2).find(|&k| at(k) < limit).map(|k| step_m * k as f64)
-}
-
-/// Blocks the cells where something moves now; start and goal stay as they are, and a body that is too near already is not shut in.
-fn block_moving(costs: &mut crate::grid::Grid<u8>, moving: &DynamicLayer, radius_m: f64, ends: [Cell; 2]) {
-    let frame = *costs.frame();
-    for track in moving.tracks() {
-        let middle = frame.in_cells(track.position);
-        let start = Vec2::new(f64::from(ends[0].x) + 0.5, f64::from(ends[0].y) + 0.5);
-        let reach = (track.radius_m + radius_m + 0.1) / frame.resolution_m();
-        let reach = reach.min((start - middle).norm() - 1.5);
-        let from = |v: f64| (v - reach).floor().max(0.0) as u32;
-        let to = |v: f64, len: usize| (v + reach).ceil().clamp(0.0, len as f64) as u32;
-        for y in from(middle.y)..to(middle.y, frame.height()) {
-            for x in from(middle.x)..to(middle.x, frame.width()) {
-                let off = Vec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - middle;
-                if off.norm() <= reach && !ends.contains(&Cell::new(x, y)) {
-                    costs.set(Cell::new(x, y), BLOCKED);
-                }
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::costmap::{Detection, DynamicConfig};
-    use crate::grid::{Grid, GridFrame};
-
-    #[test]
-    fn a_body_close_to_someone_plans_away_from_him_and_around_him() {
-        let frame = GridFrame::new(100, 60, 0.05, Se2::identity()).unwrap();
-        let mut moving = DynamicLayer::new(DynamicConfig::default());
-        moving.observe(0.0, &[Detection { position: Vec2::new(2.5, 1.5), radius_m: 0.3 }]);
-        let cell = |x: f64, y: f64| frame.cell_at(Vec2::new(x, y)).unwrap();
-        let costs = |from: Cell, to: Cell| {
-            let mut costs = Grid::filled(frame, 10u8);
-            block_moving(&mut costs, &moving, 0.2, [from, to]);
-            costs
-        };
-        for x in [2.1, 1.8, 0.5] {
-            let (from, to) = (cell(x, 1.5), cell(4.5, 1.5));
-            let costs = costs(from, to);
-            assert_eq!(costs.get(cell(2.5, 1.5)), Some(BLOCKED), "from {x} m");
-            let way = WeightedAStar::new().search(&costs, from, to).unwrap();
-            let nearest = way.cells.iter().map(|c| (frame.centre(*c) - Vec2::new(2.5, 1.5)).norm());
-            assert!(nearest.fold(f64::INFINITY, f64::min) > (2.5f64 - x).min(0.6) - 0.15, "from {x} m");
-        }
-    }
 }

@@ -8,10 +8,10 @@
 //! that removes the remaining offset.
 
 use super::ahead::{Ahead, Surroundings};
-use super::motion::{Limits, Motion, moved};
+use super::delay::PendingCommands;
+use super::motion::{Limits, Motion};
 use super::reference::{Projection, ReferencePath};
 use cairn_geometry::Se2;
-use std::collections::VecDeque;
 
 /// How a path is followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,16 +83,14 @@ pub struct Pursuit {
     along_m: f64,
     turning: bool,
     reached: bool,
-    /// Commands given within the delay, oldest first.
-    ordered: VecDeque<Motion>,
+    pending: PendingCommands,
 }
 
 impl Pursuit {
     /// At the beginning of a path.
     pub fn new(config: PursuitConfig) -> Self {
-        let late = (config.delay_s / config.period_s.max(1e-3)).round().clamp(0.0, 100.0) as usize;
-        let ordered = VecDeque::from(vec![Motion::stop(); late]);
-        Self { config, along_m: 0.0, turning: false, reached: false, ordered }
+        let pending = PendingCommands::new(config.delay_s, config.period_s);
+        Self { config, along_m: 0.0, turning: false, reached: false, pending }
     }
 
     /// The configuration.
@@ -103,13 +101,6 @@ impl Pursuit {
     /// Switches to another path, starting `along_m` from its beginning; earlier commands still count.
     pub fn restart(&mut self, along_m: f64) {
         (self.along_m, self.turning, self.reached) = (along_m, false, false);
-    }
-
-    /// The predicted pose and motion at the time when a command given now takes effect.
-    pub fn foreseen(&self, world_from_body: &Se2, motion: Motion) -> (Se2, Motion) {
-        let step = |pose: Se2, m: &Motion| moved(&pose, *m, self.config.period_s);
-        let pose = self.ordered.iter().fold(*world_from_body, step);
-        (pose, self.ordered.back().copied().unwrap_or(motion))
     }
 
     /// Whether this follower should take over from another one: the direction of the path differs so much from the
@@ -123,10 +114,8 @@ impl Pursuit {
     }
 
     /// Records a command that came from elsewhere, a recovery for instance.
-    pub fn ordered(&mut self, motion: Motion) {
-        if self.ordered.pop_front().is_some() {
-            self.ordered.push_back(motion);
-        }
+    pub fn commanded(&mut self, motion: Motion) {
+        self.pending.push(motion);
     }
 
     /// One control step: the command for the current pose and motion.
@@ -138,7 +127,7 @@ impl Pursuit {
         around: &Surroundings,
     ) -> Following {
         let c = self.config;
-        let (pose, now) = self.foreseen(world_from_body, motion);
+        let (pose, now) = self.pending.foreseen(world_from_body, motion);
         let projection = path.project(pose.translation, self.along_m - 0.3, self.along_m + 1.0);
         self.along_m = projection.along_m;
         let left_m = path.length_m() - projection.along_m;
@@ -173,7 +162,7 @@ impl Pursuit {
             let turn = order.linear * curvature;
             order.angular = c.limits.reachable(now, Motion::new(order.linear, turn), c.period_s).angular;
         }
-        self.ordered(order);
+        self.pending.push(order);
         Following { motion: order, projection, left_m, ahead, reached: self.reached, blocked }
     }
 

@@ -172,7 +172,7 @@ impl MapKeeper {
 
     /// Keeps another atlas from now on: that of the folder which fits what is begun. What was not saved of the one so far is
     /// dropped.
-    pub(crate) fn begin_again<S: Slam>(
+    pub(crate) fn restart_slam<S: Slam>(
         &mut self,
         camera: &LibraryCamera,
         begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,

@@ -1,7 +1,7 @@
 //! The commands about kept routes: list, load, name, delete.
 
 use super::{Asked, RouteAtHand, Session};
-use crate::command::Which;
+use crate::command::RouteChoice;
 use crate::library::words::WhyNot;
 use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, checked_name, words};
 use crate::refused::Refused;
@@ -71,7 +71,7 @@ impl<S: Slam> Session<S> {
         self.keeper.is_some() && (self.folder.entries().len() >= MOST_ROUTES || large())
     }
 
-    pub(super) fn load(&mut self, which: &Which) -> Result<String, Refused> {
+    pub(super) fn load(&mut self, which: &RouteChoice) -> Result<String, Refused> {
         if self.guiding.is_some() {
             return Err(self.speech.refuse("walk-halt-first"));
         }
@@ -103,15 +103,15 @@ impl<S: Slam> Session<S> {
         })
     }
 
-    fn path_of(&self, which: &Which) -> Result<PathBuf, Refused> {
+    fn path_of(&self, which: &RouteChoice) -> Result<PathBuf, Refused> {
         match which {
-            Which::File(path) => Ok(path.clone()),
-            Which::Number(number) => self
+            RouteChoice::File(path) => Ok(path.clone()),
+            RouteChoice::Number(number) => self
                 .folder
                 .get(*number)
                 .map(|e| e.path.clone())
                 .ok_or_else(|| words::unknown(*number, self.speech.language())),
-            Which::Latest => {
+            RouteChoice::Latest => {
                 let newest = self.folder.newest_first().into_iter().find(|e| e.damage.is_none());
                 let newest = newest.map(|e| e.path.clone());
                 let other = || crate::library::latest(self.folder.path());

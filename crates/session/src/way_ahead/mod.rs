@@ -8,12 +8,12 @@
 //! that is left to warn of what he is about to walk into, wherever he was led. The guide is told what is free in every heading,
 //! so that it sends nobody where he could not be stopped in time. What leads past an obstacle is found in `past.rs`.
 
+mod attempts;
 mod pace;
 mod past;
 mod strip;
 #[cfg(test)]
 mod tests;
-mod tries;
 mod watch;
 
 use cairn_dense::DenseError;

@@ -3,10 +3,10 @@
 //!
 //! In: the obstacles around the walker, the guide's plan, where he is. Out: [`Found`]. Nothing here knows where the obstacles come from.
 
+use super::attempts::Attempts;
 use super::pace::Pace;
 use super::past::{Blocking, Leg, NEARLY_RAD, Past, Plan};
 use super::strip::{STRAIGHT_HALF_M, direction, half_within, stopped_for, strip};
-use super::tries::Tries;
 use cairn_dense::walk::{Blocked, Hit, first_hit, free_around};
 use cairn_geometry::Vec2;
 use cairn_guide::{FreeWay, Guide, GuideState, Heading, Obstacle, StopReason};
@@ -90,7 +90,7 @@ pub(super) struct Watch {
     searched: Option<Stamp>,
     /// The step aside that he is to make, since when, and from where.
     step: Option<(f64, Stamp, Vec2)>,
-    tries: Tries,
+    tries: Attempts,
     past: Past,
 }
 
@@ -136,7 +136,7 @@ impl Watch {
             state: State::Free,
             searched: None,
             step: None,
-            tries: Tries::default(),
+            tries: Attempts::default(),
             past: Past::new(),
         }
     }
@@ -247,7 +247,7 @@ impl Watch {
                     return Found { step_back: Some(side), ..self.stop(seen) };
                 }
                 let due = self.searched.is_none_or(|last| seen.now - last >= SEARCH_S);
-                let searches = due && self.pace.has_stood(STOOD_S, seen.now) && !self.tries.are_enough();
+                let searches = due && self.pace.has_stood(STOOD_S, seen.now) && !self.tries.are_exhausted();
                 let plan = searches.then(|| self.search(seen)).flatten();
                 if searches {
                     self.searched = Some(seen.now);
@@ -263,7 +263,7 @@ impl Watch {
                         self.step = Some((side, seen.now, here));
                         Found { step_back: Some(side), ..self.stop(seen) }
                     }
-                    None if self.pace.stands() && self.tries.are_in_vain(seen.now) => {
+                    None if self.pace.stands() && self.tries.have_failed(seen.now) => {
                         Found { stop: Some(StopReason::NoWayPast), ..Found::default() }
                     }
                     None => self.stop(seen),

@@ -13,7 +13,7 @@ pub(crate) type Side = ([Vec3; 3], f64, f64);
 
 /// Which side of a box is painted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Which {
+pub(crate) enum BoxFace {
     /// Towards its own +x.
     Front,
     /// Towards -x.
@@ -104,7 +104,7 @@ pub(crate) fn turned(yaw: f64) -> [Vec3; 3] {
 }
 
 /// The six sides of a box with its middle and axes: front, back, left, right, top, bottom.
-pub(crate) fn sides(middle: &Vec3, axes: &[Vec3; 3], size: &Vec3) -> [(Which, Side); 6] {
+pub(crate) fn sides(middle: &Vec3, axes: &[Vec3; 3], size: &Vec3) -> [(BoxFace, Side); 6] {
     let side = |normal: Vec3, up: Vec3, depth: f64, width: f64, height: f64| -> Side {
         let right = (-normal).cross(&up);
         let origin = middle + normal * (depth / 2.0) - right * (width / 2.0) + up * (height / 2.0);
@@ -112,12 +112,12 @@ pub(crate) fn sides(middle: &Vec3, axes: &[Vec3; 3], size: &Vec3) -> [(Which, Si
     };
     let [x, y, z] = *axes;
     [
-        (Which::Front, side(x, z, size.x, size.y, size.z)),
-        (Which::Back, side(-x, z, size.x, size.y, size.z)),
-        (Which::Left, side(y, z, size.y, size.x, size.z)),
-        (Which::Right, side(-y, z, size.y, size.x, size.z)),
-        (Which::Top, side(z, x, size.z, size.y, size.x)),
-        (Which::Bottom, side(-z, x, size.z, size.y, size.x)),
+        (BoxFace::Front, side(x, z, size.x, size.y, size.z)),
+        (BoxFace::Back, side(-x, z, size.x, size.y, size.z)),
+        (BoxFace::Left, side(y, z, size.y, size.x, size.z)),
+        (BoxFace::Right, side(-y, z, size.y, size.x, size.z)),
+        (BoxFace::Top, side(z, x, size.z, size.y, size.x)),
+        (BoxFace::Bottom, side(-z, x, size.z, size.y, size.x)),
     ]
 }
 
@@ -221,11 +221,11 @@ impl Builder {
     }
 
     /// A box whose sides are painted one by one; the bottom only where it hangs above the floor.
-    pub fn block(&mut self, block: &Block, paint: impl Fn(Which, &mut Canvas<'_>, &mut Random)) {
+    pub fn block(&mut self, block: &Block, paint: impl Fn(BoxFace, &mut Canvas<'_>, &mut Random)) {
         let middle = Vec3::new(block.at.x, block.at.y, block.base + block.size.z / 2.0);
         for (which, (frame, w, h)) in sides(&middle, &turned(block.yaw), &block.size) {
-            if which == Which::Bottom && block.base < 0.3
-                || which == Which::Top
+            if which == BoxFace::Bottom && block.base < 0.3
+                || which == BoxFace::Top
                     && block.base + block.size.z > 2.3
                     && block.base < 0.01
                     && self.sun.is_none()

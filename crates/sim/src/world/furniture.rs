@@ -1,6 +1,6 @@
 //! Furniture: each piece is a few painted boxes and a footprint.
 
-use super::build::{Block, Builder, Which};
+use super::build::{Block, BoxFace, Builder};
 use crate::texture::{Decor, Material};
 use cairn_geometry::{Vec2, Vec3};
 
@@ -103,11 +103,11 @@ fn desk(b: &mut Builder, p: Put) {
     b.block(&p.part(-0.15, side, 0.84, [0.05, 0.56, 0.36], turn), |which, c, r| {
         Material::Board(45.0).coat(c);
         let (w, h) = (c.width_m(), c.height_m());
-        if which == Which::Front {
+        if which == BoxFace::Front {
             c.rect(0.02, 0.02, w - 0.04, h - 0.05, 205.0, 1.0);
             Decor::text(c, r, 0.04, 0.05, w * 0.5, 9, 0.014, 205.0);
             Decor::picture(c, r, w * 0.62, 0.05, w * 0.3, h * 0.5);
-        } else if which == Which::Back {
+        } else if which == BoxFace::Back {
             Decor::text(c, r, w * 0.4, h * 0.4, w * 0.2, 1, 0.03, 45.0);
             c.frame(0.1, 0.06, w - 0.2, h - 0.12, 0.012, 80.0);
         }
@@ -152,7 +152,7 @@ fn shelf(b: &mut Builder, p: Put, ceiling: f64) {
     let tone = b.random.uniform_f32(80.0, 190.0);
     let height = b.random.uniform(1.5, 2.1).min(ceiling - 0.1);
     b.block(&p.part(0.0, 0.0, 0.0, [0.32, 1.2, height], 0.0), |which, c, r| {
-        if which == Which::Front {
+        if which == BoxFace::Front {
             Decor::books(c, r, tone);
         } else {
             Material::Board(tone).coat(c);
@@ -165,7 +165,7 @@ fn cabinet(b: &mut Builder, p: Put) {
     let tone = b.random.uniform_f32(90.0, 200.0);
     b.block(&p.part(0.0, 0.0, 0.0, [0.44, 1.0, 0.85], 0.0), |which, c, r| {
         Material::Board(tone).coat(c);
-        if which == Which::Front {
+        if which == BoxFace::Front {
             for i in 0..2 {
                 for j in 0..3 {
                     let (x, y) = (0.03 + 0.48 * i as f32, 0.03 + 0.27 * j as f32);

@@ -1,6 +1,6 @@
 //! The objects in a street: houses, trees, poles, cars, hedges.
 
-use super::build::{Block, Builder, Which, turned};
+use super::build::{Block, BoxFace, Builder, turned};
 use crate::texture::{Decor, Material};
 use cairn_geometry::{Vec2, Vec3};
 
@@ -19,13 +19,13 @@ pub(super) fn house(b: &mut Builder, at: Vec2, size: Vec3, yaw: f64) {
             return;
         }
         wall.coat(c);
-        if which == Which::Top {
+        if which == BoxFace::Top {
             return;
         }
         Decor::wear(c, r, 1.5, 50.0);
         let (w, h) = (c.width_m(), c.height_m());
         let floors = (h / 2.7) as usize;
-        let door = if which == Which::Front { r.uniform_f32(0.25, 0.7) * w } else { -9.0 };
+        let door = if which == BoxFace::Front { r.uniform_f32(0.25, 0.7) * w } else { -9.0 };
         for floor in 0..floors {
             let y = h - 2.3 - 2.7 * floor as f32;
             let mut x = r.uniform_f32(0.5, 1.1);
@@ -37,7 +37,7 @@ pub(super) fn house(b: &mut Builder, at: Vec2, size: Vec3, yaw: f64) {
                 x += ww + r.uniform_f32(0.6, 1.5);
             }
         }
-        if which == Which::Front {
+        if which == BoxFace::Front {
             Decor::door(c, r, door, 1.0, 2.1);
             Decor::text(c, r, door, h - 2.5, 1.0, 1, 0.14, 100.0);
         }
@@ -135,7 +135,7 @@ pub(super) fn car(b: &mut Builder, at: Vec2, yaw: f64) {
         Material::Board(paint).coat(c);
         let (w, h) = (c.width_m(), c.height_m());
         match which {
-            Which::Left | Which::Right => {
+            BoxFace::Left | BoxFace::Right => {
                 for x in [0.8, w - 0.8] {
                     c.disc(x, h - 0.02, 0.36, 15.0, 1.0);
                     c.disc(x, h - 0.02, 0.24, 185.0, 1.0);
@@ -146,7 +146,7 @@ pub(super) fn car(b: &mut Builder, at: Vec2, yaw: f64) {
                     c.rect(k * w - 0.25, 0.15, 0.16, 0.035, 20.0, 0.9);
                 }
             }
-            Which::Front | Which::Back => {
+            BoxFace::Front | BoxFace::Back => {
                 for x in [0.1, w - 0.45] {
                     c.rect(x, 0.12, 0.35, 0.16, 245.0, 1.0);
                     c.frame(x, 0.12, 0.35, 0.16, 0.02, 30.0);
@@ -165,7 +165,7 @@ pub(super) fn car(b: &mut Builder, at: Vec2, yaw: f64) {
     b.block(&cabin, |which, c, _| {
         Material::Board(paint).coat(c);
         let (w, h) = (c.width_m(), c.height_m());
-        if which != Which::Top {
+        if which != BoxFace::Top {
             c.rect(0.08, 0.06, w - 0.16, h - 0.1, 45.0, 1.0);
             c.polygon(
                 &[(0.2 * w, 0.06), (0.35 * w, 0.06), (0.2 * w, h - 0.04), (0.08 * w, h - 0.04)],

@@ -134,8 +134,8 @@ impl Scene {
             SourceError::new(shown, format!("{name}: {why}"), cure)
         };
         let topic = topic.ok_or_else(|| fail("there are no images".into()))?;
-        let look = bag.look(topic).map_err(fail)?;
-        let from = match info.or_else(|| self.info_of(bag, &name, &look.frame)) {
+        let first = bag.first_image(topic).map_err(fail)?;
+        let from = match info.or_else(|| self.info_of(bag, &name, &first.frame)) {
             Some(from) => from,
             None => return Err(fail("the bag has no camera_info for it".into())),
         };
@@ -145,7 +145,7 @@ impl Scene {
         let camera = info.camera(rectified).map_err(|e| fail(e.to_string()))?;
         let frame = match self.recorder {
             Some(_) => stream(&name).to_owned(),
-            None => look.frame,
+            None => first.frame,
         };
         Ok(Calibrated { name, frame, info, camera, rectified })
     }

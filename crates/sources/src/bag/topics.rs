@@ -191,20 +191,20 @@ fn found_images(shown: &str, bag: &mut BagReader) -> Result<(Vec<usize>, Option<
         let cure = format!("its topics are: {}", list(bag.topics(), |_| true));
         return Err(SourceError::new(shown, why, cure));
     }
-    let looks: Vec<(usize, Result<String, String>)> =
-        candidates.iter().map(|i| (*i, bag.look(*i).map(|look| look.encoding))).collect();
+    let encodings: Vec<(usize, Result<String, String>)> =
+        candidates.iter().map(|i| (*i, bag.first_image(*i).map(|first| first.encoding))).collect();
     let topics = bag.topics();
     let name = |i: usize| topics.get(i).map_or("", |t| t.name.as_str());
     let is_depth = |i: usize| {
-        let encoding = looks.iter().find(|(j, _)| *j == i).and_then(|(_, e)| e.as_ref().ok());
+        let encoding = encodings.iter().find(|(j, _)| *j == i).and_then(|(_, e)| e.as_ref().ok());
         let by_name = name(i).to_ascii_lowercase().contains("depth");
         encoding.is_some_and(|e| {
             e == "16UC1" || e == "32FC1" || e.contains("compressedDepth") || (e == "mono16" && by_name)
         }) || (by_name && encoding.is_some_and(|e| e.contains("png")))
     };
-    let readable = |i: &usize| looks.iter().any(|(j, e)| j == i && e.is_ok());
+    let readable = |i: &usize| encodings.iter().any(|(j, e)| j == i && e.is_ok());
     candidates.retain(readable);
-    if let (true, Some((i, Err(why)))) = (candidates.is_empty(), looks.first()) {
+    if let (true, Some((i, Err(why)))) = (candidates.is_empty(), encodings.first()) {
         let cure = "check that the recording is complete; its messages of images are damaged";
         return Err(SourceError::new(shown, format!("no image of {} can be read ({why})", name(*i)), cure));
     }

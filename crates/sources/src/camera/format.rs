@@ -10,7 +10,7 @@ pub const IMAGE: [PixelFormat; 5] =
 
 /// What a stream is to deliver.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Wanted {
+pub struct ModeRequest {
     /// The formats that will do, the best first.
     pub formats: Vec<PixelFormat>,
     /// Width and height; without one, near to 640x480.
@@ -23,7 +23,7 @@ pub struct Wanted {
 ///
 /// # Errors
 /// A sentence that says what the node has instead.
-pub fn choose(what: &str, modes: &[Mode], wanted: &Wanted) -> Result<Mode, DeviceError> {
+pub fn choose(what: &str, modes: &[Mode], wanted: &ModeRequest) -> Result<Mode, DeviceError> {
     let fail = |why: String| DeviceError::new(Trouble::Unsuitable, what, why);
     let names =
         |formats: &[PixelFormat]| formats.iter().map(|f| f.to_string()).collect::<Vec<_>>().join(", ");
@@ -165,7 +165,7 @@ mod tests {
             mode(PixelFormat::YUYV, 640, 480, 0, 60.0),
             mode(PixelFormat::MJPG, 640, 480, 0, 30.0),
         ];
-        let wanted = |size, rate_hz| Wanted { formats: IMAGE.to_vec(), size, rate_hz };
+        let wanted = |size, rate_hz| ModeRequest { formats: IMAGE.to_vec(), size, rate_hz };
         let of = |size, rate| choose("/dev/video9", &modes, &wanted(size, rate)).map(|m| m.to_string());
         assert_eq!(of(None, 30.0).unwrap(), "YUYV 640x480 at 30 Hz");
         assert_eq!(of(Some([1280, 720]), 30.0).unwrap(), "MJPG 1280x720 at 30 Hz");
@@ -174,7 +174,7 @@ mod tests {
         assert_eq!(of(Some([640, 480]), 45.0).unwrap(), "YUYV 640x480 at 60 Hz");
         let error = of(Some([800, 600]), 30.0).unwrap_err().to_string();
         assert!(error.contains("no images of 800x600") && error.contains("640x480, 1280x720"), "{error}");
-        let depth = Wanted { formats: vec![PixelFormat::Z16], size: None, rate_hz: 30.0 };
+        let depth = ModeRequest { formats: vec![PixelFormat::Z16], size: None, rate_hz: 30.0 };
         let error = choose("/dev/video9", &modes, &depth).unwrap_err().to_string();
         assert!(error.contains("Z16 is needed") && error.contains("YUYV"), "{error}");
     }

@@ -4,7 +4,7 @@ use super::address::Place;
 use super::device::{
     DeviceError, Kernel, Mode, MotionKind, MotionNode, PixelFormat, Trouble, Usb, VideoFound, VideoNode,
 };
-use super::format::{IMAGE, Wanted, choose};
+use super::format::{IMAGE, ModeRequest, choose};
 use super::projector::darken;
 use cairn_sensor::Rig;
 use std::path::PathBuf;
@@ -123,7 +123,7 @@ pub fn start(
         Place::RealSense { serial } => of_realsense(kernel, serial.as_deref(), role)?,
     };
     let shown = path.display().to_string();
-    let wanted = choose(&shown, &modes, &Wanted { formats: role.formats(), size, rate_hz })?;
+    let wanted = choose(&shown, &modes, &ModeRequest { formats: role.formats(), size, rate_hz })?;
     let (mut node, projector) = if dark { darken(node) } else { (node, None) };
     let mode = node.start(&wanted)?;
     if (mode.format, mode.width, mode.height) != (wanted.format, wanted.width, wanted.height) {

@@ -50,12 +50,12 @@ impl OnceOpen {
     }
 
     /// A blockage was looked at and is as it was: ways through it are left out from now on.
-    pub fn looked_in_vain(&mut self, blockage: &Blockage) {
+    pub fn search_failed(&mut self, blockage: &Blockage) {
         self.in_vain.push(blockage.at);
     }
 
     /// All blockages may have gone; returns whether any had been looked at in vain.
-    pub fn hope_again(&mut self) -> bool {
+    pub fn retry(&mut self) -> bool {
         !std::mem::take(&mut self.in_vain).is_empty()
     }
 
@@ -158,18 +158,18 @@ mod tests {
         let mut once = OnceOpen::default();
         once.learn(&open);
         let door = once.blockage(&closed, from, goal).unwrap();
-        assert!(!once.hope_again());
+        assert!(!once.retry());
         // A passage above the door that nobody has seen the end of.
         let mut other = closed.map().clone();
         for y in 48..62 {
             (62..68).for_each(|x| assert!(other.set(Cell::new(x, y), if x < 65 { 0 } else { -1 })));
         }
         let other = Costmap::new(other, CostConfig::default()).unwrap();
-        once.looked_in_vain(&door);
+        once.search_failed(&door);
         let round = once.blockage(&other, from, goal).unwrap();
         assert!(round.at.y > 2.3, "{:?}", round.at);
         assert_eq!(once.blockage(&closed, from, goal), None);
-        assert!(once.hope_again());
+        assert!(once.retry());
         assert_eq!(once.blockage(&closed, from, goal), Some(door));
     }
 }

@@ -8,7 +8,6 @@
 
 #[path = "../client/mod.rs"]
 mod client;
-mod pace;
 #[path = "../paced/mod.rs"]
 mod paced;
 mod phone;

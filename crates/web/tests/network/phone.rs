@@ -2,9 +2,9 @@
 //! its way, no old direction given, stop when messages arrive too late, another connection after three silent seconds.
 //! Its walker obeys: stands still on "stop", goes on with a direction.
 
-use crate::pace::{LEVELS, Pace};
 use crate::walked::RATE_HZ;
 use cairn_sensor::GrayImage;
+use cairn_trial::{LEVELS, Pace};
 use futures_util::{SinkExt, StreamExt};
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
@@ -159,7 +159,7 @@ impl Phone {
             heard: Instant::now(),
             me: None,
             controls: false,
-            pace: Pace::new(),
+            pace: Pace::default(),
             status: Value::Null,
             frame_ms: None,
             late: false,

@@ -1,7 +1,7 @@
 //! `pace.js` against a simulated link: an image is on its way alone, and the program that stands for the page in other tests
 //! decides as the page does.
 
-use crate::pace::{LEVELS, Pace};
+use cairn_trial::{LEVELS, Pace};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 
@@ -36,7 +36,7 @@ pub struct Paced {
 pub fn over(networks: &[Network]) -> Paced {
     let began = Instant::now();
     let at = |ms: u64| began + Duration::from_millis(ms);
-    let mut pace = Pace::new();
+    let mut pace = Pace::default();
     let mut out = Paced { told: Vec::new(), decided: Vec::new(), sent: Vec::new() };
     let (mut coded, mut confirmed) = (None::<(u64, u64, usize)>, Vec::<(u64, f64)>::new());
     let (mut free, mut now) = (0.0f64, 0);

@@ -2,7 +2,7 @@
 
 use super::{Recovering, Run};
 use crate::message::{Failure, Outcome, Tracked};
-use crate::supervision::{Death, Told};
+use crate::supervision::{Death, RunEvent};
 use crate::{Role, SuperviseError};
 use std::time::{Duration, Instant};
 
@@ -53,7 +53,7 @@ impl Run<'_, '_> {
         let delay = worker.backoff.after_death(progress);
         let times = worker.backoff.times();
         let death = Death { role, how, at_frame, t_s: t_s.as_secs_f64() };
-        (self.tell)(Told::Died(&death));
+        (self.tell)(RunEvent::Died(&death));
         if role == Role::Capture {
             self.fresh_from = self.next;
             self.left_out_before = self.left_out_before.and(&std::mem::take(&mut self.left_out));
@@ -62,7 +62,7 @@ impl Run<'_, '_> {
             self.poses_come(false);
         }
         if matches!(role, Role::Guide | Role::Dense) && delay.is_none() {
-            (self.tell)(Told::GivenUp { role });
+            (self.tell)(RunEvent::GivenUp { role });
             if role == Role::Dense {
                 let why = format!("the process that makes them died {times} times in a row: {}", death.how);
                 let cure = "run without --isolated to see where it fails";
@@ -80,7 +80,7 @@ impl Run<'_, '_> {
             return Err(SuperviseError::CrashLoop { role, how: death.how, times });
         };
         if !delay.is_zero() {
-            (self.tell)(Told::Waits { role, delay_s: delay.as_secs_f64(), times });
+            (self.tell)(RunEvent::Waits { role, delay_s: delay.as_secs_f64(), times });
         }
         self.worker(role).due = Some(Instant::now() + delay);
         self.deaths.push(death);
@@ -101,7 +101,7 @@ impl Run<'_, '_> {
             if times >= DEATHS_AT_A_FRAME
                 && let Some(frame) = self.pending.pop_front()
             {
-                (self.tell)(Told::LeftOut { number });
+                (self.tell)(RunEvent::LeftOut { number });
                 let outcome = Outcome::State("left out: SLAM died at it twice".into());
                 let (stamp, ms) = (frame.stamp, 0.0);
                 self.log.insert(

@@ -8,7 +8,7 @@ use cairn_sources::{OpenOptions, open};
 use cairn_workers::capture::rest_of;
 use cairn_workers::message::{Failure, OfKeyFrames, Outcome};
 use cairn_workers::{
-    Role, RunFolder, SuperviseError, Supervised, Supervision, Told, capture, dense, slam, supervise,
+    Role, RunEvent, RunFolder, SuperviseError, Supervised, Supervision, capture, dense, slam, supervise,
 };
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
@@ -127,14 +127,14 @@ fn this_program(role: Role) -> Command {
 }
 
 /// A run of the recording; `tell` may kill processes, whose ids it is given.
-fn run(tell: impl FnMut(&Told, &BTreeMap<Role, u32>)) -> Result<Supervised, SuperviseError> {
+fn run(tell: impl FnMut(&RunEvent, &BTreeMap<Role, u32>)) -> Result<Supervised, SuperviseError> {
     run_with(this_program, Duration::from_secs(1), tell)
 }
 
 fn run_with(
     command: impl Fn(Role) -> Command + 'static,
     hang_limit: Duration,
-    mut tell: impl FnMut(&Told, &BTreeMap<Role, u32>),
+    mut tell: impl FnMut(&RunEvent, &BTreeMap<Role, u32>),
 ) -> Result<Supervised, SuperviseError> {
     let folder = RunFolder::create(&std::env::temp_dir()).unwrap();
     supervised(command, hang_limit, &folder, false, &mut tell)
@@ -145,7 +145,7 @@ fn supervised(
     hang_limit: Duration,
     folder: &RunFolder,
     dense: bool,
-    tell: &mut dyn FnMut(&Told, &BTreeMap<Role, u32>),
+    tell: &mut dyn FnMut(&RunEvent, &BTreeMap<Role, u32>),
 ) -> Result<Supervised, SuperviseError> {
     let how = Supervision {
         command: Box::new(command),
@@ -157,7 +157,7 @@ fn supervised(
     };
     let mut ids = BTreeMap::new();
     supervise(&how, folder, &AtomicBool::new(false), &mut |told| {
-        if let Told::Started { role, id } = told {
+        if let RunEvent::Started { role, id } = told {
             ids.insert(role, id);
         }
         tell(&told, &ids);
@@ -201,8 +201,8 @@ fn killed_processes_go_on() {
         let at = 30 + rng.below(90) as u64;
         let mut maps = Vec::new();
         let killed = run(|told, ids| match told {
-            Told::Tracked(frame) if frame.number == at => signal(ids[&role], Signal::KILL),
-            Told::Resumed { key_frames, .. } => maps.push(*key_frames),
+            RunEvent::Tracked(frame) if frame.number == at => signal(ids[&role], Signal::KILL),
+            RunEvent::Resumed { key_frames, .. } => maps.push(*key_frames),
             _ => {}
         });
         let killed = killed.unwrap();
@@ -242,7 +242,7 @@ fn surface(mapper: &mut DenseMapper, _: bool) -> Result<Vec<u8>, Failure> {
 /// A run with depth, and the bytes of its surface.
 fn with_surface(
     variable: &'static str,
-    mut tell: impl FnMut(&Told, &BTreeMap<Role, u32>),
+    mut tell: impl FnMut(&RunEvent, &BTreeMap<Role, u32>),
 ) -> (Supervised, Option<Vec<u8>>) {
     let folder = RunFolder::create(&std::env::temp_dir()).unwrap();
     let command = move |role| {
@@ -263,10 +263,10 @@ fn surface_is_the_same_whatever_becomes_of_dense() {
     assert!(images(&whole) >= 5 && images(&whole) >= whole.map.snapshot.key_frame_count());
     let mut resumed = Vec::new();
     let (killed, same) = with_surface("WITH_DEPTH", |told, ids| match told {
-        Told::Tracked(frame) if [20, 90, FRAMES as u64 - 1].contains(&frame.number) => {
+        RunEvent::Tracked(frame) if [20, 90, FRAMES as u64 - 1].contains(&frame.number) => {
             signal(ids[&Role::Dense], Signal::KILL)
         }
-        Told::DenseResumed { key_frames, .. } => resumed.push(*key_frames),
+        RunEvent::DenseResumed { key_frames, .. } => resumed.push(*key_frames),
         _ => {}
     });
     no_frame_is_lost(&killed);
@@ -277,7 +277,7 @@ fn surface_is_the_same_whatever_becomes_of_dense() {
     assert_eq!(images(&killed), images(&whole));
     assert_eq!(killed.trajectory(PoseTime::Corrected), whole.trajectory(PoseTime::Corrected));
     let (hung, same) = with_surface("WITH_DEPTH", |told, ids| match told {
-        Told::Tracked(frame) if frame.number == 60 => signal(ids[&Role::Dense], Signal::STOP),
+        RunEvent::Tracked(frame) if frame.number == 60 => signal(ids[&Role::Dense], Signal::STOP),
         _ => {}
     });
     no_frame_is_lost(&hung);
@@ -286,7 +286,7 @@ fn surface_is_the_same_whatever_becomes_of_dense() {
     assert!(same == surface, "stopped: another surface");
     // SLAM that dies takes no depth with it.
     let (slam, _) = with_surface("WITH_DEPTH", |told, ids| match told {
-        Told::Tracked(frame) if frame.number == 90 => signal(ids[&Role::Slam], Signal::KILL),
+        RunEvent::Tracked(frame) if frame.number == 90 => signal(ids[&Role::Slam], Signal::KILL),
         _ => {}
     });
     no_frame_is_lost(&slam);
@@ -309,8 +309,8 @@ fn run_goes_on_where_depth_cannot_be_kept() {
         command.env("WITH_DEPTH", "1");
         command
     };
-    let mut spoil = |told: &Told, ids: &BTreeMap<Role, u32>| match told {
-        Told::Tracked(frame) if frame.number == 60 => {
+    let mut spoil = |told: &RunEvent, ids: &BTreeMap<Role, u32>| match told {
+        RunEvent::Tracked(frame) if frame.number == 60 => {
             std::fs::remove_file(&log).unwrap();
             std::fs::create_dir(&log).unwrap();
             signal(ids[&Role::Slam], Signal::KILL);
@@ -329,11 +329,11 @@ fn stopped_process_is_started_again() {
     let mut stopped_at = None;
     let mut found_after = None;
     let stopped = run(|told, ids| match told {
-        Told::Tracked(frame) if frame.number == 60 && stopped_at.is_none() => {
+        RunEvent::Tracked(frame) if frame.number == 60 && stopped_at.is_none() => {
             stopped_at = Some(Instant::now());
             signal(ids[&Role::Slam], Signal::STOP);
         }
-        Told::Died(_) => found_after = stopped_at.map(|at| at.elapsed().as_secs_f64()),
+        RunEvent::Died(_) => found_after = stopped_at.map(|at| at.elapsed().as_secs_f64()),
         _ => {}
     });
     let stopped = stopped.unwrap();
@@ -353,8 +353,8 @@ fn process_beyond_its_memory_is_started_again() {
     };
     let (mut most_mb, mut at) = (0, Vec::new());
     let bounded = run_with(command, Duration::from_secs(5), |told, ids| match told {
-        Told::Tracked(_) => most_mb = most_mb.max(ids.get(&Role::Slam).map_or(0, |id| data_mb(*id))),
-        Told::Died(death) => at.push(death.at_frame),
+        RunEvent::Tracked(_) => most_mb = most_mb.max(ids.get(&Role::Slam).map_or(0, |id| data_mb(*id))),
+        RunEvent::Died(death) => at.push(death.at_frame),
         _ => {}
     });
     let bounded = bounded.unwrap();
@@ -385,7 +385,7 @@ fn crash_loop_backs_off_and_is_given_up() {
         _ => Command::new("false"),
     };
     let failed = run_with(command, Duration::from_secs(1), |told, _| {
-        if let Told::Waits { delay_s, .. } = told {
+        if let RunEvent::Waits { delay_s, .. } = told {
             waits.push(*delay_s);
         }
     });

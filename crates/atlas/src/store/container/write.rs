@@ -18,7 +18,7 @@ impl<'a, W: Write + Seek> PartsWriter<'a, W> {
     pub fn begin(out: &'a mut W, version: u32, names: Vec<String>) -> Result<Self, StoreError> {
         for (i, name) in names.iter().enumerate() {
             if name.is_empty() || name.len() > usize::from(u16::MAX) || names[..i].contains(name) {
-                return Err(StoreError::Unfit(format!("'{name}' cannot be the name of a part")));
+                return Err(StoreError::CombineError(format!("'{name}' cannot be the name of a part")));
             }
         }
         let room = HEADER + names.iter().map(|n| ENTRY + n.len()).sum::<usize>();
@@ -29,10 +29,10 @@ impl<'a, W: Write + Seek> PartsWriter<'a, W> {
     /// Writes the next part.
     pub fn put(&mut self, plain: &[u8]) -> Result<(), StoreError> {
         let Some(name) = self.names.get(self.entries.len()).cloned() else {
-            return Err(StoreError::Unfit("more parts than announced".into()));
+            return Err(StoreError::CombineError("more parts than announced".into()));
         };
         if plain.len() as u64 > MAX_PLAIN_BYTES {
-            return Err(StoreError::Unfit(format!("part '{name}' has {} bytes", plain.len())));
+            return Err(StoreError::CombineError(format!("part '{name}' has {} bytes", plain.len())));
         }
         let packed = lz4_flex::block::compress(plain);
         let shrinks = packed.len() < plain.len() && plain.len() / MAX_RATIO <= packed.len();
@@ -51,7 +51,7 @@ impl<'a, W: Write + Seek> PartsWriter<'a, W> {
     /// Writes header and table.
     pub fn finish(self) -> Result<(), StoreError> {
         if self.entries.len() != self.names.len() {
-            return Err(StoreError::Unfit("fewer parts than announced".into()));
+            return Err(StoreError::CombineError("fewer parts than announced".into()));
         }
         let mut table = Vec::new();
         for e in &self.entries {

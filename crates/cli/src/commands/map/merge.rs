@@ -109,7 +109,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
 fn unmerged(error: MergeError) -> Failure {
     match error {
         MergeError::Empty => Failure::new("map merge", error.to_string(), "name at least two maps"),
-        MergeError::Unfit { name, why } => {
+        MergeError::CombineError { name, why } => {
             let hint = "only maps made with the same front_end.orb.levels can be put into one file";
             Failure::new(name, format!("does not fit the first map: {why}"), hint)
         }

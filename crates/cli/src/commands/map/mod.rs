@@ -92,6 +92,8 @@ pub fn failed(path: &Path, error: &StoreError) -> Failure {
                 "the file is damaged: use a backup; cairn map repair saves what is whole in a new file";
             Failure::new(shown, error.to_string(), hint)
         }
-        StoreError::Unfit(_) => Failure::new(shown, error.to_string(), "report this with the recording"),
+        StoreError::CombineError(_) => {
+            Failure::new(shown, error.to_string(), "report this with the recording")
+        }
     }
 }

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 /// What is printed.
 #[derive(Serialize)]
-struct Told {
+struct Report {
     from: String,
     to: String,
     /// Whether lengths are metres; else they are estimated from the walking speed.
@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         route: routes.get(s.route).map_or_else(String::new, |(name, _)| name.clone()),
         backwards: s.backwards,
     };
-    let told = Told {
+    let told = Report {
         from: from.name,
         to: to.name,
         metric: planned.route.header.metric,
@@ -174,7 +174,7 @@ fn draw(walked: &WalkedRoutes, planned: &Planned, from: &Destination) -> String 
     plan.figure().standalone()
 }
 
-fn text(t: &Told) -> String {
+fn text(t: &Report) -> String {
     let unit = if t.metric { "m" } else { "m (estimated from the walking speed: the scale is unknown)" };
     let mut lines = vec![format!("way         from {} to {}, {:.1} {unit}", t.from, t.to, t.length_m)];
     for s in &t.stretches {

@@ -61,7 +61,7 @@ pub struct Arguments {
     pub live_trajectory: Option<PathBuf>,
     /// The frame whose poses the trajectories contain.
     #[arg(help_heading = RESULTS, long, value_enum, default_value = "body", value_name = "WHOSE")]
-    pub frame: Whose,
+    pub frame: TrajectoryFrame,
     /// Records the route. An existing file is never overwritten; with --map-in it is continued if it was recorded in
     /// that map.
     #[arg(help_heading = ROUTES, long, value_name = "ROUTE")]
@@ -217,7 +217,7 @@ impl Kind {
 
 /// The frame whose poses are written.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Whose {
+pub enum TrajectoryFrame {
     /// The rig's body frame (EuRoC: the IMU).
     Body,
     /// The first camera.

@@ -37,8 +37,8 @@ use cairn_guide::{AnnouncerConfig, RouteConfig};
 use cairn_rerun::viewer;
 use cairn_sensor::{Rig, Skips, Source, Stamp};
 use cairn_session::{
-    Age, Command, FileConfig, Inbox, Item, Script, Session, SessionConfig, Which, drive_live, drive_lockstep,
-    feed,
+    Age, Command, FileConfig, Inbox, Item, RouteChoice, Script, Session, SessionConfig, drive_live,
+    drive_lockstep, feed,
 };
 use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waiting_for};
 use cairn_vision::bow::Vocabulary;
@@ -293,7 +293,7 @@ fn begin(
     }
     let Some(path) = &a.guide else { return Ok(()) };
     let commands = [
-        Command::Load(Which::File(path.clone())),
+        Command::Load(RouteChoice::File(path.clone())),
         Command::Guide { facing: Some(a.facing.facing()), again: !a.back },
     ];
     for command in &commands {

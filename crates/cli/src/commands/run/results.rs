@@ -1,6 +1,6 @@
 //! The files of a run: which there are, and writing reports and trajectories at its end.
 
-use super::arguments::{Arguments, Whose};
+use super::arguments::{Arguments, TrajectoryFrame};
 use super::outcome::Outcome;
 use super::page;
 use super::say::Say;
@@ -78,10 +78,15 @@ pub fn write_reports(outputs: &Outputs, engine: &Engine, ended: &Outcome, tally:
 }
 
 /// Writes the trajectories.
-pub fn write_trajectories(outputs: &Outputs, whose: Whose, rig: &Rig, engine: &Engine) -> Vec<Failure> {
+pub fn write_trajectories(
+    outputs: &Outputs,
+    whose: TrajectoryFrame,
+    rig: &Rig,
+    engine: &Engine,
+) -> Vec<Failure> {
     let body_from = match whose {
-        Whose::Body => Se3::identity(),
-        Whose::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
+        TrajectoryFrame::Body => Se3::identity(),
+        TrajectoryFrame::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
     };
     write_poses(outputs, &|time| engine.mounted_trajectory(&body_from, time))
 }

@@ -1,7 +1,7 @@
 //! `--status`: status lines on stderr; and the summary of the status in the report.
 
 use cairn_engine::{Phase, Status, StatusEvent};
-use cairn_eval::{GateStanding, ImuStanding, RunReport, StatusSummary};
+use cairn_eval::{GateSummary, ImuSummary, RunReport, StatusSummary};
 use cairn_session::Age;
 use std::io::Write;
 
@@ -78,7 +78,7 @@ impl StatusTally {
 
     /// The summary for the report.
     pub fn summary(&self) -> StatusSummary {
-        let imu = self.last.as_ref().and_then(|s| Some((s, s.imu?))).map(|(s, imu)| ImuStanding {
+        let imu = self.last.as_ref().and_then(|s| Some((s, s.imu?))).map(|(s, imu)| ImuSummary {
             synthesised: imu.synthesised,
             gaps: imu.gaps,
             longest_gap_s: imu.longest_gap_s,
@@ -89,8 +89,8 @@ impl StatusTally {
     }
 }
 
-fn gate(gate: &cairn_engine::Gate) -> GateStanding {
-    GateStanding {
+fn gate(gate: &cairn_engine::Gate) -> GateSummary {
+    GateSummary {
         words: gate.to_string(),
         value: Some(gate.value).filter(|v| v.is_finite()),
         bound: gate.bound,

@@ -10,7 +10,7 @@ use crate::{interrupt, terminal};
 use cairn_dense::SubmapConfig;
 use cairn_engine::{Config, DenseMapper, Runner};
 use cairn_session::{Command, Slam};
-use cairn_web::{BeginSlam, Remote, Server};
+use cairn_web::{Remote, Server, StartSlam};
 use cairn_workers::{RemoteSetup, RemoteSlam, Role, dense, respawn};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -103,7 +103,7 @@ fn beat(remote: &Remote, folder: &Path) {
 }
 
 /// SLAM as a process of its own.
-pub fn slam_elsewhere(folder: PathBuf) -> BeginSlam {
+pub fn slam_elsewhere(folder: PathBuf) -> StartSlam {
     Box::new(move |s, map| {
         let setup = RemoteSetup {
             folder: &folder,

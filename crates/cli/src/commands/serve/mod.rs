@@ -15,7 +15,7 @@ use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
 use cairn_session::{Command, FileConfig, LibraryError, SessionConfig};
 use cairn_sources::{OpenOptions, Paced, Validator, is_live, open, waiting_for};
-use cairn_web::{BeginSlam, CameraSource, ServeConfig, Server, WebError, engine_here, qr};
+use cairn_web::{CameraSource, ServeConfig, Server, StartSlam, WebError, engine_here, qr};
 use std::path::{Path, PathBuf};
 
 /// Serves an accessible web page over HTTPS: use a phone's camera for guidance, or watch from another screen.
@@ -228,7 +228,7 @@ fn begin_work(a: &Arguments) {
 }
 
 /// Where SLAM runs, and the token and the port of a process of this walk before.
-fn begun(a: &Arguments) -> (BeginSlam, Option<String>, u16) {
+fn begun(a: &Arguments) -> (StartSlam, Option<String>, u16) {
     #[cfg(unix)]
     if let Some(folder) = &a.run_folder {
         let before = isolated::before(folder);

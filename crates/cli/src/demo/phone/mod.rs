@@ -1,6 +1,5 @@
 //! `cairn demo --phone`: the demo's walk with a phone as phones are, through the page's own protocol, in real time.
 
-mod pace;
 mod page;
 mod picture;
 mod walk;

@@ -1,7 +1,7 @@
 //! The page's side of the web socket: what the phone's browser says and hears.
 
-use super::pace::Pace;
 use cairn_phrases::Language;
+use cairn_trial::Pace;
 use cairn_web::Server;
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
@@ -137,7 +137,7 @@ impl Page {
             origin,
             broken: 0,
             clock,
-            pace: Pace::new(),
+            pace: Pace::default(),
             language,
             me: None,
             controls: false,
@@ -177,7 +177,7 @@ impl Page {
             }
             if let Ok(socket) = connected(&self.tls, self.address).await {
                 self.socket = socket;
-                self.pace = Pace::new();
+                self.pace.reset();
                 if self.hello().await.is_ok() {
                     return Ok(());
                 }

@@ -5,7 +5,6 @@
 
 use super::super::config::DemoConfig;
 use super::super::out::corners;
-use super::pace::LEVELS;
 use super::page::{Page, PageClock};
 use super::picture::{encoded, smaller};
 use super::walked::{Live, Spoken, Walked};
@@ -16,6 +15,7 @@ use cairn_sensor::{Rig, Stamp};
 use cairn_session::SessionConfig;
 use cairn_sim::{Effects, Motion, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World};
 use cairn_sources::phone_imu;
+use cairn_trial::LEVELS;
 use cairn_trial::way::{Body, Obstacles};
 use cairn_web::{CameraSource, ServeConfig, Server};
 use serde_json::json;
@@ -404,7 +404,7 @@ impl<'a> Phone<'a> {
         self.shot = Some(tokio::task::spawn_blocking(move || {
             let began = std::time::Instant::now();
             let image = camera.picture(at, &poses);
-            let scale = side as f64 / image.width().max(image.height()) as f64;
+            let scale = f64::from(side) / image.width().max(image.height()) as f64;
             let image = if scale < 1.0 { smaller(&image, scale) } else { image };
             let jpeg = encoded(&image, quality);
             std::thread::sleep(Duration::from_secs_f64(ENCODING_S).saturating_sub(began.elapsed()));

@@ -11,7 +11,8 @@ mod stitch;
 #[cfg(test)]
 mod tests;
 
-use super::{Closer, metre_in_map_units};
+use super::Closer;
+use super::visits::metre_in_map_units;
 use cairn_atlas::{Change, KeyFrame, MapId, Snapshot};
 use cairn_geometry::{Sim3, Vec3};
 use consistency::{agreeing, rivals};

@@ -1,6 +1,7 @@
 //! Seams: key frames of one map in which places of another are recognised, by words first and then by geometry.
 
-use crate::closing::{Closer, Freedom, with_gravity_of};
+use crate::closing::visits::with_gravity_of;
+use crate::closing::{Closer, Freedom};
 use cairn_adjust::{RecogniseConfig, Recognised, View, recognise};
 use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::Sim3;
@@ -64,10 +65,10 @@ impl Closer {
             view = View { frame, camera, ..view };
         }
         let place = recognise(snapshot, &view, old, &known, &config, seed).ok()?;
-        let scale = self.scale(snapshot, here, &place).ok()?;
+        let scale = self.visits(snapshot, here, old).scale(&place, self.config.need).ok()?;
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
-        let freedom = self.freedom(snapshot, here, old);
+        let freedom = self.visits(snapshot, here, old).freedom();
         if freedom == Freedom::AlignGravity {
             world_from_here = with_gravity_of(here, &world_from_here).ok()?;
         }

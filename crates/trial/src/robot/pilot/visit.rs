@@ -55,7 +55,7 @@ impl Pilot {
             if !self.is_looked_at(pose) {
                 return None;
             }
-            self.once_open.looked_in_vain(&blockage);
+            self.once_open.search_failed(&blockage);
         }
         None
     }
@@ -77,7 +77,7 @@ impl Pilot {
         self.target = None;
         self.explored_s.get_or_insert(t_s);
         (self.helpless, self.looked_near, self.let_pass_at) = (0, false, None);
-        self.once_open.hope_again();
+        self.once_open.retry();
         self.held_up = false;
         match self.errands.next() {
             Some(goal) => {
@@ -143,7 +143,7 @@ impl Pilot {
                 return Ok(());
             }
         }
-        let hope = self.once_open.hope_again();
+        let hope = self.once_open.retry();
         self.looked_near = false;
         let (place, forgotten) = self.let_pass(pose)?;
         if let Some(beside) = place {

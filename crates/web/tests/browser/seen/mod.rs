@@ -3,7 +3,8 @@
 mod map;
 
 use crate::cdp::Browser;
-use crate::{accessible, building, started, wait, walked};
+use crate::session::{accessible, building, started, wait};
+use crate::walked;
 use cairn_session::SessionConfig;
 use cairn_web::{ServeConfig, Server};
 use std::time::Duration;

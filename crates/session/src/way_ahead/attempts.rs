@@ -17,7 +17,7 @@ const LONGEST_STEP_S: f64 = 0.5;
 
 /// What was tried before one obstacle.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Tries {
+pub(super) struct Attempts {
     last: Option<Stamp>,
     /// Metres along the route where the walker was when it began to count.
     from_m: Option<f64>,
@@ -27,7 +27,7 @@ pub(super) struct Tries {
     nothing: Option<Stamp>,
 }
 
-impl Tries {
+impl Attempts {
     /// Takes a step of a walker so far along the route, metres.
     pub fn step(&mut self, along_m: f64, blocked: bool, now: Stamp) {
         let dt = self.last.replace(now).map_or(0.0, |last| (now - last).clamp(0.0, LONGEST_STEP_S));
@@ -52,13 +52,13 @@ impl Tries {
     }
 
     /// Whether he has been led around in vain: nothing more is tried until he has got farther or the way is free.
-    pub fn are_enough(&self) -> bool {
+    pub fn are_exhausted(&self) -> bool {
         self.blocked_s >= TRIED_S
     }
 
     /// Whether he is to be told that no way past is found.
-    pub fn are_in_vain(&self, now: Stamp) -> bool {
-        self.are_enough() || self.nothing.is_some_and(|since| now - since >= NOTHING_S)
+    pub fn have_failed(&self, now: Stamp) -> bool {
+        self.are_exhausted() || self.nothing.is_some_and(|since| now - since >= NOTHING_S)
     }
 }
 
@@ -67,7 +67,7 @@ mod tests {
     use super::*;
 
     /// Steps at 10 Hz for some seconds.
-    fn steps(tries: &mut Tries, from_s: f64, seconds: f64, along_m: f64, blocked: bool) -> Stamp {
+    fn steps(tries: &mut Attempts, from_s: f64, seconds: f64, along_m: f64, blocked: bool) -> Stamp {
         let mut now = Stamp::from_seconds(from_s);
         for k in 1..=(10.0 * seconds) as i64 {
             now = Stamp::from_seconds(from_s + 0.1 * k as f64);
@@ -78,28 +78,28 @@ mod tests {
 
     #[test]
     fn nothing_found_for_a_while_is_told_until_something_is() {
-        let mut tries = Tries::default();
+        let mut tries = Attempts::default();
         let now = steps(&mut tries, 0.0, 1.0, 3.0, true);
         tries.searched(false, now);
-        assert!(!tries.are_in_vain(now.plus_seconds(NOTHING_S - 1.0)));
-        assert!(tries.are_in_vain(now.plus_seconds(NOTHING_S)) && !tries.are_enough());
+        assert!(!tries.have_failed(now.plus_seconds(NOTHING_S - 1.0)));
+        assert!(tries.have_failed(now.plus_seconds(NOTHING_S)) && !tries.are_exhausted());
         tries.searched(true, now.plus_seconds(NOTHING_S));
-        assert!(!tries.are_in_vain(now.plus_seconds(NOTHING_S)));
+        assert!(!tries.have_failed(now.plus_seconds(NOTHING_S)));
         tries.searched(false, now);
         tries.step(3.0, false, now.plus_seconds(1.0));
-        assert!(!tries.are_in_vain(now.plus_seconds(NOTHING_S + 1.0)), "the way was free");
+        assert!(!tries.have_failed(now.plus_seconds(NOTHING_S + 1.0)), "the way was free");
     }
 
     #[test]
     fn minutes_before_one_obstacle_are_enough_and_getting_past_it_begins_anew() {
-        let mut tries = Tries::default();
+        let mut tries = Attempts::default();
         steps(&mut tries, 0.0, TRIED_S - 1.0, 3.0, true);
         // Standing where nothing is in the way does not count.
         steps(&mut tries, TRIED_S, 60.0, 3.5, false);
-        assert!(!tries.are_enough());
+        assert!(!tries.are_exhausted());
         let now = steps(&mut tries, TRIED_S + 60.0, 2.0, 3.9, true);
-        assert!(tries.are_enough() && tries.are_in_vain(now));
+        assert!(tries.are_exhausted() && tries.have_failed(now));
         steps(&mut tries, TRIED_S + 62.0, 1.0, 4.2, true);
-        assert!(!tries.are_enough());
+        assert!(!tries.are_exhausted());
     }
 }

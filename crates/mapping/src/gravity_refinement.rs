@@ -16,23 +16,23 @@ const REFINE_AT_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
 
 /// Stated standard deviation of the direction of gravity, radians, up to which a map is turned to it, and how many of them it
 /// must be off. Poses of a map that was built with a wrong level err together, so that errors are ten times what is stated.
-const LEVEL: (f64, f64) = (0.0006, 5.0);
+const GRAVITY: (f64, f64) = (0.0006, 5.0);
 /// Until the last of them, and until its level is known, it is looked at too where the camera has turned by so much, with so
 /// many seconds between two looks until it is known: what of the readings is the accelerometer's bias and what is gravity is
 /// told by a turn alone.
-const LEVEL_AFTER: (f64, f64) = (0.7, 0.5);
+const CHECK_AFTER: (f64, f64) = (0.7, 0.5);
 
 /// How far a gravity-aligned map has been refined.
 #[derive(Clone, Copy, Debug)]
 pub struct Refined {
     /// How many times of [`REFINE_AT_S`] have passed.
     times: usize,
-    level: Level,
+    level: GravityCheck,
 }
 
 /// What is known of the level of a map.
 #[derive(Clone, Copy, Debug, Default)]
-struct Level {
+struct GravityCheck {
     /// Whether the readings have told it once.
     known: bool,
     /// Heading of the camera from which turns count, and when the level was looked at last.
@@ -41,18 +41,18 @@ struct Level {
     turned: Option<Stamp>,
 }
 
-impl Level {
+impl GravityCheck {
     /// Whether it is time to look at it with a key frame.
     fn due(&mut self, heading: f64, now: Stamp) -> bool {
         if self.turned.take_if(|at| now - *at > INITIALISATION_S).is_some() {
             self.since = None;
         }
         let (from, looked) = *self.since.get_or_insert((heading, now));
-        let turned = ((heading - from + PI).rem_euclid(TAU) - PI).abs() >= LEVEL_AFTER.0;
+        let turned = ((heading - from + PI).rem_euclid(TAU) - PI).abs() >= CHECK_AFTER.0;
         if turned && self.turned.is_none() {
             self.turned = Some(now);
         }
-        self.turned.is_some() && now - looked >= LEVEL_AFTER.1
+        self.turned.is_some() && now - looked >= CHECK_AFTER.1
     }
 
     /// Notes what a look told.
@@ -69,7 +69,7 @@ impl Level {
 impl Default for Refined {
     /// A map that was aligned elsewhere is refined already.
     fn default() -> Self {
-        Self { times: REFINE_AT_S.len(), level: Level { known: true, ..Level::default() } }
+        Self { times: REFINE_AT_S.len(), level: GravityCheck { known: true, ..GravityCheck::default() } }
     }
 }
 
@@ -79,14 +79,14 @@ pub enum Due {
     /// It is adjusted as a whole.
     Whole,
     /// Likewise, if it is not level.
-    IfNotLevel,
+    IfGravityDiffers,
 }
 
 impl Refined {
     /// A map that was aligned just now, so many seconds after its first key frame.
     pub fn of_age(seconds: f64) -> Self {
         let times = REFINE_AT_S.iter().filter(|due| seconds >= **due).count();
-        Self { times, level: Level::default() }
+        Self { times, level: GravityCheck::default() }
     }
 
     /// Notes whether the readings up to a key frame told the level.
@@ -111,27 +111,27 @@ impl Refined {
             self.times += 1;
             return Some(Due::Whole);
         }
-        turned.then_some(Due::IfNotLevel)
+        turned.then_some(Due::IfGravityDiffers)
     }
 }
 
 /// Gravity, biases and velocities of the last seconds of a gravity-aligned map from its visual poses and the readings alone,
 /// where they tell gravity well. Bundle adjustment moves a whole map with small steps only, which take many iterations to
 /// turn it.
-pub fn told_level(of: &CameraAndImu, snapshot: &Snapshot, chain: &[KeyFrameId]) -> Option<Initial> {
+pub fn estimated_gravity(of: &CameraAndImu, snapshot: &Snapshot, chain: &[KeyFrameId]) -> Option<Initial> {
     let attempt = of.attempt(snapshot, chain, INITIALISATION_S)?;
     let found = attempt.good_but_for(&[GateKind::ScaleSigma])?;
-    (found.gravity_sigma <= LEVEL.0).then(|| found.clone())
+    (found.gravity_sigma <= GRAVITY.0).then(|| found.clone())
 }
 
 /// Whether gravity was found otherwise than the map has it.
-pub fn is_better_level(found: &Initial) -> bool {
-    Gravity::level().local(&found.gravity).norm() > LEVEL.1 * found.gravity_sigma
+pub fn differs_from_map(found: &Initial) -> bool {
+    Gravity::level().local(&found.gravity).norm() > GRAVITY.1 * found.gravity_sigma
 }
 
 /// The changes that turn a metric map about a fixed point so that gravity is as found, and give its key frames the velocities
 /// and biases that belong to it.
-pub fn levelled(
+pub fn realigned(
     snapshot: &Snapshot,
     map: MapId,
     chain: &[KeyFrameId],
@@ -172,9 +172,9 @@ mod tests {
 
     #[test]
     fn after_a_turn_the_level_is_looked_at_until_it_is_told_or_the_turn_is_too_old() {
-        let mut level = Level::default();
+        let mut level = GravityCheck::default();
         let at = |seconds: f64| Stamp((seconds * 1e9) as i64);
-        let looks = |level: &mut Level, heading: f64, from: f64, to: f64, told: bool| {
+        let looks = |level: &mut GravityCheck, heading: f64, from: f64, to: f64, told: bool| {
             let times = (0..).map(|n| from + 0.25 * f64::from(n)).take_while(|t| *t < to);
             let due = |t: &f64| {
                 let due = level.due(heading, at(*t));
@@ -196,14 +196,14 @@ mod tests {
         let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad, factor: 1.0 }.map(60);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
-        let found = told_level(&of, atlas.latest(), &ids);
+        let found = estimated_gravity(&of, atlas.latest(), &ids);
         (atlas, ids, found)
     }
 
     #[test]
     fn is_better_level_only_where_gravity_lies_otherwise() {
         let found = |tilt_rad| told(tilt_rad).2.expect("a level");
-        assert!(is_better_level(&found(0.02)) && !is_better_level(&found(0.0)));
+        assert!(differs_from_map(&found(0.02)) && !differs_from_map(&found(0.0)));
     }
 
     #[test]
@@ -212,7 +212,7 @@ mod tests {
         let before = atlas.latest().clone();
         let centre = before.key_frame(ids[7]).unwrap().world_from_camera.translation;
         let found = found.expect("a level");
-        assert_eq!(atlas.commit(levelled(&before, MapId(ids[0]), &ids, &found, centre)).dropped, 0);
+        assert_eq!(atlas.commit(realigned(&before, MapId(ids[0]), &ids, &found, centre)).dropped, 0);
         let (was, is) = (before.key_frame(ids[7]).unwrap(), atlas.latest().key_frame(ids[7]).unwrap());
         assert!((is.world_from_camera.translation - centre).norm() < 1e-9);
         let turned = (is.world_from_camera.rotation * was.world_from_camera.rotation.inverse()).log();

@@ -1,9 +1,10 @@
-//! The page's `pace.js`: when an image is sent, its size and quality.
+//! When the page of a phone sends an image, of which size and quality: its `pace.js`, for programs that stand for it. The test of
+//! the page in a browser asks both the same.
 
 use std::time::{Duration, Instant};
 
-/// Longer side, quality in percent, approximate number of bytes as a share of the first level's.
-pub const LEVELS: [(usize, u8, f64); 9] = [
+/// Longer side in pixels, quality in percent, approximate number of bytes as a share of the first level's.
+pub const LEVELS: [(u32, u8, f64); 9] = [
     (640, 80, 1.0),
     (640, 65, 0.72),
     (640, 50, 0.56),
@@ -17,11 +18,11 @@ pub const LEVELS: [(usize, u8, f64); 9] = [
 const SHORTEST: Duration = Duration::from_millis(45);
 const PATIENCE: usize = 10;
 
-/// The pace.
+/// Decides about images by when the server has received those before.
 pub struct Pace {
     /// Index into [`LEVELS`].
     pub level: usize,
-    /// The shortest of the last round trips, as the server tells it.
+    /// The shortest of the last round trips as the server tells it, milliseconds.
     pub trip_ms: f64,
     rate: Option<f64>,
     roomy: usize,
@@ -38,12 +39,14 @@ struct Unconfirmed {
     bytes: usize,
 }
 
-impl Pace {
-    /// Starts at the middle level, as the page.
-    pub fn new() -> Self {
+impl Default for Pace {
+    /// Starts at the middle level.
+    fn default() -> Self {
         Self { level: 2, trip_ms: 0.0, rate: None, roomy: 0, last: None, free: None, unconfirmed: Vec::new() }
     }
+}
 
+impl Pace {
     /// Whether an image may be captured.
     pub fn may_shoot(&self, now: Instant) -> bool {
         self.last.is_none_or(|last| now - last >= SHORTEST) && self.has_arrived(now)
@@ -82,6 +85,11 @@ impl Pace {
         let rate = self.rate.map_or(rate, |before| 0.7 * before + 0.3 * rate);
         self.rate = Some(rate);
         self.adapt(bytes as f64, rate * (120.0 - 0.4 * self.trip_ms).clamp(20.0, 80.0));
+    }
+
+    /// The connection is new: images in flight are lost.
+    pub fn reset(&mut self) {
+        self.unconfirmed.clear();
     }
 
     fn adapt(&mut self, bytes: f64, budget: f64) {

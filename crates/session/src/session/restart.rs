@@ -12,7 +12,7 @@ use cairn_guide::Confidence;
 
 impl<S: Slam> Session<S> {
     /// Whether nothing hangs on the map of this session: no route, no recording, no guidance.
-    pub fn may_begin_again(&self) -> bool {
+    pub fn may_restart_slam(&self) -> bool {
         let has_route = self.route.as_ref().is_some_and(|held| held.here);
         let has_recorded = !self.recorded_here.is_empty() || !self.recorded.is_empty();
         self.dead.is_none()
@@ -27,14 +27,14 @@ impl<S: Slam> Session<S> {
     ///
     /// # Errors
     /// What `begin` says where it is given no map.
-    pub fn begin_again(
+    pub fn restart_slam(
         &mut self,
         camera: &LibraryCamera,
         mut begin: impl FnMut(Option<&MapFile>) -> Result<(S, Vec<String>), OpenMapError>,
     ) -> Result<Vec<String>, LibraryError> {
         self.engine.end();
         let begun = match &mut self.keeper {
-            Some(keeper) => keeper.begin_again(camera, begin),
+            Some(keeper) => keeper.restart_slam(camera, begin),
             None => begin(None).map_err(LibraryError::from),
         };
         let (engine, notes) = begun.inspect_err(|_| {

@@ -1,7 +1,7 @@
 //! The map on the page in a real browser.
 
 use crate::cdp::Browser;
-use crate::{accessible, keeping, route_out, settle, started, wait};
+use crate::session::{accessible, keeping, route_out, settle, started, wait};
 use std::time::Duration;
 
 /// The map in three dimensions: by keys alone, in both schemes, on a phone and a desk; flat where WebGL is missing.

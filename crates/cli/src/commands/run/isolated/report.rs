@@ -1,0 +1,165 @@
+//! The results of a run in processes.
+
+use super::super::outcome::Outcome;
+use super::super::{Arguments, open_source, problems, results, tally};
+use super::monitor::Monitor;
+use crate::failure::Failure;
+use crate::interrupt;
+use crate::output::Output;
+use crate::outputs::Outputs;
+use cairn_engine::PoseTime;
+use cairn_eval::{Align, EvalOptions, Lost, Percentiles, RunReport, evaluate};
+use cairn_geometry::{Se3, Trajectory};
+use cairn_sensor::{SkipKind, Stamp};
+use cairn_session::FileConfig;
+use cairn_workers::Supervised;
+use cairn_workers::message::Tracked;
+use serde::Serialize;
+use std::time::Instant;
+
+/// What the result says of the processes.
+#[derive(Serialize)]
+struct Processes<'a> {
+    #[serde(flatten)]
+    outcome: &'a Outcome<'a>,
+    /// Each process that died or was killed because it hung.
+    deaths: Vec<DeathReport<'a>>,
+    /// After each death of SLAM: frames without a pose, and seconds until the next pose.
+    relocalised: Vec<RelocalisedReport>,
+}
+
+#[derive(Serialize)]
+struct DeathReport<'a> {
+    process: &'static str,
+    why: &'a str,
+    at_frame: u64,
+    t_s: f64,
+}
+
+#[derive(Serialize)]
+struct RelocalisedReport {
+    frames: usize,
+    after_s: f64,
+}
+
+pub(super) fn report(
+    a: &Arguments,
+    run: &Supervised,
+    monitor: &Monitor,
+    config: &FileConfig,
+    began: Instant,
+) -> RunReport {
+    let snapshot = &run.map.snapshot;
+    let ms: Vec<f64> = run.frames.iter().map(|f| f.ms).collect();
+    let (skips, dropped) = (run.left_out.skips(), run.left_out.dropped);
+    let skipped = skips.count(SkipKind::Frame);
+    let mut report = RunReport {
+        version: env!("CARGO_PKG_VERSION").into(),
+        source: run.opened.name.clone(),
+        sensor: run.opened.sensor.clone(),
+        skipped,
+        skips: skips.iter().map(tally::skip_report).collect(),
+        dropped,
+        lost: lost(&run.frames),
+        maps: snapshot.maps().count(),
+        loops: run.finished.loops,
+        merges: run.finished.merges,
+        keyframes: snapshot.key_frame_count(),
+        landmarks: snapshot.landmark_count(),
+        ms: Percentiles::of(&ms),
+        first_pose_s: monitor.first_pose_s,
+        config: tally::as_printed(config),
+        accuracy: accuracy(a, run, config),
+        ..RunReport::default()
+    };
+    let tracked = run.frames.iter().filter(|f| f.pose.is_some()).count();
+    report.set_frames(run.frames.len() + dropped + skipped, tracked);
+    // Those of the supervisor would say nothing of the run.
+    report.wall_s = began.elapsed().as_secs_f64();
+    report
+}
+
+/// Where tracking was lost.
+fn lost(frames: &[Tracked]) -> Vec<Lost> {
+    let gaps = frames.windows(2).filter(|w| w[0].pose.is_some() && w[1].pose.is_none());
+    gaps.map(|w| Lost { t: Stamp(w[1].stamp).seconds(), reason: format!("{:?}", w[1].outcome) }).collect()
+}
+
+/// Against the ground truth of the source, where it has any.
+fn accuracy(a: &Arguments, run: &Supervised, config: &FileConfig) -> Option<cairn_eval::Evaluation> {
+    let (source, _) = open_source(a, &mut config.engine.clone(), None).ok()?;
+    let metric = run.map.snapshot.is_metric(&run.map.about.camera);
+    let arm = if metric { Se3::identity() } else { run.map.about.camera.body_from_camera };
+    let arm = arm.translation;
+    let truth = source.info().truth.iter().map(|(t, body)| (t.0, Se3::new(body.rotation, *body * arm)));
+    let estimate = run.trajectory(PoseTime::Corrected).into_iter().map(|(t, pose)| (t.0, pose));
+    let truth = Trajectory::from_unsorted(truth.collect()).ok()?;
+    let estimate = Trajectory::from_unsorted(estimate.collect()).ok()?;
+    let align = if metric { Align::Se3 } else { Align::Sim3 };
+    evaluate(&truth, &estimate, &EvalOptions { align, ..EvalOptions::default() }).ok()
+}
+
+/// Writes the results, all that can be written.
+pub(super) fn written(
+    a: &Arguments,
+    outputs: &Outputs,
+    output: &Output,
+    run: &Supervised,
+    report: &RunReport,
+    surface: &dyn Fn() -> Result<Vec<u8>, Failure>,
+) -> Result<(), Failure> {
+    let (interrupted, problems) = (interrupt::requested(), problems::of(report));
+    let outcome = Outcome { report, interrupted, problems, searches: None };
+    let deaths = run.deaths.iter().map(|d| DeathReport {
+        process: d.role.name(),
+        why: &d.how,
+        at_frame: d.at_frame,
+        t_s: d.t_s,
+    });
+    let relocalised = run
+        .relocalised
+        .iter()
+        .map(|(frames, after_s)| RelocalisedReport { frames: *frames, after_s: *after_s });
+    let ended = Processes { outcome: &outcome, deaths: deaths.collect(), relocalised: relocalised.collect() };
+    let json = || {
+        let text = serde_json::to_string_pretty(&ended)
+            .map_err(|e| Failure::new("report", e.to_string(), "leave out --report"))?;
+        Ok((text + "\n").into_bytes())
+    };
+    let mut failures: Vec<Failure> = outputs.write("--report", json).err().into_iter().collect();
+    let map = || run.map.write().map_err(|e| Failure::new("the map", e.to_string(), "leave out --map-out"));
+    if run.map.snapshot.key_frame_count() > 0 {
+        failures.extend(outputs.write("--map-out", map).err());
+    }
+    if report.tracked > 0 {
+        failures.extend(results::write_poses(outputs, &|time| run.trajectory(time)));
+    } else if failures.is_empty() {
+        let why = run.frames.last().map_or_else(|| "it has no frames".into(), |f| format!("{:?}", f.outcome));
+        failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), super::super::NO_POSE));
+    }
+    match &run.surfaces {
+        Ok(()) => failures.extend(outputs.write("--mesh", surface).err()),
+        Err(e) => failures.push(Failure::new(e.what.clone(), e.why.clone(), e.cure.clone())),
+    }
+    match &run.recorded {
+        Some(Err(why)) => {
+            failures.push(Failure::new("recording", why.clone(), "free some space on the disk"))
+        }
+        None if a.record.is_some() => {
+            failures.push(Failure::new(
+                "recording",
+                "the process that records died too often",
+                "run without --isolated",
+            ));
+        }
+        _ => {}
+    }
+    Failure::all(failures)?;
+    output.result(&ended, |ended| {
+        let mut text = tally::text(ended.outcome, a.realtime);
+        for d in &ended.deaths {
+            text += &format!("died      {} at frame {}: {}\n", d.process, d.at_frame, d.why);
+        }
+        text
+    })
+}

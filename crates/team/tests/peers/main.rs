@@ -1,0 +1,6 @@
+//! Peers that share what they published: whatever the network does, all have the same in the end, and nothing is
+//! believed that its robot did not sign.
+
+mod maps;
+mod team;
+mod words;

@@ -1,0 +1,80 @@
+//! When a key frame is requested.
+
+use crate::decide::{Situation, wants_key_frame};
+use crate::match_last::Matches;
+use crate::synthetic::{RATE_HZ, World, mono, pose, sideways, stereo};
+use crate::tests::{STEP_S, tracker};
+use cairn_sensor::Stamp;
+use cairn_vision::RectifiedCamera;
+
+/// A situation in front of the last key frame of a map, in which no key frame is due.
+fn with_situation(change: impl FnOnce(&mut Situation)) -> bool {
+    with_situation_of(stereo(), change)
+}
+
+/// The same of a camera.
+fn with_situation_of(camera: RectifiedCamera, change: impl FnOnce(&mut Situation)) -> bool {
+    let world = World::around(camera, 27);
+    let (atlas, ids) = world.exact_map(&sideways(4, 0.1));
+    let snapshot = atlas.latest();
+    let view = world.see(&pose(0.3, 0.0, 0.0), 2.0);
+    let matches = Matches { landmarks: world.matches(snapshot, &view), extra: Vec::new() };
+    let inliers = matches.count();
+    let mut situation = Situation {
+        snapshot,
+        camera: &world.camera,
+        frame: &view.frame,
+        matches: &matches,
+        inliers,
+        need: 25,
+        reference: ids[3],
+        rotated_rad: 0.0,
+        since: 5,
+        since_s: None,
+        stationary: false,
+        idle: true,
+    };
+    change(&mut situation);
+    wants_key_frame(&situation, RATE_HZ, 1)
+}
+
+#[test]
+fn wants_key_frame_when_the_view_has_changed_and_mapping_can_take_it() {
+    assert!(!with_situation(|_| ()), "nothing has changed");
+    assert!(with_situation(|s| s.inliers /= 2), "half of what the reference shows is gone");
+    assert!(!with_situation(|s| (s.inliers, s.idle) = (s.inliers / 2, false)), "mapping is busy");
+    assert!(with_situation(|s| (s.inliers, s.idle, s.since) = (s.inliers / 2, false, 20)), "overdue");
+    assert!(with_situation(|s| (s.inliers, s.idle) = (s.inliers / 8, false)), "too weak to wait");
+    assert!(!with_situation(|s| (s.inliers, s.since) = (s.inliers / 2, 0)), "the last one was just now");
+    assert!(!with_situation(|s| s.inliers = 5), "too few to hold a key frame");
+}
+
+#[test]
+fn wants_key_frame_of_one_camera_before_the_view_is_gone_though_mapping_is_busy() {
+    let wants = |left: f64| {
+        with_situation_of(mono(), |s| (s.inliers, s.idle) = ((left * s.inliers as f64) as usize, false))
+    };
+    assert!(!wants(0.8), "mapping is busy");
+    assert!(wants(0.4), "too weak to wait");
+}
+
+#[test]
+fn step_counts_frames_that_did_not_come() {
+    let mut tracker = tracker(mono());
+    let mut periods = |at: f64| tracker.periods_since_last(Stamp::from_seconds(10.0 + STEP_S * at));
+    assert_eq!([0.0, 1.0, 2.1, 6.0, 6.1].map(&mut periods), [1, 1, 1, 4, 1]);
+}
+
+#[test]
+fn wants_key_frame_after_a_rotation_and_without_a_reference() {
+    assert!(with_situation(|s| s.rotated_rad = 0.4), "a fifth of the field of view");
+    assert!(!with_situation(|s| s.rotated_rad = 0.1));
+    assert!(with_situation(|s| s.reference = s.snapshot.next_key_frame_id()));
+}
+
+#[test]
+fn wants_key_frame_to_keep_imu_factors_short() {
+    assert!(with_situation(|s| s.since_s = Some(0.3)));
+    assert!(!with_situation(|s| s.since_s = Some(0.2)));
+    assert!(!with_situation(|s| (s.since_s, s.idle) = (Some(0.3), false)));
+}
