@@ -12,7 +12,7 @@ const GRAMMAR: [&str; 1] = ["kind"];
 /// The beginnings of the ids that code names.
 const FAMILIES: [&str; 8] = ["guide-", "stop-", "ready-", "walk-", "phase-", "wait-", "key-", "page-"];
 /// Where ids are named: sources whose quoted texts with such a beginning are ids.
-const USERS: [&str; 4] = ["guide/src", "engine/src/status", "session/src", "web/src"];
+const USERS: [&str; 5] = ["guide/src", "engine/src/status", "session/src", "view/src", "web/src"];
 
 /// What a message consists of.
 #[derive(Default)]

@@ -2,7 +2,7 @@
 //! covariance.
 
 use super::config::Linearisation;
-use super::deferred::Deferred;
+use super::deferred::{Deferred, HEADING};
 use crate::angle::wrap;
 use crate::covariance::{Covariance, Form, Rows};
 use crate::measure::{Measurement, jacobians};
@@ -36,9 +36,6 @@ impl Linear {
         Some(self.innovation.dot(&cholesky.solve(&self.innovation))).filter(|v| v.is_finite())
     }
 }
-
-/// Index of the heading of the first robot.
-pub(crate) const HEADING: usize = 2;
 
 #[derive(Clone, Debug)]
 pub(crate) struct Active {

@@ -1,8 +1,10 @@
 //! The updates to apply to the passive part of the map when the robot returns; see `passive.rs` for their equations.
 
-use super::active::HEADING;
 use crate::covariance::Rows;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// Index of the heading of the first robot.
+pub(crate) const HEADING: usize = 2;
 
 /// Updates that the passive part has not received yet.
 ///

@@ -10,8 +10,8 @@
 //! heading instead, in a way that three matrices hold as well (`deferred.rs`), so they are what is stored, and local updates
 //! are exact for it too.
 
-use super::active::{Active, HEADING, Place};
-use super::deferred::Deferred;
+use super::active::{Active, Place};
+use super::deferred::{Deferred, HEADING};
 use super::tiles::Tiles;
 use crate::covariance::{Covariance, Form};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
