@@ -6,7 +6,7 @@
 
 use crate::inertial::data::{self, Motion};
 use crate::inertial::reference::Reference;
-use crate::{RunOptions, Sensor};
+use crate::{MeasureError, RunOptions, Sensor};
 use cairn_adjust::ImuModel;
 use cairn_atlas::KeyFrame;
 use cairn_engine::{Engine, Runner};
@@ -82,7 +82,7 @@ fn row(name: &str, seconds: f64, all: &[Judged]) -> Row {
 ///
 /// # Errors
 /// When the recording cannot be read.
-pub fn motion(data: &Path, name: &'static str) -> Result<Vec<Row>, String> {
+pub fn motion(data: &Path, name: &'static str) -> Result<Vec<Row>, MeasureError> {
     let (rotation_sigma, position_sigma) = (0.1f64.to_radians(), 0.002);
     let motion = Motion::read(data, name)?;
     let (reference, buffer, camera) = (Reference::of(&motion), motion.buffer(), data::imu_from_camera());
@@ -122,20 +122,19 @@ pub fn motion(data: &Path, name: &'static str) -> Result<Vec<Row>, String> {
 ///
 /// # Errors
 /// When the source or the engine fails.
-pub fn source(name: &str, address: &str) -> Result<Vec<Row>, String> {
-    let mut source = open(address, OpenOptions::default()).map_err(|e| e.to_string())?;
+pub fn source(name: &str, address: &str) -> Result<Vec<Row>, MeasureError> {
+    let mut source = open(address, OpenOptions::default())?;
     by_images(name, source.as_mut())
 }
 
-fn by_images(name: &str, source: &mut dyn Source) -> Result<Vec<Row>, String> {
+fn by_images(name: &str, source: &mut dyn Source) -> Result<Vec<Row>, MeasureError> {
     let options = RunOptions::new(Sensor::Mono);
     let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
     let sensor = rig.imu.clone().ok_or("no IMU")?;
-    let mut engine = Engine::new(&rig, options.sensor.mode(), rate_hz, Runner::Lockstep, &options.config)
-        .map_err(|e| e.to_string())?;
+    let mut engine = Engine::new(&rig, options.sensor.mode(), rate_hz, Runner::Lockstep, &options.config)?;
     let mut readings: Vec<ImuSample> = Vec::new();
-    while let Some(packet) = source.next_packet().map_err(|e| e.to_string())? {
-        engine.on_packet(&packet).map_err(|e| e.to_string())?;
+    while let Some(packet) = source.next_packet()? {
+        engine.on_packet(&packet)?;
         readings.extend(
             packet.imu.iter().map(|s| ImuSample { stamp: s.stamp.plus_seconds(sensor.offset_s), ..*s }),
         );
@@ -193,7 +192,7 @@ fn by_images(name: &str, source: &mut dyn Source) -> Result<Vec<Row>, String> {
 ///
 /// # Errors
 /// When a recording cannot be read or a run fails.
-pub fn run(data: &Path, only: Option<&str>, seeds: u64) -> Result<Vec<Row>, String> {
+pub fn run(data: &Path, only: Option<&str>, seeds: u64) -> Result<Vec<Row>, MeasureError> {
     let chosen = |name: &str| only.is_none_or(|part| name.contains(part));
     let mut rows = Vec::new();
     let is_there = |folder: &str| {
