@@ -457,7 +457,7 @@ mod tests {
         assert_eq!(said(2.1, 0.05, false), "Stop. Something is in the way, 2 metres ahead.");
         assert_eq!(
             said(1.6, -0.4, true),
-            "Stop. Something hangs in the way, 2 metres ahead, a little to your right."
+            "Stop. Something is hanging in the way, 2 metres ahead, a little to your right."
         );
         let guessed = PhraseConfig { metric: false, ..PhraseConfig::default() };
         let obstacle = StopReason::Obstacle(Obstacle::at(1.0, 0.0, false));

@@ -382,7 +382,7 @@ page-nothing-said = Es wurde noch nichts gesagt.
 ## The page: commands
 
 page-take = Steuerung übernehmen
-page-take-over = Diesen Gang übernehmen
+page-take-over = Steuerung übernehmen
 page-start-camera = Kamera einschalten
 page-record = Aufnehmen
 page-stop = Aufnahme beenden
@@ -439,20 +439,20 @@ page-terminal-only = Das geht nur am Terminal.
 page-no-picture-yet = Es gibt noch kein Bild.
 page-wrong-key = Der Schlüssel ist falsch. Die Seite mit dem Code vom Terminal öffnen.
 page-missing-key = Der Schlüssel fehlt: Die Seite mit dem Code oder der Adresse vom Terminal öffnen.
-page-walk-ended = Der Gang ist beendet.
+page-walk-ended = Die Sitzung ist beendet.
 
 ## The page: who holds the walk
 
-page-controls = Dieses Gerät steuert den Gang.
-page-controls-now = Dieses Gerät steuert jetzt den Gang.
-page-free-camera = Niemand steuert diesen Gang. Zum Anfangen die Kamera einschalten.
-page-free = Niemand steuert diesen Gang. Der erste Befehl übernimmt ihn.
-page-away = Das Gerät, das diesen Gang steuert, ist weg; der Gang wartet darauf.
-page-watching = Ein anderes Gerät steuert diesen Gang; dieses schaut zu.
-page-other-holds = Ein anderes Gerät steuert diesen Gang.
-page-taken-over = Halt. Ein anderes Gerät hat diesen Gang übernommen.
-page-ask-title = Diesen Gang übernehmen?
-page-ask = Ein anderes Gerät steuert ihn. Nach dem Übernehmen führt jenes nicht mehr, und seine Kamera wird nicht mehr benutzt.
+page-controls = Dieses Gerät steuert die Sitzung.
+page-controls-now = Dieses Gerät steuert jetzt die Sitzung.
+page-free-camera = Niemand steuert diese Sitzung. Zum Anfangen die Kamera einschalten.
+page-free = Niemand steuert diese Sitzung. Der erste Befehl übernimmt sie.
+page-away = Das Gerät, das diese Sitzung steuert, ist weg; die Sitzung wartet darauf.
+page-watching = Ein anderes Gerät steuert diese Sitzung; dieses schaut zu.
+page-other-holds = Ein anderes Gerät steuert diese Sitzung.
+page-taken-over = Halt. Ein anderes Gerät hat die Steuerung übernommen.
+page-ask-title = Steuerung übernehmen?
+page-ask = Ein anderes Gerät steuert sie. Nach dem Übernehmen führt jenes nicht mehr, und seine Kamera wird nicht mehr benutzt.
 page-leave = Nicht übernehmen
 page-over = Übernehmen
 
@@ -548,8 +548,8 @@ page-time = { $clock }, { $ms } ms je Bild, { $dropped } ausgelassen
 
 page-own-label = Was diese Kamera sieht
 page-own-caption = Diese Kamera.
-page-picture-label = Das Bild, das den Gang führt, mit den Merkmalen darin
-page-picture-caption = Das Bild, das den Gang führt; die Punkte sind Merkmale.
+page-picture-label = Das Bild, nach dem geführt wird, mit den Merkmalen darin
+page-picture-caption = Das Bild, nach dem geführt wird; die Punkte sind Merkmale.
 page-map-role = Karte in drei Dimensionen
 page-map-title = Karte und Route
 page-map-help = Pfeiltasten drehen die Ansicht, mit Umschalt verschieben sie sie; mit W, A, S und D geht man, mit Q und E ab- und aufwärts, Plus und Minus ändern ihre Größe, 0 zeigt alles.

@@ -106,7 +106,7 @@ guide-clear = The way is clear.
 guide-around = There is room beside it. Slow down. { CAPITAL($turn) }.
 guide-around-ahead = There is room ahead. Move slowly.
 guide-obstacle = { $what ->
-    [overhead] Something hangs in the way
+    [overhead] Something is hanging in the way
    *[standing] Something is in the way
 }, { $near ->
     [near] half a metre
@@ -125,7 +125,7 @@ guide-stand-still = Stop. Stand still.
 guide-approach = In { distance }, { $next }{ $after }.
 guide-approach-unmeasured = Soon, { $next }{ $after }.
 guide-approach-end = Slow down, { distance } to the end.
-guide-approach-end-unmeasured = Slow down, the end is near.
+guide-approach-end-unmeasured = Slow down, you are nearly there.
 guide-turn-now = { CAPITAL($turn) } now{ $stairs }.
 guide-turn-now-back = Stop. { CAPITAL($turn) }{ $stairs }.
 guide-stairs-now = Stairs now, { $stairs }.
@@ -147,7 +147,7 @@ guide-step-aside = Stop. Step back and to your { $side ->
 guide-slow-down = Slow down.
 guide-weak = Slow down. I cannot see well.
 guide-end-missed = Stop. { CAPITAL($turn) }, the end is { distance } away.
-guide-end-missed-unmeasured = Stop. { CAPITAL($turn) }, the end is near.
+guide-end-missed-unmeasured = Stop. { CAPITAL($turn) }, the end is close.
 guide-arrived = Stop. You have arrived. Guidance ends.
 guide-look-round = Let me find my place. { CAPITAL($turn) }.
 
@@ -158,13 +158,13 @@ stop-no-picture = No picture from the camera.
 stop-pictures-late = The pictures come too late.
 stop-age-unknown = I do not know how old the pictures are.
 stop-obstacle = Something is in the way.
-stop-overhead = Something hangs in the way.
+stop-overhead = Something is hanging in the way.
 stop-drop = The ground drops ahead.
 stop-unknown-ground = I cannot see the ground ahead.
-stop-no-way-past = I find no way past it.
+stop-no-way-past = I cannot find a way past it.
 stop-scale = I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back.
 stop-relocalise = I keep losing my place here and cannot guide you on. It helps to walk backwards, or to let the camera face back.
-stop-to-and-fro = I am leading you to and fro here and cannot guide you on. It helps to walk backwards, or to let the camera face back.
+stop-to-and-fro = I keep leading you back and forth here and cannot guide you on. It helps to walk backwards, or to let the camera face back.
 stop-stage-died = Part of the guide has stopped working.
 
 ## Before leaving: will the route be recognised?
@@ -222,11 +222,11 @@ walk-route-loaded-elsewhere = { $route }. Loaded, but I cannot guide along it: {
 walk-why-other-map = it was recorded with another camera or on another map
 walk-why-damaged = its file is damaged
 walk-unknown-route = There is no route { $number }.
-walk-no-route-at-hand = There is no route at hand. Say which number.
+walk-no-route-at-hand = No route is loaded. Say which number.
 walk-renamed = { $route }. The name is kept.
 walk-name-empty = The name is empty.
 walk-name-long = The name is too long.
-walk-name-unsayable = The name has signs that cannot be said.
+walk-name-unsayable = The name has characters that cannot be spoken.
 walk-rename-failed = The route cannot be named: { $why }.
 walk-ask-delete = Shall I delete this route? { $route }. Answer yes or no.
 walk-deleted = { $route } is deleted.
@@ -234,7 +234,7 @@ walk-delete-failed = The route cannot be deleted: { $why }.
 walk-nothing-deleted = Nothing was deleted.
 walk-no-question = There is no question to answer.
 walk-being-recorded = That route is being recorded. Stop the recording first.
-walk-halt-first = Guidance is running. Halt it first.
+walk-halt-first = Guidance is running. Stop it first.
 walk-note-no-recording = Notes belong to a route. Start recording first.
 walk-note-no-place = I do not know where I am. Try the note again in a moment.
 walk-note-too-many = This route has too many notes.
@@ -340,14 +340,14 @@ key-record = record
 key-stop = stop recording
 key-note = note a landmark
 key-routes = say the routes
-key-delete = delete the route at hand
+key-delete = delete the loaded route
 key-yes = yes
 key-no = no
 key-load = load the latest route
 key-guide = guide home
 key-take-me = say where I can be taken
 key-backwards = guide backwards
-key-halt = halt guidance
+key-halt = stop guidance
 key-repeat = say it again
 key-status = say the status
 key-quit = quit
@@ -355,7 +355,7 @@ key-lines = with lines also: { $lines }
 
 ## The page: its parts
 
-page-skip = To the commands
+page-skip = Skip to the commands
 page-now = Now
 page-words = Last words
 page-commands = Commands
@@ -375,7 +375,7 @@ page-stop = Stop recording
 page-guide-home = Guide home
 page-guide-back = Guide home, camera facing back
 page-guide-backwards = Walk backwards
-page-halt = Halt guidance
+page-halt = Stop guidance
 page-load = Load the latest route
 page-guide-again = Guide from start to end
 page-take-me = Where can you take me?
@@ -385,7 +385,7 @@ page-routes-count = { $count ->
     [one] { $count } route
    *[other] { $count } routes
 }
-page-route-loaded = This route is at hand.
+page-route-loaded = This route is loaded.
 page-load-one = Load
 page-take-me-start = Take me to its start
 page-take-me-end = Take me to its end
@@ -556,7 +556,7 @@ page-map-up = faces up
 page-map-surface-show = Show the surface
 page-map-points-show = Show points
 page-map-columns-show = Show free and occupied space
-page-map-path = way of the camera
+page-map-path = path of the camera
 page-map-recorded = recorded route
 page-map-plan = cleaned route
 page-map-loops = places seen again
@@ -599,10 +599,10 @@ page-directions = Directions
 page-directions-words = left and right
 page-directions-clock = like a clock, "to 2 o'clock"
 page-directions-degrees = in degrees
-page-speed = Words a minute
+page-speed = Words per minute
 page-volume = Volume
 page-sounds = Short sounds with the words
-page-media = Headset and lock-screen buttons: play says it again, stop halts guidance
+page-media = Headset and lock-screen buttons: play says it again, stop ends guidance
 page-vibration = Vibration
 page-keys = Single keys give commands: { $keys }
 page-dark = Make the screen dark
@@ -613,7 +613,7 @@ page-light = Make the screen light
 
 page-trust = Trust this computer
 page-trust-why = A phone connects best to a computer that it trusts. An iPhone needs it for the fast connection; without it the page uses a slower one. Once is enough.
-page-trust-slow = Connected by the slower way: the browser refuses the fast one, mostly because it does not trust this computer's certificate.
+page-trust-slow = Connected by the slower way: the browser refuses the fast one, usually because it does not trust this computer's certificate.
 page-trust-how = { page-trust-slow } Below, Trust this computer says what to do.
 page-trust-say = Read these steps aloud
 page-trust-ios = iPhone and iPad:

@@ -315,7 +315,7 @@ fn routes_of_one_session_do_not_displace_each_other() {
         walk.ask(&format!("load {number}")).unwrap();
         let ready = walk.ask("guide back");
         assert!(ready.is_ok(), "route {number}: {ready:?}");
-        assert!(walk.ask("load 2").unwrap_err().contains("Halt it first"));
+        assert!(walk.ask("load 2").unwrap_err().contains("Stop it first"));
         walk.ask("halt").unwrap();
     }
     // A recording in progress ends, and the loaded route is the one at hand.

@@ -334,7 +334,7 @@ async fn token_is_required_and_one_page_controls() {
     };
     assert!(going.starts_with("Going to the start of route 1, "), "{going}");
     send(&mut walker, json!({ "command": "load 1" })).await;
-    assert!(next(&mut walker, "did").await["text"].as_str().unwrap().contains("Halt it first"));
+    assert!(next(&mut walker, "did").await["text"].as_str().unwrap().contains("Stop it first"));
     send(&mut walker, json!({ "command": "halt" })).await;
     assert_eq!(next(&mut walker, "did").await["ok"], true);
     send(&mut walker, json!({ "command": "load 1" })).await;

@@ -135,7 +135,7 @@ fn that_no_way_past_is_found_is_said_at_once_and_seldom_again() {
     let said = walker.words().len();
     walker.hazard = Some(StopReason::NoWayPast);
     walker.stand(0.2);
-    assert_eq!(&walker.words()[said..], ["Stop. I find no way past it."]);
+    assert_eq!(&walker.words()[said..], ["Stop. I cannot find a way past it."]);
     walker.stand(15.0);
     assert_eq!(walker.words().len(), said + 1, "{:?}", walker.words());
     walker.stand(4.0);
@@ -263,7 +263,7 @@ fn a_turn_on_the_spot_needs_no_map_in_view() {
 }
 
 const TO_AND_FRO: &str =
-    "Stop. I am leading you to and fro here and cannot guide you on. It helps to walk backwards";
+    "Stop. I keep leading you back and forth here and cannot guide you on. It helps to walk backwards";
 
 /// With good tracking a walker goes some metres along the route, turns round and comes back, again and again: whatever leads him so.
 #[test]

@@ -103,12 +103,12 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     let unfold = "document.querySelector('#commands details').open = true";
     browser.eval(&phone, unfold);
     let english = browser.text(&phone, "#commands");
-    assert!(english.contains("Guide home G") && english.contains("Halt guidance H"), "{english}");
+    assert!(english.contains("Guide home G") && english.contains("Stop guidance H"), "{english}");
     browser.eval(&phone, &set("language", "de"));
-    wait(&mut browser, &phone, "Niemand steuert diesen Gang", "#control", 5.0);
+    wait(&mut browser, &phone, "Niemand steuert diese Sitzung", "#control", 5.0);
     browser.picture(&phone, &folder.join("phone-german.png"));
     browser.reload(&phone);
-    wait(&mut browser, &phone, "Niemand steuert diesen Gang", "#control", 20.0);
+    wait(&mut browser, &phone, "Niemand steuert diese Sitzung", "#control", 20.0);
     accessible(&mut browser, &phone, "in German");
     browser.eval(&phone, unfold);
     let german = browser.text(&phone, "#commands");

@@ -64,7 +64,7 @@ fn page_keeps_routes_for_another_day_in_a_browser() {
     wait(&mut browser, &phone, "Guide from start to end", "#main", 5.0);
     settle();
     browser.click(&phone, "#main");
-    wait(&mut browser, &phone, "Halt guidance", "#main", 5.0);
+    wait(&mut browser, &phone, "Stop guidance", "#main", 5.0);
     wait(&mut browser, &phone, "Guiding", "#state-now", 8.0);
     browser.picture(&phone, &folder.join("phone-guiding-light.png"));
     let desk = browser.open(&url, [1400, 900]);

@@ -33,7 +33,7 @@ fn map_is_drawn_in_three_dimensions_in_a_browser() {
     for tab in [&phone, &flat, &desk] {
         browser.eval(tab, "document.getElementById('maps').scrollIntoView()");
     }
-    wait(&mut browser, &phone, "way of the camera", "#map-legend", 5.0);
+    wait(&mut browser, &phone, "path of the camera", "#map-legend", 5.0);
     wait(&mut browser, &phone, "A square of the grid is", "#map-grid", 5.0);
     wait(&mut browser, &phone, " m", "#map-scale", 5.0);
     for tab in [&phone, &desk, &flat] {
