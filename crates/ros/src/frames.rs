@@ -13,7 +13,7 @@
 //! takes the landmarks as exact: what they, the lens and the rig are off by is the same in the images that share landmarks,
 //! so that errors of successive motions have the same sign and add up before they cancel. That part grows with translation
 //! and rotation (the odometry motion model of Thrun, Burgard & Fox, "Probabilistic Robotics", 5.4), correlated over
-//! [`CORRELATED_S`] as a Gauss-Markov process; [`OF_TRANSLATION`] and [`OF_ROTATION`] are those of recordings with truth. A
+//! `CORRELATED_S` as a Gauss-Markov process; `OF_TRANSLATION` and `OF_ROTATION` are those of recordings with truth. A
 //! motion has both parts, of the noise that of its two ends; the odometry has the sum of the second, and the noise of its
 //! last pose alone, for what the poses between are off by cancels. To the pose in the map is added what a map is usually off
 //! by. What is not known at all is [`UNKNOWN`].
