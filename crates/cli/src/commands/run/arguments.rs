@@ -3,7 +3,8 @@
 use super::say::Say;
 use super::sensor::Sensor;
 use crate::commands::team::join::Reach;
-use crate::speaking::{Speaking, between};
+use crate::number::between;
+use crate::speaking::Speaking;
 use cairn_guide::Facing;
 use cairn_sources::{NamedTopic, SourceKind};
 use std::path::PathBuf;

@@ -1,6 +1,7 @@
 //! `cairn team graph`: robots agree on one pose graph by exchanging messages, beside one solver that sees everything.
 
 use crate::failure::Failure;
+use crate::number::number;
 use crate::output::Output;
 use cairn_solve::g2o::{self, Graph};
 use cairn_solve::graph::{Metric, Rigid};
@@ -30,24 +31,17 @@ pub struct Arguments {
     #[arg(long)]
     believe_all: bool,
     /// Part of the messages that are lost.
-    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = part)]
+    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = number(0.0..1.0, "a number from 0 to below 1"))]
     loss: f64,
     /// Part of the messages that arrive one to three exchanges late.
-    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = part)]
+    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = number(0.0..1.0, "a number from 0 to below 1"))]
     late: f64,
     /// Part of the messages that arrive twice.
-    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = part)]
+    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = number(0.0..1.0, "a number from 0 to below 1"))]
     twice: f64,
     /// Seed of the network's chance.
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
-}
-
-fn part(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if (0.0..1.0).contains(&v) => Ok(v),
-        _ => Err("give a number from 0 to below 1".to_owned()),
-    }
 }
 
 /// One exchange.

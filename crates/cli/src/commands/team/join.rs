@@ -7,6 +7,7 @@ use crate::commands::map::failed;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::map_lock::MapLock;
+use crate::number::number;
 use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use cairn::team::RobotId;
@@ -50,7 +51,7 @@ pub struct Arguments {
     #[arg(long)]
     all: bool,
     /// Ends after this many seconds.
-    #[arg(long = "for", value_name = "S", value_parser = seconds)]
+    #[arg(long = "for", value_name = "S", value_parser = number(0.0..=1e9, "a number of seconds"))]
     time: Option<f64>,
 }
 
@@ -67,13 +68,6 @@ pub struct Reach {
     /// The address of another robot; may be repeated. One that is away is tried again twice a second.
     #[arg(help_heading = "Team", long, value_name = "HOST:PORT")]
     pub peer: Vec<String>,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(s) if (0.0..=1e9).contains(&s) => Ok(s),
-        _ => Err("must be a number of seconds".into()),
-    }
 }
 
 /// How long messages are exchanged before files are looked at again.
