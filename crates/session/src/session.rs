@@ -56,7 +56,7 @@ struct Asked {
 }
 
 /// Why what a session leaves behind is not whole.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, serde::Serialize, serde::Deserialize)]
 pub enum NotSaved {
     /// The file of a route.
     #[error("{0}")]

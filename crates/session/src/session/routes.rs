@@ -141,7 +141,7 @@ impl<S: Slam> Session<S> {
 
     pub(super) fn rename(&mut self, number: Option<u32>, name: &str) -> Result<String, Refused> {
         let number = self.number(number)?;
-        let name = checked_name(name).map_err(|id| self.speech.refuse(id))?;
+        let name = checked_name(name).map_err(|e| self.speech.refuse(e.sentence()))?;
         let named = self.folder.rename(number, name, &*self.disk);
         named.map_err(|why| self.speech.refuse_because("walk-rename-failed", why))?;
         self.refresh();
