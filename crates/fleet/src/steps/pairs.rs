@@ -68,7 +68,7 @@ pub(crate) fn pairs(shelf: &Shelf, a: Digest, b: Digest) -> Result<Found, FleetE
                 continue;
             }
             found.compared += 1;
-            if own.meets(&there[n].1) {
+            if own.overlaps(&there[n].1) {
                 let (a, b) = (*map.min(&there[n].0), *map.max(&there[n].0));
                 found.pairs.push(Pair { a, b });
             }

@@ -1,6 +1,6 @@
 //! The commands about kept routes: list, load, name, delete.
 
-use super::{Asked, RouteAtHand, Session};
+use super::{PendingQuestion, RouteAtHand, Session};
 use crate::command::RouteChoice;
 use crate::library::words::WhyNot;
 use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, checked_name, words};
@@ -166,7 +166,7 @@ impl<S: Slam> Session<S> {
         }
         let route = words::route(entry, (self.wall)(), self.speech.phrases());
         let words = words::about("walk-ask-delete", &route, self.speech.language());
-        self.asked = Some(Asked { number, words: words.clone(), at: self.now });
+        self.asked = Some(PendingQuestion { number, words: words.clone(), at: self.now });
         Ok(words)
     }
 

@@ -214,7 +214,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     report.live = tally::live(&truth, engine);
     report.scale = tally::scale(&truth, engine);
     let problems = problems::of(&report);
-    let searches = dense.as_ref().map(|d| d.search_counts()).filter(|counts| counts.looks > 0);
+    let searches = dense.as_ref().map(|d| d.search_counts()).filter(|counts| counts.attempts > 0);
     let ended = Outcome { report: &report, interrupted, problems, searches };
     if failures.is_empty() || report.frames > 0 {
         failures.extend(results::write_reports(&outputs, engine, &ended, &tally));
