@@ -22,6 +22,7 @@ pub mod places;
 pub mod processor;
 pub mod recordings;
 pub mod revisit;
+mod run;
 pub mod scale_sigma;
 pub mod store;
 pub mod street;

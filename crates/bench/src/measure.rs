@@ -1,10 +1,10 @@
 //! Runs the engine in lockstep over one source: accuracy, speed, size, and a hash of all bits of the result.
 
-use crate::MeasureError;
+use crate::{MeasureError, run};
 use cairn_atlas::KeyFrameId;
 use cairn_engine::{Config, Engine, Joined, Runner, SensorMode};
-use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
-use cairn_geometry::{Se3, Trajectory};
+use cairn_eval::{Align, Percentiles};
+use cairn_geometry::Se3;
 use cairn_sensor::{Source, Stamp};
 use cairn_sim::SimSensor;
 use serde::{Deserialize, Serialize};
@@ -175,11 +175,7 @@ impl Measured {
 /// inconsistent.
 pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured, MeasureError> {
     let rate_hz = source.info().rate_hz;
-    let rig = source.rig().clone();
-    let mode = options.sensor.mode();
-    let mut config = options.config.clone();
-    config.inertial.enabled = options.sensor.is_inertial();
-    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config)?;
+    let mut engine = run::engine(source.rig(), options.sensor, rate_hz, Runner::Lockstep, &options.config)?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stamps = Vec::new();
     let (mut loops, mut merges, mut refused) = (0, 0, 0);
@@ -188,12 +184,7 @@ pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured
     let mut before: Option<(Stamp, Se3)> = None;
     let mut metric_s = None;
     while stamps.len() < options.frames {
-        let Some(packet) = source.next_packet()? else { break };
-        let out = engine.on_packet(&packet)?;
-        if let Some(cause) = out.stage_failed {
-            let frame = format!("frame {}", stamps.len());
-            return Err(MeasureError::of(frame, MeasureError::Stage(cause)));
-        }
+        let Some((packet, out)) = run::step(source, &mut engine, stamps.len())? else { break };
         if options.verbose {
             eprintln!(
                 "{:4} {:?} features {} expected {} matched {} inliers {} key frames {}{} step error {:.3} m",
@@ -329,13 +320,7 @@ fn ate(
     poses: &[(Stamp, Se3)],
     align: Align,
 ) -> Result<(Option<f64>, f64), MeasureError> {
-    let trajectory =
-        |poses: &[(Stamp, Se3)]| Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect());
-    let options = EvalOptions { align, ..EvalOptions::default() };
-    match evaluate(&trajectory(truth)?, &trajectory(poses)?, &options) {
-        Ok(e) => Ok((Some(e.ate_m.rmse), e.scale)),
-        Err(_) => Ok((None, 1.0)),
-    }
+    Ok(run::aligned(truth, poses, align)?.map_or((None, 1.0), |e| (Some(e.ate_m.rmse), e.scale)))
 }
 
 /// The first frame with a pose, and the stretches without one after it.

@@ -2,7 +2,6 @@
 //! data; turning round in front of plain walls; one minute of standing still; cost.
 
 pub mod carried;
-mod connect;
 mod drawn;
 pub mod lens;
 pub mod live_scale;
