@@ -29,5 +29,6 @@ pub mod street;
 pub mod visual_inertial;
 pub mod walks;
 
+pub use cairn_engine::Sensors;
 pub use error::MeasureError;
-pub use measure::{Measured, RunOptions, Sensor, measure};
+pub use measure::{Measured, RunOptions, measure};

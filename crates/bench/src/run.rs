@@ -1,10 +1,11 @@
 //! What every run of the engine over a source has in common: its engine, its next frame, and poses against the truth.
 
-use crate::{MeasureError, Sensor};
-use cairn_engine::{Config, Engine, Output, Runner};
+use crate::{MeasureError, Sensors};
+use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::{Align, EvalOptions, Evaluation, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, Rig, Source, Stamp};
+use cairn_sim::SimSensor;
 
 /// An engine; it uses the rig's IMU if the sensor mode includes it.
 ///
@@ -12,14 +13,23 @@ use cairn_sensor::{FramePacket, Rig, Source, Stamp};
 /// When the rig does not have the sensors.
 pub(crate) fn engine(
     rig: &Rig,
-    sensor: Sensor,
+    sensor: Sensors,
     rate_hz: f64,
     runner: Runner,
     config: &Config,
 ) -> Result<Engine, MeasureError> {
     let mut config = config.clone();
-    config.inertial.enabled = sensor.is_inertial();
+    config.inertial.enabled = sensor.has_imu();
     Ok(Engine::new(rig, sensor.mode(), rate_hz, runner, &config)?)
+}
+
+/// What a simulated rig has for these sensors, the IMU left aside.
+pub(crate) fn simulated(sensors: Sensors) -> SimSensor {
+    match sensors.mode() {
+        SensorMode::Mono => SimSensor::Mono,
+        SensorMode::Stereo => SimSensor::Stereo,
+        SensorMode::Rgbd => SimSensor::Rgbd,
+    }
 }
 
 /// Tracks the next packet of a source, the `number`th; `None` at its end.

@@ -173,7 +173,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         metric: engine.is_metric(),
         track_ms,
         step_ms,
-        offset_s: options.sensor.is_inertial().then(|| engine.snapshot().imu_offset()),
+        offset_s: options.sensor.has_imu().then(|| engine.snapshot().imu_offset()),
         readout_s: [engine.readout().seconds, engine.readout().sigma_s],
         stamps,
     })

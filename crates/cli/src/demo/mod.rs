@@ -16,12 +16,13 @@ mod robot;
 mod seeds;
 mod team;
 
-use crate::commands::run::Sensor;
+use crate::commands::run::sensors;
 use crate::failure::Failure;
 use crate::number::number;
 use crate::output::Output;
 use crate::speaking::Speaking;
 use cairn_engine::SensorMode;
+use cairn_engine::Sensors;
 use cairn_guide::Facing;
 use clap::ValueEnum;
 use config::DemoConfig;
@@ -38,8 +39,8 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "home")]
     facing: FacingArgument,
     /// Which sensor the engine uses.
-    #[arg(long, value_enum, default_value = "stereo")]
-    sensor: Sensor,
+    #[arg(long, value_parser = sensors(), default_value = "stereo")]
+    sensor: Sensors,
     /// Seed of the world, the sensor noise and the walker.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -127,7 +128,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         let all = facings.iter().flat_map(|f| seeds.clone().map(move |seed| (seed, *f)));
         let config = |(seed, facing)| {
             let mut config =
-                DemoConfig::new(seed, facing, Sensor::MonoImu, arguments.metres, arguments.speaking.clone());
+                DemoConfig::new(seed, facing, Sensors::MonoImu, arguments.metres, arguments.speaking.clone());
             config.sim.rate_hz = phone::BODY_HZ;
             config
         };
