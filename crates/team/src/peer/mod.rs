@@ -9,7 +9,7 @@
 //! left long ago.
 //!
 //! A robot publishes two things: the bags of words of its key frames, a kilobyte each, which everyone gets, and its map,
-//! which only those get that want it ([`Peer::want`]). Whom a robot shares a place with follows from the words alone, and
+//! which only those get that want it ([`Peer::subscribe`]). Whom a robot shares a place with follows from the words alone, and
 //! so every robot comes to the same answer (Cieslewski et al., "Data-efficient decentralized visual SLAM", 2018, and
 //! Lajoie et al., "DOOR-SLAM", 2020, exchange in this order).
 //!
@@ -104,7 +104,7 @@ pub struct Peer {
     /// A map is not fetched again for so many ticks, and at which tick each was complete.
     refresh_ticks: usize,
     fetched: BTreeMap<RobotId, usize>,
-    /// With [`Peer::want`]: the words that were there then; others are not said to be here yet.
+    /// With [`Peer::subscribe`]: the words that were there then; others are not said to be here yet.
     judged: Option<BTreeMap<RobotId, Stamp>>,
     /// The key that each robot signed with first; any other is refused.
     keys: BTreeMap<RobotId, [u8; 32]>,
@@ -217,7 +217,7 @@ impl Peer {
         words.map(|((robot, _), part)| (*robot, part.stamp))
     }
 
-    /// Whether words came that [`Peer::want`] has not judged.
+    /// Whether words came that [`Peer::subscribe`] has not judged.
     pub fn has_new_words(&self) -> bool {
         let now: BTreeMap<RobotId, Stamp> = self.word_stamps().collect();
         self.judged.as_ref() != Some(&now)
