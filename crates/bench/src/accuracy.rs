@@ -155,12 +155,12 @@ pub fn stated_ate(page: &str, name: &str) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Sensor;
+    use crate::Sensors;
     use cairn_eval::Percentiles;
 
     fn measured(ate_m: f64) -> Measured {
         Measured {
-            sensor: Sensor::Mono,
+            sensor: Sensors::Mono,
             frames: 10,
             tracked: 10,
             lost: Vec::new(),

@@ -1,7 +1,7 @@
 //! The command line of `bench`: what is measured, and how much of it.
 
 use bench::revisit::Trial;
-use bench::{Sensor, dense, visual_inertial};
+use bench::{Sensors, dense, visual_inertial};
 use cairn_sim::WorldKind;
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
@@ -47,7 +47,7 @@ pub enum Command {
         worlds: Vec<WorldKind>,
         /// Sensors, separated by commas.
         #[arg(long, value_delimiter = ',')]
-        sensors: Vec<Sensor>,
+        sensors: Vec<Sensors>,
         /// Duration of each walk, seconds.
         #[arg(long, default_value_t = 40.0)]
         seconds: f64,
@@ -95,7 +95,7 @@ pub enum Command {
         worlds: Vec<WorldKind>,
         /// Sensors, separated by commas.
         #[arg(long, value_delimiter = ',')]
-        sensors: Vec<Sensor>,
+        sensors: Vec<Sensors>,
         /// Prints every frame on stderr.
         #[arg(long, short)]
         verbose: bool,
@@ -138,7 +138,7 @@ pub enum Command {
         seeds: u64,
         /// Sensors, separated by commas.
         #[arg(long, value_delimiter = ',')]
-        sensors: Vec<Sensor>,
+        sensors: Vec<Sensors>,
         /// Starts per day half a metre beside the path.
         #[arg(long, default_value_t = 10)]
         starts: usize,
@@ -156,7 +156,7 @@ pub enum Command {
         route: String,
         /// The sensor.
         #[arg(long, default_value = "stereo")]
-        sensor: Sensor,
+        sensor: Sensors,
         /// Duration, minutes.
         #[arg(long, default_value_t = 10.0)]
         minutes: f64,
@@ -175,7 +175,7 @@ pub enum Command {
         seed: u64,
         /// The sensor.
         #[arg(long, default_value = "stereo")]
-        sensor: Sensor,
+        sensor: Sensors,
     },
     /// A large map: a street of kilometres, walked on generated frames through the real stages. Each figure beside its
     /// goal.
@@ -309,7 +309,7 @@ pub enum Command {
         condition: Option<String>,
         /// Sensors, separated by commas; by default those of each trial. Without -imu the IMU is not used.
         #[arg(long, value_delimiter = ',')]
-        sensors: Vec<Sensor>,
+        sensors: Vec<Sensors>,
         /// Seconds of each real motion; by default all of it with IMU data as recorded, 20 s with degraded data.
         #[arg(long)]
         seconds: Option<f64>,
@@ -372,7 +372,7 @@ pub enum Command {
         data: Option<PathBuf>,
         /// Sensors, if the source is not a row.
         #[arg(long, default_value = "stereo")]
-        sensor: Sensor,
+        sensor: Sensors,
         /// Largest number of packets.
         #[arg(long, default_value_t = usize::MAX)]
         frames: usize,

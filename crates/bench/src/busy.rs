@@ -6,7 +6,7 @@
 //! the tracking thread is measured, which other load on the machine affects less.
 
 use crate::MeasureError;
-use crate::Sensor;
+use crate::Sensors;
 use crate::processor::thread_cpu_ms;
 use crate::revisit::Revisit;
 use cairn_atlas::store::MapFile;
@@ -92,7 +92,7 @@ pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, MeasureE
 fn build_map(
     packets: &[FramePacket],
     rig: &Rig,
-    sensor: Sensor,
+    sensor: Sensors,
     rate_hz: f64,
 ) -> Result<MapFile, MeasureError> {
     let config = Config::default();
@@ -108,7 +108,7 @@ fn build_map(
 fn run_once(
     packets: &[FramePacket],
     rig: &Rig,
-    sensor: Sensor,
+    sensor: Sensors,
     rate_hz: f64,
     file: &MapFile,
     adjust: bool,

@@ -1,7 +1,7 @@
 //! `depth-scale`: the size of the maps that are made with structured light, on simulated walks.
 
 use crate::MeasureError;
-use crate::{Measured, RunOptions, Sensor, measure};
+use crate::{Measured, RunOptions, Sensors, measure};
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
@@ -19,7 +19,7 @@ pub fn run(seeds: u64, config: &Config) -> Result<Vec<(String, Measured)>, Measu
     for (seed, world) in (1..=seeds).flat_map(|seed| WORLDS.map(|world| (seed, world))) {
         let address = format!("sim:{world}?sensor=rgbd&projector=0.075&seed={seed}&rate=10&duration=60");
         let mut source = open(&address, OpenOptions::default()).map_err(|e| MeasureError::of(&address, e))?;
-        let options = RunOptions { config: config.clone(), ..RunOptions::new(Sensor::Rgbd) };
+        let options = RunOptions { config: config.clone(), ..RunOptions::new(Sensors::Rgbd) };
         let measured = measure(source.as_mut(), &options).map_err(|e| MeasureError::of(&address, e))?;
         rows.push((format!("{world} {seed}"), measured));
     }

@@ -22,11 +22,13 @@ pub mod places;
 pub mod processor;
 pub mod recordings;
 pub mod revisit;
+mod run;
 pub mod scale_sigma;
 pub mod store;
 pub mod street;
 pub mod visual_inertial;
 pub mod walks;
 
+pub use cairn_engine::Sensors;
 pub use error::MeasureError;
-pub use measure::{Measured, RunOptions, Sensor, measure};
+pub use measure::{Measured, RunOptions, measure};

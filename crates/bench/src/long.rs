@@ -1,7 +1,7 @@
 //! `long`: minutes of laps in one world. Once the map of the area is complete, step time and memory must stay constant.
 
 use crate::MeasureError;
-use crate::Sensor;
+use crate::Sensors;
 use crate::memory::resident_mb;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_eval::Percentiles;
@@ -36,7 +36,7 @@ pub struct Minute {
 ///
 /// # Errors
 /// As [`crate::measure()`].
-pub fn run(source: &mut dyn Source, sensor: Sensor) -> Result<Vec<Minute>, MeasureError> {
+pub fn run(source: &mut dyn Source, sensor: Sensors) -> Result<Vec<Minute>, MeasureError> {
     let rig = source.rig().clone();
     let (config, rate_hz) = (Config::default(), source.info().rate_hz);
     let mut engine = Engine::new(&rig, sensor.mode(), rate_hz, Runner::Lockstep, &config)?;

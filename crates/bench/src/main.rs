@@ -9,7 +9,7 @@ use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
-    RunOptions, Sensor, accuracy, busy, dense, depth_scale, figures, graphs, halves, inertial, live, long,
+    RunOptions, Sensors, accuracy, busy, dense, depth_scale, figures, graphs, halves, inertial, live, long,
     measure, places, revisit, scale_sigma, store, street, visual_inertial, walks,
 };
 use cairn_engine::Config;
@@ -53,7 +53,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
         }
         Command::Walks { seeds, from, worlds, sensors, seconds, all, jobs, json } => {
             let worlds = if worlds.is_empty() { WORLDS.to_vec() } else { worlds };
-            let sensors = if sensors.is_empty() { Sensor::ALL.to_vec() } else { sensors };
+            let sensors = if sensors.is_empty() { Sensors::VISUAL.to_vec() } else { sensors };
             let mut list = Vec::new();
             for seed in from..seeds {
                 let turn = seed as usize % worlds.len();
@@ -84,7 +84,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
         }
         Command::Revisit { trials, seeds, from, worlds, sensors, verbose, config } => {
             let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
-            let sensors = if sensors.is_empty() { Sensor::ALL.to_vec() } else { sensors };
+            let sensors = if sensors.is_empty() { Sensors::VISUAL.to_vec() } else { sensors };
             let alternating = [WorldKind::Corridor, WorldKind::Hall, WorldKind::Street];
             for seed in from..from + seeds {
                 for trial in &trials {
@@ -119,7 +119,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             Ok(())
         }
         Command::NextDay { seeds, sensors, starts, each } => {
-            let sensors = if sensors.is_empty() { Sensor::ALL.to_vec() } else { sensors };
+            let sensors = if sensors.is_empty() { Sensors::VISUAL.to_vec() } else { sensors };
             for sensor in sensors {
                 let mut all = Vec::new();
                 for seed in 1..=seeds {

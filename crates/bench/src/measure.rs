@@ -1,91 +1,19 @@
 //! Runs the engine in lockstep over one source: accuracy, speed, size, and a hash of all bits of the result.
 
-use crate::MeasureError;
+use crate::{MeasureError, run};
 use cairn_atlas::KeyFrameId;
-use cairn_engine::{Config, Engine, Joined, Runner, SensorMode};
-use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
-use cairn_geometry::{Se3, Trajectory};
+use cairn_engine::{Config, Engine, Joined, Runner, Sensors};
+use cairn_eval::{Align, Percentiles};
+use cairn_geometry::Se3;
 use cairn_sensor::{Source, Stamp};
-use cairn_sim::SimSensor;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::str::FromStr;
-
-/// The sensors the engine uses.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Sensor {
-    /// One camera.
-    Mono,
-    /// Two cameras.
-    Stereo,
-    /// One camera and a depth sensor.
-    Rgbd,
-    /// One camera and an IMU.
-    MonoImu,
-    /// Two cameras and an IMU.
-    StereoImu,
-    /// One camera, a depth sensor and an IMU.
-    RgbdImu,
-}
-
-impl Sensor {
-    /// The modes without IMU.
-    pub const ALL: [Self; 3] = [Self::Mono, Self::Stereo, Self::Rgbd];
-    /// The modes with IMU.
-    pub const INERTIAL: [Self; 3] = [Self::MonoImu, Self::StereoImu, Self::RgbdImu];
-
-    /// Whether the IMU is used.
-    pub fn is_inertial(self) -> bool {
-        Self::INERTIAL.contains(&self)
-    }
-
-    /// The name, as in `sim:` addresses.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Mono => "mono",
-            Self::Stereo => "stereo",
-            Self::Rgbd => "rgbd",
-            Self::MonoImu => "mono-imu",
-            Self::StereoImu => "stereo-imu",
-            Self::RgbdImu => "rgbd-imu",
-        }
-    }
-
-    /// The corresponding sensor of the simulation, without IMU.
-    pub fn simulated(self) -> SimSensor {
-        match self.mode() {
-            SensorMode::Mono => SimSensor::Mono,
-            SensorMode::Stereo => SimSensor::Stereo,
-            SensorMode::Rgbd => SimSensor::Rgbd,
-        }
-    }
-
-    /// The corresponding mode of the engine, without IMU.
-    pub fn mode(self) -> SensorMode {
-        match self {
-            Self::Mono | Self::MonoImu => SensorMode::Mono,
-            Self::Stereo | Self::StereoImu => SensorMode::Stereo,
-            Self::Rgbd | Self::RgbdImu => SensorMode::Rgbd,
-        }
-    }
-}
-
-impl FromStr for Sensor {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        let known = Self::ALL.into_iter().chain(Self::INERTIAL).find(|s| s.name() == text);
-        known.ok_or_else(|| {
-            format!("there is no sensor \"{text}\"; write mono, stereo, rgbd, or one of them with -imu")
-        })
-    }
-}
 
 /// Options of a run.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
     /// Sensors to use.
-    pub sensor: Sensor,
+    pub sensor: Sensors,
     /// Largest number of packets.
     pub frames: usize,
     /// Prints every frame on stderr.
@@ -96,7 +24,7 @@ pub struct RunOptions {
 
 impl RunOptions {
     /// Options for a whole source with these sensors.
-    pub fn new(sensor: Sensor) -> Self {
+    pub fn new(sensor: Sensors) -> Self {
         Self { sensor, frames: usize::MAX, verbose: false, config: Config::default() }
     }
 }
@@ -105,7 +33,7 @@ impl RunOptions {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Measured {
     /// Sensors used.
-    pub sensor: Sensor,
+    pub sensor: Sensors,
     /// Number of packets.
     pub frames: usize,
     /// Packets with a pose in the final trajectory.
@@ -175,11 +103,7 @@ impl Measured {
 /// inconsistent.
 pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured, MeasureError> {
     let rate_hz = source.info().rate_hz;
-    let rig = source.rig().clone();
-    let mode = options.sensor.mode();
-    let mut config = options.config.clone();
-    config.inertial.enabled = options.sensor.is_inertial();
-    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config)?;
+    let mut engine = run::engine(source.rig(), options.sensor, rate_hz, Runner::Lockstep, &options.config)?;
     let (mut step_ms, mut track_ms, mut map_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut stamps = Vec::new();
     let (mut loops, mut merges, mut refused) = (0, 0, 0);
@@ -188,12 +112,7 @@ pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured
     let mut before: Option<(Stamp, Se3)> = None;
     let mut metric_s = None;
     while stamps.len() < options.frames {
-        let Some(packet) = source.next_packet()? else { break };
-        let out = engine.on_packet(&packet)?;
-        if let Some(cause) = out.stage_failed {
-            let frame = format!("frame {}", stamps.len());
-            return Err(MeasureError::of(frame, MeasureError::Stage(cause)));
-        }
+        let Some((packet, out)) = run::step(source, &mut engine, stamps.len())? else { break };
         if options.verbose {
             eprintln!(
                 "{:4} {:?} features {} expected {} matched {} inliers {} key frames {}{} step error {:.3} m",
@@ -329,13 +248,7 @@ fn ate(
     poses: &[(Stamp, Se3)],
     align: Align,
 ) -> Result<(Option<f64>, f64), MeasureError> {
-    let trajectory =
-        |poses: &[(Stamp, Se3)]| Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect());
-    let options = EvalOptions { align, ..EvalOptions::default() };
-    match evaluate(&trajectory(truth)?, &trajectory(poses)?, &options) {
-        Ok(e) => Ok((Some(e.ate_m.rmse), e.scale)),
-        Err(_) => Ok((None, 1.0)),
-    }
+    Ok(run::aligned(truth, poses, align)?.map_or((None, 1.0), |e| (Some(e.ate_m.rmse), e.scale)))
 }
 
 /// The first frame with a pose, and the stretches without one after it.
@@ -401,13 +314,5 @@ mod tests {
         let other = [(Stamp(1), pose(1.0 + f64::EPSILON))];
         assert_eq!(hash(&one), hash(&one));
         assert_ne!(hash(&one), hash(&other));
-    }
-
-    #[test]
-    fn sensor_names_round_trip() {
-        for s in Sensor::ALL {
-            assert_eq!(s.name().parse::<Sensor>(), Ok(s));
-        }
-        assert!("lidar".parse::<Sensor>().unwrap_err().contains("lidar"));
     }
 }

@@ -2,7 +2,7 @@
 //! path, looking in another direction. How often, and how soon, is the place recognised?
 
 use crate::MeasureError;
-use crate::Sensor;
+use crate::Sensors;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_geometry::{Se3, Sim3, So3, Vec3, umeyama};
 use cairn_random::Random;
@@ -43,7 +43,7 @@ pub struct Day {
     config: SimConfig,
     source: SimSource,
     engine: Engine,
-    sensor: Sensor,
+    sensor: Sensors,
     /// From the map's frame to the ground-truth frame.
     true_from_map: Sim3,
 }
@@ -53,14 +53,14 @@ impl Day {
     ///
     /// # Errors
     /// When the world cannot be rendered or nothing was mapped.
-    pub fn walk(world: WorldKind, sensor: Sensor, seed: u64) -> Result<Self, MeasureError> {
+    pub fn walk(world: WorldKind, sensor: Sensors, seed: u64) -> Result<Self, MeasureError> {
         let mut config = SimConfig::new(world, seed);
         config.rate_hz = RATE_HZ;
         config.imu = None;
         config.duration_s = Some(WALK_S);
         config.walker.speed = 1.1;
         config.options.detail = 0.6;
-        config.sensor = sensor.simulated();
+        config.sensor = crate::run::simulated(sensor);
         let mut source = SimSource::new(&config)?;
         let rig = source.rig().clone();
         let mut engine = Engine::new(&rig, sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default())?;
@@ -74,7 +74,7 @@ impl Day {
             .into_iter()
             .filter_map(|(t, p)| Some((truth.get(&t)?.translation, p.translation)));
         let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.unzip();
-        let true_from_map = umeyama(&target, &from, sensor == Sensor::Mono)
+        let true_from_map = umeyama(&target, &from, sensor == Sensors::Mono)
             .map_err(|e| format!("nothing was mapped: {e}"))?;
         Ok(Self { config, source, engine, sensor, true_from_map })
     }

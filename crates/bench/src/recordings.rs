@@ -1,6 +1,6 @@
 //! The real recordings used for accuracy, and the figures of a reference system on the same files.
 
-use crate::Sensor;
+use crate::Sensors;
 use std::path::{Path, PathBuf};
 
 /// One row of the table.
@@ -13,7 +13,7 @@ pub struct Recording {
     /// Folder in the data folder.
     pub folder: &'static str,
     /// Sensors used.
-    pub sensor: Sensor,
+    pub sensor: Sensors,
     /// Figures of ORB-SLAM3 V1.0.
     pub reference: Reference,
 }
@@ -37,7 +37,7 @@ pub const RECORDINGS: [Recording; 5] = [
         name: "euroc-mh01-stereo",
         title: "EuRoC MH_01, first 20 s | stereo, SE3",
         folder: "euroc-mh01",
-        sensor: Sensor::Stereo,
+        sensor: Sensors::Stereo,
         reference: Reference {
             ate_m: [0.0043, 0.0046],
             coverage: 1.0,
@@ -49,21 +49,21 @@ pub const RECORDINGS: [Recording; 5] = [
         name: "euroc-mh01-mono",
         title: "EuRoC MH_01, first 20 s | mono, Sim3",
         folder: "euroc-mh01",
-        sensor: Sensor::Mono,
+        sensor: Sensors::Mono,
         reference: Reference { ate_m: [0.0044, 0.0046], coverage: 0.99, step_ms: "12 / 34", peak_mb: 500.0 },
     },
     Recording {
         name: "7scenes-kitchen-rgbd",
         title: "7-Scenes RedKitchen, 300 frames | RGB-D, SE3",
         folder: "7scenes-kitchen",
-        sensor: Sensor::Rgbd,
+        sensor: Sensors::Rgbd,
         reference: Reference { ate_m: [0.0286, 0.0296], coverage: 1.0, step_ms: "12.3 / 19", peak_mb: 495.0 },
     },
     Recording {
         name: "kitti-a-stereo",
         title: "KITTI odometry, 51 pairs | stereo, SE3",
         folder: "kitti-a",
-        sensor: Sensor::Stereo,
+        sensor: Sensors::Stereo,
         reference: Reference {
             ate_m: [0.052, 0.053],
             coverage: 1.0,
@@ -75,7 +75,7 @@ pub const RECORDINGS: [Recording; 5] = [
         name: "kitti-a-mono",
         title: "KITTI odometry, 51 pairs | mono, Sim3",
         folder: "kitti-a",
-        sensor: Sensor::Mono,
+        sensor: Sensors::Mono,
         reference: Reference {
             ate_m: [0.035, 0.050],
             coverage: 0.98,

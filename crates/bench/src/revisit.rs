@@ -2,7 +2,7 @@
 //! corner; rooms that look alike.
 
 use crate::MeasureError;
-use crate::{Measured, RunOptions, Sensor, measure};
+use crate::{Measured, RunOptions, Sensors, measure};
 use cairn_engine::Config;
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
@@ -37,7 +37,7 @@ pub struct Revisit {
     /// The world.
     pub world: WorldKind,
     /// The sensors.
-    pub sensor: Sensor,
+    pub sensor: Sensors,
     /// Seed of world and noise.
     pub seed: u64,
 }
@@ -67,13 +67,13 @@ impl Revisit {
     pub fn source(&self) -> Result<SimSource, MeasureError> {
         let mut sim = SimConfig::new(self.world, self.seed);
         sim.rate_hz = RATE_HZ;
-        if !self.sensor.is_inertial() {
+        if !self.sensor.has_imu() {
             sim.imu = None;
         }
         sim.walker.speed = 1.1;
         sim.options.detail = 0.6;
         sim.options.look_alike = self.trial == Trial::Alike;
-        sim.sensor = self.sensor.simulated();
+        sim.sensor = crate::run::simulated(self.sensor);
         let plain = SimSource::new(&sim)?;
         if self.trial != Trial::Alike {
             sim.route = CameraPath::Points(laps(&plain, self.world)?);

@@ -6,7 +6,7 @@
 
 use crate::inertial::data::{self, Motion};
 use crate::inertial::reference::Reference;
-use crate::{MeasureError, RunOptions, Sensor};
+use crate::{MeasureError, RunOptions, Sensors};
 use cairn_adjust::ImuModel;
 use cairn_atlas::KeyFrame;
 use cairn_engine::{Engine, Runner};
@@ -128,7 +128,7 @@ pub fn source(name: &str, address: &str) -> Result<Vec<Row>, MeasureError> {
 }
 
 fn by_images(name: &str, source: &mut dyn Source) -> Result<Vec<Row>, MeasureError> {
-    let options = RunOptions::new(Sensor::Mono);
+    let options = RunOptions::new(Sensors::Mono);
     let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
     let sensor = rig.imu.clone().ok_or("no IMU")?;
     let mut engine = Engine::new(&rig, options.sensor.mode(), rate_hz, Runner::Lockstep, &options.config)?;

@@ -2,7 +2,7 @@
 //! passer-by crosses the view, depending on the seed.
 
 use crate::MeasureError;
-use crate::{Measured, RunOptions, Sensor, measure};
+use crate::{Measured, RunOptions, Sensors, measure};
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
@@ -23,7 +23,7 @@ pub struct Walk {
     /// The world.
     pub world: WorldKind,
     /// The sensors.
-    pub sensor: Sensor,
+    pub sensor: Sensors,
     /// Seed of world, noise and difficulties.
     pub seed: u64,
     /// Share of plain walls.
@@ -37,7 +37,7 @@ pub struct Walk {
 impl Walk {
     /// A walk with the difficulties of its seed: of four, one has none, one plain walls, one a passer-by, one both;
     /// every third is blurred.
-    pub fn new(world: WorldKind, sensor: Sensor, seed: u64) -> Self {
+    pub fn new(world: WorldKind, sensor: Sensors, seed: u64) -> Self {
         // The worlds alternate with the seeds, so the difficulties depend on the round.
         let round = seed / 4;
         let poor = if round % 2 == 1 { 0.35 } else { 0.0 };
@@ -144,14 +144,14 @@ pub fn table(walked: &[Walked]) -> String {
     let mut t = String::from(
         "| world | sensor | walks | ATE % of path length: min / median / max | coverage: min / median | tracking lost temporarily |\n|---|---|---|---|---|---|\n",
     );
-    let mut groups: Vec<(String, Sensor)> = Vec::new();
+    let mut groups: Vec<(String, Sensors)> = Vec::new();
     for w in walked {
         let key = (w.world.clone(), w.measured.sensor);
         if !groups.contains(&key) {
             groups.push(key);
         }
     }
-    for sensor in Sensor::ALL {
+    for sensor in Sensors::VISUAL {
         groups.push(("all".into(), sensor));
     }
     for (world, sensor) in groups {
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn seeds_cover_every_difficulty_in_every_world() {
-        let walks: Vec<Walk> = (0..24).map(|s| Walk::new(WORLDS[s % 4], Sensor::Mono, s as u64)).collect();
+        let walks: Vec<Walk> = (0..24).map(|s| Walk::new(WORLDS[s % 4], Sensors::Mono, s as u64)).collect();
         for world in WORLDS {
             let here: Vec<&Walk> = walks.iter().filter(|w| w.world == world).collect();
             assert!(here.iter().any(|w| w.poor > 0.0 && w.passers == 0));

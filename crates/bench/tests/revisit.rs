@@ -1,13 +1,13 @@
 //! The camera is covered around a corner: a new map begins, and the maps merge when a place is recognised again.
 
-use bench::Sensor;
+use bench::Sensors;
 use bench::revisit::{Revisit, Trial, line};
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
 
 #[test]
 fn maps_merge_after_a_covered_camera() {
-    let walk = Revisit { trial: Trial::Dark, world: WorldKind::Hall, sensor: Sensor::Mono, seed: 4 };
+    let walk = Revisit { trial: Trial::Dark, world: WorldKind::Hall, sensor: Sensors::Mono, seed: 4 };
     let walked = walk.run(&Config::default(), false).expect("the walk runs");
     let (m, text) = (&walked.measured, line(&walked));
     println!("{text}");

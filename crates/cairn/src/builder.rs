@@ -2,7 +2,7 @@
 
 use crate::{Error, Slam};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Runner, SensorMode, Sensors};
 use cairn_guide::PhraseConfig;
 use cairn_sensor::{Rig, Source};
 use cairn_session::{Session, SessionConfig};
@@ -28,11 +28,7 @@ pub struct Builder {
 /// The mode that uses most of a rig's cameras: depth where there is a depth sensor, else stereo where there are
 /// two cameras, else mono.
 pub fn sensor_mode_of(rig: &Rig) -> SensorMode {
-    match (&rig.depth, rig.cameras.len()) {
-        (Some(_), _) => SensorMode::Rgbd,
-        (None, 0 | 1) => SensorMode::Mono,
-        (None, _) => SensorMode::Stereo,
-    }
+    Sensors::of(rig).mode()
 }
 
 impl Builder {

@@ -53,8 +53,8 @@
 //! | 5 | [`guide`] | route recorder, cleaning, maneuvers, cues, phrases |
 //! | 7 | [`team`] | several robots, one pose graph: distributed optimisation, rejection of false loops, messages |
 //! | 8 | [`engine`] | tracking, mapping and loop closing wired together; configuration, status, journal |
-//! | 9 | [`session`] | one walk: engine, recorder and guide behind commands |
-//! | 11 | this one | [`Slam`], [`Map`], [`Changes`], [`MapEvents`], [`Error`] |
+//! | 10 | [`session`] | one walk: engine, recorder and guide behind commands |
+//! | 12 | this one | [`Slam`], [`Map`], [`Changes`], [`MapEvents`], [`Error`] |
 //!
 //! Between them lie the stages of the engine, which a user meets only through it: `cairn-inertial` (IMU
 //! preintegration), `cairn-adjust` (windows of the map as problems), `cairn-tracking`, `cairn-mapping`; and beside

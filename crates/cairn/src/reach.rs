@@ -139,17 +139,17 @@ impl MapWords {
     }
 
     /// Whether the two maps may show the same places.
-    pub fn meets(&self, other: &Self) -> bool {
+    pub fn overlaps(&self, other: &Self) -> bool {
         let (here, there) = self.similar_up_to(other, LEAST_KEY_FRAMES);
         here.min(there) >= LEAST_KEY_FRAMES
     }
 }
 
 /// The robots whose maps this one needs: those that it meets, those that they meet, and so on, itself included.
-pub fn in_reach(robot: RobotId, meetings: &BTreeSet<(RobotId, RobotId)>) -> BTreeSet<RobotId> {
+pub fn in_reach(robot: RobotId, overlaps: &BTreeSet<(RobotId, RobotId)>) -> BTreeSet<RobotId> {
     let mut reached = BTreeSet::from([robot]);
     loop {
-        let next = meetings.iter().flat_map(|(a, b)| [(a, b), (b, a)]);
+        let next = overlaps.iter().flat_map(|(a, b)| [(a, b), (b, a)]);
         let new: Vec<RobotId> =
             next.filter(|(a, b)| reached.contains(a) && !reached.contains(b)).map(|(_, b)| *b).collect();
         if new.is_empty() {

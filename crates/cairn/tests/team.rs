@@ -120,7 +120,7 @@ fn words(walks: &BTreeMap<RobotId, Walk>) -> BTreeMap<RobotId, MapWords> {
 }
 
 /// Every two robots that may share a place, by their words; the same whichever of them is asked.
-fn meetings(walks: &BTreeMap<RobotId, Walk>) -> BTreeSet<(RobotId, RobotId)> {
+fn overlaps(walks: &BTreeMap<RobotId, Walk>) -> BTreeSet<(RobotId, RobotId)> {
     let words = words(walks);
     let mut pairs = BTreeSet::new();
     for (a, of_a) in &words {
@@ -129,10 +129,10 @@ fn meetings(walks: &BTreeMap<RobotId, Walk>) -> BTreeSet<(RobotId, RobotId)> {
             println!("robots {a} and {b}: {} and {} key frames look alike", alike.0, alike.1);
             assert_eq!(of_b.similar(of_a), (alike.1, alike.0));
             assert_eq!(
-                (of_a.meets(of_b), of_b.meets(of_a)),
+                (of_a.overlaps(of_b), of_b.overlaps(of_a)),
                 (alike.0.min(alike.1) >= 3, alike.0.min(alike.1) >= 3)
             );
-            pairs.extend(of_a.meets(of_b).then_some((*a, *b)));
+            pairs.extend(of_a.overlaps(of_b).then_some((*a, *b)));
         }
     }
     pairs
@@ -188,7 +188,7 @@ fn three_robots_that_share_a_way_have_one_map_and_none_gets_worse() {
     ];
     let walks: BTreeMap<RobotId, Walk> =
         (1..).zip(options).map(|(r, o)| (r, walk(r, "demo", &format!("seed=5&{o}")))).collect();
-    assert_eq!(meetings(&walks), [(1, 2), (1, 3), (2, 3)].into());
+    assert_eq!(overlaps(&walks), [(1, 2), (1, 3), (2, 3)].into());
     let shared = atlas_of_all(&walks);
     let file = &shared.merged.file;
     file.snapshot.check().expect("a sound map");
@@ -259,7 +259,7 @@ fn a_robot_that_continued_the_shared_atlas_joins_its_team_again() {
 fn robots_in_different_houses_share_an_atlas_of_separate_maps() {
     let house = |robot: RobotId| walk(robot, "demo", &format!("seed={}&duration=12", 20 + robot));
     let walks: BTreeMap<RobotId, Walk> = (1..=3).map(|r| (r, house(r))).collect();
-    assert_eq!(meetings(&walks), BTreeSet::new());
+    assert_eq!(overlaps(&walks), BTreeSet::new());
     let shared = atlas_of_all(&walks);
     assert_eq!(shared.merged.file.snapshot.maps().count(), 3, "{:?}", shared.merged.attempts);
 }

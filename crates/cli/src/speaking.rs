@@ -1,5 +1,6 @@
 //! The options for how Cairn speaks to a walker, the same for every command that guides.
 
+use crate::number::between;
 use cairn_guide::{AnnouncerConfig, DirectionStyle, PhraseConfig, Unit, WORDS_PER_MINUTE};
 use cairn_phrases::Language;
 use cairn_session::{STEP_M, STEPS_M, WORDS_PER_MINUTE as SPEEDS};
@@ -48,14 +49,6 @@ impl Speaking {
     pub fn announcer(&self) -> AnnouncerConfig {
         let rate = self.words_per_minute.map_or(1.0, |words| words / WORDS_PER_MINUTE);
         AnnouncerConfig { rate, ..AnnouncerConfig::default() }
-    }
-}
-
-/// A parser for a number within bounds.
-pub fn between(low: f64, high: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
-    move |text| match text.parse::<f64>() {
-        Ok(v) if (low..=high).contains(&v) => Ok(v),
-        _ => Err(format!("must be a number from {low} to {high}")),
     }
 }
 

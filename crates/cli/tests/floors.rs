@@ -110,3 +110,22 @@ fn architecture_page_has_the_same_floors() {
         }
     }
 }
+
+#[test]
+fn facade_page_has_the_same_floors() {
+    let page = std::fs::read_to_string(workspace_root().join("crates/cairn/src/lib.rs")).expect("the facade");
+    let mut seen = 0;
+    for line in page.lines().filter_map(|line| line.strip_prefix("//! | ")) {
+        let mut cells = line.split(" | ");
+        let (Some(Ok(floor)), Some(module)) = (cells.next().map(str::parse::<u8>), cells.next()) else {
+            continue;
+        };
+        let package = match module {
+            "this one" => "cairn".to_owned(),
+            module => format!("cairn-{}", module.trim_matches(|c| "[`]".contains(c))),
+        };
+        assert_eq!(floor_of(&package), Some(floor), "{line}");
+        seen += 1;
+    }
+    assert!(seen > 10, "only {seen} modules were found");
+}

@@ -13,6 +13,7 @@ mod output;
 mod record;
 mod saved;
 mod scale;
+mod sensors;
 mod status;
 mod trajectory;
 
@@ -35,5 +36,6 @@ pub use output::{Finished, Output};
 pub use record::record_input;
 pub use saved::OpenMapError;
 pub use scale::{Scale, ScaleStretch};
+pub use sensors::{Sensors, UnknownSensors};
 pub use status::{ImuStatus, Phase, Status, StatusEvent, Wait};
 pub use trajectory::PoseTime;

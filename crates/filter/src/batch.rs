@@ -9,8 +9,8 @@ use crate::angle::wrap;
 use crate::log::{Step, Target};
 use crate::measure::{Measurement, jacobians};
 use cairn_geometry::Vec2;
-use cairn_solve::Loss;
 use cairn_solve::sparse::{Analysis, Factor, UniformBlocks};
+use cairn_solve::{Convergence, Damping, LevenbergMarquardt, Loss, Problem, Stop, Trial};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -26,7 +26,7 @@ pub struct BatchConfig {
     pub loss: Loss,
     /// Greatest number of steps.
     pub iterations: usize,
-    /// Converged when a step lowers the cost by less than this fraction of it.
+    /// Converged when the linear model promises to lower the cost by less than this fraction of it.
     pub tolerance: f64,
 }
 
@@ -66,47 +66,26 @@ pub struct BatchReport {
 /// Returns the best state found, for whatever reason the iterations ended.
 pub fn smooth(steps: &[Vec<Step>], start: Smoothed, config: &BatchConfig) -> (Smoothed, BatchReport) {
     let graph = Graph::new(steps, &start);
-    let mut now = graph.pack(&start);
-    let mut system = System::new(&graph);
-    let mut trial = system.normal.clone();
-    system.normal.fill(&graph, &system.analysis, &now, config.loss);
-    let cost_before = system.normal.cost;
+    let mut descent = Descent::new(&graph, graph.pack(&start), config.loss);
+    let cost = descent.normal.cost;
     let mut report = BatchReport {
         iterations: 0,
-        cost_before,
-        cost_after: cost_before,
+        cost_before: cost,
+        cost_after: cost,
         converged: false,
         sightings: graph.sightings.len(),
     };
-    let (mut lambda, mut growth) = (1e-6, 2.0);
-    while report.iterations < config.iterations && lambda < 1e10 && cost_before.is_finite() {
-        report.iterations += 1;
-        let Some((step, promise)) = system.step(lambda) else {
-            (lambda, growth) = (lambda * growth, growth * 2.0);
-            continue;
+    if cost.is_finite() {
+        let solver = LevenbergMarquardt {
+            iterations: config.iterations,
+            damping: Damping::GainRatio { first: 1e-6, most: 1e10 },
+            convergence: Convergence::Predicted { relative: config.tolerance, absolute: 0.0 },
         };
-        let next: Vec<Vector3<f64>> = now.iter().zip(&step).map(|(v, s)| v + s).collect();
-        trial.fill(&graph, &system.analysis, &next, config.loss);
-        let gain = system.normal.cost - trial.cost;
-        if gain > 0.0 {
-            let small = gain < config.tolerance * system.normal.cost;
-            now = next;
-            std::mem::swap(&mut system.normal, &mut trial);
-            let factor = 1.0 - (2.0 * gain / promise - 1.0).powi(3);
-            (lambda, growth) = (lambda * factor.clamp(0.1, 2.0), 2.0);
-            if small {
-                report.converged = true;
-                break;
-            }
-        } else if promise < config.tolerance * system.normal.cost {
-            report.converged = true;
-            break;
-        } else {
-            (lambda, growth) = (lambda * growth, growth * 2.0);
-        }
+        let outcome = solver.minimise(&mut descent, || false);
+        (report.iterations, report.cost_after) = (outcome.iterations, outcome.cost_after);
+        report.converged = outcome.stop == Stop::Converged;
     }
-    report.cost_after = system.normal.cost;
-    (graph.unpack(&start, &now), report)
+    (graph.unpack(&start, &descent.now), report)
 }
 
 struct Odometry {
@@ -286,22 +265,32 @@ impl Normal {
     }
 }
 
-struct System {
+/// A solve under way.
+struct Descent<'a> {
+    graph: &'a Graph,
+    loss: Loss,
     analysis: Arc<Analysis>,
     factor: Factor,
+    now: Vec<Vector3<f64>>,
+    /// The system at `now`.
     normal: Normal,
+    next: Vec<Vector3<f64>>,
+    /// The system at `next`, the state tried.
+    tried: Normal,
 }
 
-impl System {
-    fn new(graph: &Graph) -> Self {
+impl<'a> Descent<'a> {
+    fn new(graph: &'a Graph, now: Vec<Vector3<f64>>, loss: Loss) -> Self {
         let analysis = Arc::new(Analysis::new(graph.count, 3, graph.pairs()));
-        let normal = Normal {
+        let mut normal = Normal {
             diagonal: vec![Matrix3::zeros(); graph.count],
             off_diagonal: vec![Matrix3::zeros(); analysis.pairs().len()],
             gradient: vec![Vector3::zeros(); graph.count],
             cost: 0.0,
         };
-        Self { factor: Factor::new(Arc::clone(&analysis)), analysis, normal }
+        normal.fill(graph, &analysis, &now, loss);
+        let factor = Factor::new(Arc::clone(&analysis));
+        Self { graph, loss, analysis, factor, next: now.clone(), now, tried: normal.clone(), normal }
     }
 
     /// The damped step, and the decrease of the cost predicted by the linear model; `None` when the system is singular.
@@ -320,6 +309,25 @@ impl System {
             .map(|((s, g), h)| 0.5 * s.dot(&(lambda * h.diagonal().component_mul(s) - g)))
             .sum::<f64>();
         promise.is_finite().then_some((step, promise))
+    }
+}
+
+impl Problem for Descent<'_> {
+    fn linearise(&mut self) -> Option<f64> {
+        // A trial state is linearised as it is evaluated.
+        Some(self.normal.cost)
+    }
+
+    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+        let (step, predicted_decrease) = self.step(damping)?;
+        self.next = self.now.iter().zip(&step).map(|(v, s)| v + s).collect();
+        self.tried.fill(self.graph, &self.analysis, &self.next, self.loss);
+        Some(Trial { cost: self.tried.cost, predicted_decrease })
+    }
+
+    fn accept(&mut self) {
+        std::mem::swap(&mut self.now, &mut self.next);
+        std::mem::swap(&mut self.normal, &mut self.tried);
     }
 }
 

@@ -78,7 +78,7 @@ pub enum Incoming {
     /// Where the robot is to go.
     Goal(PoseStamped),
     /// A service was called.
-    Asked(Service, RmwRequestId),
+    ServiceCall(Service, RmwRequestId),
     /// A message that could not be read.
     Unreadable(String, String),
 }
@@ -451,7 +451,7 @@ fn messages<'a, M: DeserializeOwned + 'static>(
 
 fn calls(service: Service, server: &TriggerServer) -> LocalBoxStream<'_, Incoming> {
     let incoming = server.receive_request_stream().map(move |read| match read {
-        Ok((id, _)) => Incoming::Asked(service, id),
+        Ok((id, _)) => Incoming::ServiceCall(service, id),
         Err(e) => Incoming::Unreadable(service.name().to_owned(), e.to_string()),
     });
     incoming.boxed_local()

@@ -23,7 +23,7 @@ const REMIND: Duration = Duration::from_secs(5);
 
 /// What the node was asked for and has not dealt with.
 #[derive(Default)]
-pub struct Asked {
+pub struct PendingRequests {
     /// Calls of services that wait for their answer.
     pub calls: VecDeque<(Service, RmwRequestId)>,
     /// The newest goal.
@@ -32,11 +32,11 @@ pub struct Asked {
 
 /// The same for the worker and the node.
 #[derive(Clone, Default)]
-pub struct Requests(Arc<Mutex<Asked>>);
+pub struct Requests(Arc<Mutex<PendingRequests>>);
 
 impl Requests {
     /// All so far, or what came since.
-    pub fn lock(&self) -> MutexGuard<'_, Asked> {
+    pub fn lock(&self) -> MutexGuard<'_, PendingRequests> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -123,7 +123,7 @@ impl Worker {
 
     fn other(&self, incoming: Incoming) {
         match incoming {
-            Incoming::Asked(service, id) => {
+            Incoming::ServiceCall(service, id) => {
                 self.requests.lock().calls.push_back((service, id));
             }
             Incoming::Goal(goal) => self.requests.lock().goal = Some(goal),

@@ -43,7 +43,7 @@ pub enum Ended {
     /// The source has ended.
     Source,
     /// A quit command.
-    Asked,
+    Requested,
 }
 
 /// Processes every packet of a source in order; time is the packets' own.
@@ -62,7 +62,7 @@ pub fn drive_lockstep<S: Slam>(
         let mut commands = script.due(session);
         commands.extend(observer.take_commands());
         if carry_out(session, &commands, observer) {
-            return Ok(Ended::Asked);
+            return Ok(Ended::Requested);
         }
         after(session, observer);
     }
@@ -102,7 +102,7 @@ pub fn drive_live<S: Slam>(
         commands.extend(script.due(session));
         commands.extend(observer.take_commands());
         if carry_out(session, &commands, observer) {
-            return Ok(Ended::Asked);
+            return Ok(Ended::Requested);
         }
         after(session, observer);
     }

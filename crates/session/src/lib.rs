@@ -14,6 +14,7 @@ mod guidance_tests;
 mod inbox;
 mod lens;
 mod library;
+mod obstacles;
 mod place;
 mod ready;
 mod recording;
@@ -34,7 +35,6 @@ mod synthetic;
 mod take_me;
 mod view;
 mod walk_state;
-mod way_ahead;
 mod wheels;
 
 pub use age::Age;

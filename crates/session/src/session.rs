@@ -21,12 +21,12 @@ use crate::event::Event;
 use crate::guidance::Guiding;
 use crate::lens::LensKnowledge;
 use crate::library::{MapKeeper, RouteFolder, WallClock, WallTime};
+use crate::obstacles::ObstacleMonitor;
 use crate::place::Place;
 use crate::recording::{Recording, tracked};
 use crate::slam::{NotTracked, Slam};
 use crate::speech::{Clock, Speech};
 use crate::status::SessionStatus;
-use crate::way_ahead::WayAhead;
 use cairn_engine::{Engine, Output, Scale, record_input};
 use cairn_geometry::Vec3;
 use cairn_guide::{Confidence, Priority, Route};
@@ -49,14 +49,14 @@ struct RouteAtHand {
 }
 
 /// A question that waits for yes or no: whether to delete a route.
-struct Asked {
+struct PendingQuestion {
     number: u32,
     words: String,
     at: Stamp,
 }
 
 /// Why what a session leaves behind is not whole.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, serde::Serialize, serde::Deserialize)]
 pub enum NotSaved {
     /// The file of a route.
     #[error("{0}")]
@@ -92,13 +92,13 @@ pub struct Session<S = Engine> {
     keeper: Option<MapKeeper>,
     wall: WallClock,
     /// A question that waits for yes or no.
-    asked: Option<Asked>,
+    asked: Option<PendingQuestion>,
     /// The place of the next note.
     marked: Option<Place>,
     route: Option<RouteAtHand>,
     guiding: Option<Guiding>,
     /// What is in the walker's way; only with depth, and where it was asked for.
-    way_ahead: Option<WayAhead>,
+    obstacles: Option<ObstacleMonitor>,
     speech: Speech,
     /// The age of images.
     ages: Ages,
@@ -141,7 +141,7 @@ impl<S: Slam> Session<S> {
             recorded: Vec::new(),
             route: None,
             guiding: None,
-            way_ahead: None,
+            obstacles: None,
             speech,
             ages: Ages::default(),
             picture: Dwell::default(),

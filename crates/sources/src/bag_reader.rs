@@ -1,9 +1,43 @@
 //! Reads the images and samples of a bag.
 
-use crate::decode;
-use cairn_bag::{Bag, CameraInfo, CompressedImage, Entry, ImageMessage, ImuMessage, MessageKind, Topic};
+use crate::decode::{self, ImageError};
+use cairn_bag::{
+    Bag, BagError, CameraInfo, CompressedImage, DecodeError, Entry, ImageMessage, ImuMessage, MessageKind,
+    Topic,
+};
 use cairn_geometry::Vec3;
 use cairn_sensor::{DepthImage, GrayImage, ImuSample, SkipKind, Skipped, Stamp};
+
+/// Why a message of a bag cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum MessageError {
+    /// The bag has no topic of that number.
+    #[error("there is no such topic")]
+    NoTopic,
+    /// The topic has no message of that number.
+    #[error("there is no such message")]
+    NoMessage,
+    /// The topic has no message at all.
+    #[error("it has no message")]
+    Empty,
+    /// It cannot be read from the file.
+    #[error(transparent)]
+    Bag(#[from] BagError),
+    /// Its bytes are not a message of its type.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// Its image is damaged, or none that can be used.
+    #[error(transparent)]
+    Image(#[from] ImageError),
+    /// The same of a message of this topic.
+    #[error("{topic}: {why}")]
+    OfTopic {
+        /// The topic's name.
+        topic: String,
+        /// What is wrong with the message.
+        why: Box<Self>,
+    },
+}
 
 /// A reading whose message cannot be read.
 fn unreadable(text: String) -> Skipped {
@@ -55,60 +89,55 @@ impl BagReader {
     }
 
     /// The bytes of a message of a topic, by its number.
-    pub fn message(&mut self, topic: usize, number: usize) -> Result<Vec<u8>, String> {
+    pub fn message(&mut self, topic: usize, number: usize) -> Result<Vec<u8>, MessageError> {
         let entry = self.topics().get(topic).and_then(|t| t.entries.get(number)).copied();
-        let entry = entry.ok_or("there is no such message")?;
-        self.0.read(&entry).map_err(|e| e.to_string())
+        let entry = entry.ok_or(MessageError::NoMessage)?;
+        Ok(self.0.read(&entry)?)
     }
 
     fn picture<T>(
         &mut self,
         topic: usize,
         entry: &Entry,
-        of: impl FnOnce(&Picture) -> Result<T, String>,
-    ) -> Result<T, String> {
-        let Some(about) = self.topics().get(topic) else { return Err("there is no such topic".into()) };
+        of: impl FnOnce(&Picture) -> Result<T, MessageError>,
+    ) -> Result<T, MessageError> {
+        let about = self.topics().get(topic).ok_or(MessageError::NoTopic)?;
         let (name, kind, format) = (about.name.clone(), about.kind.clone(), about.format);
-        let bytes = self.0.read(entry).map_err(|e| e.to_string())?;
+        let bytes = self.0.read(entry)?;
         let picture = match MessageKind::of(&kind) {
             MessageKind::Image => ImageMessage::of(&kind, format, &bytes).map(Picture::Raw),
             _ => CompressedImage::of(&kind, format, &bytes).map(Picture::File),
         };
-        picture.map_err(|e| e.to_string()).and_then(|p| of(&p)).map_err(|why| format!("{name}: {why}"))
+        (picture.map_err(MessageError::from).and_then(|p| of(&p)))
+            .map_err(|why| MessageError::OfTopic { topic: name, why: Box::new(why) })
     }
 
     /// Luminance of an image.
-    pub fn gray(&mut self, topic: usize, entry: &Entry) -> Result<GrayImage, String> {
+    pub fn gray(&mut self, topic: usize, entry: &Entry) -> Result<GrayImage, MessageError> {
         self.picture(topic, entry, |picture| match picture {
-            Picture::Raw(image) => image.gray().map_err(|e| e.to_string()),
-            Picture::File(image) => decode::gray_in(image.data).map_err(|e| e.to_string()),
+            Picture::Raw(image) => Ok(image.gray()?),
+            Picture::File(image) => Ok(decode::gray_in(image.data)?),
         })
     }
 
     /// A depth image, in units of its topic.
-    pub fn depth(&mut self, topic: usize, entry: &Entry) -> Result<DepthImage, String> {
+    pub fn depth(&mut self, topic: usize, entry: &Entry) -> Result<DepthImage, MessageError> {
         self.picture(topic, entry, |picture| match picture {
-            Picture::Raw(image) => image.depth().map_err(|e| e.to_string()),
-            Picture::File(image) => {
-                let file = image.file().map_err(|e| e.to_string())?;
-                decode::depth_in(file).map_err(|e| e.to_string())
-            }
+            Picture::Raw(image) => Ok(image.depth()?),
+            Picture::File(image) => Ok(decode::depth_in(image.file()?)?),
         })
     }
 
     /// Width and height.
-    pub fn size(&mut self, topic: usize, entry: &Entry) -> Result<[usize; 2], String> {
+    pub fn size(&mut self, topic: usize, entry: &Entry) -> Result<[usize; 2], MessageError> {
         self.picture(topic, entry, |picture| match picture {
             Picture::Raw(image) => Ok([image.width as usize, image.height as usize]),
-            Picture::File(image) => {
-                let file = image.file().map_err(|e| e.to_string())?;
-                decode::size_in(file).map_err(|e| e.to_string())
-            }
+            Picture::File(image) => Ok(decode::size_in(image.file()?)?),
         })
     }
 
     /// What the first readable image of a topic tells; a topic without any is an error.
-    pub fn first_image(&mut self, topic: usize) -> Result<FirstImage, String> {
+    pub fn first_image(&mut self, topic: usize) -> Result<FirstImage, MessageError> {
         let entries =
             self.topics().get(topic).map_or(Vec::new(), |t| t.entries.iter().take(20).copied().collect());
         let mut first = None;
@@ -126,21 +155,21 @@ impl BagReader {
                 Err(why) => first = first.or(Some(why)),
             }
         }
-        Err(first.unwrap_or_else(|| "it has no message".into()))
+        Err(first.unwrap_or(MessageError::Empty))
     }
 
     /// The first calibration on a topic.
-    pub fn camera_info(&mut self, topic: usize) -> Result<CameraInfo, String> {
-        let about = self.topics().get(topic).ok_or("there is no such topic")?;
+    pub fn camera_info(&mut self, topic: usize) -> Result<CameraInfo, MessageError> {
+        let about = self.topics().get(topic).ok_or(MessageError::NoTopic)?;
         let (kind, format) = (about.kind.clone(), about.format);
-        CameraInfo::of(&kind, format, &self.message(topic, 0)?).map_err(|e| e.to_string())
+        Ok(CameraInfo::of(&kind, format, &self.message(topic, 0)?)?)
     }
 
     /// A message of an IMU.
-    fn imu(&mut self, topic: usize, number: usize) -> Result<ImuMessage, String> {
+    fn imu(&mut self, topic: usize, number: usize) -> Result<ImuMessage, MessageError> {
         let format = self.topics().get(topic).map_or(cairn_bag::WireFormat::Other, |t| t.format);
         let bytes = self.message(topic, number)?;
-        ImuMessage::decode(format, &bytes).map_err(|e| e.to_string())
+        Ok(ImuMessage::decode(format, &bytes)?)
     }
 
     /// The frame of an IMU.

@@ -3,7 +3,7 @@
 //! Geiger, Lenz and Urtasun, "Are we ready for autonomous driving?" (2012). A pose line is the 3x4 matrix
 //! from camera 0 to the first pose of camera 0.
 
-use crate::numbered::{NumberedImage, image_size, numbered};
+use crate::numbered::{NumberedError, NumberedImage, image_size, numbered};
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig::{self, kitti as calib};
 use crate::text::{data_lines, fields, numbers, place, read_text, stamp_seconds};
@@ -84,7 +84,7 @@ fn own_rig(folder: &Path, present: &[usize]) -> Result<Rig, SourceError> {
     calib::rig(&path, &calib::projections(&path)?, present, size)
 }
 
-fn unreadable(folder: &Path, why: &str) -> SourceError {
+fn unreadable(folder: &Path, why: &NumberedError) -> SourceError {
     SourceError::new(
         folder.display().to_string(),
         format!("not a single image can be read ({why})"),

@@ -1,7 +1,26 @@
 //! Images whose file names are numbers, as in the folders of KITTI.
 
-use crate::decode;
+use crate::decode::{self, ImageError};
 use std::path::{Path, PathBuf};
+
+/// Why a folder has no numbered image that can be read.
+#[derive(Debug, thiserror::Error)]
+pub enum NumberedError {
+    /// It cannot be listed.
+    #[error("{path}: {source}")]
+    Folder {
+        /// The folder.
+        path: String,
+        /// The system's error.
+        source: std::io::Error,
+    },
+    /// It has no such file.
+    #[error("{0} holds no numbered PNG or JPEG")]
+    None(String),
+    /// None of them can be read; why not the last one.
+    #[error(transparent)]
+    Image(ImageError),
+}
 
 pub struct NumberedImage {
     /// The number.
@@ -11,8 +30,10 @@ pub struct NumberedImage {
 }
 
 /// The images of a folder whose names are numbers, in numeric order.
-pub fn numbered(folder: &Path) -> Result<Vec<NumberedImage>, String> {
-    let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+pub fn numbered(folder: &Path) -> Result<Vec<NumberedImage>, NumberedError> {
+    let path = || folder.display().to_string();
+    let entries =
+        std::fs::read_dir(folder).map_err(|source| NumberedError::Folder { path: path(), source })?;
     let mut files: Vec<NumberedImage> = entries
         .filter_map(|e| Some(e.ok()?.path()))
         .filter_map(|path| {
@@ -24,19 +45,19 @@ pub fn numbered(folder: &Path) -> Result<Vec<NumberedImage>, String> {
     files.sort_by(|a, b| (a.number, &a.path).cmp(&(b.number, &b.path)));
     files.dedup_by_key(|f| f.number);
     match files.is_empty() {
-        true => Err(format!("{} holds no numbered PNG or JPEG", folder.display())),
+        true => Err(NumberedError::None(path())),
         false => Ok(files),
     }
 }
 
 /// Width and height of the first readable image of a camera of a KITTI folder.
-pub fn image_size(folder: &Path, camera: usize) -> Result<[usize; 2], String> {
-    let files = numbered(&folder.join(format!("image_{camera}")))?;
-    let mut problem = format!("no image in image_{camera}");
-    for file in files {
+pub fn image_size(folder: &Path, camera: usize) -> Result<[usize; 2], NumberedError> {
+    let folder = folder.join(format!("image_{camera}"));
+    let mut problem = NumberedError::None(folder.display().to_string());
+    for file in numbered(&folder)? {
         match decode::size(&file.path) {
             Ok(size) => return Ok(size),
-            Err(e) => problem = e.to_string(),
+            Err(e) => problem = NumberedError::Image(e),
         }
     }
     Err(problem)

@@ -1,6 +1,6 @@
 //! Plays a recording: decodes the images of each instant and adds the IMU samples.
 
-use crate::bag_reader::{BagImu, BagReader};
+use crate::bag_reader::{BagImu, BagReader, MessageError};
 use crate::decode;
 use crate::imu::ImuStream;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
@@ -165,13 +165,13 @@ impl Player {
         self.note(skipped);
     }
 
-    fn decode(&mut self, instant: &Instant) -> Result<Decoded, String> {
+    fn decode(&mut self, instant: &Instant) -> Result<Decoded, FrameError> {
         let mut images = Vec::with_capacity(instant.images.len());
         for (at, c) in instant.images.iter().zip(&self.rig.cameras) {
             let image = match (at, &mut self.bag) {
-                (ImageAt::File(path), _) => decode::gray(path).map_err(text)?,
+                (ImageAt::File(path), _) => decode::gray(path)?,
                 (ImageAt::Message(topic, entry), Some(bag)) => bag.gray(*topic, entry)?,
-                (ImageAt::Message(..), None) => return Err(NO_BAG.into()),
+                (ImageAt::Message(..), None) => return Err(FrameError::NoBag),
             };
             fits(&c.name, &c.camera, image.width(), image.height())?;
             images.push(Arc::new(image));
@@ -179,9 +179,9 @@ impl Player {
         let depth = match (&instant.depth, &self.rig.depth) {
             (Some(at), Some(sensor)) => {
                 let mut image = match (at, &mut self.bag) {
-                    (ImageAt::File(path), _) => decode::depth(path).map_err(text)?,
+                    (ImageAt::File(path), _) => decode::depth(path)?,
                     (ImageAt::Message(topic, entry), Some(bag)) => bag.depth(*topic, entry)?,
-                    (ImageAt::Message(..), None) => return Err(NO_BAG.into()),
+                    (ImageAt::Message(..), None) => return Err(FrameError::NoBag),
                 };
                 fits("depth", &sensor.camera, image.width(), image.height())?;
                 if let Some(none) = self.no_depth {
@@ -228,28 +228,35 @@ impl Source for Player {
     }
 }
 
-fn text(e: decode::ImageError) -> String {
-    e.to_string()
+/// Why an image of an instant cannot be used.
+#[derive(Debug, thiserror::Error)]
+enum FrameError {
+    #[error(transparent)]
+    Image(#[from] decode::ImageError),
+    #[error(transparent)]
+    Message(#[from] MessageError),
+    #[error("the bag of this message is not open")]
+    NoBag,
+    #[error("{name} has {width}x{height} pixels, the rig says {}x{}", rig[0], rig[1])]
+    Size { name: String, width: usize, height: usize, rig: [usize; 2] },
 }
 
-const NO_BAG: &str = "the bag of this message is not open";
-
 /// Width and height of an image.
-fn size(at: &ImageAt, bag: &mut Option<BagReader>) -> Result<[usize; 2], String> {
+fn size(at: &ImageAt, bag: &mut Option<BagReader>) -> Result<[usize; 2], FrameError> {
     match (at, bag) {
-        (ImageAt::File(path), _) => decode::size(path).map_err(text),
-        (ImageAt::Message(topic, entry), Some(bag)) => bag.size(*topic, entry),
-        (ImageAt::Message(..), None) => Err(NO_BAG.into()),
+        (ImageAt::File(path), _) => Ok(decode::size(path)?),
+        (ImageAt::Message(topic, entry), Some(bag)) => Ok(bag.size(*topic, entry)?),
+        (ImageAt::Message(..), None) => Err(FrameError::NoBag),
     }
 }
 
 type Decoded = (Vec<Arc<GrayImage>>, Option<Arc<DepthImage>>);
 
-fn fits(name: &str, camera: &Camera, width: usize, height: usize) -> Result<(), String> {
+fn fits(name: &str, camera: &Camera, width: usize, height: usize) -> Result<(), FrameError> {
     if (width, height) == (camera.width, camera.height) {
         return Ok(());
     }
-    Err(format!("{name} has {width}x{height} pixels, the rig says {}x{}", camera.width, camera.height))
+    Err(FrameError::Size { name: name.to_owned(), width, height, rig: [camera.width, camera.height] })
 }
 
 /// The first readable image of each camera must be of the rig's size; a recording without any is an error.
@@ -280,7 +287,7 @@ fn check_sizes(
                     ImageAt::File(path) => path.display().to_string(),
                     ImageAt::Message(..) => name.to_owned(),
                 };
-                SourceError::new(what, why, "give the rig of these images with --rig")
+                SourceError::new(what, why.to_string(), "give the rig of these images with --rig")
             })?,
             None if index.is_none() && first_problem.is_none() => {} // a rig with depth, a recording without
             None => {
@@ -288,7 +295,7 @@ fn check_sizes(
                     name,
                     format!(
                         "not a single image of {camera_name} can be read (the first: {})",
-                        first_problem.unwrap_or_else(|| "none is listed".into())
+                        first_problem.map_or_else(|| "none is listed".into(), |why| why.to_string())
                     ),
                     "check that the image files exist and are complete",
                 ));

@@ -1,6 +1,6 @@
 //! A whole team in one process over a simulated network, exchange by exchange, with its cost and accuracy.
 
-use crate::graphs::{RobotGraph, Whole};
+use crate::graphs::{CentralGraph, RobotGraph};
 use crate::judge::JudgeConfig;
 use crate::network::{Network, NetworkConfig};
 use crate::robot::{Robot, RobotError};
@@ -26,7 +26,7 @@ pub struct Round {
 #[derive(Debug)]
 pub struct Exchange<G, const D: usize> {
     robots: Vec<Robot<G, D>>,
-    whole: Whole<G, D>,
+    central: CentralGraph<G, D>,
     network: Network,
     gone: Vec<bool>,
     history: Vec<Vec<G>>,
@@ -42,10 +42,10 @@ impl<G: Rigid<D>, const D: usize> Exchange<G, D> {
         network: NetworkConfig,
         judge: Option<JudgeConfig>,
     ) -> Result<Self, RobotError> {
-        let whole = Whole::new(team)?;
+        let central = CentralGraph::new(team)?;
         let robots = team.iter().map(|own| Robot::new(own, judge)).collect::<Result<Vec<_>, _>>()?;
         let gone = vec![false; robots.len()];
-        Ok(Self { robots, whole, network: Network::new(network), gone, history: Vec::new() })
+        Ok(Self { robots, central, network: Network::new(network), gone, history: Vec::new() })
     }
 
     /// The robots.
@@ -54,8 +54,8 @@ impl<G: Rigid<D>, const D: usize> Exchange<G, D> {
     }
 
     /// All graphs combined into one.
-    pub fn whole(&self) -> &Whole<G, D> {
-        &self.whole
+    pub fn central_graph(&self) -> &CentralGraph<G, D> {
+        &self.central
     }
 
     /// A robot leaves the team: it no longer sends, receives or computes.
@@ -110,10 +110,10 @@ impl<G: Rigid<D>, const D: usize> Exchange<G, D> {
         Ok(round)
     }
 
-    /// The own poses of each robot as it estimates them; in the order of [`Whole::ids`].
+    /// The own poses of each robot as it estimates them; in the order of [`CentralGraph::ids`].
     pub fn poses(&self) -> Vec<G> {
         let poses: BTreeMap<PoseId, &G> = self.robots.iter().flat_map(|r| r.own_poses()).collect();
-        self.whole.ids.iter().filter_map(|id| poses.get(id).map(|p| **p)).collect()
+        self.central.ids.iter().filter_map(|id| poses.get(id).map(|p| **p)).collect()
     }
 
     /// The poses after each exchange.
@@ -124,11 +124,11 @@ impl<G: Rigid<D>, const D: usize> Exchange<G, D> {
     /// Rejected loops; the robot with the smaller id decides for each.
     pub fn rejected(&self) -> BTreeSet<LoopId> {
         let rejects = |id: &LoopId| self.robots.iter().any(|r| r.id() == id.0.robot && r.rejects(id));
-        self.whole.loops.iter().flatten().filter(|id| rejects(id)).copied().collect()
+        self.central.loops.iter().flatten().filter(|id| rejects(id)).copied().collect()
     }
 }
 
-impl<G: Rigid<D>, const D: usize> Whole<G, D> {
+impl<G: Rigid<D>, const D: usize> CentralGraph<G, D> {
     /// The graph without some loops, with its vertices at these poses.
     ///
     /// # Panics
@@ -157,7 +157,7 @@ impl<G: Rigid<D>, const D: usize> Whole<G, D> {
     }
 
     /// The optimum without some loops, found by one central solver with all measurements: the reference for comparison.
-    /// Its chi2 is [`Whole::chi2`] at its values.
+    /// Its chi2 is [`CentralGraph::chi2`] at its values.
     pub fn optimum(&self, without: &BTreeSet<LoopId>) -> PoseGraph<G, D> {
         let mut graph = self.at(self.graph.values(), without);
         lowest_start(&mut graph, true, Metric::Geodesic);

@@ -80,7 +80,7 @@ pub enum GraphsError {
 /// All graphs combined: every pose, and every measurement once. If several robots have a loop between the same two
 /// poses, that of the robot with the smallest id is used.
 #[derive(Clone, Debug)]
-pub struct Whole<G, const D: usize> {
+pub struct CentralGraph<G, const D: usize> {
     /// The graph; vertices in order of their ids.
     pub graph: PoseGraph<G, D>,
     /// The id of each vertex.
@@ -89,7 +89,7 @@ pub struct Whole<G, const D: usize> {
     pub loops: Vec<Option<LoopId>>,
 }
 
-impl<G: LieGroup<D>, const D: usize> Whole<G, D> {
+impl<G: LieGroup<D>, const D: usize> CentralGraph<G, D> {
     /// Combines the graphs.
     ///
     /// # Errors

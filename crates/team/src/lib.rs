@@ -21,7 +21,7 @@ pub const MAX_ROBOTS: usize = 256;
 
 pub use envelope::{Refused, VERSION};
 pub use exchange::{Exchange, Round};
-pub use graphs::{GraphsError, Measurement, RobotGraph, Whole, split};
+pub use graphs::{CentralGraph, GraphsError, Measurement, RobotGraph, split};
 pub use ids::{LoopId, PoseId, RobotId};
 pub use judge::{JudgeConfig, Judgement, Verdict};
 pub use message::{Estimate, MAX_BYTES, Message, Shared};

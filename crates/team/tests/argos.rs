@@ -34,13 +34,13 @@ fn run(
     let mut exchange = Exchange::new(team, NetworkConfig::PERFECT, judge).unwrap();
     let rounds: Vec<Round> = (0..exchanges).map(|_| exchange.round(|| 0.0).unwrap()).collect();
     let rejected = exchange.rejected();
-    let whole = exchange.whole();
-    let optimum = 2.0 * whole.optimum(&rejected).cost(Metric::Geodesic);
+    let joint = exchange.central_graph();
+    let optimum = 2.0 * joint.optimum(&rejected).cost(Metric::Geodesic);
     let most = |upto: usize, of: fn(&Round) -> &Vec<usize>| {
         (0..team.len()).map(|k| rounds[..=upto].iter().map(|r| of(r)[k]).sum()).max().unwrap()
     };
     let figures = exchange.history().iter().enumerate().map(|(k, poses)| {
-        let above = whole.chi2(poses, &rejected) / optimum - 1.0;
+        let above = joint.chi2(poses, &rejected) / optimum - 1.0;
         (above, most(k, |r| &r.sent), most(k, |r| &r.received))
     });
     (figures.collect(), exchange)
@@ -53,8 +53,8 @@ fn within_a_thousandth_in_two_exchanges_and_a_millionth_in_three() {
         // With outlier rejection: no correct loop is rejected.
         let (figures, exchange) = run(&team, Some(JudgeConfig::default()), 6);
         assert_eq!(exchange.rejected(), BTreeSet::new(), "{name}");
-        let whole = exchange.whole();
-        let optimum = 2.0 * whole.optimum(&BTreeSet::new()).cost(Metric::Geodesic);
+        let joint = exchange.central_graph();
+        let optimum = 2.0 * joint.optimum(&BTreeSet::new()).cost(Metric::Geodesic);
         assert!((optimum / central - 1.0).abs() < 2e-6, "{name}: {optimum}");
         println!("{name}: {figures:?}");
         assert!(figures[1..].iter().all(|f| f.0 < 1e-3) && figures[2..].iter().all(|f| f.0 < 1e-6), "{name}");
@@ -67,16 +67,16 @@ fn false_loops_are_rejected_and_true_ones_kept() {
     let Some(team) = team("argos-10-spoiled") else { return };
     let (figures, exchange) = run(&team, Some(JudgeConfig::default()), 6);
     let rejected = exchange.rejected();
-    let whole = exchange.whole();
+    let joint = exchange.central_graph();
     // The files do not say which loops are false. Measured at the optimum of the accepted loops, the rejected ones have
     // large residuals and the accepted ones small, with a gap in between.
-    let optimum = whole.optimum(&rejected);
+    let optimum = joint.optimum(&rejected);
     let (mut near, mut far) = (0.0f64, f64::INFINITY);
-    for (e, id) in whole.graph.edges().iter().zip(&whole.loops).filter(|(_, id)| id.is_some()) {
+    for (e, id) in joint.graph.edges().iter().zip(&joint.loops).filter(|(_, id)| id.is_some()) {
         let chi2 = optimum.chi2(e, Metric::Geodesic);
         if rejected.contains(&id.unwrap()) { far = far.min(chi2) } else { near = near.max(chi2) }
     }
-    let loops = whole.loops.iter().flatten().count();
+    let loops = joint.loops.iter().flatten().count();
     println!("rejected {} of {loops}; believed up to chi2 {near:.0}, rejected from {far:.0}", rejected.len());
     println!("{figures:?}");
     assert_eq!((loops, rejected.len()), (389, 42));
@@ -102,8 +102,8 @@ fn through_a_bad_network_with_robots_that_leave_and_come_back() {
     for seed in [1, 2, 3] {
         let network = NetworkConfig { loss: 0.3, delayed: 0.3, delay_rounds: 3, duplicated: 0.2, seed };
         let mut exchange = Exchange::new(&team, network, Some(JudgeConfig::default())).unwrap();
-        let whole = exchange.whole().clone();
-        let optimum = 2.0 * whole.optimum(&BTreeSet::new()).cost(Metric::Geodesic);
+        let joint = exchange.central_graph().clone();
+        let optimum = 2.0 * joint.optimum(&BTreeSet::new()).cost(Metric::Geodesic);
         let mut above = Vec::new();
         for k in 0..30 {
             // The first robot, which defines the frame, is away for a while; another one for longer.
@@ -114,7 +114,7 @@ fn through_a_bad_network_with_robots_that_leave_and_come_back() {
                 _ => [(); 2],
             };
             exchange.round(|| 0.0).unwrap();
-            above.push(whole.chi2(&exchange.poses(), &BTreeSet::new()) / optimum - 1.0);
+            above.push(joint.chi2(&exchange.poses(), &BTreeSet::new()) / optimum - 1.0);
         }
         println!("seed {seed}: {above:?}");
         let good = above.iter().rposition(|a| *a > 1e-3).map_or(0, |k| k + 1);

@@ -133,7 +133,7 @@ fn none_of_the_wrong_loops_is_believed_and_most_right_ones_are() {
                 let exchange = judged(&graphs);
                 let rejected = exchange.rejected();
                 believed += false_ones.difference(&rejected).count();
-                let loops = exchange.whole().loops.iter().flatten().count();
+                let loops = exchange.central_graph().loops.iter().flatten().count();
                 right += loops - false_ones.len();
                 kept += loops - rejected.union(&false_ones).count();
             }

@@ -95,7 +95,7 @@ impl Recording {
                 Ok(Some(Order::Ping)) => reports.push(Report::Pong),
                 Ok(Some(Order::End)) => {
                     let ended = self.recorder.take().map_or(Ok(0), RouteRecorder::finish);
-                    reports.push(Report::Recorded(ended.map_err(|e| e.to_string())));
+                    reports.push(Report::Recorded(ended));
                 }
                 Ok(Some(_)) => {}
                 Ok(None) | Err(_) => return Ok(()),

@@ -13,7 +13,7 @@ use cairn_engine::Config;
 use cairn_geometry::{Pose, Se3, Sim3, Similarity, Vec3};
 use cairn_guide::{Anchor, Confidence};
 use cairn_sensor::{ImuSample, SkipCount, SkipKind, Skips, Stamp};
-use cairn_session::TrackedPlace;
+use cairn_session::{NotSaved, TrackedPlace};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
@@ -129,7 +129,7 @@ pub enum Report {
     /// Guide: the time of the last point of its recording (ns), where there is one; it waits for the frames since.
     RecordedUntil(Option<i64>),
     /// Guide: the recording has ended, or why its file does not hold all of it.
-    Recorded(Result<usize, String>),
+    Recorded(Result<usize, NotSaved>),
     /// The answer to a ping.
     Pong,
     /// All is done and written.

@@ -121,7 +121,7 @@ pub struct Supervised {
     pub left_out: LeftOut,
     /// The points of the recorded route, or why its file does not hold all of it; `None` where none is recorded, or who records
     /// it was given up.
-    pub recorded: Option<Result<usize, String>>,
+    pub recorded: Option<Result<usize, cairn_session::NotSaved>>,
     /// Why there is no surface, and no depth in the map, although they were asked for.
     pub surfaces: Result<(), Failure>,
     /// Processes that died.

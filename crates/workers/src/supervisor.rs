@@ -16,6 +16,7 @@ use crate::surfaces::Surfaces;
 use crate::worker::Worker;
 use crate::{Role, SuperviseError};
 use cairn_atlas::store::MapFile;
+use cairn_session::NotSaved;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -114,7 +115,7 @@ struct Run<'a, 't> {
     left_out: LeftOut,
     left_out_before: LeftOut,
     finished: Option<Finished>,
-    recorded: Option<Result<usize, String>>,
+    recorded: Option<Result<usize, NotSaved>>,
     /// A guide that records has not said yet what it has: frames are kept for it.
     guide_waits: bool,
     guide_given_up: bool,

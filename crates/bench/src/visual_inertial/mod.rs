@@ -2,7 +2,6 @@
 //! data; turning round in front of plain walls; one minute of standing still; cost.
 
 pub mod carried;
-mod connect;
 mod drawn;
 pub mod lens;
 pub mod live_scale;
@@ -14,7 +13,7 @@ pub mod spot;
 mod walked;
 
 use crate::MeasureError;
-use crate::{RunOptions, Sensor};
+use crate::{RunOptions, Sensors};
 use cairn_engine::Delays;
 use ran::{Figures, HEAD, row};
 use serde::Serialize;
@@ -52,7 +51,7 @@ pub struct Chosen {
     /// Only conditions whose name contains this.
     pub condition: Option<String>,
     /// Sensors; if empty, each trial uses its own.
-    pub sensors: Vec<Sensor>,
+    pub sensors: Vec<Sensors>,
     /// Seconds of each semi-real motion; `None`: all of it as recorded, 20 s with degraded IMU data.
     pub seconds: Option<f64>,
     /// Seeds of the turns.
@@ -103,9 +102,9 @@ pub struct Measured {
 /// # Errors
 /// When a run fails.
 pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, MeasureError> {
-    let options = |usual: &[Sensor]| -> Vec<RunOptions> {
+    let options = |usual: &[Sensors]| -> Vec<RunOptions> {
         let sensors = if chosen.sensors.is_empty() { usual } else { &chosen.sensors };
-        let of = |s: &Sensor| RunOptions {
+        let of = |s: &Sensors| RunOptions {
             config: chosen.config.clone(),
             verbose: chosen.verbose,
             ..RunOptions::new(*s)
@@ -116,12 +115,12 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, MeasureError> {
     for trial in &chosen.trials {
         match trial {
             Trial::Recorded => {
-                out.recorded = recorded::measure(data, &options(&[Sensor::MonoImu, Sensor::StereoImu]))?
+                out.recorded = recorded::measure(data, &options(&[Sensors::MonoImu, Sensors::StereoImu]))?
             }
-            Trial::SemiReal => semi_real(data, chosen, &options(&Sensor::INERTIAL), &mut out)?,
+            Trial::SemiReal => semi_real(data, chosen, &options(&Sensors::INERTIAL), &mut out)?,
             Trial::Turn => {
                 for seed in chosen.seeds.clone() {
-                    for options in options(&[Sensor::MonoImu]) {
+                    for options in options(&[Sensors::MonoImu]) {
                         let turn = walked::turn(seed, &options)?;
                         eprint!("{}", row(&turn.figures));
                         out.turns.push(turn);
@@ -129,7 +128,8 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, MeasureError> {
                 }
             }
             Trial::Rest => {
-                for (options, dark) in options(&Sensor::INERTIAL).iter().flat_map(|a| [(a, false), (a, true)])
+                for (options, dark) in
+                    options(&Sensors::INERTIAL).iter().flat_map(|a| [(a, false), (a, true)])
                 {
                     let rest = walked::rest(1, options, dark)?;
                     eprint!("{}", row(&rest.figures));
@@ -139,7 +139,7 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, MeasureError> {
             Trial::Phone => {
                 for seed in chosen.seeds.clone() {
                     for delays in std::iter::once(None).chain(chosen.latencies().map(Some)) {
-                        for options in options(&[Sensor::MonoImu]) {
+                        for options in options(&[Sensors::MonoImu]) {
                             let walked = phone::walk(seed, delays, chosen.noise, chosen.metres, &options)?;
                             eprint!("{}", phone::row(&walked));
                             out.phones.push(walked);
@@ -154,7 +154,7 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Measured, MeasureError> {
                 }
             }
             Trial::Cost => {
-                for pair in [[Sensor::Mono, Sensor::MonoImu], [Sensor::Stereo, Sensor::StereoImu]] {
+                for pair in [[Sensors::Mono, Sensors::MonoImu], [Sensors::Stereo, Sensors::StereoImu]] {
                     out.costs.extend(recorded::cost(data, pair, chosen.times)?);
                 }
             }

@@ -70,7 +70,7 @@ pub fn walk(
     options: &RunOptions,
 ) -> Result<Walked, MeasureError> {
     let mut config = SimConfig::new(WorldKind::Demo, seed);
-    config.sensor = options.sensor.simulated();
+    config.sensor = crate::run::simulated(options.sensor);
     config.camera = Camera::pinhole(480, 360, 315.0, 315.0, 239.5, 179.5);
     config.walker = Walker { turn_rate: 0.8, ..Walker::default() };
     let mut imu = ImuConfig { rate_hz: IMU_HZ, ..ImuConfig::default() };

@@ -2,14 +2,12 @@
 //! metric pose.
 
 use super::carried::Carried;
-use super::connect;
 use super::live_scale::LiveScale;
-use crate::MeasureError;
-use crate::RunOptions;
+use crate::{MeasureError, RunOptions, run};
 use cairn_atlas::MapId;
 use cairn_engine::{Engine, Odometry, Runner, State};
-use cairn_eval::{Align, EvalOptions, Percentiles, evaluate};
-use cairn_geometry::{Se3, Trajectory, Vec3};
+use cairn_eval::{Align, Percentiles};
+use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Source, Stamp};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -44,7 +42,8 @@ pub struct Ran {
     pub track_ms: Vec<f64>,
     /// Milliseconds from decoded image to pose, per frame.
     pub step_ms: Vec<f64>,
-    /// Time offset of the IMU as estimated by the engine.
+    /// Seconds to add to an IMU stamp to get the image clock, as estimated by the engine (0 if it estimated none); `None`
+    /// without IMU.
     pub offset_s: Option<f64>,
     /// Readout time of the camera's rows and its standard deviation (zero where it is not estimated).
     pub readout_s: [f64; 2],
@@ -96,19 +95,14 @@ pub fn run(source: &mut dyn Source, options: &RunOptions) -> Result<Ran, Measure
 /// # Errors
 /// When the source or the engine fails.
 pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> Result<Ran, MeasureError> {
-    let rig = source.rig().clone();
-    let mut engine = connect::engine(&rig, options.sensor, source.info().rate_hz, runner, &options.config)?;
+    let rate_hz = source.info().rate_hz;
+    let mut engine = run::engine(source.rig(), options.sensor, rate_hz, runner, &options.config)?;
     let (mut moved, mut told) = (Vec::new(), BTreeSet::new());
     let (mut stamps, mut track_ms, mut step_ms) = (Vec::new(), Vec::new(), Vec::new());
     let (mut known, mut map_created, mut metric_at) = (BTreeSet::<MapId>::new(), Vec::new(), None);
     let (mut first_sigma, mut sigmas) = (None, BTreeMap::new());
     while stamps.len() < options.frames {
-        let Some(packet) = source.next_packet()? else { break };
-        let out = engine.on_packet(&packet)?;
-        if let Some(cause) = out.stage_failed {
-            let frame = format!("frame {}", stamps.len());
-            return Err(MeasureError::of(frame, MeasureError::Stage(cause)));
-        }
+        let Some((packet, out)) = run::step(source, &mut engine, stamps.len())? else { break };
         if options.verbose {
             eprintln!(
                 "{:4} {:?} matched {} inliers {}{}",
@@ -179,7 +173,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
         metric: engine.is_metric(),
         track_ms,
         step_ms,
-        offset_s: connect::offset_s(&engine, options.sensor),
+        offset_s: options.sensor.has_imu().then(|| engine.snapshot().imu_offset()),
         readout_s: [engine.readout().seconds, engine.readout().sigma_s],
         stamps,
     })
@@ -270,7 +264,7 @@ impl Ran {
         };
         let plain = |list: Vec<(Stamp, Vec3)>| list.into_iter().map(|p| p.1).collect::<Vec<_>>();
         let align = if self.metric { Align::Se3 } else { Align::Sim3 };
-        let Some(found) = evaluated(&self.truth, &self.live, align)? else { return Ok(None) };
+        let Some(found) = run::aligned(&self.truth, &self.live, align)? else { return Ok(None) };
         let truth = inside(&self.truth);
         let off: Vec<Vec3> = inside(&self.live)
             .iter()
@@ -298,7 +292,7 @@ impl Ran {
     ) -> Result<Option<f64>, MeasureError> {
         let begin: Vec<(Stamp, Se3)> = poses.iter().filter(|(t, _)| *t <= aligned_until).copied().collect();
         let align = if self.metric { Align::Se3 } else { Align::Sim3 };
-        let (Some((t, last)), Some(found)) = (poses.last(), evaluated(&self.truth, &begin, align)?) else {
+        let (Some((t, last)), Some(found)) = (poses.last(), run::aligned(&self.truth, &begin, align)?) else {
             return Ok(None);
         };
         let aligned = found.reference_from_estimate * last.translation;
@@ -313,18 +307,7 @@ fn ate(
     poses: &[(Stamp, Se3)],
     align: Align,
 ) -> Result<Option<(f64, f64)>, MeasureError> {
-    Ok(evaluated(truth, poses, align)?.map(|e| (e.ate_m.rmse, e.scale)))
-}
-
-fn evaluated(
-    truth: &[(Stamp, Se3)],
-    poses: &[(Stamp, Se3)],
-    align: Align,
-) -> Result<Option<cairn_eval::Evaluation>, MeasureError> {
-    let trajectory =
-        |poses: &[(Stamp, Se3)]| Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect());
-    let options = EvalOptions { align, ..EvalOptions::default() };
-    Ok(evaluate(&trajectory(truth)?, &trajectory(poses)?, &options).ok())
+    Ok(run::aligned(truth, poses, align)?.map(|e| (e.ate_m.rmse, e.scale)))
 }
 
 /// Header of the table of [`row`]s.

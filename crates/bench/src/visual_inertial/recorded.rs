@@ -2,7 +2,7 @@
 
 use super::ran::{Figures, run};
 use crate::MeasureError;
-use crate::{RunOptions, Sensor};
+use crate::{RunOptions, Sensors};
 use cairn_engine::SensorMode;
 use cairn_eval::Percentiles;
 use cairn_sources::{OpenOptions, open};
@@ -57,7 +57,7 @@ pub fn measure(data: &Path, options: &[RunOptions]) -> Result<Vec<Recorded>, Mea
 ///
 /// # Errors
 /// When a run fails.
-pub fn cost(data: &Path, pair: [Sensor; 2], times: usize) -> Result<Option<Cost>, MeasureError> {
+pub fn cost(data: &Path, pair: [Sensors; 2], times: usize) -> Result<Option<Cost>, MeasureError> {
     if !data.join("euroc-mh01").exists() {
         return Ok(None);
     }

@@ -3,7 +3,7 @@
 use super::ran::{Figures, run};
 use crate::MeasureError;
 use crate::inertial::data::links;
-use crate::{RunOptions, Sensor};
+use crate::{RunOptions, Sensors};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{Bias, InitialiseConfig, Scale, Seen, SeenPose, initialise};
 use cairn_sensor::{ImuNoise, Source, Stamp};
@@ -120,14 +120,14 @@ fn exact_scale(
 
 /// Configuration for a recording: noise from the sensor's data sheet, a camera at the pose of the real one, a room
 /// around it.
-pub fn config(data: &Path, motion: &Motion, sensor: Sensor, seconds: Option<f64>) -> SimConfig {
+pub fn config(data: &Path, motion: &Motion, sensor: Sensors, seconds: Option<f64>) -> SimConfig {
     let folder = data.join("imu-truth").join(motion.name);
     let noise = match motion.tumvi {
         true => ImuNoise { gyro: 1.6e-4, gyro_walk: 2.2e-5, accel: 2.8e-3, accel_walk: 8.6e-4 },
         false => ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 },
     };
     SimConfig {
-        sensor: sensor.simulated(),
+        sensor: crate::run::simulated(sensor),
         imu: Some(ImuConfig { rate_hz: 200.0, noise, noisy: true }),
         readings: Some(folder.join("imu.csv")),
         body_from_camera: body_from_camera(motion.tumvi),

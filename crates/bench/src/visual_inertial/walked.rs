@@ -51,7 +51,7 @@ const REST_S: f64 = 60.0;
 pub fn turn(seed: u64, options: &RunOptions) -> Result<Turn, MeasureError> {
     let turn_s = 2.0 + 2.0 * (seed.saturating_sub(1) % TURNS) as f64 / (TURNS - 1) as f64;
     let mut config = SimConfig::new(WorldKind::DeadEnd, seed);
-    config.sensor = options.sensor.simulated();
+    config.sensor = crate::run::simulated(options.sensor);
     config.walker.turn_rate = PI / turn_s;
     config.walker.speed = 1.0;
     let mut source = SimSource::new(&config)?;
@@ -77,7 +77,7 @@ pub fn turn(seed: u64, options: &RunOptions) -> Result<Turn, MeasureError> {
 /// When the run fails.
 pub fn rest(seed: u64, options: &RunOptions, dark: bool) -> Result<Rest, MeasureError> {
     let mut config = SimConfig::new(WorldKind::Hall, seed);
-    config.sensor = options.sensor.simulated();
+    config.sensor = crate::run::simulated(options.sensor);
     config.walker.rest_s = REST_S + 1.0;
     config.start_s = REST_S;
     let plain = SimSource::new(&config)?;

@@ -154,7 +154,7 @@ impl DemoCamera {
         self.times.add_ms("extract", output.extract_ms);
         self.times.add_ms("track", output.track_ms);
         self.times.add_ms("step", output.extract_ms + output.track_ms);
-        if let Some(ms) = self.session.way_ahead_ms() {
+        if let Some(ms) = self.session.obstacles_ms() {
             self.times.add_ms("way ahead", ms);
         }
         self.step_ms.push(output.extract_ms + output.track_ms);

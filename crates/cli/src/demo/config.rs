@@ -1,8 +1,8 @@
 //! The configuration of one demo: the world, the camera, the walker.
 
-use crate::commands::run::Sensor;
 use crate::speaking::Speaking;
 use cairn_engine::SensorMode;
+use cairn_engine::Sensors;
 use cairn_geometry::{Se3, Vec2};
 use cairn_guide::Facing;
 use cairn_sensor::Camera;
@@ -18,7 +18,7 @@ pub struct DemoConfig {
     /// The world and its sensors.
     pub sim: SimConfig,
     /// The sensors that the engine uses.
-    pub sensor: Sensor,
+    pub sensor: Sensors,
     /// How the walker faces on the return.
     pub facing: Facing,
     /// Metres of the route that are walked; `None` for all of it.
@@ -35,7 +35,7 @@ pub struct DemoConfig {
 
 impl DemoConfig {
     /// The demo with a given seed. The body frame is the camera's: on the chest at 1.3 m, pitched 5 degrees down.
-    pub fn new(seed: u64, facing: Facing, sensor: Sensor, metres: Option<f64>, speaking: Speaking) -> Self {
+    pub fn new(seed: u64, facing: Facing, sensor: Sensors, metres: Option<f64>, speaking: Speaking) -> Self {
         let sim = SimConfig {
             sensor: match sensor.mode() {
                 SensorMode::Mono => SimSensor::Mono,

@@ -16,11 +16,13 @@ mod robot;
 mod seeds;
 mod team;
 
-use crate::commands::run::Sensor;
+use crate::commands::run::sensors;
 use crate::failure::Failure;
+use crate::number::number;
 use crate::output::Output;
 use crate::speaking::Speaking;
 use cairn_engine::SensorMode;
+use cairn_engine::Sensors;
 use cairn_guide::Facing;
 use clap::ValueEnum;
 use config::DemoConfig;
@@ -37,8 +39,8 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "home")]
     facing: FacingArgument,
     /// Which sensor the engine uses.
-    #[arg(long, value_enum, default_value = "stereo")]
-    sensor: Sensor,
+    #[arg(long, value_parser = sensors(), default_value = "stereo")]
+    sensor: Sensors,
     /// Seed of the world, the sensor noise and the walker.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -46,7 +48,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000))]
     seeds: Option<u64>,
     /// Walks only the first M metres of the route (5 to 1000).
-    #[arg(long, value_name = "M", value_parser = metres)]
+    #[arg(long, value_name = "M", value_parser = number(5.0..=1000.0, "a number of metres from 5 to 1000"))]
     metres: Option<f64>,
     /// A robot instead of a walker: it explores an apartment that it does not know and is sent to three rooms, while
     /// people walk about and a door closes.
@@ -66,7 +68,8 @@ pub struct Arguments {
     known_lens: bool,
     /// With --phone: milliseconds from the first row of a picture to the last, instead of the phone's own 15 to 25; 0 is a
     /// global shutter.
-    #[arg(long, value_name = "MS", requires = "phone", value_parser = readout)]
+    #[arg(long, value_name = "MS", requires = "phone", 
+        value_parser = number(0.0..=100.0, "milliseconds from 0 to 100"))]
     readout: Option<f64>,
     /// With --phone: the phone is held upright, so that its pictures are higher than wide and the rows of its sensor are their
     /// columns.
@@ -102,20 +105,6 @@ enum FacingArgument {
     All,
 }
 
-fn metres(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(m) if (5.0..=1000.0).contains(&m) => Ok(m),
-        _ => Err("must be a number of metres from 5 to 1000".into()),
-    }
-}
-
-fn readout(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(ms) if (0.0..=100.0).contains(&ms) => Ok(ms),
-        _ => Err("must be milliseconds from 0 to 100".into()),
-    }
-}
-
 /// Runs one demo or a table of them.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     if let Some(count) = arguments.team {
@@ -139,7 +128,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         let all = facings.iter().flat_map(|f| seeds.clone().map(move |seed| (seed, *f)));
         let config = |(seed, facing)| {
             let mut config =
-                DemoConfig::new(seed, facing, Sensor::MonoImu, arguments.metres, arguments.speaking.clone());
+                DemoConfig::new(seed, facing, Sensors::MonoImu, arguments.metres, arguments.speaking.clone());
             config.sim.rate_hz = phone::BODY_HZ;
             config
         };

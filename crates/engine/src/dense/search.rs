@@ -40,9 +40,10 @@ const SIGMA_RAD: f64 = 0.02;
 /// What searches by depth did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct SearchCounts {
-    /// Looks at an image without a guess, second looks included.
-    pub looks: usize,
-    /// Looks that found nothing that is believed: by the reason.
+    /// Attempts to locate an image without a guess, second ones included.
+    #[serde(rename = "looks")]
+    pub attempts: usize,
+    /// Attempts that found nothing that is believed: by the reason.
     pub refused: RefusedAttempts,
     /// Places that were believed at first, but the following images did not fit.
     pub not_followed: usize,
@@ -61,7 +62,7 @@ pub struct SearchCounts {
     pub longest_look_ms: f64,
 }
 
-/// Refused looks.
+/// Refused attempts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct RefusedAttempts {
     /// No pose that features agree on, or an image that cannot be used.
@@ -183,7 +184,7 @@ impl Seeker {
         // An image that cannot be used is as one without anything in it.
         let found = self.locator.locate(&places, &sight.image, sight.up).ok().flatten();
         let counts = &mut self.counts;
-        counts.looks += 1;
+        counts.attempts += 1;
         counts.refused.add(found.as_ref());
         counts.longest_look_ms = counts.longest_look_ms.max(start.elapsed().as_secs_f64() * 1e3);
         let found = found.filter(|l| l.registration.accepted())?;

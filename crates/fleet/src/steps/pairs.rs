@@ -2,7 +2,7 @@
 //!
 //! The index of places is in shards; a shard holds the words of its maps. For each two shards, and for each with itself, an inverted
 //! list of the heaviest words of each key frame (by tf-idf; Sivic and Zisserman, "Video Google", 2003) counts how many of them
-//! every two maps share; those that share enough are compared key frame by key frame ([`MapWords::meets`]). So the work on pairs that
+//! every two maps share; those that share enough are compared key frame by key frame ([`MapWords::overlaps`]). So the work on pairs that
 //! have nothing in common is that of a short list.
 
 use crate::shelf::Shelf;
@@ -68,7 +68,7 @@ pub(crate) fn pairs(shelf: &Shelf, a: Digest, b: Digest) -> Result<Found, FleetE
                 continue;
             }
             found.compared += 1;
-            if own.meets(&there[n].1) {
+            if own.overlaps(&there[n].1) {
                 let (a, b) = (*map.min(&there[n].0), *map.max(&there[n].0));
                 found.pairs.push(Pair { a, b });
             }

@@ -4,7 +4,7 @@
 
 use super::{LONGEST_NAME, RouteEntry};
 use crate::disk::Disk;
-use cairn_guide::Route;
+use cairn_guide::{Route, RouteError};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -90,12 +90,12 @@ impl RouteFolder {
     /// Gives a route a name that [`checked_name`] accepted, in its file, completely or not at all.
     ///
     /// # Errors
-    /// Why the file cannot be read or written.
-    pub fn rename(&mut self, number: u32, name: String, disk: &dyn Disk) -> Result<(), String> {
+    /// When the file cannot be read or written.
+    pub fn rename(&mut self, number: u32, name: String, disk: &dyn Disk) -> Result<(), RenameError> {
         let Some(path) = self.get(number).map(|e| e.path.clone()) else { return Ok(()) };
-        let mut route = Route::load(&path).map_err(|e| e.to_string())?;
+        let mut route = Route::load(&path)?;
         route.header.name = Some(name);
-        replace(disk, &path, &route).map_err(|e| e.to_string())
+        Ok(replace(disk, &path, &route)?)
     }
 
     /// Deletes the file of a route.
@@ -113,16 +113,49 @@ pub(crate) fn replace(disk: &dyn Disk, path: &Path, route: &Route) -> io::Result
     disk.replace(path, &route.to_bytes()?)
 }
 
+/// Why a route keeps its name.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum RenameError {
+    /// Its file cannot be read.
+    #[error(transparent)]
+    Read(#[from] RouteError),
+    /// Its file cannot be written.
+    #[error(transparent)]
+    Write(#[from] io::Error),
+}
+
+/// What is wrong with a name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NameError {
+    /// It has no letter.
+    Empty,
+    /// It is longer than is said at once.
+    Long,
+    /// It has characters that nobody can say.
+    Unsayable,
+}
+
+impl NameError {
+    /// The id of the sentence that says so.
+    pub fn sentence(self) -> &'static str {
+        match self {
+            Self::Empty => "walk-name-empty",
+            Self::Long => "walk-name-long",
+            Self::Unsayable => "walk-name-unsayable",
+        }
+    }
+}
+
 /// A name in the form that is kept.
 ///
 /// # Errors
-/// The id of the sentence that says what is wrong with it.
-pub(crate) fn checked_name(name: &str) -> Result<String, &'static str> {
+/// What is wrong with it.
+pub(crate) fn checked_name(name: &str) -> Result<String, NameError> {
     let name = name.split_whitespace().collect::<Vec<_>>().join(" ");
     match name.chars().count() {
-        0 => Err("walk-name-empty"),
-        n if n > LONGEST_NAME => Err("walk-name-long"),
-        _ if name.chars().any(char::is_control) => Err("walk-name-unsayable"),
+        0 => Err(NameError::Empty),
+        n if n > LONGEST_NAME => Err(NameError::Long),
+        _ if name.chars().any(char::is_control) => Err(NameError::Unsayable),
         _ => Ok(name),
     }
 }

@@ -2,10 +2,10 @@
 
 use super::Session;
 use crate::guidance::Guiding;
+use crate::obstacles::ObstacleMonitor;
 use crate::refused::Refused;
 use crate::scale_basis::ScaleBasis;
 use crate::slam::Slam;
-use crate::way_ahead::WayAhead;
 use cairn_dense::DenseError;
 use cairn_guide::{Confidence, Cue, Facing, GuideState, Priority, StopReason, Travel, ready_words};
 use cairn_sensor::{FramePacket, Rig, Stamp};
@@ -41,13 +41,13 @@ impl<S: Slam> Session<S> {
     /// # Errors
     /// A depth camera that cannot be used.
     pub fn watch_way(&mut self, rig: &Rig) -> Result<bool, DenseError> {
-        self.way_ahead = WayAhead::new(rig, &self.engine.camera().body_from_camera)?;
-        Ok(self.way_ahead.is_some())
+        self.obstacles = ObstacleMonitor::new(rig, &self.engine.camera().body_from_camera)?;
+        Ok(self.obstacles.is_some())
     }
 
     /// Milliseconds that watching the way took at the last packet; `None` where it is not watched or nobody is guided.
-    pub fn way_ahead_ms(&self) -> Option<f64> {
-        self.way_ahead.as_ref().filter(|_| self.guiding.is_some()).map(|w| w.cost_ms)
+    pub fn obstacles_ms(&self) -> Option<f64> {
+        self.obstacles.as_ref().filter(|_| self.guiding.is_some()).map(|w| w.cost_ms)
     }
 
     pub(super) fn begin_guiding(&mut self, facing: Facing, again: bool) -> Result<String, Refused> {
@@ -94,15 +94,15 @@ impl<S: Slam> Session<S> {
 
     /// Takes the depth of a packet, while somebody is guided.
     pub(super) fn observe_way(&mut self, packet: &FramePacket, tracked: bool) {
-        let Some(way_ahead) = &mut self.way_ahead else { return };
+        let Some(obstacles) = &mut self.obstacles else { return };
         match (&self.guiding, &self.place) {
             (Some(guiding), Some(place)) if guiding.facing == Facing::Home => {
                 if tracked {
                     let (pose, ground) = (guiding.in_metres(place).se3, &guiding.reference_path.ground);
-                    way_ahead.observe(packet, &pose, place.segment, ground);
+                    obstacles.observe(packet, &pose, place.segment, ground);
                 }
             }
-            _ => way_ahead.reset(),
+            _ => obstacles.reset(),
         }
     }
 
@@ -132,7 +132,7 @@ impl<S: Slam> Session<S> {
         guiding.started = true;
         let hazard = hazard.or_else(|| {
             let walker = guiding.walker(&place).filter(|_| guiding.facing == Facing::Home)?;
-            let found = self.way_ahead.as_mut()?.look(&guiding.guide, &walker, now);
+            let found = self.obstacles.as_mut()?.look(&guiding.guide, &walker, now);
             guiding.guide.detour(found.detour);
             guiding.guide.free_way(found.free);
             guiding.guide.step_back(found.step_back);

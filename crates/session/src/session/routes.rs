@@ -1,6 +1,6 @@
 //! The commands about kept routes: list, load, name, delete.
 
-use super::{Asked, RouteAtHand, Session};
+use super::{PendingQuestion, RouteAtHand, Session};
 use crate::command::RouteChoice;
 use crate::library::words::WhyNot;
 use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, checked_name, words};
@@ -141,7 +141,7 @@ impl<S: Slam> Session<S> {
 
     pub(super) fn rename(&mut self, number: Option<u32>, name: &str) -> Result<String, Refused> {
         let number = self.number(number)?;
-        let name = checked_name(name).map_err(|id| self.speech.refuse(id))?;
+        let name = checked_name(name).map_err(|e| self.speech.refuse(e.sentence()))?;
         let named = self.folder.rename(number, name, &*self.disk);
         named.map_err(|why| self.speech.refuse_because("walk-rename-failed", why))?;
         self.refresh();
@@ -166,7 +166,7 @@ impl<S: Slam> Session<S> {
         }
         let route = words::route(entry, (self.wall)(), self.speech.phrases());
         let words = words::about("walk-ask-delete", &route, self.speech.language());
-        self.asked = Some(Asked { number, words: words.clone(), at: self.now });
+        self.asked = Some(PendingQuestion { number, words: words.clone(), at: self.now });
         Ok(words)
     }
 

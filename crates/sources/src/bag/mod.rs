@@ -92,7 +92,7 @@ fn truth(
     let mut first_fault = None;
     for number in 0..count {
         let message = reader.message(found, number);
-        match message.and_then(|bytes| stamped_pose(&kind, format, &bytes).map_err(|e| e.to_string())) {
+        match message.and_then(|bytes| Ok(stamped_pose(&kind, format, &bytes)?)) {
             Ok((ns, pose)) => poses.push((Stamp(ns), pose)),
             Err(why) => {
                 skipped.push(Skipped::new(SkipKind::Other, "a pose of the truth", format!("{topic}: {why}")));

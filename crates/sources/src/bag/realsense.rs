@@ -7,7 +7,7 @@
 
 use super::frames::Frames;
 use super::topics::Chosen;
-use crate::bag_reader::{BagReader, ImuTopics};
+use crate::bag_reader::{BagReader, ImuTopics, MessageError};
 use cairn_bag::{float32, transform};
 
 /// Metres per unit where the recording does not tell.
@@ -45,23 +45,23 @@ impl Recorder {
             let Some(about) = bag.topics().get(topic).filter(|t| !t.entries.is_empty()) else { continue };
             let (name, format) = (about.name.clone(), about.format);
             let bytes = bag.message(topic, 0);
-            let fail = |e: String| format!("{name}: {e}");
+            let fail = |e: &dyn std::fmt::Display| format!("{name}: {e}");
             if let Some((stream, group)) = name.split_once("/tf/") {
-                match bytes.and_then(|b| transform(format, &b).map_err(|e| e.to_string())) {
+                match bytes.and_then(|b| Ok(transform(format, &b)?)) {
                     Ok(stream_from_reference) => {
                         self.frames.add(stream, &format!("reference {group}"), stream_from_reference);
                     }
-                    Err(e) => skipped.push(fail(e)),
+                    Err(e) => skipped.push(fail(&e)),
                 }
                 continue;
             }
             let option = name.to_ascii_lowercase().replace('_', " ");
-            let value = |b: Vec<u8>| float32(format, &b).map_err(|e| e.to_string());
+            let value = |b: Vec<u8>| Ok::<_, MessageError>(float32(format, &b)?);
             if option.ends_with("/option/depth units/value") {
                 match bytes.and_then(value) {
                     Ok(unit) if unit.is_finite() && unit > 0.0 => self.depth_unit = (round_unit(unit), false),
-                    Ok(unit) => skipped.push(fail(format!("a depth unit of {unit} m is none"))),
-                    Err(e) => skipped.push(fail(e)),
+                    Ok(unit) => skipped.push(fail(&format_args!("a depth unit of {unit} m is none"))),
+                    Err(e) => skipped.push(fail(&e)),
                 }
             } else if option.ends_with("/option/emitter enabled/value") {
                 self.emitter = bytes.and_then(value).is_ok_and(|v| v != 0.0);

@@ -107,7 +107,7 @@ impl Scene {
             let (name, format, count) = (about.name.clone(), about.format, about.entries.len());
             for number in 0..count {
                 let bytes = bag.message(topic, number);
-                match bytes.and_then(|b| static_transforms(format, &b).map_err(|e| e.to_string())) {
+                match bytes.and_then(|b| Ok(static_transforms(format, &b)?)) {
                     Ok(transforms) => {
                         transforms.iter().for_each(|t| frames.add(&t.parent, &t.child, t.parent_from_child));
                     }
@@ -134,12 +134,12 @@ impl Scene {
             SourceError::new(shown, format!("{name}: {why}"), cure)
         };
         let topic = topic.ok_or_else(|| fail("there are no images".into()))?;
-        let first = bag.first_image(topic).map_err(fail)?;
+        let first = bag.first_image(topic).map_err(|e| fail(e.to_string()))?;
         let from = match info.or_else(|| self.info_of(bag, &name, &first.frame)) {
             Some(from) => from,
             None => return Err(fail("the bag has no camera_info for it".into())),
         };
-        let info = bag.camera_info(from).map_err(fail)?;
+        let info = bag.camera_info(from).map_err(|e| fail(e.to_string()))?;
         // "image_rect" is rectified, "image_rect_raw" of RealSense's node is so by the device: K says the same there.
         let rectified = name.contains("image_rect") && info.p[0] != 0.0;
         let camera = info.camera(rectified).map_err(|e| fail(e.to_string()))?;

@@ -4,7 +4,7 @@
 //! that differ in left and right or in one digit, the IMU by its type. What could be meant in two ways is an error that
 //! lists the topics.
 
-use crate::bag_reader::{BagReader, ImuTopics};
+use crate::bag_reader::{BagReader, ImuTopics, MessageError};
 use cairn_bag::{MessageKind, Topic, WireFormat};
 use cairn_sensor::SourceError;
 use std::str::FromStr;
@@ -191,7 +191,7 @@ fn found_images(shown: &str, bag: &mut BagReader) -> Result<(Vec<usize>, Option<
         let cure = format!("its topics are: {}", list(bag.topics(), |_| true));
         return Err(SourceError::new(shown, why, cure));
     }
-    let encodings: Vec<(usize, Result<String, String>)> =
+    let encodings: Vec<(usize, Result<String, MessageError>)> =
         candidates.iter().map(|i| (*i, bag.first_image(*i).map(|first| first.encoding))).collect();
     let topics = bag.topics();
     let name = |i: usize| topics.get(i).map_or("", |t| t.name.as_str());

@@ -1,12 +1,47 @@
 //! Frames as the kernel delivers them to images, and the choice of a mode.
 
 use super::device::{DeviceError, Mode, PixelFormat, Trouble};
-use crate::decode::gray_jpeg;
+use crate::decode::{ImageError, gray_jpeg};
 use cairn_sensor::{DepthImage, GrayImage};
 
 /// Formats of one gray or colour image, the cheapest to read first.
 pub const IMAGE: [PixelFormat; 5] =
     [PixelFormat::GREY, PixelFormat::NV12, PixelFormat::YUYV, PixelFormat::UYVY, PixelFormat::MJPG];
+
+/// Why a frame of the kernel is no image.
+#[derive(Debug, thiserror::Error)]
+pub enum FormatError {
+    /// Bytes are missing.
+    #[error("{bytes} bytes are too few for {mode}")]
+    Short {
+        /// Bytes that there are.
+        bytes: usize,
+        /// The mode of the stream.
+        mode: Mode,
+    },
+    /// Its size is none.
+    #[error("not a frame of {0}")]
+    Size(Mode),
+    /// A JPEG that cannot be decoded.
+    #[error(transparent)]
+    Jpeg(#[from] ImageError),
+    /// A JPEG of another size than the stream's.
+    #[error("a JPEG of {width}x{height}, not {mode}")]
+    JpegSize {
+        /// Its width.
+        width: usize,
+        /// Its height.
+        height: usize,
+        /// The mode of the stream.
+        mode: Mode,
+    },
+    /// The format has no images.
+    #[error("{0} is no format of images")]
+    NoImage(PixelFormat),
+    /// The format has no depth.
+    #[error("{0} is no format of depth")]
+    NoDepth(PixelFormat),
+}
 
 /// What a stream is to deliver.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,21 +88,21 @@ pub fn choose(what: &str, modes: &[Mode], wanted: &ModeRequest) -> Result<Mode, 
 }
 
 /// A row of the frame, and how many bytes of it are pixels.
-fn rows<'a>(mode: &Mode, bytes: &'a [u8], row: usize) -> Result<impl Iterator<Item = &'a [u8]>, String> {
+fn rows<'a>(mode: &Mode, bytes: &'a [u8], row: usize) -> Result<impl Iterator<Item = &'a [u8]>, FormatError> {
     let stride = mode.stride.max(row);
     let needed = mode.height.saturating_sub(1).checked_mul(stride).and_then(|n| n.checked_add(row));
     if row == 0 || mode.height == 0 || needed.is_none_or(|needed| bytes.len() < needed) {
-        return Err(format!("{} bytes are too few for {mode}", bytes.len()));
+        return Err(FormatError::Short { bytes: bytes.len(), mode: *mode });
     }
     Ok(bytes.chunks(stride).take(mode.height).map(move |r| &r[..row]))
 }
 
-fn image(mode: &Mode, data: Vec<u8>) -> Result<GrayImage, String> {
-    GrayImage::from_vec(mode.width, mode.height, data).ok_or_else(|| format!("not a frame of {mode}"))
+fn image(mode: &Mode, data: Vec<u8>) -> Result<GrayImage, FormatError> {
+    GrayImage::from_vec(mode.width, mode.height, data).ok_or(FormatError::Size(*mode))
 }
 
 /// Every second byte of the frame, from the first or the second on.
-fn every_second(mode: &Mode, bytes: &[u8], first: usize) -> Result<GrayImage, String> {
+fn every_second(mode: &Mode, bytes: &[u8], first: usize) -> Result<GrayImage, FormatError> {
     let rows = rows(mode, bytes, 2 * mode.width)?;
     let mut data = Vec::with_capacity(mode.width * mode.height);
     for row in rows {
@@ -79,8 +114,8 @@ fn every_second(mode: &Mode, bytes: &[u8], first: usize) -> Result<GrayImage, St
 /// The images of a frame: one, or the pair of an interleaved format.
 ///
 /// # Errors
-/// A description when bytes are missing, or a JPEG cannot be decoded or has another size.
-pub fn images(mode: &Mode, bytes: &[u8]) -> Result<Vec<GrayImage>, String> {
+/// When bytes are missing, or a JPEG cannot be decoded or has another size.
+pub fn images(mode: &Mode, bytes: &[u8]) -> Result<Vec<GrayImage>, FormatError> {
     match mode.format {
         PixelFormat::GREY | PixelFormat::NV12 => {
             let rows = rows(mode, bytes, mode.width)?;
@@ -92,30 +127,31 @@ pub fn images(mode: &Mode, bytes: &[u8]) -> Result<Vec<GrayImage>, String> {
         PixelFormat::UYVY => Ok(vec![every_second(mode, bytes, 1)?]),
         PixelFormat::Y8I => Ok(vec![every_second(mode, bytes, 0)?, every_second(mode, bytes, 1)?]),
         PixelFormat::MJPG => {
-            let image = gray_jpeg(bytes).map_err(|e| e.to_string())?;
+            let image = gray_jpeg(bytes)?;
             if [image.width(), image.height()] != [mode.width, mode.height] {
-                return Err(format!("a JPEG of {}x{}, not {mode}", image.width(), image.height()));
+                let (width, height) = (image.width(), image.height());
+                return Err(FormatError::JpegSize { width, height, mode: *mode });
             }
             Ok(vec![image])
         }
-        other => Err(format!("{other} is no format of images")),
+        other => Err(FormatError::NoImage(other)),
     }
 }
 
 /// The depth image of a frame.
 ///
 /// # Errors
-/// A description when bytes are missing.
-pub fn depth(mode: &Mode, bytes: &[u8]) -> Result<DepthImage, String> {
+/// When bytes are missing.
+pub fn depth(mode: &Mode, bytes: &[u8]) -> Result<DepthImage, FormatError> {
     if mode.format != PixelFormat::Z16 {
-        return Err(format!("{} is no format of depth", mode.format));
+        return Err(FormatError::NoDepth(mode.format));
     }
     let rows = rows(mode, bytes, 2 * mode.width)?;
     let mut data = Vec::with_capacity(mode.width * mode.height);
     for row in rows {
         data.extend(row.as_chunks::<2>().0.iter().map(|b| u16::from_le_bytes(*b)));
     }
-    DepthImage::from_vec(mode.width, mode.height, data).ok_or_else(|| format!("not a frame of {mode}"))
+    DepthImage::from_vec(mode.width, mode.height, data).ok_or(FormatError::Size(*mode))
 }
 
 #[cfg(test)]

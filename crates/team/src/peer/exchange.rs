@@ -1,6 +1,6 @@
 //! What a peer answers to messages: manifests of what another has not, requests for blocks, the blocks, and what is complete.
 
-use super::message::{Body, Layer, Manifest, Stamp, Topic, Wanted};
+use super::message::{Body, Layer, Manifest, MapSubscription, Stamp, Topic};
 use super::part::Part;
 use super::{MAX_HELD_BYTES, OFFER_TICKS, Outgoing, Peer, To, holders};
 use crate::{MAX_ROBOTS, Refused, RobotId};
@@ -12,7 +12,7 @@ impl Peer {
         &mut self,
         from: RobotId,
         has: Vec<(Topic, Stamp)>,
-        wants: Wanted,
+        wants: MapSubscription,
     ) -> Vec<Outgoing> {
         let has: BTreeMap<Topic, Stamp> = has.into_iter().collect();
         let goes = |(robot, layer): &Topic| *layer == Layer::Words || wants.includes(*robot);
@@ -47,7 +47,7 @@ impl Peer {
         }
         self.heard.entry(from).or_default().has.insert(topic, stamp);
         let is_own = robot == self.robot();
-        if topic.1 == Layer::Map && !is_own && !self.wanted.includes(robot) {
+        if topic.1 == Layer::Map && !is_own && !self.subscription.includes(robot) {
             return Ok(Vec::new());
         }
         // One that is newer still is waited for, unless everyone who had it has left.

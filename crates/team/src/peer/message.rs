@@ -39,14 +39,14 @@ pub(super) type Topic = (RobotId, Layer);
 
 /// Whose maps a peer wants; it gets the words of all.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Wanted {
+pub enum MapSubscription {
     /// Of all robots.
     All,
     /// Of these, and its own if it has lost it.
     Of(BTreeSet<RobotId>),
 }
 
-impl Wanted {
+impl MapSubscription {
     /// Whether the map of this robot is wanted.
     pub fn includes(&self, robot: RobotId) -> bool {
         match self {
@@ -96,7 +96,7 @@ pub(super) struct PeerMessage {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum Body {
-    Have { has: Vec<(Topic, Stamp)>, wants: Wanted },
+    Have { has: Vec<(Topic, Stamp)>, wants: MapSubscription },
     Manifest(Manifest),
     Want { topic: Topic, stamp: Stamp, blocks: Vec<u16> },
     Block { topic: Topic, stamp: Stamp, index: u16, bytes: Vec<u8> },

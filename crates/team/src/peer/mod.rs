@@ -9,7 +9,7 @@
 //! left long ago.
 //!
 //! A robot publishes two things: the bags of words of its key frames, a kilobyte each, which everyone gets, and its map,
-//! which only those get that want it ([`Peer::want`]). Whom a robot shares a place with follows from the words alone, and
+//! which only those get that want it ([`Peer::subscribe`]). Whom a robot shares a place with follows from the words alone, and
 //! so every robot comes to the same answer (Cieslewski et al., "Data-efficient decentralized visual SLAM", 2018, and
 //! Lajoie et al., "DOOR-SLAM", 2020, exchange in this order).
 //!
@@ -25,7 +25,7 @@ mod traffic;
 
 pub use complaints::Complaints;
 pub use message::{
-    BLOCK_BYTES, MAX_PART_BYTES, MAX_PEER_MESSAGE_BYTES, MAX_WORDS_PART_BYTES, PeerKind, Wanted,
+    BLOCK_BYTES, MAX_PART_BYTES, MAX_PEER_MESSAGE_BYTES, MAX_WORDS_PART_BYTES, MapSubscription, PeerKind,
 };
 pub use seal::{Identity, IdentityError, TeamKey};
 pub use traffic::{Amount, Traffic};
@@ -80,13 +80,13 @@ pub struct Holding {
 #[derive(Debug)]
 struct Heard {
     has: BTreeMap<Topic, Stamp>,
-    wants: Wanted,
+    wants: MapSubscription,
     tick: usize,
 }
 
 impl Default for Heard {
     fn default() -> Self {
-        Self { has: BTreeMap::new(), wants: Wanted::Of(BTreeSet::new()), tick: 0 }
+        Self { has: BTreeMap::new(), wants: MapSubscription::Of(BTreeSet::new()), tick: 0 }
     }
 }
 
@@ -100,11 +100,11 @@ pub struct Peer {
     /// Newer ones that are still being fetched.
     coming: BTreeMap<Topic, Part>,
     /// Whose maps are fetched.
-    wanted: Wanted,
+    subscription: MapSubscription,
     /// A map is not fetched again for so many ticks, and at which tick each was complete.
     refresh_ticks: usize,
     fetched: BTreeMap<RobotId, usize>,
-    /// With [`Peer::want`]: the words that were there then; others are not said to be here yet.
+    /// With [`Peer::subscribe`]: the words that were there then; others are not said to be here yet.
     judged: Option<BTreeMap<RobotId, Stamp>>,
     /// The key that each robot signed with first; any other is refused.
     keys: BTreeMap<RobotId, [u8; 32]>,
@@ -124,7 +124,7 @@ impl Peer {
             team,
             parts: BTreeMap::new(),
             coming: BTreeMap::new(),
-            wanted: Wanted::All,
+            subscription: MapSubscription::All,
             refresh_ticks: 0,
             fetched: BTreeMap::new(),
             judged: None,
@@ -153,20 +153,21 @@ impl Peer {
     ///
     /// Words are said to be here only once they were judged so: a robot that leaves when all have its words can rely on
     /// it that those who wanted its map have said so.
-    pub fn want(&mut self, wanted: Wanted) {
-        self.judged = match wanted {
-            Wanted::All => None,
-            Wanted::Of(_) => Some(self.word_stamps().collect()),
+    pub fn subscribe(&mut self, subscription: MapSubscription) {
+        self.judged = match subscription {
+            MapSubscription::All => None,
+            MapSubscription::Of(_) => Some(self.word_stamps().collect()),
         };
-        self.wanted = wanted;
+        self.subscription = subscription;
         let robot = self.robot();
-        let wanted = &self.wanted;
-        self.coming.retain(|(r, layer), _| *layer == Layer::Words || *r == robot || wanted.includes(*r));
+        let subscription = &self.subscription;
+        self.coming
+            .retain(|(r, layer), _| *layer == Layer::Words || *r == robot || subscription.includes(*r));
     }
 
     /// Whose maps are fetched.
-    pub fn wanted(&self) -> &Wanted {
-        &self.wanted
+    pub fn subscription(&self) -> &MapSubscription {
+        &self.subscription
     }
 
     /// Messages that are due: what this peer has, and requests for what it misses. To be called about once a second.
@@ -198,16 +199,16 @@ impl Peer {
     }
 
     /// Whose maps it would fetch now: those wanted, and not so soon after the last time.
-    fn due(&self) -> Wanted {
+    fn due(&self) -> MapSubscription {
         let rests = |robot: &RobotId| {
             let since = |tick: &usize| self.ticks.saturating_sub(*tick);
             self.fetched.get(robot).is_some_and(|tick| since(tick) < self.refresh_ticks)
         };
         let known = self.heard.values().flat_map(|heard| heard.has.keys()).map(|(robot, _)| *robot);
-        let robots = known.filter(|robot| self.wanted.includes(*robot) && !rests(robot));
-        match self.wanted {
-            Wanted::All if self.refresh_ticks == 0 => Wanted::All,
-            _ => Wanted::Of(robots.chain([self.robot()]).take(MAX_ROBOTS).collect()),
+        let robots = known.filter(|robot| self.subscription.includes(*robot) && !rests(robot));
+        match self.subscription {
+            MapSubscription::All if self.refresh_ticks == 0 => MapSubscription::All,
+            _ => MapSubscription::Of(robots.chain([self.robot()]).take(MAX_ROBOTS).collect()),
         }
     }
 
@@ -216,7 +217,7 @@ impl Peer {
         words.map(|((robot, _), part)| (*robot, part.stamp))
     }
 
-    /// Whether words came that [`Peer::want`] has not judged.
+    /// Whether words came that [`Peer::subscribe`] has not judged.
     pub fn has_new_words(&self) -> bool {
         let now: BTreeMap<RobotId, Stamp> = self.word_stamps().collect();
         self.judged.as_ref() != Some(&now)
@@ -281,7 +282,7 @@ impl Peer {
     fn maps(&self) -> impl Iterator<Item = &Part> {
         let own = self.robot();
         let listed = move |(robot, layer): &Topic| {
-            *layer == Layer::Map && (*robot == own || self.wanted.includes(*robot))
+            *layer == Layer::Map && (*robot == own || self.subscription.includes(*robot))
         };
         self.parts.iter().filter(move |(topic, _)| listed(topic)).map(|(_, part)| part)
     }

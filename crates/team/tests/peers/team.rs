@@ -1,6 +1,6 @@
 //! Peers on a network, with maps and words.
 
-use cairn_team::peer::{Identity, Outgoing, Peer, TeamKey, To, Wanted};
+use cairn_team::peer::{Identity, MapSubscription, Outgoing, Peer, TeamKey, To};
 use cairn_team::{Network, NetworkConfig, RobotId};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -120,7 +120,7 @@ pub fn words(robot: RobotId, key_frames: usize) -> Vec<u8> {
 /// A peer with words and a map, which so far wants no map of others.
 pub fn with_words(robot: RobotId, length: usize) -> Peer {
     let mut peer = peer(robot);
-    peer.want(Wanted::Of(BTreeSet::new()));
+    peer.subscribe(MapSubscription::Of(BTreeSet::new()));
     let words = words(robot, 5);
     peer.publish_words(&words, &[words.len()]).unwrap();
     peer.publish(&map(robot, 1, length)).unwrap();

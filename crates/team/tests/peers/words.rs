@@ -1,7 +1,7 @@
 //! Words of key frames go to all, maps only to those that want them.
 
 use crate::team::{Team, map, peer, received, robots, talk, with_words, words};
-use cairn_team::peer::{BLOCK_BYTES, MAX_WORDS_PART_BYTES, Wanted};
+use cairn_team::peer::{BLOCK_BYTES, MAX_WORDS_PART_BYTES, MapSubscription};
 use cairn_team::{NetworkConfig, Refused, RobotId};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
@@ -18,8 +18,8 @@ fn words_go_to_all_and_a_map_only_to_those_that_want_it() {
         assert_eq!(received(p, "block"), 0);
     }
     // Robots 1 and 2 share a place, robot 3 none with them.
-    [&mut a, &mut b].into_iter().for_each(|p| p.want(Wanted::Of([1, 2].into())));
-    c.want(Wanted::Of([3].into()));
+    [&mut a, &mut b].into_iter().for_each(|p| p.subscribe(MapSubscription::Of([1, 2].into())));
+    c.subscribe(MapSubscription::Of([3].into()));
     talk(&mut [&mut a, &mut b, &mut c]);
     assert_eq!((robots(&a), robots(&b), robots(&c)), (vec![1, 2], vec![1, 2], vec![3]));
     assert_eq!(a.digest(), b.digest());
@@ -28,13 +28,13 @@ fn words_go_to_all_and_a_map_only_to_those_that_want_it() {
     assert!(all < 20_000, "{all} bytes came to a robot that shares nothing");
     // It comes into a place of theirs when robot 1 has left already.
     drop(a);
-    c.want(Wanted::Of([1, 2, 3].into()));
-    b.want(Wanted::Of([1, 2, 3].into()));
+    c.subscribe(MapSubscription::Of([1, 2, 3].into()));
+    b.subscribe(MapSubscription::Of([1, 2, 3].into()));
     talk(&mut [&mut b, &mut c]);
     assert_eq!(robots(&c), [1, 2, 3]);
     assert_eq!(b.digest(), c.digest());
     // And out of it again: what it holds is no longer part of its atlas.
-    c.want(Wanted::Of([3].into()));
+    c.subscribe(MapSubscription::Of([3].into()));
     assert_eq!(robots(&c), [3]);
 }
 
@@ -44,14 +44,14 @@ fn a_robot_that_leaves_knows_whether_its_words_were_judged_and_its_map_came() {
     talk(&mut [&mut a, &mut b]);
     // Robot 2 has the words, but has not looked at them.
     assert!(b.has_new_words() && !a.is_up_to_date(2));
-    b.want(Wanted::Of([1, 2].into()));
+    b.subscribe(MapSubscription::Of([1, 2].into()));
     a.receive(&b.tick()[0].bytes).unwrap();
     assert!(!b.has_new_words() && !a.is_up_to_date(2), "its map is wanted and has not come");
     // The manifest of before was lost, and is offered again after a while.
     (0..2).for_each(|_| talk(&mut [&mut a, &mut b]));
     assert!(a.is_up_to_date(2));
     assert!(!b.is_up_to_date(1), "robot 1 has not looked at the words of robot 2");
-    a.want(Wanted::Of([1].into()));
+    a.subscribe(MapSubscription::Of([1].into()));
     talk(&mut [&mut a, &mut b]);
     assert!(b.is_up_to_date(1), "its map is not wanted");
     assert!(!a.is_up_to_date(7), "nobody was heard");
@@ -108,7 +108,7 @@ proptest! {
             }
             for (robot, peer) in &mut team.peers {
                 if peer.has_new_words() && round % (1 + usize::from(*robot)) == 0 {
-                    peer.want(Wanted::Of(group(*robot)));
+                    peer.subscribe(MapSubscription::Of(group(*robot)));
                 }
             }
             team.round();

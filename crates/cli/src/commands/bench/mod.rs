@@ -8,10 +8,11 @@ mod plan;
 mod row;
 mod table;
 
-use super::run::Sensor;
+use super::run::sensors;
 use crate::failure::Failure;
 use crate::output::{Output, note};
 use crate::{interrupt, style};
+use cairn_engine::Sensors;
 use cairn_eval::{load_trajectory, process, to_euroc, to_kitti, write_whole};
 use plan::Task;
 use row::Row;
@@ -34,8 +35,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
     /// Only these sensors, separated by commas.
-    #[arg(long, value_delimiter = ',', value_name = "WHICH")]
-    sensor: Vec<Sensor>,
+    #[arg(long, value_parser = sensors(), value_delimiter = ',', value_name = "WHICH")]
+    sensor: Vec<Sensors>,
     /// How often each is run. Without --realtime the poses are the same every time; times and memory are not.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1000), value_name = "N")]
     repeats: u16,

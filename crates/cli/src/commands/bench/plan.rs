@@ -1,8 +1,8 @@
 //! What is run: recordings, their sensors, repeats.
 
-use crate::commands::run::Sensor;
 use crate::failure::Failure;
 use cairn_engine::SensorMode;
+use cairn_engine::Sensors;
 use cairn_sensor::Rig;
 use cairn_sources::{OpenOptions, open};
 use std::collections::BTreeSet;
@@ -15,7 +15,7 @@ pub struct Task {
     pub sequence: String,
     /// The recording as `cairn run` takes it.
     pub source: String,
-    pub sensor: Sensor,
+    pub sensor: Sensors,
     /// From 1.
     pub repeat: u16,
     /// How often it is run.
@@ -34,7 +34,11 @@ impl Task {
 ///
 /// # Errors
 /// When a source cannot be opened and is no folder of recordings, or no recording has any of the sensors.
-pub fn tasks(sources: &[String], only: &[Sensor], repeats: u16) -> Result<(Vec<Task>, Vec<String>), Failure> {
+pub fn tasks(
+    sources: &[String],
+    only: &[Sensors],
+    repeats: u16,
+) -> Result<(Vec<Task>, Vec<String>), Failure> {
     let (mut tasks, mut left_out, mut names) = (Vec::new(), Vec::new(), BTreeSet::new());
     for source in sources {
         for (path, rig) in recordings(source, &mut left_out)? {
@@ -97,7 +101,7 @@ fn is_recording_like(path: &Path) -> bool {
 }
 
 /// What a rig can be used as, without the IMU first.
-fn sensors(rig: &Rig) -> Vec<Sensor> {
+fn sensors(rig: &Rig) -> Vec<Sensors> {
     let modes = [
         (SensorMode::Mono, true),
         (SensorMode::Stereo, rig.cameras.len() > 1),
@@ -105,7 +109,7 @@ fn sensors(rig: &Rig) -> Vec<Sensor> {
     ];
     let modes: Vec<SensorMode> = modes.into_iter().filter_map(|(mode, has)| has.then_some(mode)).collect();
     let imu = [false, true].into_iter().filter(|with| !with || rig.imu.is_some());
-    imu.flat_map(|with| modes.iter().map(move |mode| Sensor::with(*mode, with))).collect()
+    imu.flat_map(|with| modes.iter().map(move |mode| Sensors::with(*mode, with))).collect()
 }
 
 /// The last part of the path in letters that every file system takes, with a number where another has the same name.

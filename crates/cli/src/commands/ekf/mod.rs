@@ -3,6 +3,7 @@
 mod walk;
 
 use crate::failure::Failure;
+use crate::number::{number, positive};
 use crate::output::Output;
 use crate::outputs::Outputs;
 use crate::speaking::{HEADING, Speaking};
@@ -13,6 +14,7 @@ use cairn_filter::page::page;
 use cairn_filter::run::{Run, align, position_rmse, run as run_filter};
 use cairn_geometry::Se2;
 use serde::Serialize;
+use std::ops::Bound;
 use std::path::{Path, PathBuf};
 
 /// Maps landmarks with a Kalman filter from odometry and sightings, and compares with smoothing and a survey.
@@ -31,10 +33,11 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "known", value_name = "HOW")]
     associate: Associate,
     /// Part of the true sightings that the gate lets through; without it what suits the log.
-    #[arg(long, value_name = "PART", value_parser = part)]
+    #[arg(long, value_name = "PART", 
+        value_parser = number((Bound::Excluded(0.0), Bound::Included(1.0)), "above 0 and at most 1"))]
     gate: Option<f64>,
     /// Keep landmarks within so many metres active and the rest passive.
-    #[arg(long, value_name = "M", value_parser = metres)]
+    #[arg(long, value_name = "M", value_parser = positive())]
     local: Option<f64>,
     /// Write a page that replays the run (of several robots the first).
     #[arg(long, value_name = "HTML")]
@@ -100,16 +103,6 @@ struct Robot {
     position_rmse_m: Option<f64>,
     landmarks_to_smoothed_m: Option<f64>,
     filter_ms: f64,
-}
-
-fn part(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if value > 0.0 && value <= 1.0 { Ok(value) } else { Err("must be above 0 and at most 1".into()) }
-}
-
-fn metres(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("must be above 0".into()) }
 }
 
 /// Filters, judges, prints.

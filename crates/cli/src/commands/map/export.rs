@@ -2,6 +2,7 @@
 
 use super::open;
 use crate::failure::Failure;
+use crate::number::number;
 use crate::output::Output;
 use crate::outputs::Outputs;
 use cairn::{Map, routes_of};
@@ -20,6 +21,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::fs::File;
 use std::io::Write as _;
+use std::ops::Bound;
 use std::path::{Path, PathBuf};
 
 /// Exports landmarks as points (PLY), key frames as a trajectory (TUM), recorded routes as files, and the ground as a grid.
@@ -42,7 +44,8 @@ pub struct Arguments {
     #[arg(long, value_name = "OUT.yaml")]
     grid: Option<PathBuf>,
     /// Height of the camera above the ground in metres: --grid then uses landmarks. The map must be level (recorded with an IMU).
-    #[arg(long, value_name = "M", value_parser = height, requires = "grid")]
+    #[arg(long, value_name = "M", 
+        value_parser = number((Bound::Excluded(0.0), Bound::Excluded(100.0)), "above 0 and below 100"), requires = "grid")]
     camera_height: Option<f64>,
     /// Which map of the file, by the number of its root key frame; by default the one with the most key frames.
     #[arg(long, alias = "world", value_name = "ROOT")]
@@ -122,11 +125,6 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         routes,
     };
     output.result(&exported, text)
-}
-
-fn height(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if value > 0.0 && value < 100.0 { Ok(value) } else { Err("must be above 0 and below 100".into()) }
 }
 
 /// Writes the ground of a level map.

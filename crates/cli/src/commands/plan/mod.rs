@@ -216,22 +216,31 @@ fn draw(form: Form, map: &Grid<i8>, route: &Route) -> Result<Vec<u8>, Failure> {
     bytes.map_err(|e| Failure::new("the picture", e.to_string(), "use a smaller map"))
 }
 
+/// A word is not what is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+enum ArgumentError {
+    #[error("expected two numbers as X,Y, or a name")]
+    Place,
+    #[error("expected costs, astar, jump or any-angle")]
+    Search,
+}
+
 /// Two numbers with a comma between, or a name. What is no finite point is told by the search.
-fn place(text: &str) -> Result<Place, String> {
+fn place(text: &str) -> Result<Place, ArgumentError> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[x, y]) => Ok(Place::At(Vec2::new(x, y))),
         None if text.chars().any(char::is_alphabetic) => Ok(Place::Named(text.to_owned())),
-        _ => Err("expected two numbers as X,Y, or a name".to_owned()),
+        _ => Err(ArgumentError::Place),
     }
 }
 
-fn kind(text: &str) -> Result<Search, String> {
+fn kind(text: &str) -> Result<Search, ArgumentError> {
     match text {
         "costs" => Ok(Search::Costs),
         "astar" => Ok(Search::AStar),
         "jump" => Ok(Search::JumpPoint),
         "any-angle" => Ok(Search::AnyAngle),
-        _ => Err("expected costs, astar, jump or any-angle".to_owned()),
+        _ => Err(ArgumentError::Search),
     }
 }

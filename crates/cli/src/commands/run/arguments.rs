@@ -1,9 +1,11 @@
 //! The command-line arguments of `cairn run`.
 
 use super::say::Say;
-use super::sensor::Sensor;
+use super::sensor::sensors;
 use crate::commands::team::join::Reach;
-use crate::speaking::{Speaking, between};
+use crate::number::between;
+use crate::speaking::Speaking;
+use cairn_engine::Sensors;
 use cairn_guide::Facing;
 use cairn_sources::{NamedTopic, SourceKind};
 use std::path::PathBuf;
@@ -29,8 +31,8 @@ pub struct Arguments {
     /// The recording, live stream or simulated world; --help lists the kinds.
     pub source: String,
     /// Which sensors to use; by default all the source has.
-    #[arg(help_heading = SOURCE, long, value_enum, value_name = "WHICH")]
-    pub sensor: Option<Sensor>,
+    #[arg(help_heading = SOURCE, long, value_parser = sensors(), value_name = "WHICH")]
+    pub sensor: Option<Sensors>,
     /// What gives the pose of each frame: features, which depth helps out where they do not suffice; or the shape of what the
     /// depth sensor sees (dense; only with a depth sensor), while features find places again.
     #[arg(help_heading = SOURCE, long, value_enum, value_name = "WHICH")]

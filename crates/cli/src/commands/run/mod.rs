@@ -31,7 +31,7 @@ use crate::outputs::Outputs;
 use crate::terminal::Terminal;
 pub use arguments::{Arguments, FrontEnd, Kind};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Journal, Runner, SensorMode, Status};
+use cairn_engine::{Config, Journal, Runner, SensorMode, Sensors, Status};
 use cairn_files::MIB;
 use cairn_guide::{AnnouncerConfig, RouteConfig};
 use cairn_rerun::viewer;
@@ -47,7 +47,7 @@ use events::Events;
 use observer::RunObserver;
 use outcome::Outcome;
 use say::Say;
-pub use sensor::Sensor;
+pub use sensor::sensors;
 use status::StatusLines;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -214,7 +214,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     report.live = tally::live(&truth, engine);
     report.scale = tally::scale(&truth, engine);
     let problems = problems::of(&report);
-    let searches = dense.as_ref().map(|d| d.search_counts()).filter(|counts| counts.looks > 0);
+    let searches = dense.as_ref().map(|d| d.search_counts()).filter(|counts| counts.attempts > 0);
     let ended = Outcome { report: &report, interrupted, problems, searches };
     if failures.is_empty() || report.frames > 0 {
         failures.extend(results::write_reports(&outputs, engine, &ended, &tally));
@@ -321,7 +321,7 @@ fn open_source(
     a: &Arguments,
     config: &mut Config,
     map: Option<&MapFile>,
-) -> Result<(Box<dyn Source>, Sensor), Failure> {
+) -> Result<(Box<dyn Source>, Sensors), Failure> {
     open_part(a, (a.start, a.frames), config, map)
 }
 
@@ -331,7 +331,7 @@ fn open_part(
     (start_s, frames): (f64, Option<usize>),
     config: &mut Config,
     map: Option<&MapFile>,
-) -> Result<(Box<dyn Source>, Sensor), Failure> {
+) -> Result<(Box<dyn Source>, Sensors), Failure> {
     let options = |rig: Option<Rig>| OpenOptions {
         rig,
         kind: a.kind.map(Kind::kind),
@@ -350,9 +350,9 @@ fn open_part(
         note(&message);
     }
     let source = open(&a.source, options(given))?;
-    let of_map = |map: &MapFile| Sensor::with(map.about.sensor, source.rig().imu.is_some());
+    let of_map = |map: &MapFile| Sensors::with(map.about.sensor, source.rig().imu.is_some());
     let of_map = map.map(of_map).filter(|sensor| sensor.is_in(source.rig()));
-    let sensor = a.sensor.or(of_map).unwrap_or_else(|| Sensor::of(source.rig()));
+    let sensor = a.sensor.or(of_map).unwrap_or_else(|| Sensors::of(source.rig()));
     // A simulated world renders the sensors in its address, and a live source has one camera.
     let fewer = sensor.only(source.rig()).filter(|_| !a.source.starts_with("sim:") && !is_live(&a.source));
     match fewer {

@@ -18,17 +18,22 @@ pub enum Say {
     None,
 }
 
-impl FromStr for Say {
-    type Err = String;
+/// A word names no way to give directions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("write text, speech, wav:FILE or none")]
+pub struct SayError;
 
-    fn from_str(text: &str) -> Result<Self, String> {
+impl FromStr for Say {
+    type Err = SayError;
+
+    fn from_str(text: &str) -> Result<Self, SayError> {
         Ok(match text {
             "text" => Self::Text,
             "speech" => Self::Speech,
             "none" => Self::None,
             other => match other.strip_prefix("wav:").filter(|path| !path.is_empty()) {
                 Some(path) => Self::Wav(path.into()),
-                None => return Err("write text, speech, wav:FILE or none".into()),
+                None => return Err(SayError),
             },
         })
     }

@@ -247,7 +247,7 @@ pub fn text(ended: &Outcome, realtime: bool) -> String {
         let _ = writeln!(
             text,
             "by depth  {} looks while lost, {} refused; {} places not confirmed, {} found, {} gone on from",
-            s.looks,
+            s.attempts,
             s.refused.all(),
             s.not_followed + s.not_confirmed,
             s.found,

@@ -4,13 +4,14 @@
 mod isolated;
 
 use super::given::{read_config, rig_of};
-use super::run::Sensor;
+use super::run::sensors;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::Output;
 use crate::processes;
 use crate::speaking::Speaking;
 use crate::terminal::Terminal;
+use cairn_engine::Sensors;
 use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
 use cairn_session::{Command, FileConfig, LibraryError, SessionConfig};
@@ -43,8 +44,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Which sensors of SOURCE to use; by default all it has.
-    #[arg(long, value_enum, value_name = "WHICH")]
-    sensor: Option<Sensor>,
+    #[arg(long, value_parser = sensors(), value_name = "WHICH")]
+    sensor: Option<Sensors>,
     /// Configuration entries that differ from the defaults; see cairn config.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
@@ -250,7 +251,7 @@ pub fn data_folder() -> Option<PathBuf> {
     base.map(|base| base.join("cairn"))
 }
 
-fn camera_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> CameraSource {
+fn camera_of(source: &str, rig: Option<Rig>, sensor: Option<Sensors>) -> CameraSource {
     let name = source.to_owned();
     let rig = match sensor.filter(|_| is_live(source)) {
         Some(sensor) => rig.map(|rig| sensor.live_rig(rig)),
@@ -263,7 +264,7 @@ fn camera_of(source: &str, rig: Option<Rig>, sensor: Option<Sensor>) -> CameraSo
     let open = move || {
         let source =
             open(&address, OpenOptions { rig, cancel: interrupt::cancel(), ..OpenOptions::default() })?;
-        let sensor = sensor.unwrap_or_else(|| Sensor::of(source.rig()));
+        let sensor = sensor.unwrap_or_else(|| Sensors::of(source.rig()));
         let (mode, has_imu) = (sensor.mode(), sensor.has_imu());
         let source: Box<dyn Source> = Box::new(Validator::new(source, crate::output::warn));
         // A live source sets its own pace; a recording is played in real time.

@@ -1,8 +1,9 @@
 //! `cairn solve bundle`: solves a bundle adjustment problem in BAL format.
 
-use super::{positive, stop_name, text_of};
+use super::{stop_name, text_of};
 use crate::failure::Failure;
 use crate::interrupt;
+use crate::number::positive;
 use crate::output::Output;
 use crate::outputs::Outputs;
 use crate::progress::Progress;
@@ -20,13 +21,13 @@ pub struct Arguments {
     /// The problem in BAL (Bundle Adjustment in the Large) format, uncompressed.
     file: PathBuf,
     /// Uses the Huber loss with this width in pixels, to reduce the weight of outliers.
-    #[arg(long, value_name = "W", value_parser = positive)]
+    #[arg(long, value_name = "W", value_parser = positive())]
     huber: Option<f64>,
     /// Largest number of iterations.
     #[arg(long, default_value_t = BalConfig::default().iterations, value_name = "N")]
     iterations: usize,
     /// Converged when a step is predicted to lower the cost by less than this fraction.
-    #[arg(long, default_value_t = BalConfig::default().tolerance, value_name = "PART", value_parser = positive)]
+    #[arg(long, default_value_t = BalConfig::default().tolerance, value_name = "PART", value_parser = positive())]
     tolerance: f64,
     /// Writes the adjusted problem here, in BAL format.
     #[arg(long, value_name = "FILE")]

@@ -1,8 +1,9 @@
 //! `cairn solve graph`: solves a pose graph in g2o format.
 
-use super::{positive, stop_name, text_of};
+use super::{stop_name, text_of};
 use crate::failure::Failure;
 use crate::interrupt;
+use crate::number::positive;
 use crate::output::Output;
 use crate::outputs::Outputs;
 use crate::progress::Progress;
@@ -41,7 +42,7 @@ pub struct Arguments {
     #[arg(long, default_value = "none", value_name = "LOSS")]
     robust: Robust,
     /// Width of the robust loss in standard deviations.
-    #[arg(long, default_value_t = 1.0, value_name = "W", value_parser = positive)]
+    #[arg(long, default_value_t = 1.0, value_name = "W", value_parser = positive())]
     robust_width: f64,
     /// The cost: geodesic (Lie logarithm; x, y and angle in 2-D), chordal (translation and 2 sin(angle/2)), or se-sync
     /// (chordal, with isotropic information matrices as in the SE-Sync papers; chi2 is then their objective).
@@ -51,7 +52,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = GraphConfig::default().iterations, value_name = "N")]
     iterations: usize,
     /// Converged when a step is predicted to lower the cost by less than this fraction.
-    #[arg(long, default_value_t = GraphConfig::default().tolerance, value_name = "PART", value_parser = positive)]
+    #[arg(long, default_value_t = GraphConfig::default().tolerance, value_name = "PART", value_parser = positive())]
     tolerance: f64,
     /// Writes the optimized graph here, in g2o format.
     #[arg(long, value_name = "FILE")]

@@ -53,11 +53,3 @@ fn stop_name(stop: Stop) -> &'static str {
         Stop::Empty => "nothing to move",
     }
 }
-
-/// Parses a positive, finite number.
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
-        _ => Err("must be a number above 0".into()),
-    }
-}

@@ -1,6 +1,7 @@
 //! `cairn team graph`: robots agree on one pose graph by exchanging messages, beside one solver that sees everything.
 
 use crate::failure::Failure;
+use crate::number::number;
 use crate::output::Output;
 use cairn_solve::g2o::{self, Graph};
 use cairn_solve::graph::{Metric, Rigid};
@@ -30,24 +31,17 @@ pub struct Arguments {
     #[arg(long)]
     believe_all: bool,
     /// Part of the messages that are lost.
-    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = part)]
+    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = number(0.0..1.0, "a number from 0 to below 1"))]
     loss: f64,
     /// Part of the messages that arrive one to three exchanges late.
-    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = part)]
+    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = number(0.0..1.0, "a number from 0 to below 1"))]
     late: f64,
     /// Part of the messages that arrive twice.
-    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = part)]
+    #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = number(0.0..1.0, "a number from 0 to below 1"))]
     twice: f64,
     /// Seed of the network's chance.
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
-}
-
-fn part(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if (0.0..1.0).contains(&v) => Ok(v),
-        _ => Err("give a number from 0 to below 1".to_owned()),
-    }
 }
 
 /// One exchange.
@@ -202,26 +196,26 @@ fn agree<G: Rigid<D>, const D: usize>(
         rounds.push(exchange.round(cpu_s).map_err(fail)?);
     }
     let rejected = exchange.rejected();
-    let whole = exchange.whole();
+    let central = exchange.central_graph();
     let began = cpu_s();
-    let optimum = whole.optimum(&rejected);
+    let optimum = central.optimum(&rejected);
     let central_ms = (cpu_s() - began) * 1e3;
     let central_chi2 = 2.0 * optimum.cost(Metric::Geodesic);
     let reached_chi2: Vec<f64> =
-        exchange.history().iter().map(|poses| whole.chi2(poses, &rejected)).collect();
+        exchange.history().iter().map(|poses| central.chi2(poses, &rejected)).collect();
     let above: Vec<f64> = reached_chi2.iter().map(|chi2| above(*chi2, central_chi2)).collect();
     let began = cpu_s();
     let last = exchange.history().last();
-    let certified_gap = last.and_then(|poses| Some(whole.certificate(poses, &rejected)?.gap()));
+    let certified_gap = last.and_then(|poses| Some(central.certificate(poses, &rejected)?.gap()));
     let certificate_ms = (cpu_s() - began) * 1e3;
     let exchanges = rounds.iter().zip(&reached_chi2).zip(&above);
     let scale = exchange.robots().first().map(|r| r.judgement().scale).filter(|_| judge.is_some());
     Ok(Agreed {
         robots: totals(&exchange, &rounds),
         dimensions: if D == 3 { 2 } else { 3 },
-        poses: whole.ids.len(),
-        measurements: whole.graph.edges().len(),
-        loops: whole.loops.iter().flatten().count(),
+        poses: central.ids.len(),
+        measurements: central.graph.edges().len(),
+        loops: central.loops.iter().flatten().count(),
         rejected: rejected.iter().map(named).collect(),
         scale,
         central_chi2,

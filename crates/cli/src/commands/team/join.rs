@@ -1,16 +1,17 @@
 //! `cairn team join`: shares a saved map, as it grows, with other robots, and keeps the atlas of all of them.
 
-use super::meetings::Meetings;
+use super::overlaps::MapOverlaps;
 use super::paths::beside;
 use super::status::{Shown, Status};
 use crate::commands::map::failed;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::map_lock::MapLock;
+use crate::number::number;
 use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use cairn::team::RobotId;
-use cairn::team::peer::{Identity, Peer, TeamKey, Wanted};
+use cairn::team::peer::{Identity, MapSubscription, Peer, TeamKey};
 use cairn::{Config, SharedAtlas, in_reach, own_part, shared_atlas, words_of_map};
 use cairn_atlas::store::pieces;
 use cairn_files::MIB;
@@ -50,7 +51,7 @@ pub struct Arguments {
     #[arg(long)]
     all: bool,
     /// Ends after this many seconds.
-    #[arg(long = "for", value_name = "S", value_parser = seconds)]
+    #[arg(long = "for", value_name = "S", value_parser = number(0.0..=1e9, "a number of seconds"))]
     time: Option<f64>,
 }
 
@@ -67,13 +68,6 @@ pub struct Reach {
     /// The address of another robot; may be repeated. One that is away is tried again twice a second.
     #[arg(help_heading = "Team", long, value_name = "HOST:PORT")]
     pub peer: Vec<String>,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(s) if (0.0..=1e9).contains(&s) => Ok(s),
-        _ => Err("must be a number of seconds".into()),
-    }
 }
 
 /// How long messages are exchanged before files are looked at again.
@@ -205,7 +199,7 @@ struct Robot {
     /// The version of each robot's map, as it was said last.
     heard: BTreeMap<RobotId, u32>,
     /// Who shares places with whom; `None` where the maps of all are wanted.
-    meetings: Option<Meetings>,
+    overlaps: Option<MapOverlaps>,
 }
 
 impl Robot {
@@ -219,7 +213,7 @@ impl Robot {
         let key = team_key(team, reach.secret.as_deref())?;
         let mut peer = Peer::new(identity(robot, map)?, key).with_refresh(REFRESH_S);
         if !all {
-            peer.want(Wanted::Of(BTreeSet::new()));
+            peer.subscribe(MapSubscription::Of(BTreeSet::new()));
         }
         let listen = reach.listen.as_deref().unwrap_or("0.0.0.0:7450");
         let member = Member::open(peer, listen, &reach.peer).map_err(|e| {
@@ -235,7 +229,7 @@ impl Robot {
             digest: [0; 8],
             work: None,
             heard: BTreeMap::new(),
-            meetings: (!all).then(Meetings::default),
+            overlaps: (!all).then(MapOverlaps::default),
         })
     }
 
@@ -260,12 +254,12 @@ impl Robot {
     fn step(&mut self) -> Result<(), Failure> {
         self.publish();
         self.member.step(STEP).iter().for_each(|line| warn(line));
-        if let Some(meetings) = &mut self.meetings
+        if let Some(overlaps) = &mut self.overlaps
             && self.member.peer().has_new_words()
         {
             let peer = self.member.peer_mut();
-            meetings.update(peer).iter().for_each(|line| note(line));
-            peer.want(Wanted::Of(in_reach(peer.robot(), &meetings.pairs())));
+            overlaps.update(peer).iter().for_each(|line| note(line));
+            peer.subscribe(MapSubscription::Of(in_reach(peer.robot(), &overlaps.pairs())));
         }
         for (holding, _) in self.member.peer().parts() {
             if self.heard.insert(holding.robot, holding.version) != Some(holding.version) {

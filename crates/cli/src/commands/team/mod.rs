@@ -3,7 +3,7 @@
 mod fleet;
 mod graph;
 pub mod join;
-mod meetings;
+mod overlaps;
 mod paths;
 mod scale;
 pub mod status;

@@ -2,6 +2,7 @@
 
 use super::fleet;
 use crate::failure::Failure;
+use crate::number::positive;
 use crate::output::{Output, note};
 use crate::outputs::Outputs;
 use cairn::Config;
@@ -24,10 +25,10 @@ pub struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=100))]
     group: Option<u16>,
     /// Memory of a robot's machine, GB.
-    #[arg(long, default_value_t = 8.0, value_name = "GB", value_parser = positive)]
+    #[arg(long, default_value_t = 8.0, value_name = "GB", value_parser = positive())]
     memory: f64,
     /// Bytes that a robot may send in a second, kB.
-    #[arg(long, default_value_t = 100.0, value_name = "KB", value_parser = positive)]
+    #[arg(long, default_value_t = 100.0, value_name = "KB", value_parser = positive())]
     bandwidth: f64,
     /// Compares the model with a real run: what cairn demo --team N --json has printed.
     #[arg(long, value_name = "DEMO.json")]
@@ -52,13 +53,6 @@ const TYPICAL: (usize, f64) = (10, 1e5);
 const QUERY_S: f64 = 0.1;
 const RENEW_S: f64 = super::join::REFRESH_S as f64;
 const RELAX_S: f64 = 5.0;
-
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(v) if v > 0.0 && v <= 1e9 => Ok(v),
-        _ => Err("must be a number above 0".into()),
-    }
-}
 
 #[derive(Serialize)]
 struct Report {

@@ -136,7 +136,7 @@ impl Status {
             version: h.version,
             bytes: h.bytes,
         };
-        let fetched = |robot| robot == peer.robot() || peer.wanted().includes(robot);
+        let fetched = |robot| robot == peer.robot() || peer.subscription().includes(robot);
         Self {
             robot: peer.robot(),
             digest: hex(peer.digest()),

@@ -5,21 +5,16 @@ use super::window::Window;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::note;
+use crate::socket::{self, ConnectError, Socket};
 use cairn_view::{begin, walker};
 use futures_util::{SinkExt, StreamExt};
+use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, ServerName};
 use serde_json::{Value, json};
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Duration;
-use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
-use tokio_rustls::client::TlsStream;
-use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
-
-type Socket = WebSocketStream<TlsStream<TcpStream>>;
 
 /// Pause before the page is looked for again after the connection has ended; interval of the looks at the window.
 const AGAIN: Duration = Duration::from_secs(1);
@@ -60,11 +55,11 @@ pub fn show(a: &Arguments) -> Result<(), Failure> {
         let hint = "start cairn serve there; from another machine give its --certificate, see docs/view.md";
         Failure::new(format!("{}:{}", address.host, address.port), why, hint)
     };
-    let tls = connector(a.certificate.as_deref()).map_err(fail)?;
+    let tls = connector(a.certificate.as_deref()).map_err(|e| fail(e.to_string()))?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|e| fail(e.to_string()))?;
     runtime.block_on(async {
-        let mut socket = connected(&tls, &address).await.map_err(fail)?;
+        let mut socket = connected(&tls, &address).await.map_err(|e| fail(e.to_string()))?;
         let mut window = Window::open(a)?;
         window.send(&begin(&format!("{}:{}", address.host, address.port), false));
         loop {
@@ -87,36 +82,25 @@ pub fn show(a: &Arguments) -> Result<(), Failure> {
 }
 
 /// Whom this machine trusts: the certificate that was given, else those that `cairn serve` keeps here.
-fn connector(given: Option<&Path>) -> Result<TlsConnector, String> {
-    let mut roots = rustls::RootCertStore::empty();
-    let trusted = match given {
+fn connector(given: Option<&Path>) -> Result<TlsConnector, ConnectError> {
+    socket::connector(match given {
         Some(path) => {
-            let bytes = std::fs::read(path).map_err(|e| format!("{}: {e}", path.display()))?;
+            let bytes = std::fs::read(path)
+                .map_err(|source| ConnectError::File { path: path.display().to_string(), source })?;
             let pem = CertificateDer::from_pem_slice(&bytes);
             vec![pem.unwrap_or_else(|_| CertificateDer::from(bytes))]
         }
         None => crate::commands::serve::data_folder().as_deref().map(cairn_web::trusted).unwrap_or_default(),
-    };
-    for certificate in trusted {
-        roots.add(certificate).map_err(|e| format!("the certificate: {e}"))?;
-    }
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let config = rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
-    let config = config.map_err(|e| e.to_string())?.with_root_certificates(roots).with_no_client_auth();
-    Ok(TlsConnector::from(Arc::new(config)))
+    })
 }
 
-async fn connected(tls: &TlsConnector, address: &Address<'_>) -> Result<Socket, String> {
+async fn connected(tls: &TlsConnector, address: &Address<'_>) -> Result<Socket, ConnectError> {
     let Address { host, port, token } = *address;
-    let name = ServerName::try_from(host.to_owned()).map_err(|e| e.to_string())?;
-    let stream = TcpStream::connect((host, port)).await.map_err(|e| e.to_string())?;
-    let stream = tls.connect(name, stream).await.map_err(|e| e.to_string())?;
-    let url = format!("wss://localhost:{port}/ws");
-    let (mut socket, _) = tokio_tungstenite::client_async(url, stream).await.map_err(|e| e.to_string())?;
+    let mut socket = socket::connect(tls, host, host, port).await?;
     let hello = json!({ "hello": { "token": token, "walk": false } });
     let want = json!({ "want": { "picture": false, "map": true, "surface": true, "columns": true } });
     for message in [hello, want] {
-        socket.send(Message::text(message.to_string())).await.map_err(|e| e.to_string())?;
+        socket.send(Message::text(message.to_string())).await?;
     }
     Ok(socket)
 }

@@ -6,6 +6,7 @@ mod saved;
 mod window;
 
 use crate::failure::Failure;
+use crate::number::between;
 use crate::output::Output;
 use cairn_phrases::Language;
 use std::path::PathBuf;
@@ -23,7 +24,7 @@ pub struct Arguments {
     #[arg(long, value_name = "ROOT")]
     map: Option<usize>,
     /// Edge of a voxel of the surface of a saved map in metres.
-    #[arg(long, default_value_t = 0.02, value_name = "M", value_parser = voxel)]
+    #[arg(long, default_value_t = 0.02, value_name = "M", value_parser = between(0.005, 0.5))]
     voxel: f64,
     /// The certificate of a page on another machine, or of its authority (PEM or DER); that of this machine is found in the data folder.
     #[arg(long, value_name = "FILE")]
@@ -34,11 +35,6 @@ pub struct Arguments {
     /// Writes what the window shows once a saved map is there, as PNG, and ends.
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
-}
-
-fn voxel(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if (0.005..=0.5).contains(&value) { Ok(value) } else { Err("must be 0.005 to 0.5".into()) }
 }
 
 /// What the keys do; the same sentence is in the window and on the page.

@@ -1,5 +1,6 @@
 //! `cairn demo --phone`: the demo's walk with a phone as phones are, through the page's own protocol, in real time.
 
+mod error;
 mod page;
 mod picture;
 mod walk;
@@ -142,7 +143,7 @@ fn once(config: &DemoConfig, options: Options, out: &Path) -> Result<Figures, Fa
     let own = PhoneTraits::new(config.seed, width, height);
     let traits = PhoneTraits { readout_s: options.readout_s.unwrap_or(own.readout_s), ..own };
     let cpu = process::cpu_s();
-    let walked = walk(config, &traits, options.known_lens, &folder).map_err(failed)?;
+    let walked = walk(config, &traits, options.known_lens, &folder).map_err(|e| failed(e.to_string()))?;
     let cpu_s = process::cpu_s().zip(cpu).map(|(now, before)| now - before);
     let figures = figures(config, &traits, &walked, cpu_s);
     std::fs::write(out.join(format!("{name}.txt")), transcript(&figures)).map_err(system)?;

@@ -1,18 +1,16 @@
 //! The page's side of the web socket: what the phone's browser says and hears.
 
+use super::error::PhoneError;
+use crate::socket::{ConnectError, Socket, connect, connector};
 use cairn_phrases::Language;
 use cairn_trial::Pace;
 use cairn_web::Server;
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio_rustls::TlsConnector;
-use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
-
-type Socket = WebSocketStream<tokio_rustls::client::TlsStream<tokio::net::TcpStream>>;
 
 /// Directions from older poses are not given, milliseconds; as the page.
 const STALE_MS: f64 = 500.0;
@@ -98,17 +96,8 @@ pub struct Page {
     fresh_since: Option<Instant>,
 }
 
-async fn connected(tls: &TlsConnector, address: SocketAddr) -> Result<Socket, String> {
-    let stream = tokio::net::TcpStream::connect(address).await.map_err(failed)?;
-    stream.set_nodelay(true).map_err(failed)?;
-    let name = "localhost".try_into().map_err(failed)?;
-    let stream = tls.connect(name, stream).await.map_err(failed)?;
-    let (socket, _) = tokio_tungstenite::client_async("wss://localhost/ws", stream).await.map_err(failed)?;
-    Ok(socket)
-}
-
-fn failed(e: impl std::fmt::Display) -> String {
-    e.to_string()
+async fn connected(tls: &TlsConnector, address: SocketAddr) -> Result<Socket, ConnectError> {
+    connect(tls, "localhost", &address.ip().to_string(), address.port()).await
 }
 
 impl Page {
@@ -121,14 +110,8 @@ impl Page {
         language: Language,
         clock: PageClock,
         origin: u64,
-    ) -> Result<Self, String> {
-        let mut roots = rustls::RootCertStore::empty();
-        roots.add(server.certificate().clone()).map_err(failed)?;
-        let provider = Arc::new(rustls::crypto::ring::default_provider());
-        let builder =
-            rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
-        let tls = builder.map_err(failed)?.with_root_certificates(roots).with_no_client_auth();
-        let (tls, address) = (TlsConnector::from(Arc::new(tls)), server.address());
+    ) -> Result<Self, PhoneError> {
+        let (tls, address) = (connector([server.certificate().clone()])?, server.address());
         let mut page = Self {
             socket: connected(&tls, address).await?,
             tls,
@@ -158,7 +141,7 @@ impl Page {
         Ok(page)
     }
 
-    async fn hello(&mut self) -> Result<(), String> {
+    async fn hello(&mut self) -> Result<(), PhoneError> {
         let hello = json!({ "token": self.token, "walk": true, "secret": "demo", "origin": self.origin, "phone": "demo" });
         self.send(json!({ "hello": hello })).await?;
         self.send(json!({ "want": { "picture": false, "map": true } })).await
@@ -168,7 +151,7 @@ impl Page {
     ///
     /// # Errors
     /// The reason, where that was tried too often.
-    pub async fn reconnect(&mut self, why: String) -> Result<(), String> {
+    pub async fn reconnect(&mut self, why: PhoneError) -> Result<(), PhoneError> {
         (self.me, self.controls) = (None, false);
         loop {
             self.broken += 1;
@@ -190,29 +173,29 @@ impl Page {
     ///
     /// # Errors
     /// When the connection has failed.
-    pub async fn send(&mut self, message: Value) -> Result<(), String> {
-        self.socket.send(Message::text(message.to_string())).await.map_err(failed)
+    pub async fn send(&mut self, message: Value) -> Result<(), PhoneError> {
+        Ok(self.socket.send(Message::text(message.to_string())).await?)
     }
 
     /// Sends an image with the phone's time.
     ///
     /// # Errors
     /// When the connection has failed.
-    pub async fn picture(&mut self, ms: f64, jpeg: &[u8]) -> Result<(), String> {
+    pub async fn picture(&mut self, ms: f64, jpeg: &[u8]) -> Result<(), PhoneError> {
         let mut bytes = ms.to_le_bytes().to_vec();
         bytes.extend_from_slice(jpeg);
         self.pace.sent(Instant::now(), ms, bytes.len());
-        self.socket.send(Message::binary(bytes)).await.map_err(failed)
+        Ok(self.socket.send(Message::binary(bytes)).await?)
     }
 
     /// The next message of the server.
     ///
     /// # Errors
     /// When the connection has ended.
-    pub async fn next(&mut self) -> Result<Message, String> {
+    pub async fn next(&mut self) -> Result<Message, PhoneError> {
         match self.socket.next().await {
-            Some(message) => message.map_err(failed),
-            None => Err("the server has closed the connection".into()),
+            Some(message) => Ok(message?),
+            None => Err(PhoneError::Closed),
         }
     }
 
@@ -220,16 +203,16 @@ impl Page {
     ///
     /// # Errors
     /// When the connection has failed, or the server says that the walk has.
-    pub async fn take(&mut self, message: Message) -> Result<(), String> {
+    pub async fn take(&mut self, message: Message) -> Result<(), PhoneError> {
         let Message::Text(text) = message else { return Ok(()) };
-        let value: Value = serde_json::from_str(&text).map_err(failed)?;
+        let value: Value = serde_json::from_str(&text)?;
         let text_of = |v: &Value| v.as_str().unwrap_or_default().to_owned();
         if let Some(ping) = value.get("ping") {
             let ms = self.clock.ms();
             self.send(json!({ "pong": { "n": ping["n"], "ms": ms } })).await?;
             self.pace.trip_ms = ping["trip_ms"].as_f64().unwrap_or(self.pace.trip_ms);
         } else if let Some(got) = value.get("got") {
-            self.pace.got(Instant::now(), got["ms"].as_f64().ok_or("the server names no image")?);
+            self.pace.got(Instant::now(), got["ms"].as_f64().ok_or(PhoneError::Unnamed)?);
         } else if let Some(hello) = value.get("hello") {
             self.me = hello["id"].as_u64();
         } else if let Some(control) = value.get("control") {
@@ -257,7 +240,7 @@ impl Page {
     }
 
     /// Words: a direction is given only while its picture is fresh.
-    async fn said(&mut self, said: &Value) -> Result<(), String> {
+    async fn said(&mut self, said: &Value) -> Result<(), PhoneError> {
         let text = said["text"].as_str().unwrap_or_default().to_owned();
         if let Some(pose_ms) = said["pose_ms"].as_f64() {
             let old = self.clock.ms() - pose_ms > STALE_MS;
@@ -270,7 +253,7 @@ impl Page {
         Ok(())
     }
 
-    async fn became_late(&mut self) -> Result<(), String> {
+    async fn became_late(&mut self) -> Result<(), PhoneError> {
         self.fresh_since = None;
         if std::mem::replace(&mut self.late, true) {
             return Ok(());
@@ -281,7 +264,7 @@ impl Page {
     }
 
     /// The end of being late: the pictures were fresh for a while.
-    async fn watch(&mut self) -> Result<(), String> {
+    async fn watch(&mut self) -> Result<(), PhoneError> {
         let age_ms = self.frame_ms.map(|ms| self.clock.ms() - ms);
         if self.late && age_ms.is_some_and(|age| age < STALE_MS) {
             let since = *self.fresh_since.get_or_insert_with(Instant::now);

@@ -5,6 +5,7 @@
 
 use super::super::config::DemoConfig;
 use super::super::out::corners;
+use super::error::PhoneError;
 use super::page::{Page, PageClock};
 use super::picture::{encoded, smaller};
 use super::walked::{Live, Spoken, Walked};
@@ -54,7 +55,7 @@ pub fn walk(
     traits: &PhoneTraits,
     known_lens: bool,
     folder: &Path,
-) -> Result<Walked, String> {
+) -> Result<Walked, PhoneError> {
     let rig = known_lens.then(|| Box::new(Rig { imu: Some(phone_imu()), ..Rig::mono(traits.camera) }));
     let server = server(config, rig, folder)?;
     runtime()?.block_on(async {
@@ -86,30 +87,30 @@ pub fn walk(
 }
 
 /// A server as `cairn serve` starts it, with its data in the folder.
-fn server(config: &DemoConfig, rig: Option<Box<Rig>>, folder: &Path) -> Result<Server, String> {
+fn server(config: &DemoConfig, rig: Option<Box<Rig>>, folder: &Path) -> Result<Server, PhoneError> {
     let routes = folder.join("walked");
-    std::fs::create_dir_all(&routes).map_err(|e| format!("{}: {e}", routes.display()))?;
+    std::fs::create_dir_all(&routes)
+        .map_err(|source| PhoneError::Folder { path: routes.display().to_string(), source })?;
     let session = SessionConfig {
         folder: routes.clone(),
         phrases: config.speaking.phrases(),
         announcer: config.speaking.announcer(),
         ..SessionConfig::default()
     };
-    Server::start(ServeConfig {
+    Ok(Server::start(ServeConfig {
         keep: Some(folder.to_owned()),
         routes: Some(routes),
         session,
         ..ServeConfig::new(CameraSource::Page { rig })
-    })
-    .map_err(|e| e.to_string())
+    })?)
 }
 
-fn runtime() -> Result<tokio::runtime::Runtime, String> {
-    tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(|e| e.to_string())
+fn runtime() -> Result<tokio::runtime::Runtime, PhoneError> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(PhoneError::Runtime)
 }
 
 /// The phone's page, opened for the nth time: the clock of a page begins when it is opened.
-async fn page(config: &DemoConfig, server: &Server, nth: u64) -> Result<Page, String> {
+async fn page(config: &DemoConfig, server: &Server, nth: u64) -> Result<Page, PhoneError> {
     let mut random = Random::stream(config.seed, 0xC10C + nth);
     let clock = PageClock::new(1e12 * random.unit(), random.uniform(-1e-4, 1e-4));
     Page::open(server, config.speaking.language, clock, nth).await
@@ -147,14 +148,13 @@ struct Phone<'a> {
 }
 
 impl<'a> Phone<'a> {
-    fn new(config: &'a DemoConfig, traits: &PhoneTraits, page: Page) -> Result<Self, String> {
+    fn new(config: &'a DemoConfig, traits: &PhoneTraits, page: Page) -> Result<Self, PhoneError> {
         let world = Arc::new(World::build(config.sim.world, config.seed, &config.sim.options));
         let points = world.routes().first().map_or(&[][..], |r| &r.points);
         let corners = corners(points, config.metres);
         let out = config.sim.walker.motion(&corners);
         let effects = Effects { noise: 3.0, ..config.sim.effects };
-        let camera = RollingCamera::new(&world, &traits.camera, traits.readout_s, effects, config.seed);
-        let camera = camera.map_err(|e| e.to_string())?;
+        let camera = RollingCamera::new(&world, &traits.camera, traits.readout_s, effects, config.seed)?;
         Ok(Self {
             config,
             traits: *traits,
@@ -179,7 +179,7 @@ impl<'a> Phone<'a> {
     }
 
     /// Waits for the server; then the walk out begins.
-    async fn begin(&mut self) -> Result<(), String> {
+    async fn begin(&mut self) -> Result<(), PhoneError> {
         let none = "the server gave no status";
         let frames = |p: &Self| p.page.status["frames"].as_u64();
         self.until(PATIENCE_S, none, |p| frames(p).is_some()).await?;
@@ -191,7 +191,7 @@ impl<'a> Phone<'a> {
     }
 
     /// Records the walk out.
-    async fn out(&mut self) -> Result<(), String> {
+    async fn out(&mut self) -> Result<(), PhoneError> {
         self.begin().await?;
         self.command("record").await?;
         let begin = self.began_s.unwrap_or_default();
@@ -208,10 +208,10 @@ impl<'a> Phone<'a> {
     }
 
     /// Is guided home.
-    async fn home(&mut self) -> Result<(), String> {
+    async fn home(&mut self) -> Result<(), PhoneError> {
         let (place, heading) = match self.result.corners.as_slice() {
             [.., a, b] => (*b, (b - a).y.atan2((b - a).x)),
-            _ => return Err("the world has no route".into()),
+            _ => return Err(PhoneError::NoRoute),
         };
         self.body = Some(self.config.body(place, heading));
         let facing = self.config.facing;
@@ -257,21 +257,27 @@ impl<'a> Phone<'a> {
     }
 
     /// Gives a command and waits for its answer.
-    async fn command(&mut self, line: &str) -> Result<(), String> {
+    async fn command(&mut self, line: &str) -> Result<(), PhoneError> {
         self.page.answers.clear();
         self.page.send(json!({ "command": line })).await?;
         self.until(PATIENCE_S, "the server did not answer", |p| !p.page.answers.is_empty()).await?;
         match self.page.answers.pop() {
-            Some((false, why)) => Err(format!("{line}: {why}")),
+            Some((false, why)) => Err(PhoneError::Refused { command: line.to_owned(), why }),
             _ => Ok(()),
         }
     }
 
-    async fn until(&mut self, seconds: f64, why: &str, done: impl Fn(&Self) -> bool) -> Result<(), String> {
+    async fn until(
+        &mut self,
+        seconds: f64,
+        what: &'static str,
+        done: impl Fn(&Self) -> bool,
+    ) -> Result<(), PhoneError> {
         let began = self.page.clock.seconds();
         while !done(self) {
             if self.page.clock.seconds() - began > seconds {
-                return Err(format!("{why} within {seconds} s ({})", self.page.troubles.join("; ")));
+                let troubles = self.page.troubles.join("; ");
+                return Err(PhoneError::TooLate { what, seconds, troubles });
             }
             self.turn().await?;
         }
@@ -279,7 +285,7 @@ impl<'a> Phone<'a> {
     }
 
     /// A moment; a connection that has ended is made again.
-    async fn turn(&mut self) -> Result<(), String> {
+    async fn turn(&mut self) -> Result<(), PhoneError> {
         match self.moment().await {
             Ok(()) => Ok(()),
             Err(why) => self.page.reconnect(why).await,
@@ -287,7 +293,7 @@ impl<'a> Phone<'a> {
     }
 
     /// A message of the server, or the next look at the sensors.
-    async fn moment(&mut self) -> Result<(), String> {
+    async fn moment(&mut self) -> Result<(), PhoneError> {
         let message = tokio::select! {
             biased;
             message = self.page.next() => Some(message?),
@@ -356,7 +362,7 @@ impl<'a> Phone<'a> {
         }
     }
 
-    async fn send_motion(&mut self) -> Result<(), String> {
+    async fn send_motion(&mut self) -> Result<(), PhoneError> {
         let until = self.motion.settled_s().min(self.page.clock.seconds());
         for r in self.sensors.until(self.motion.motion(), until) {
             let ms = self.page.clock.ms_at(r.stamp.seconds());
@@ -370,11 +376,11 @@ impl<'a> Phone<'a> {
     }
 
     /// Takes the camera's next picture if it is time and the pace allows it; sends the one that is ready.
-    async fn take_picture(&mut self) -> Result<(), String> {
+    async fn take_picture(&mut self) -> Result<(), PhoneError> {
         if self.shot.as_ref().is_some_and(JoinHandle::is_finished)
             && let Some(shot) = self.shot.take()
         {
-            let (camera, ms, jpeg) = shot.await.map_err(|e| e.to_string())?;
+            let (camera, ms, jpeg) = shot.await?;
             self.camera = Some(camera);
             self.result.pictures += 1;
             self.page.picture(ms, &jpeg).await?;

@@ -143,7 +143,7 @@ pub(super) fn written(
     }
     match &run.recorded {
         Some(Err(why)) => {
-            failures.push(Failure::new("recording", why.clone(), "free some space on the disk"))
+            failures.push(Failure::new("recording", why.to_string(), "free some space on the disk"))
         }
         None if a.record.is_some() => {
             failures.push(Failure::new(

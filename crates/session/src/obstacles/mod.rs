@@ -29,8 +29,8 @@ use watch::{Sight, Watch};
 /// A sensor that gave no usable depth for this long is blind, seconds.
 const BLIND_S: f64 = 1.0;
 
-/// Watches the way of one walker.
-pub(crate) struct WayAhead {
+/// Watches for obstacles on the way of one walker.
+pub(crate) struct ObstacleMonitor {
     space: LocalSpace,
     camera_from_depth: Se3,
     segment: Option<u32>,
@@ -42,7 +42,7 @@ pub(crate) struct WayAhead {
     pub cost_ms: f64,
 }
 
-impl WayAhead {
+impl ObstacleMonitor {
     /// For a rig with depth; `None` without a depth sensor.
     ///
     /// # Errors

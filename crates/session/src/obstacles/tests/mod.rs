@@ -4,7 +4,7 @@
 mod scenes;
 mod traced;
 
-use super::WayAhead;
+use super::ObstacleMonitor;
 use super::watch::{Sight, Watch};
 use cairn_geometry::{Camera, Pose, Se3, Vec2, Vec3};
 use cairn_guide::{
@@ -90,7 +90,8 @@ fn walk(seed: u64, things: usize, sensor: Sensor) -> Walked {
     let ground = Ground::z_up();
     let plan = ManeuverPlan::new(&line, &ground, &ManeuverPlanConfig::default()).expect("a plan");
     let mut guide = Guide::new(plan, ground, GuideConfig::default()).expect("a guide");
-    let mut watch = WayAhead::new(rig.rig(), &Se3::identity()).expect("a depth camera").expect("depth");
+    let mut watch =
+        ObstacleMonitor::new(rig.rig(), &Se3::identity()).expect("a depth camera").expect("depth");
     let (mut traced, mut plane) = (Traced::default(), Watch::new());
     let (mut voice, phrases) = (Announcer::new(AnnouncerConfig::default()), PhraseConfig::default());
     // Facing away from home, as on the way out.

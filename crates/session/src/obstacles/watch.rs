@@ -79,7 +79,7 @@ pub(super) struct Sight<'a> {
     pub drop_along: &'a DropAlong<'a>,
 }
 
-/// Watches the way of one walker.
+/// Watches for obstacles on the way of one walker.
 pub(super) struct Watch {
     pace: Pace,
     /// Since when the strip has been free, while there is an obstacle.

@@ -7,14 +7,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// What the words of the robots say about each other.
 #[derive(Debug, Default)]
-pub struct Meetings {
+pub struct MapOverlaps {
     /// The words of each robot as they came, and read; `None` where they cannot be read or compared.
     words: BTreeMap<RobotId, (Vec<u8>, Option<MapWords>)>,
     /// For every two robots whether they may share a place.
-    meets: BTreeMap<(RobotId, RobotId), bool>,
+    overlaps: BTreeMap<(RobotId, RobotId), bool>,
 }
 
-impl Meetings {
+impl MapOverlaps {
     /// Takes over words that are new and compares them with all others; returns what a user should know.
     ///
     /// Where words cannot be compared, as those of another vocabulary, the maps decide: the robots count as meeting.
@@ -40,9 +40,9 @@ impl Meetings {
         let mut lines = Vec::new();
         for (other, (_, theirs)) in self.words.iter().filter(|(other, _)| **other != robot) {
             let pair = (robot.min(*other), robot.max(*other));
-            let meets = words.as_ref().zip(theirs.as_ref()).is_none_or(|(a, b)| a.meets(b));
-            if self.meets.insert(pair, meets).unwrap_or(false) != meets {
-                let what = if meets { "may share places" } else { "share no place any more" };
+            let overlap = words.as_ref().zip(theirs.as_ref()).is_none_or(|(a, b)| a.overlaps(b));
+            if self.overlaps.insert(pair, overlap).unwrap_or(false) != overlap {
+                let what = if overlap { "may share places" } else { "share no place any more" };
                 lines.push(format!("robots {} and {} {what}, by their words", pair.0, pair.1));
             }
         }
@@ -51,6 +51,6 @@ impl Meetings {
 
     /// Every two robots that may share a place.
     pub fn pairs(&self) -> BTreeSet<(RobotId, RobotId)> {
-        self.meets.iter().filter(|(_, meets)| **meets).map(|(pair, _)| *pair).collect()
+        self.overlaps.iter().filter(|(_, overlap)| **overlap).map(|(pair, _)| *pair).collect()
     }
 }
