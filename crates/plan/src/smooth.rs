@@ -52,7 +52,8 @@ pub fn smooth(field: &DistanceField, cells: &[Cell], config: &SmoothConfig) -> S
     let resolution_m = field.frame().resolution_m();
     let radius_m = config.radius_m.max(resolution_m);
     let spacing_m = config.spacing_m.max(0.5 * resolution_m);
-    let config = SmoothConfig { radius_m, clearance_m: config.clearance_m.max(radius_m), spacing_m, ..*config };
+    let config =
+        SmoothConfig { radius_m, clearance_m: config.clearance_m.max(radius_m), spacing_m, ..*config };
     let least = clearance_of(field, &raw).min(radius_m);
     let mut rounder = spaced(&pulled(field, &raw, &config), spacing_m);
     let mut resting = vec![false; rounder.len()];

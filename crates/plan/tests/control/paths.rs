@@ -2,7 +2,6 @@
 
 use super::halls::{body, costs, hall, navigator, two_rooms};
 use cairn_geometry::{Se2, Vec2};
-use cairn_plan::{Cell, DistanceField, Grid, GridFrame, Passable};
 use cairn_plan::control::trial::{SimulatedBody, drive};
 use cairn_plan::control::{
     Limits, Motion, Mppi, MppiConfig, Navigator, NavigatorConfig, PursuitConfig, ReferencePath, State,
@@ -10,6 +9,7 @@ use cairn_plan::control::{
 };
 use cairn_plan::search::AStar;
 use cairn_plan::smooth::{SmoothConfig, clearance_of, smooth};
+use cairn_plan::{Cell, DistanceField, Grid, GridFrame, Passable};
 use cairn_random::Random;
 
 #[test]
