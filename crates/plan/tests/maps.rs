@@ -293,7 +293,7 @@ fn tracks_take_what_their_model_expects_and_nothing_else() {
             let far = sigma_m.map(|s| {
                 let (middle, _) = layer.tracks()[0].predict(0.1);
                 let out_m = 1.01 * (9.21 * (s * s + 0.01 + 1e-3)).sqrt() + 0.05;
-                let angle = random.uniform(0.0, 6.28);
+                let angle = random.uniform(0.0, std::f64::consts::TAU);
                 Detection { position: middle + Vec2::new(angle.cos(), angle.sin()) * out_m, radius_m: 0.3 }
             });
             if k == 11 {
