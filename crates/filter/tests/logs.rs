@@ -71,10 +71,10 @@ fn mrclam_is_mapped_without_labels() {
             found.robot,
             100.0 * wrong
         );
-        assert!(wrong <= 0.02 && pairs >= 14, "{}: {wrong}, {pairs}", found.robot);
+        assert!(wrong <= 0.005 && pairs >= 14, "{}: {wrong}, {pairs}", found.robot);
         mean += rmse / 3.0;
     }
-    assert!(mean <= 0.085 && positions <= 0.26, "{mean:.3} m, {positions:.3} m");
+    assert!(mean <= 0.065 && positions <= 0.155, "{mean:.3} m, {positions:.3} m");
 }
 
 #[test]

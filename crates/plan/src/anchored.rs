@@ -8,7 +8,7 @@
 use crate::grid::{GridError, GridFrame};
 use crate::occupancy::{OccupancyConfig, OccupancyGrid, ScanRejected, ScanReport};
 use cairn_geometry::{Se2, Vec2};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The grid grows by this many cells at a time.
 const BLOCK: f64 = 64.0;
@@ -55,8 +55,10 @@ pub struct AnchoredGrid<K> {
     config: OccupancyConfig,
     resolution_m: f64,
     items: Vec<(K, Item)>,
-    /// Poses of the keyframes when the grid was last built: `world_from_key`.
+    /// Poses of the keyframes when the grid was last built, or of new ones when first inserted: `world_from_key`.
     keys: BTreeMap<K, Se2>,
+    /// Keyframes at which something was inserted with another pose since: the grid shows them in two places.
+    torn: BTreeSet<K>,
     grid: Option<OccupancyGrid>,
     last_step: Option<Vec2>,
 }
@@ -64,8 +66,8 @@ pub struct AnchoredGrid<K> {
 impl<K: Copy + Ord> AnchoredGrid<K> {
     /// An empty grid with cells of this size.
     pub fn new(resolution_m: f64, config: OccupancyConfig) -> Self {
-        let (items, keys) = (Vec::new(), BTreeMap::new());
-        Self { config, resolution_m, items, keys, grid: None, last_step: None }
+        let (items, keys, torn) = (Vec::new(), BTreeMap::new(), BTreeSet::new());
+        Self { config, resolution_m, items, keys, torn, grid: None, last_step: None }
     }
 
     /// The grid; `None` before the first scan or step.
@@ -113,8 +115,15 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
     ) -> Result<ScanReport, InsertError> {
         let rays = rays.iter().map(|&(bearing, range)| [bearing as f32, range as f32]).collect();
         let item = Item::Scan { key_from_sensor, rays, is_new };
+        self.insert(key, world_from_key, item)
+    }
+
+    fn insert(&mut self, key: K, world_from_key: &Se2, item: Item) -> Result<ScanReport, InsertError> {
         let report = self.lay(&item, world_from_key)?;
-        self.keys.insert(key, *world_from_key);
+        if self.keys.get(&key).is_some_and(|known| self.is_moved(known, world_from_key)) {
+            self.torn.insert(key);
+        }
+        self.keys.entry(key).or_insert(*world_from_key);
         self.items.push((key, item));
         Ok(report)
     }
@@ -162,11 +171,7 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         key_from_body: Se2,
         radius_m: f64,
     ) -> Result<(), InsertError> {
-        let item = Item::Step { key_from_body, radius_m };
-        self.lay(&item, world_from_key)?;
-        self.keys.insert(key, *world_from_key);
-        self.items.push((key, item));
-        Ok(())
+        self.insert(key, world_from_key, Item::Step { key_from_body, radius_m }).map(drop)
     }
 
     /// Takes the current poses of all keyframes, `None` for removed ones, and rebuilds the grid if that changes it.
@@ -180,8 +185,9 @@ impl<K: Copy + Ord> AnchoredGrid<K> {
         let now: BTreeMap<K, Se2> =
             self.keys.keys().filter_map(|&k| world_from_key(k).map(|pose| (k, pose))).collect();
         let gone = self.keys.len() - now.len();
-        let moved =
-            now.iter().filter(|(k, pose)| self.keys.get(k).is_some_and(|old| self.is_moved(old, pose)));
+        let moved = now.iter().filter(|(k, pose)| {
+            self.torn.contains(k) || self.keys.get(k).is_some_and(|old| self.is_moved(old, pose))
+        });
         let moved = moved.count();
         if gone + moved == 0 {
             return Ok(PoseUpdate::default());

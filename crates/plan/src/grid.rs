@@ -220,7 +220,7 @@ impl<T: Copy> Grid<T> {
     /// The values of one row; empty outside.
     pub fn row(&self, y: usize) -> &[T] {
         let from = y.saturating_mul(self.frame.width);
-        self.values.get(from..from + self.frame.width).unwrap_or_default()
+        self.values.get(from..from.saturating_add(self.frame.width)).unwrap_or_default()
     }
 
     /// The value of a cell; `None` outside.
@@ -245,9 +245,10 @@ impl<T: Copy> Grid<T> {
         let frame = GridFrame::new(width, height, res, self.frame.world_from_grid * corner)?;
         let mut window = Self::filled(frame, outside);
         let from = x.clamp(0, self.frame.width as i64) as usize;
-        let to = (x + width as i64).clamp(0, self.frame.width as i64) as usize;
+        let to = x.saturating_add(width as i64).clamp(0, self.frame.width as i64) as usize;
         for row in 0..height {
-            let source = usize::try_from(y + row as i64).ok().filter(|&s| s < self.frame.height);
+            let source =
+                usize::try_from(y.saturating_add(row as i64)).ok().filter(|&s| s < self.frame.height);
             if let Some(source) = source.filter(|_| from < to) {
                 let at = row * width + (from as i64 - x) as usize;
                 window.values[at..at + to - from].copy_from_slice(&self.row(source)[from..to]);

@@ -161,7 +161,7 @@ impl<K: Copy + Ord> GroundMap<K> {
         world_from_key: impl Fn(K) -> Option<Se2>,
     ) -> Result<PoseUpdate, GroundError> {
         let laid = self.grid.set_poses(world_from_key)?;
-        if laid.scans > 0 {
+        if laid.moved + laid.gone > 0 {
             self.refresh()?;
         }
         Ok(laid)
@@ -210,9 +210,13 @@ impl<K: Copy + Ord> GroundMap<K> {
         standing.chain(moving).min_by(|a, b| away(a).total_cmp(&away(b)))
     }
 
-    /// Brings the global costmap up to date: by the cells that changed, or anew when the grid has grown.
+    /// Brings the global costmap up to date: by the cells that changed, anew when the grid has grown, and away with it when no key frame
+    /// is left.
     fn refresh(&mut self) -> Result<(), GroundError> {
-        let Some(map) = self.grid.grid().map(|grid| grid.to_map()) else { return Ok(()) };
+        let Some(map) = self.grid.grid().map(|grid| grid.to_map()) else {
+            (self.costs, self.local) = (None, None);
+            return Ok(());
+        };
         match &mut self.costs {
             Some(costs) if costs.frame() == map.frame() => {
                 let pairs = map.values().iter().zip(costs.map().values()).enumerate();
@@ -413,6 +417,24 @@ mod tests {
         assert!(ground.local().unwrap().field().clearance_m(seen_side) < 0.05);
         look(&mut ground, None, 10);
         assert_eq!(value(&ground, seen_side), 0, "free again within a second");
+    }
+
+    #[test]
+    fn removed_key_frames_take_their_ground_with_them() {
+        let mut ground = GroundMap::new(GroundConfig::default());
+        let here = Se2::from_xy_angle(0.02, 0.03, 0.0);
+        ground.stand(1, &Se2::identity(), here, 0.3).unwrap();
+        ground.observe(0.0, 0, &Se2::identity(), here, &scan(&here, None)).unwrap();
+        assert_eq!(value(&ground, here.translation), 0);
+        // The scan goes; the step, which lies elsewhere now, stays.
+        let to = Se2::from_xy_angle(1.0, 0.0, 0.0);
+        ground.set_poses(|key| (key == 1).then_some(to)).unwrap();
+        let map = ground.map().unwrap();
+        let free = map.values().iter().filter(|v| **v == 0).count();
+        assert!((90..200).contains(&free), "{free} cells of the disc on which the body stood");
+        assert_eq!(value(&ground, to * here.translation), 0);
+        ground.set_poses(|_| None).unwrap();
+        assert!(ground.map().is_none() && ground.costs().is_none() && ground.local().is_none());
     }
 
     #[test]

@@ -223,7 +223,7 @@ impl OccupancyGrid {
         let frame = *self.frame();
         let (a, b) = (frame.in_cells(from), frame.in_cells(to));
         let ray = b - a;
-        let (mut x, mut y) = (a.x as i64, a.y as i64);
+        let (mut x, mut y) = (a.x.floor() as i64, a.y.floor() as i64);
         let sign = |v: f64| if v > 0.0 { 1 } else { -1 };
         let (step_x, step_y) = (sign(ray.x), sign(ray.y));
         // Position on the ray (0 to 1) where the next cell border is crossed.

@@ -5,12 +5,15 @@
 //! nearer than desired (the forces of elastic bands, Quinlan and Khatib 1993). Each move is kept only if the clearance
 //! at the point and half-way to both neighbours does not fall below what was there and what is desired.
 
-use crate::distance::DistanceField;
+use crate::distance::{DistanceField, NO_OBSTACLE};
 use crate::grid::Cell;
 use cairn_geometry::Vec2;
 
 /// A point that would move by less than this counts as at rest, in metres.
 const STILL_M: f64 = 5e-4;
+/// A segment whose crossings of two borders are this near to each other, as part of it, passes through their corner: half-way between
+/// cell centres rounding would decide.
+const CORNER: f64 = 1e-9;
 
 /// Smoothing configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,21 +45,30 @@ pub struct SmoothPath {
     pub clearance_m: f64,
 }
 
-/// Smooths a path of cells. A path that cannot be smoothed without coming too near to obstacles is returned as it was.
+/// Smooths a path of cells. A path that cannot be smoothed without coming too near to obstacles is returned as it was. Never does a path
+/// over free cells touch an obstacle afterwards, even for a body without extent.
 pub fn smooth(field: &DistanceField, cells: &[Cell], config: &SmoothConfig) -> SmoothPath {
     let raw: Vec<Vec2> = cells.iter().map(|&c| field.frame().centre(c)).collect();
-    let spacing_m = config.spacing_m.max(0.5 * field.frame().resolution_m());
-    let least = clearance_of(field, &raw).min(config.radius_m);
-    let mut points = spaced(&pulled(field, &raw, config), spacing_m);
-    let mut resting = vec![false; points.len()];
+    let resolution_m = field.frame().resolution_m();
+    let radius_m = config.radius_m.max(resolution_m);
+    let spacing_m = config.spacing_m.max(0.5 * resolution_m);
+    let config =
+        SmoothConfig { radius_m, clearance_m: config.clearance_m.max(radius_m), spacing_m, ..*config };
+    let least = clearance_of(field, &raw).min(radius_m);
+    let mut rounder = spaced(&pulled(field, &raw, &config), spacing_m);
+    let mut resting = vec![false; rounder.len()];
     for _ in 0..config.rounds {
-        if !rounded(field, &mut points, &mut resting, config) {
+        if !rounded(field, &mut rounder, &mut resting, &config) {
             break;
         }
     }
-    let mut points = spaced(&points, spacing_m);
-    if clearance_of(field, &points) < least {
-        points = spaced(&raw, spacing_m);
+    // Points at even distances cut the corners between them.
+    let mut points = spaced(&rounder, spacing_m);
+    for other in [rounder, raw] {
+        if clearance_of(field, &points) >= least {
+            break;
+        }
+        points = other;
     }
     let length_m = points.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
     SmoothPath { length_m, clearance_m: clearance_of(field, &points), points }
@@ -67,11 +79,37 @@ fn distance(field: &DistanceField, point: Vec2) -> f64 {
     field.frame().cell_at(point).and_then(|c| field.distance_m(c)).unwrap_or(0.0)
 }
 
-/// Least obstacle distance along a segment, sampled every half cell.
+/// Least obstacle distance of all cells that a segment touches (Amanatides and Woo, "A Fast Voxel Traversal Algorithm", 1987); where it
+/// passes through a corner, both cells beside it count. 0 if an end is outside.
 fn along_segment(field: &DistanceField, a: Vec2, b: Vec2) -> f64 {
-    let steps = ((b - a).norm() / (0.5 * field.frame().resolution_m())).ceil().max(1.0) as usize;
-    let at = |k: usize| distance(field, a + (b - a) * (k as f64 / steps as f64));
-    (0..=steps).map(at).fold(f64::INFINITY, f64::min)
+    let frame = field.frame();
+    let (Some(first), Some(last)) = (frame.cell_at(a), frame.cell_at(b)) else { return 0.0 };
+    let (from, to) = (frame.in_cells(a), frame.in_cells(b));
+    let (left, ray) = (|from: u32, to: u32| i64::from(to) - i64::from(from), to - from);
+    let (mut left_x, mut left_y) = (left(first.x, last.x), left(first.y, last.y));
+    let (mut x, mut y) = (i64::from(first.x), i64::from(first.y));
+    // Part of the segment up to the border of the present cell.
+    let border = |cell: i64, left: i64, from: f64, ray: f64| match left {
+        0 => f64::INFINITY,
+        _ => ((cell + i64::from(left > 0)) as f64 - from) / ray,
+    };
+    let width = frame.width() as i64;
+    let squared = |x: i64, y: i64| field.squared()[(y * width + x) as usize];
+    let mut least = squared(x, y);
+    while left_x != 0 || left_y != 0 {
+        let (to_x, to_y) = (border(x, left_x, from.x, ray.x), border(y, left_y, from.y, ray.y));
+        let (step_x, step_y) = (left_x.signum(), left_y.signum());
+        if left_x != 0 && left_y != 0 && (to_x - to_y).abs() < CORNER {
+            least = least.min(squared(x + step_x, y)).min(squared(x, y + step_y));
+            (x, left_x, y, left_y) = (x + step_x, left_x - step_x, y + step_y, left_y - step_y);
+        } else if to_x < to_y {
+            (x, left_x) = (x + step_x, left_x - step_x);
+        } else {
+            (y, left_y) = (y + step_y, left_y - step_y);
+        }
+        least = least.min(squared(x, y));
+    }
+    if least == NO_OBSTACLE { f64::INFINITY } else { f64::from(least).sqrt() * frame.resolution_m() }
 }
 
 /// Whether a segment is nowhere nearer to an obstacle than `floor`. Where both ends are far enough away, no samples are

@@ -89,6 +89,26 @@ fn a_grid_on_key_frames_is_laid_again_when_they_move() {
     assert!(map(&grid) == before);
 }
 
+/// A loop closure moves a key frame, and the next scan comes before the poses: what was laid before still moves.
+#[test]
+fn a_scan_at_a_moved_key_frame_does_not_hide_that_it_moved() {
+    let rays: Vec<(f64, f64)> = (0..360).map(|i| (f64::from(i).to_radians(), 2.0)).collect();
+    let (before, after) = (Se2::from_xy_angle(1.0, 1.0, 0.0), Se2::from_xy_angle(1.5, 1.0, 0.1));
+    let mut grid = AnchoredGrid::new(0.05, OccupancyConfig::default());
+    let mut right = AnchoredGrid::new(0.05, OccupancyConfig::default());
+    for pose in [before, after] {
+        grid.insert_scan(0, &pose, Se2::identity(), &rays).unwrap();
+        right.insert_scan(0, &after, Se2::identity(), &rays).unwrap();
+    }
+    let laid = grid.set_poses(|_| Some(after)).unwrap();
+    assert_eq!((laid.moved, laid.scans), (1, 2));
+    assert_eq!(grid.grid().unwrap().to_probabilities(), right.grid().unwrap().to_probabilities());
+    // The other way round: the pose goes back to the first one, at which only the first scan was laid.
+    grid.insert_scan(0, &before, Se2::identity(), &rays).unwrap();
+    assert_eq!(grid.set_poses(|_| Some(after)).unwrap().scans, 3);
+    assert_eq!(grid.set_poses(|_| Some(after)).unwrap().scans, 0, "nothing moved");
+}
+
 #[test]
 fn one_miss_is_no_proof_and_bad_rays_say_nothing() {
     let frame = GridFrame::new(100, 20, 0.1, Se2::identity()).unwrap();
@@ -246,7 +266,56 @@ fn a_costmap_mended_is_a_costmap_made_anew() {
         }
     }
     assert!(Costmap::new(map.clone(), CostConfig { radius_m: f64::NAN, ..CostConfig::default() }).is_err());
-    assert!(Costmap::new(map, CostConfig { open: BLOCKED, ..CostConfig::default() }).is_err());
+    assert!(Costmap::new(map.clone(), CostConfig { open: BLOCKED, ..CostConfig::default() }).is_err());
+    // Larger than the map: nothing is free, and no table of gigabytes is made. Without an obstacle the same body is free everywhere.
+    let huge = CostConfig { radius_m: 1e6, inflation_m: 1e6 + 1.0, ..CostConfig::default() };
+    assert_eq!(Costmap::new(map.clone(), huge).unwrap().passable().free(), 0);
+    assert_eq!(Costmap::new(map.map(|_| 0), huge).unwrap().passable().free(), frame.len());
+}
+
+/// The gate of the tracks: of detections by the model 99 % continue their track, and what is surely outside begins another one.
+#[test]
+fn tracks_take_what_their_model_expects_and_nothing_else() {
+    let config = DynamicConfig { confirm: 2, ..DynamicConfig::default() };
+    let mut random = Random::new(31);
+    let (mut inside, mut all) = (0, 0);
+    for _ in 0..400 {
+        let mut layer = DynamicLayer::new(config);
+        let velocity = Vec2::new(random.normal(0.0, 0.7), random.normal(0.0, 0.7));
+        let mut at = Vec2::new(random.uniform(-9.0, 9.0), random.uniform(-9.0, 9.0));
+        let mut speed = velocity;
+        for k in 0..12 {
+            let time_s = 0.1 * f64::from(k);
+            let noise = Vec2::new(random.normal(0.0, 0.1), random.normal(0.0, 0.1));
+            let seen = Detection { position: at + noise, radius_m: 0.3 };
+            let sigma_m = layer.tracks().first().map(|t| t.predict(0.1).1);
+            // Far outside every gate, and nearer to it than to nothing: a second object, seen once.
+            let far = sigma_m.map(|s| {
+                let (middle, _) = layer.tracks()[0].predict(0.1);
+                let out_m = 1.01 * (9.21 * (s * s + 0.01 + 1e-3)).sqrt() + 0.05;
+                let angle = random.uniform(0.0, std::f64::consts::TAU);
+                Detection { position: middle + Vec2::new(angle.cos(), angle.sin()) * out_m, radius_m: 0.3 }
+            });
+            if k == 11 {
+                let observed = layer.observe(time_s, far.as_slice());
+                assert_eq!((observed.matched, observed.started), (0, 1), "{observed:?}");
+                break;
+            }
+            let observed = layer.observe(time_s, &[seen]);
+            if k > 0 {
+                (inside, all) = (inside + observed.matched, all + 1);
+            }
+            if observed.matched == 0 && k > 0 {
+                break;
+            }
+            // White acceleration of the density that the model expects.
+            let push = |random: &mut Random| random.normal(0.0, config.acceleration_density * 0.1f64.sqrt());
+            speed += Vec2::new(push(&mut random), push(&mut random));
+            at += speed * 0.1;
+        }
+    }
+    let share = f64::from(inside as u32) / f64::from(all);
+    assert!((0.975..0.998).contains(&share), "{share} of {all} were taken");
 }
 
 #[test]
@@ -328,4 +397,6 @@ fn a_window_is_the_part_it_covers() {
             assert_eq!(window.get(cell), Some(same.unwrap_or(-1)));
         }
     }
+    let far = grid.window(i64::MAX, i64::MIN, 4, 3, -1).unwrap();
+    assert!(far.values().iter().all(|&v| v == -1) && grid.row(usize::MAX).is_empty());
 }

@@ -156,7 +156,7 @@ fn lazy_theta_sees_along_its_path_and_is_no_longer_than_a_star() {
     let mut random = Random::new(13);
     let (mut theta, mut astar) = (LazyTheta::new(), AStar::new());
     let (mut shorter, mut sum, mut grid_sum) = (0, 0.0, 0.0);
-    for _ in 0..600 {
+    for _ in 0..3000 {
         let grid = random_grid(&mut random);
         let passable = Passable::new(&grid);
         let (Some(start), Some(goal)) = (some_free(&mut random, &grid), some_free(&mut random, &grid)) else {
@@ -166,7 +166,7 @@ fn lazy_theta_sees_along_its_path_and_is_no_longer_than_a_star() {
             (Ok(any), Ok(grid)) => {
                 assert_eq!((any.cells.first(), any.cells.last()), (Some(&start), Some(&goal)));
                 assert!(any.cells.windows(2).all(|w| line_of_sight(&passable, w[0], w[1])));
-                assert!(any.length <= grid.length * 1.02 + 1e-9, "{} > {}", any.length, grid.length);
+                assert!(any.length <= grid.length + 1e-9, "{} > {}", any.length, grid.length);
                 shorter += usize::from(any.length < grid.length - 1e-9);
                 sum += any.length;
                 grid_sum += grid.length;
@@ -174,37 +174,46 @@ fn lazy_theta_sees_along_its_path_and_is_no_longer_than_a_star() {
             (any, grid) => assert_eq!(any.is_err(), grid.is_err()),
         }
     }
-    assert!(shorter > 200 && sum < 0.98 * grid_sum, "{shorter} shorter, {sum} of {grid_sum} cells");
+    assert!(shorter > 1000 && sum < 0.98 * grid_sum, "{shorter} shorter, {sum} of {grid_sum} cells");
+}
+
+/// Whether the segment between the centres of two cells touches the closed square of a third one, in whole numbers (half cells).
+fn touches(a: Cell, b: Cell, square: Cell) -> bool {
+    let double = |c: Cell| (2 * i64::from(c.x), 2 * i64::from(c.y));
+    let ((ax, ay), (bx, by), (x, y)) = (double(a), double(b), double(square));
+    let (ax, ay, bx, by) = (ax + 1, ay + 1, bx + 1, by + 1);
+    let apart = |a: i64, b: i64, from: i64| a.max(b) < from || a.min(b) > from + 2;
+    let side = |x: i64, y: i64| ((bx - ax) * (y - ay) - (by - ay) * (x - ax)).signum();
+    let corners = [side(x, y), side(x + 2, y), side(x, y + 2), side(x + 2, y + 2)];
+    let beside = corners.iter().all(|&s| s > 0) || corners.iter().all(|&s| s < 0);
+    !apart(ax, bx, x) && !apart(ay, by, y) && !beside
 }
 
 #[test]
-fn line_of_sight_touches_what_fine_samples_touch() {
+fn line_of_sight_is_exactly_over_the_cells_that_the_line_touches() {
     let mut random = Random::new(14);
-    for _ in 0..400 {
+    let (mut seen_lines, mut blocked_lines) = (0, 0);
+    for _ in 0..800 {
         let grid = random_grid(&mut random);
         let passable = Passable::new(&grid);
         let (Some(a), Some(b)) = (some_free(&mut random, &grid), some_free(&mut random, &grid)) else {
             continue;
         };
-        let seen = line_of_sight(&passable, a, b);
-        assert_eq!(seen, line_of_sight(&passable, b, a));
-        if seen {
-            let free = (0..=4000).all(|k| {
-                let t = f64::from(k) / 4000.0;
-                let x = f64::from(a.x) + 0.5 + (f64::from(b.x) - f64::from(a.x)) * t;
-                let y = f64::from(a.y) + 0.5 + (f64::from(b.y) - f64::from(a.y)) * t;
-                passable.is_free(Cell::new(x as u32, y as u32))
-            });
-            assert!(free, "{a:?} does not see {b:?}");
-        }
+        let (from, to) = (Cell::new(a.x.min(b.x), a.y.min(b.y)), Cell::new(a.x.max(b.x), a.y.max(b.y)));
+        let around = (from.y..=to.y).flat_map(|y| (from.x..=to.x).map(move |x| Cell::new(x, y)));
+        let free = around.filter(|&c| touches(a, b, c)).all(|c| passable.is_free(c));
+        assert_eq!(line_of_sight(&passable, a, b), free, "{a:?} {b:?}");
+        assert_eq!(line_of_sight(&passable, b, a), free, "{b:?} {a:?}");
+        (seen_lines, blocked_lines) = (seen_lines + usize::from(free), blocked_lines + usize::from(!free));
     }
+    assert!(seen_lines > 100 && blocked_lines > 100, "{seen_lines} free, {blocked_lines} blocked");
 }
 
 #[test]
 fn d_star_lite_stays_as_short_as_searching_again() {
     let mut random = Random::new(15);
     let mut astar = AStar::new();
-    let (mut mended, mut again, mut paths) = (0, 0, 0);
+    let (mut mended, mut again, mut paths, mut reasons) = (0, 0, 0, 0);
     for _ in 0..150 {
         let mut grid = random_grid(&mut random);
         let (Some(mut start), Some(goal)) = (some_free(&mut random, &grid), some_free(&mut random, &grid))
@@ -217,8 +226,10 @@ fn d_star_lite_stays_as_short_as_searching_again() {
             let cells = 1 + random.below(8);
             let change: Vec<(Cell, bool)> = (0..cells)
                 .map(|_| (grid.frame().cell(random.below(grid.frame().len())), random.chance(0.5)))
-                .filter(|c| c.0 != start && c.0 != goal)
                 .collect();
+            // Now and then an end closes, and opens again later.
+            let ends = [start, goal].map(|c| (c, random.chance(0.8)));
+            let change: Vec<(Cell, bool)> = change.into_iter().chain(ends).collect();
             change.iter().for_each(|&(c, free)| {
                 grid.set(c, free);
             });
@@ -237,13 +248,19 @@ fn d_star_lite_stays_as_short_as_searching_again() {
                     start = path.cells[random.below(path.cells.len().min(4))];
                     search.move_start(start).unwrap();
                 }
-                (mine, truth) => {
-                    assert_eq!(mine.is_err(), truth.is_err(), "{mine:?} {truth:?} after {first:?}")
+                (Err(mine), Err(truth)) => {
+                    let without_count = |e| match e {
+                        NoPath::Unreachable { .. } => NoPath::Unreachable { expanded: 0 },
+                        other => other,
+                    };
+                    assert_eq!(without_count(mine), without_count(truth));
+                    reasons += 1;
                 }
+                (mine, truth) => panic!("{mine:?} {truth:?} after {first:?}"),
             }
         }
     }
-    assert!(paths > 500, "{paths} paths");
+    assert!(paths > 500 && reasons > 200, "{paths} paths, {reasons} reasons");
     println!("{paths} paths: {mended} expanded for mending, {again} for searching again");
 }
 

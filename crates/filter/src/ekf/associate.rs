@@ -43,8 +43,16 @@ pub(super) struct Unlabelled {
     unknown: Vec<f64>,
 }
 
-/// Which landmark each sighting is of, as indices into [`Unlabelled`], with minus twice the logarithm of its likelihood.
-pub(super) type Pairing = (Vec<Option<usize>>, f64);
+/// Which landmark each sighting is of.
+#[derive(Clone, Debug)]
+pub(super) struct Pairing {
+    /// Indices into [`Unlabelled`].
+    pub chosen: Vec<Option<usize>>,
+    /// Minus twice the logarithm of its likelihood.
+    pub cost: f64,
+    /// The same with each sighting counted by its weight.
+    pub counted: f64,
+}
 
 impl EkfSlam {
     pub(super) fn observe_unlabelled(&mut self, robot: usize, sightings: &[Sighting]) -> Vec<Verdict> {
@@ -74,9 +82,9 @@ impl EkfSlam {
         Unlabelled { usable, within, nearest, unknown }
     }
 
-    /// The likeliest pairings, at most `most` of them, the best one first.
-    pub(super) fn pairings(&self, seen: &Unlabelled, most: usize) -> Vec<Pairing> {
-        Search::new(&self.active, seen, self.config.gate_probability).likeliest(most)
+    /// The likeliest pairings, at most `most` of them, the best one first; a weight for each sighting of the instant.
+    pub(super) fn pairings(&self, seen: &Unlabelled, most: usize, weights: &[f64]) -> Vec<Pairing> {
+        Search::new(&self.active, seen, self.config.gate_probability).likeliest(most, weights)
     }
 
     /// Updates by sightings with their landmarks.
@@ -164,7 +172,7 @@ fn nearest(candidates: &[Vec<Candidate>]) -> Vec<Option<usize>> {
 struct Search<'a> {
     active: &'a Active,
     candidates: &'a [Vec<Candidate>],
-    unknown: &'a [f64],
+    seen: &'a Unlabelled,
     probability: f64,
     /// Of the current set: chosen candidates, rows of the Cholesky factor of its innovation covariance, whitened
     /// innovation.
@@ -178,6 +186,8 @@ struct Search<'a> {
     tried: usize,
     /// All sets found, where these are wanted.
     all: Option<Vec<Pairing>>,
+    /// Of each sighting of the instant; empty where only the best set is wanted.
+    weights: &'a [f64],
 }
 
 impl<'a> Search<'a> {
@@ -187,7 +197,7 @@ impl<'a> Search<'a> {
         Self {
             active,
             candidates,
-            unknown: &seen.unknown,
+            seen,
             probability,
             chosen: Vec::new(),
             factor: Vec::new(),
@@ -198,25 +208,41 @@ impl<'a> Search<'a> {
             best_nis: f64::INFINITY,
             tried: 0,
             all: None,
+            weights: &[],
         }
     }
 
     /// The most likely sets, the best one first.
-    fn likeliest(mut self, most: usize) -> Vec<Pairing> {
-        self.all = Some(Vec::new());
+    fn likeliest(mut self, most: usize, weights: &'a [f64]) -> Vec<Pairing> {
+        (self.all, self.weights) = (Some(Vec::new()), weights);
         self.descend(0, 0, 0.0);
         let mut all = self.all.unwrap_or_default();
-        all.sort_by(|a, b| a.1.total_cmp(&b.1));
+        all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         all.truncate(most);
         all
     }
 
-    /// Minus twice the log likelihood of the current set, which is complete.
-    fn cost(&self, nis: f64) -> f64 {
-        let determinant = |row: &Vec<f64>| 2.0 * row.last().copied().unwrap_or(1.0).ln();
-        let paired: f64 = self.factor.iter().map(|row| determinant(row) + TAU.ln()).sum();
-        let left_out = self.chosen.iter().zip(self.unknown).filter(|(c, _)| c.is_none());
-        nis + paired + left_out.map(|(_, unknown)| unknown).sum::<f64>()
+    /// The current set, which is complete. Its likelihood is the product of those of its sightings, each given those before it.
+    fn pairing(&self) -> Pairing {
+        let mut pairing = Pairing { chosen: self.chosen.clone(), cost: 0.0, counted: 0.0 };
+        let mut row = 0;
+        for (n, chosen) in self.chosen.iter().enumerate() {
+            let cost = match chosen {
+                Some(c) => {
+                    let rows = row..row + self.candidates[n][*c].h.rows;
+                    row = rows.end;
+                    let of = |r: usize| {
+                        let pivot = self.factor[r].last().copied().unwrap_or(1.0);
+                        self.white[r].powi(2) + 2.0 * pivot.ln() + TAU.ln()
+                    };
+                    rows.map(of).sum::<f64>()
+                }
+                None => self.seen.unknown[n],
+            };
+            pairing.cost += cost;
+            pairing.counted += cost * self.weights.get(self.seen.usable[n]).copied().unwrap_or(1.0);
+        }
+        pairing
     }
 
     fn run(mut self) -> Vec<Option<usize>> {
@@ -226,9 +252,9 @@ impl<'a> Search<'a> {
 
     fn descend(&mut self, n: usize, pairs: usize, nis: f64) {
         if n == self.candidates.len() {
-            let cost = self.all.is_some().then(|| self.cost(nis));
-            if let (Some(all), Some(cost)) = (&mut self.all, cost) {
-                all.push((self.chosen.clone(), cost));
+            if self.all.is_some() {
+                let pairing = self.pairing();
+                self.all.iter_mut().for_each(|all| all.push(pairing.clone()));
                 return;
             }
             if pairs > self.best_pairs || (pairs == self.best_pairs && nis < self.best_nis) {

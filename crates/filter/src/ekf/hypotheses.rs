@@ -7,12 +7,15 @@
 //!
 //! Errors of successive sightings of one landmark are correlated, which no white noise describes. Associations need what a single sighting
 //! scatters by; a map needs a noise that does not count a hundred sightings from one place as a hundred. So without labels there are two
-//! filters for each answer: one that associates, and one that maps with the landmarks that the first one chose as labels.
+//! filters for each answer: one that associates, and one that maps with the landmarks that the first one chose as labels. For the same
+//! reason what an answer expected of a sighting counts in full only once from nearly the same position (`views`): a small error of a right
+//! answer, seen four times a second, would else outweigh that a wrong one took something known for something new.
 
 use super::associate::{Pairing, Unlabelled};
 use super::config::{Association, EkfConfig, Linearisation};
 use super::landmark::{FilterError, Landmark, LandmarkId, Verdict};
 use super::state::EkfSlam;
+use super::views::Views;
 use crate::log::{Sighting, Target};
 use crate::measure::Measurement;
 use crate::motion::Motion;
@@ -23,8 +26,9 @@ use nalgebra::{Matrix3, Vector3};
 const MOST: usize = 16;
 /// An answer is dropped when it is this many times less likely than the best one: twice the logarithm.
 const MARGIN: f64 = 2.0 * 9.2;
-/// After so many instants with sightings the best answer is taken.
-const INSTANTS: usize = 120;
+/// After so many instants with sightings the best answer is taken. Most of them see what was seen before from nearly the same position and
+/// decide little.
+const INSTANTS: usize = 400;
 
 /// One answer.
 #[derive(Clone, Debug)]
@@ -72,6 +76,7 @@ pub struct Hypotheses {
     /// The likeliest first.
     branches: Vec<Branch>,
     decided: Vec<Vec<Verdict>>,
+    views: Views,
 }
 
 impl Hypotheses {
@@ -81,7 +86,8 @@ impl Hypotheses {
         let map = (!labelled).then(|| EkfSlam::new(EkfConfig { association: Association::Known, ..config }));
         let linearisation = if labelled { config.linearisation } else { Linearisation::First };
         let filter = EkfSlam::new(EkfConfig { linearisation, ..config });
-        Self { branches: vec![Branch { filter, map, cost: 0.0, verdicts: Vec::new() }], decided: Vec::new() }
+        let branches = vec![Branch { filter, map, cost: 0.0, verdicts: Vec::new() }];
+        Self { branches, decided: Vec::new(), views: Views::default() }
     }
 
     /// Adds a robot, as [`EkfSlam::add_robot`].
@@ -100,6 +106,7 @@ impl Hypotheses {
                 map.add_robot(world_from_body, covariance)?;
             }
         }
+        self.views.add_robot();
         Ok(number)
     }
 
@@ -121,7 +128,8 @@ impl Hypotheses {
         self.branches.iter_mut().try_for_each(|b| {
             b.filter.predict(robot, motion)?;
             b.map.as_mut().map_or(Ok(()), |map| map.predict(robot, mapping))
-        })
+        })?;
+        self.views.predict(robot, motion)
     }
 
     /// Processes what a robot sees at one instant; `mapping` are the measurements of the sightings with the noise for the map, where
@@ -165,19 +173,25 @@ impl Hypotheses {
     ) -> Result<(), FilterError> {
         let seen: Vec<Unlabelled> =
             self.branches.iter().map(|b| b.filter.unlabelled(robot, sightings)).collect();
-        let mut next: Vec<(usize, Pairing)> = Vec::new();
+        let spacing_m = self.best().config.delayed_spacing_m;
+        let weights = self.views.weights(robot, sightings, spacing_m);
+        let mut next: Vec<(usize, Vec<Option<usize>>, f64)> = Vec::new();
         for (k, (branch, seen)) in self.branches.iter().zip(&seen).enumerate() {
-            let pairings = branch.filter.pairings(seen, MOST).into_iter();
-            next.extend(pairings.map(|(chosen, cost)| (k, (chosen, branch.cost + cost))));
+            let pairings = branch.filter.pairings(seen, MOST, &weights);
+            let Some((best, counted)) = pairings.first().map(|p| (p.cost, p.counted)) else { continue };
+            // What one answer says of a sighting is compared in full, what different answers expected of it by what it says that the
+            // sightings before it did not.
+            let cost = |p: Pairing| (k, p.chosen, branch.cost + counted + p.cost - best);
+            next.extend(pairings.into_iter().map(cost));
         }
-        next.sort_by(|a, b| a.1.1.total_cmp(&b.1.1).then(a.0.cmp(&b.0)));
-        let Some(least) = next.first().map(|n| n.1.1) else { return Ok(()) };
-        next.retain(|(_, (_, cost))| cost.total_cmp(&(least + MARGIN)).is_le());
+        next.sort_by(|a, b| a.2.total_cmp(&b.2).then(a.0.cmp(&b.0)));
+        let Some(least) = next.first().map(|n| n.2) else { return Ok(()) };
+        next.retain(|(_, _, cost)| cost.total_cmp(&(least + MARGIN)).is_le());
         next.truncate(MOST);
         let mut left: Vec<usize> =
             (0..seen.len()).map(|k| next.iter().filter(|n| n.0 == k).count()).collect();
         let mut before: Vec<Option<Branch>> = self.branches.drain(..).map(Some).collect();
-        for (k, (chosen, cost)) in next {
+        for (k, chosen, cost) in next {
             left[k] -= 1;
             // The last one that follows from a branch needs no copy.
             let from = if left[k] == 0 { before[k].take() } else { before[k].clone() };

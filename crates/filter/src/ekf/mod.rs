@@ -2,8 +2,7 @@
 //!
 //! Source: Smith, Self, Cheeseman, "Estimating uncertain spatial relationships in robotics" (1990); Dissanayake et al.
 //! (2001). Modules: `state` is what all work on; `active` predicts and updates, `associate` does the data association,
-//! `hypotheses` defers it,
-//! `initialise` adds landmarks that one measurement does not determine (`delayed` searches their positions), `upkeep`
+//! `hypotheses` defers it (`views` weighs its sightings), `initialise` adds landmarks that one measurement does not determine (`delayed` searches their positions), `upkeep`
 //! confirms and removes landmarks (`reach` is what the sensor sees), `recover` widens the pose when many sightings are
 //! rejected (`recent`), `exchange` keeps the far part of the map passive (`region`, `passive`, `deferred`, `tiles`).
 
@@ -24,6 +23,7 @@ mod region;
 mod state;
 mod tiles;
 mod upkeep;
+mod views;
 
 pub use crate::covariance::Form;
 pub use config::{Association, EkfConfig, Linearisation};

@@ -354,12 +354,33 @@ fn touch(r: &mut Rollouts, around: &Surroundings, c: &MppiConfig) {
     let far = ((around.radius_m + c.near_m) / frame.resolution_m()).powi(2) as u32;
     let (touch, near) = (c.touch as f32, c.near_m.max(1e-6) as f32);
     for ((&x, &y), cost) in r.x.iter().zip(&r.y).zip(&mut r.cost) {
-        // Negative and NaN become 0, which is safe: the border of a map is not free.
-        let (column, row) = (x as usize, y as usize);
-        let distance = if column < width && row < height { squared[row * width + column] } else { 0 };
+        // Outside, and for NaN, nothing is free: a window of a map may end on open ground.
+        let inside = x >= 0.0 && y >= 0.0 && (x as usize) < width && (y as usize) < height;
+        let distance = if inside { squared[y as usize * width + x as usize] } else { 0 };
         if distance <= far {
             let clear = (distance as f32).sqrt() * per_cell - radius;
             *cost += if clear < -1e-4 { touch } else { 0.5 * (1.0 - clear / near) };
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::distance::DistanceField;
+    use crate::grid::{Grid, GridFrame};
+
+    #[test]
+    fn beyond_every_side_of_a_window_nothing_is_free() {
+        let frame = GridFrame::new(40, 30, 0.05, Se2::identity()).unwrap();
+        let field = DistanceField::new(&Grid::filled(frame, false));
+        let around = Surroundings { field: &field, moving: None, radius_m: 0.2 };
+        let c = MppiConfig::new(Limits::differential_drive());
+        let at = [(20.0, 15.0), (-0.5, 15.0), (20.0, -0.5), (40.5, 15.0), (20.0, 30.5), (f32::NAN, 15.0)];
+        let (x, y) = at.into_iter().unzip();
+        let mut r = Rollouts { x, y, cost: vec![0.0; at.len()], ..Rollouts::default() };
+        touch(&mut r, &around, &c);
+        assert_eq!(r.cost[0], 0.0, "the middle is free");
+        assert!(r.cost[1..].iter().all(|&cost| cost == c.touch as f32), "{:?}", r.cost);
     }
 }

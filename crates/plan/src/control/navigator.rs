@@ -6,7 +6,7 @@
 //! body has waited for as long as it takes longer, so that waiting and driving together are never more than twice the
 //! better of the two (the rule of renting or buying skis; Karlin, Manasse, Rudolph and Sleator 1988). A change of the map
 //! on the path, a jump of the pose (a loop closure) and a body off its path all trigger a new plan; a pose that is not
-//! finite stops the body.
+//! finite stops the body, and so does a motion that is not.
 
 use super::ahead::Surroundings;
 use super::config::NavigatorConfig;
@@ -127,6 +127,9 @@ impl Navigator {
             self.last_pose = None;
             return self.stand(motion, Some(Reason::PoseInvalid));
         }
+        if !(motion.linear.is_finite() && motion.angular.is_finite()) {
+            return self.stand(motion, Some(Reason::MotionInvalid));
+        }
         let gone = self.last_pose.map_or(0.0, |last| (t - last.translation).norm());
         self.last_pose = Some(*world_from_body);
         let expected = motion.linear.abs() * 2.0 * self.config.pursuit.period_s;
@@ -145,8 +148,10 @@ impl Navigator {
         }
     }
 
-    /// Slows down to a stop.
+    /// Slows down to a stop; at once from a motion that is not known.
     fn stand(&mut self, motion: Motion, reason: Option<Reason>) -> Step {
+        let is_known = motion.linear.is_finite() && motion.angular.is_finite();
+        let motion = if is_known { motion } else { Motion::stop() };
         let p = &self.config.pursuit;
         let motion = p.limits.reachable(motion, Motion::stop(), p.period_s);
         self.commanded(motion);

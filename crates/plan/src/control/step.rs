@@ -46,6 +46,9 @@ pub enum Reason {
     /// The pose holds NaN or infinity.
     #[error("the pose is not a number")]
     PoseInvalid,
+    /// The measured motion holds NaN or infinity.
+    #[error("the motion is not a number")]
+    MotionInvalid,
     /// The pose is farther from the last one than the motion explains, by this distance in metres.
     #[error("the pose jumped by {0:.2} m")]
     PoseJumped(f64),

@@ -108,7 +108,7 @@ impl Costmap {
         let obstacles = map.map(|v| is_obstacle(v, &config));
         let field = DistanceField::new(&obstacles);
         let frame = *map.frame();
-        let by_distance = cost_by_distance(&config, frame.resolution_m());
+        let by_distance = cost_by_distance(&config, &frame);
         let (walked, costs) = (Grid::filled(frame, false), Grid::filled(frame, BLOCKED));
         let mut costmap = Self { config, map, walked, obstacles, field, costs, by_distance };
         costmap.price(0..frame.height());
@@ -207,11 +207,13 @@ fn is_obstacle(value: i8, config: &CostConfig) -> bool {
     value >= 65 || (value < 0 && config.unknown.is_none())
 }
 
-/// Costs by squared distance, from 0 until open ground is reached.
-fn cost_by_distance(config: &CostConfig, resolution_m: f64) -> Vec<u8> {
+/// Costs by squared distance, from 0 until open ground is reached, or the longest distance on the map.
+fn cost_by_distance(config: &CostConfig, frame: &GridFrame) -> Vec<u8> {
+    let resolution_m = frame.resolution_m();
     let keep_m = config.touch_m(resolution_m) + config.margin_m;
     let blocked_below = least_squared(keep_m, resolution_m);
-    let end = (config.inflation_m / resolution_m).powi(2).min(1e7) as u32;
+    let end = (config.inflation_m / resolution_m).powi(2) as u32;
+    let longest = ((frame.width() - 1).pow(2) + (frame.height() - 1).pow(2)) as u32;
     let (open, near) = (f64::from(config.open), f64::from(config.near));
     // Falls to a hundredth at the inflation distance.
     let rate = 100f64.ln() / (config.inflation_m - keep_m).max(1e-9);
@@ -219,5 +221,6 @@ fn cost_by_distance(config: &CostConfig, resolution_m: f64) -> Vec<u8> {
         let beyond_m = f64::from(squared).sqrt() * resolution_m - keep_m;
         (open + (near - open) * (-rate * beyond_m).exp()).round().clamp(1.0, 254.0) as u8
     };
-    (0..=end.max(blocked_below)).map(|s| if s < blocked_below { BLOCKED } else { cost(s) }).collect()
+    let all = 0..=end.max(blocked_below).min(longest);
+    all.map(|s| if s < blocked_below { BLOCKED } else { cost(s) }).collect()
 }

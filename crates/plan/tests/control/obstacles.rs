@@ -142,6 +142,11 @@ fn bad_goals_and_poses_have_their_reasons() {
     let step = navigator.step(0.3, &elsewhere, moving, &costs, None);
     assert!(matches!(step.reason, Some(Reason::PoseJumped(m)) if (m - 1.8).abs() < 0.1), "{step:?}");
     assert!((navigator.path().unwrap().at(0.0).0 - elsewhere.translation).norm() < 1e-9);
+    // The wheels say nothing of use: it stops as if it had stood.
+    for unknown in [Motion::new(f64::NAN, 0.0), Motion::new(0.5, f64::INFINITY)] {
+        let step = navigator.step(0.35, &elsewhere, unknown, &costs, None);
+        assert_eq!((step.reason, step.motion), (Some(Reason::MotionInvalid), Motion::stop()));
+    }
     navigator.cancel();
     assert_eq!(navigator.step(0.4, &elsewhere, moving, &costs, None).state, State::Idle);
 }

@@ -2,7 +2,6 @@
 
 use super::halls::{body, costs, hall, navigator, two_rooms};
 use cairn_geometry::{Se2, Vec2};
-use cairn_plan::Cell;
 use cairn_plan::control::trial::{SimulatedBody, drive};
 use cairn_plan::control::{
     Limits, Motion, Mppi, MppiConfig, Navigator, NavigatorConfig, PursuitConfig, ReferencePath, State,
@@ -10,6 +9,7 @@ use cairn_plan::control::{
 };
 use cairn_plan::search::AStar;
 use cairn_plan::smooth::{SmoothConfig, clearance_of, smooth};
+use cairn_plan::{Cell, DistanceField, Grid, GridFrame, Passable};
 use cairn_random::Random;
 
 #[test]
@@ -117,6 +117,40 @@ fn smoothing_shortens_and_keeps_the_clearance() {
         shorter += usize::from(after.length_m < path.length_m(costs.frame()));
     }
     assert!(shorter > 20, "{shorter}");
+}
+
+/// Whatever the size of the cells, the radius and the spacing: the smoothed path comes no nearer to obstacles than the path over the grid,
+/// or than the radius asked for.
+#[test]
+fn smoothing_keeps_the_clearance_at_any_spacing() {
+    let mut random = Random::new(52);
+    let (mut paths, mut narrow) = (0, 0);
+    for _ in 0..400 {
+        let resolution_m = [0.02, 0.05, 0.1, 1.0][random.below(4)];
+        let (w, h) = (10 + random.below(70), 10 + random.below(60));
+        let frame = GridFrame::new(w, h, resolution_m, Se2::from_xy_angle(-1.0, 2.0, 0.3)).unwrap();
+        let density = [0.01, 0.05, 0.15, 0.3][random.below(4)];
+        let field = DistanceField::new(&Grid::filled(frame, ()).map(|()| random.chance(density)));
+        let reach_m = [0.0, 1.0, 2.0, 3.5][random.below(4)] * resolution_m;
+        let passable = Passable::new(&field.at_least(reach_m));
+        let mut some = || frame.cell(random.below(frame.len()));
+        let Ok(path) = AStar::new().search(&passable, some(), some()) else { continue };
+        let config = SmoothConfig {
+            radius_m: reach_m,
+            clearance_m: reach_m + [0.0, 3.0][random.below(2)] * resolution_m,
+            spacing_m: [0.5, 2.0, 5.0, 12.0][random.below(4)] * resolution_m,
+            rounds: [0, 1, 150][random.below(3)],
+        };
+        let points = path.points(&frame);
+        let before = clearance_of(&field, &points);
+        let after = smooth(&field, &path.cells, &config);
+        let least = before.min(reach_m.max(resolution_m));
+        assert!(after.clearance_m >= least - 1e-9, "{} of {least} m: {config:?}", after.clearance_m);
+        assert_eq!(after.clearance_m, clearance_of(&field, &after.points));
+        assert_eq!((after.points.first(), after.points.last()), (points.first(), points.last()));
+        (paths, narrow) = (paths + 1, narrow + usize::from(before < 1.5 * resolution_m));
+    }
+    assert!(paths > 80 && narrow > 20, "{paths} paths, {narrow} of them narrow");
 }
 
 #[test]
