@@ -32,6 +32,8 @@ const MOSTLY_NOISE: f64 = 0.25;
 const STILL: f64 = 0.1;
 /// Where the last step is longer than so many standard deviations, the shades say nothing.
 const SMALL: f64 = 1.0;
+/// The shades tell a direction with at most this standard deviation, metres or radians: what tells less may as well be a stain on the lens.
+const TOLD_M: f64 = 0.004;
 /// Information on a direction of which nothing is told: a standard deviation of 10 m or rad.
 const LEAST_INFORMATION: f64 = 0.01;
 /// Least and greatest gain of the brightness.
@@ -267,6 +269,7 @@ impl Rows {
         let scale = 1.0 / (CORRELATED * self.variance());
         let off = tracked.volume_from_camera.local(pose);
         let (mut step, mut left) = (Vector6::zeros(), Vec::new());
+        let least = config.fixed_m.min(TOLD_M).powi(-2);
         // Of the free directions the surface says nothing, whatever noise makes of them.
         let fixed = Matrix6::identity() - free * free.transpose();
         let mut information = fixed * tracked.covariance.try_inverse()? * fixed;
@@ -274,7 +277,7 @@ impl Rows {
         for (i, curvature) in eigen.eigenvalues.iter().enumerate() {
             let direction: Vector6<f64> = free * eigen.eigenvectors.column(i);
             let told = curvature * scale * self.sound(&direction);
-            if told.is_finite() && told >= 1.0 / (config.fixed_m * config.fixed_m) {
+            if told.is_finite() && told >= least {
                 step += direction * direction.dot(&off);
                 information += direction * direction.transpose() * told;
             } else {

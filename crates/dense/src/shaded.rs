@@ -1,8 +1,12 @@
 //! A view with its shades: the gray image of a depth frame's pixels, halved several times, and the depth beside it.
+//!
+//! What changes slowly over the image is taken out: a lens darkens its corners and a lamp at the camera lights the middle, and both stay
+//! where they are in the image while the camera moves. Before a blank wall they would say that it stands still.
 
 use crate::DenseError;
 use crate::frame::DepthFrame;
 use cairn_sensor::{Camera, GrayImage, Image};
+use nalgebra::{SMatrix, SVector};
 
 /// The finest level is at most this wide: half a pixel more would tell little, and takes four times as long.
 const WIDEST: usize = 320;
@@ -46,6 +50,7 @@ impl ShadedView {
         while finest.camera.width > WIDEST {
             (finest, times) = (finest.halved(), 2 * times);
         }
+        flatten(&mut finest.image);
         let mut depth_m = Image::new(finest.camera.width, finest.camera.height);
         for y in 0..finest.camera.height {
             for (x, z) in depth_m.row_mut(y).iter_mut().enumerate() {
@@ -118,9 +123,56 @@ impl Shades {
     }
 }
 
+/// Terms of a polynomial of fourth degree in two variables.
+const TERMS: usize = 15;
+/// Pixels from one to the next that it is fitted to.
+const FITTED: usize = 4;
+
+/// Takes out what a polynomial of fourth degree makes of the image.
+fn flatten(image: &mut Image<f32>) {
+    let (w, h) = (image.width(), image.height());
+    let terms = |x: usize, y: usize| {
+        let (u, v) = (2.0 * x as f32 / w as f32 - 1.0, 2.0 * y as f32 / h as f32 - 1.0);
+        let (uu, vv) = (u * u, v * v);
+        let all = [1.0, u, v, uu, u * v, vv, uu * u, uu * v, u * vv, vv * v];
+        let fourth = [uu * uu, uu * u * v, uu * vv, u * v * vv, vv * vv];
+        SVector::<f32, TERMS>::from_iterator(all.into_iter().chain(fourth))
+    };
+    let (mut normal, mut right) = (SMatrix::<f32, TERMS, TERMS>::identity() * 1e-3, SVector::zeros());
+    for y in (0..h).step_by(FITTED) {
+        for x in (0..w).step_by(FITTED) {
+            let t = terms(x, y);
+            normal += t * t.transpose();
+            right += t * image.at(x, y);
+        }
+    }
+    let Some(fit) = normal.cholesky().map(|c| c.solve(&right)) else { return };
+    for y in 0..h {
+        for (x, shade) in image.row_mut(y).iter_mut().enumerate() {
+            *shade -= terms(x, y).dot(&fit);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The dark corners of a lens are gone, and a line of one pixel is still there.
+    #[test]
+    fn what_changes_slowly_is_taken_out() {
+        let mut image = Image::new(160, 120);
+        for y in 0..120 {
+            for x in 0..160 {
+                let (u, v) = ((x as f32 - 79.5) / 100.0, (y as f32 - 59.5) / 100.0);
+                image.row_mut(y)[x] = 150.0 * (1.0 - 0.15 * (u * u + v * v)) + 0.1 * x as f32;
+            }
+            image.row_mut(y)[50] += 20.0;
+        }
+        flatten(&mut image);
+        let most = (0..160).filter(|x| *x != 50).map(|x| image.at(x, 40).abs()).fold(0.0, f32::max);
+        assert!(most < 1.0 && image.at(50, 40) > 18.0, "{most} {}", image.at(50, 40));
+    }
 
     /// A level shows the same rays as the image that it was halved from, and the gradient is that of a slope.
     #[test]
