@@ -9,6 +9,7 @@ mod grid;
 mod mesh;
 mod noise;
 mod occupancy;
+mod photometric;
 mod pixel;
 mod prepare;
 mod project;
@@ -17,6 +18,7 @@ mod raycast;
 mod register;
 mod rendered;
 mod sample;
+mod shaded;
 mod submap;
 mod track;
 mod tsdf;
@@ -31,10 +33,12 @@ pub use frame::DepthFrame;
 pub use mesh::{Mesh, MeshConfig, Mesher, draw, overview};
 pub use noise::DepthNoise;
 pub use occupancy::{Occupancy, OccupancyConfig, OccupancyGrid};
+pub use photometric::track_photometric;
 pub use prepare::{DepthConfig, DepthPreparer};
 pub use raycast::raycast;
 pub use register::{RegisterConfig, Registration, Surface, SurfaceFeatures, Verdict, register};
 pub use rendered::RayCast;
+pub use shaded::ShadedView;
 pub use submap::{
     AnchorId, ColumnChange, ColumnChanges, DenseMap, Followed, Located, Locator, MapId, PackedDepth,
     PackedGray, Place, Progress, SavedFrame, SavedSubmap, SubmapConfig, SubmapView, SurfaceChange,

@@ -153,14 +153,30 @@ impl DepthPreparer {
     /// # Errors
     /// An image of another size.
     pub fn colours(&self, gray: &GrayImage) -> Result<Image<[u8; 3]>, DenseError> {
+        self.remapped(gray, |v| [v; 3])
+    }
+
+    /// The shades of a frame's pixels, from such an image.
+    ///
+    /// # Errors
+    /// An image of another size.
+    pub fn shades(&self, gray: &GrayImage) -> Result<GrayImage, DenseError> {
+        self.remapped(gray, |v| v)
+    }
+
+    fn remapped<T: Copy + Default>(
+        &self,
+        gray: &GrayImage,
+        of: impl Fn(u8) -> T,
+    ) -> Result<Image<T>, DenseError> {
         self.check("colour", [gray.width(), gray.height()])?;
         let data = gray.data();
-        let colours = match self.remap.is_empty() {
-            true => data.iter().map(|&v| [v; 3]).collect(),
+        let pixels = match self.remap.is_empty() {
+            true => data.iter().map(|&v| of(v)).collect(),
             // Where the pinhole sees nothing there is no depth either.
-            false => self.remap.iter().map(|&i| [data.get(i as usize).copied().unwrap_or(0); 3]).collect(),
+            false => self.remap.iter().map(|&i| of(data.get(i as usize).copied().unwrap_or(0))).collect(),
         };
-        Ok(Image::from_vec(gray.width(), gray.height(), colours).unwrap_or_else(|| Image::new(0, 0)))
+        Ok(Image::from_vec(gray.width(), gray.height(), pixels).unwrap_or_else(|| Image::new(0, 0)))
     }
 
     /// [`Self::colours`] of a packed image, where there is one.

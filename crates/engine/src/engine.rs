@@ -27,6 +27,8 @@ pub struct Engine {
     tracker: Tracker,
     mapping: Mapping,
     pub(crate) mode: SensorMode,
+    /// Whether the first camera shows the pixels of the depth.
+    has_colours: bool,
     /// True where the map must stay unchanged.
     pub(crate) localize_only: bool,
     /// The journal header, except for the source and the map.
@@ -107,6 +109,7 @@ impl Engine {
             tracker,
             mapping,
             mode,
+            has_colours: crate::has_colours(rig),
             localize_only: false,
             header,
             log: Log::default(),
@@ -190,7 +193,8 @@ impl Engine {
         let (snapshot, idle) = self.mapping.snapshot_for(packet.stamp, &mut done);
         let version = snapshot.version();
         let tracking_start = Instant::now();
-        self.tracker.depth_seen(packet.depth.clone());
+        let gray = packet.images.first().filter(|_| self.has_colours).cloned();
+        self.tracker.depth_seen(packet.depth.clone(), gray);
         let was_told = self.pass_on_found();
         let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &snapshot, idle, !self.localize_only);
         self.tell_search(&frame, &tracked, was_told, &snapshot);

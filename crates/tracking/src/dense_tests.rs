@@ -8,7 +8,7 @@ use crate::tests::{STEP_S, step, tracker_at_end};
 use crate::{DepthPlaced, FoundByDepth, MotionSource, Tracker, TrackerConfig};
 use cairn_atlas::{Atlas, KeyFrameId};
 use cairn_geometry::{Se3, Vec3};
-use cairn_sensor::{Camera, DepthImage, DepthSensor, Stamp};
+use cairn_sensor::{Camera, DepthImage, DepthSensor, GrayImage, Stamp};
 use nalgebra::Matrix6;
 use std::sync::Arc;
 
@@ -51,7 +51,7 @@ fn begun(is_front_end: bool) -> (Atlas, KeyFrameId, DenseAligner) {
     let mut aligner =
         DenseAligner::new(&sensor(), Se3::identity(), 0.5, is_front_end).expect("a depth camera");
     for n in 0..2 {
-        aligner.next(Some(room(&at(n), RIGHT)));
+        aligner.next(Some(room(&at(n), RIGHT)), None);
         let anchored = anchored_at(atlas.latest(), ids[1], at(n)).expect("there");
         aligner.placed(atlas.latest(), stamp(n), anchored, Placement::Weak);
     }
@@ -64,7 +64,7 @@ fn align_finds_the_pose_of_each_depth_image_and_is_less_sure_the_longer_it_carri
     assert!(aligner.is_active() && !aligner.is_front_end());
     let mut sigmas = Vec::new();
     for n in 2..12 {
-        aligner.next(Some(room(&at(n), RIGHT)));
+        aligner.next(Some(room(&at(n), RIGHT)), None);
         assert!(!aligner.was_tried() && aligner.aligned().is_none());
         let aligned = aligner.align(atlas.latest(), stamp(n), None, None).expect("aligned");
         let (reckoned, moved) = (aligned.reckoned, aligned.last_from_now);
@@ -79,7 +79,7 @@ fn align_finds_the_pose_of_each_depth_image_and_is_less_sure_the_longer_it_carri
     }
     assert!(sigmas[9] > sigmas[0], "{sigmas:.4?}");
     // Seconds later nothing predicts the pose; with a prediction it is found.
-    aligner.next(Some(room(&at(12), RIGHT)));
+    aligner.next(Some(room(&at(12), RIGHT)), None);
     let late = stamp(12).plus_seconds(5.0);
     assert!(aligner.align(atlas.latest(), late, None, None).is_none());
     let near = Prediction {
@@ -93,34 +93,34 @@ fn align_finds_the_pose_of_each_depth_image_and_is_less_sure_the_longer_it_carri
 #[test]
 fn align_says_nothing_of_an_image_taken_elsewhere_or_without_what_was_seen_before() {
     let (atlas, _, mut aligner) = begun(false);
-    aligner.next(Some(room(&(at(2) * pose(0.8, 0.0, 0.6)), RIGHT)));
+    aligner.next(Some(room(&(at(2) * pose(0.8, 0.0, 0.6)), RIGHT)), None);
     assert!(aligner.align(atlas.latest(), stamp(2), None, None).is_none(), "elsewhere");
-    aligner.next(None);
+    aligner.next(None, None);
     assert!(aligner.align(atlas.latest(), stamp(2), None, None).is_none(), "no image");
     let (atlas, _, mut aligner) = begun(false);
     aligner.moved_elsewhere();
     assert!(!aligner.is_active());
-    aligner.next(Some(room(&at(2), RIGHT)));
+    aligner.next(Some(room(&at(2), RIGHT)), None);
     assert!(aligner.align(atlas.latest(), stamp(2), None, None).is_none(), "in another map");
 }
 
 #[test]
 fn refuse_forgets_the_surface_and_features_that_suffice_end_alignment() {
     let (atlas, id, mut aligner) = begun(false);
-    aligner.next(Some(room(&at(2), RIGHT)));
+    aligner.next(Some(room(&at(2), RIGHT)), None);
     assert!(aligner.align(atlas.latest(), stamp(2), None, None).is_some());
     aligner.refuse();
     assert!(aligner.aligned().is_none() && !aligner.is_active());
     assert!(aligner.align(atlas.latest(), stamp(2), None, None).is_none(), "no surface");
     let (_, _, mut aligner) = begun(false);
     for n in 2..8 {
-        aligner.next(Some(room(&at(n), RIGHT)));
+        aligner.next(Some(room(&at(n), RIGHT)), None);
         let anchored = anchored_at(atlas.latest(), id, at(n)).expect("there");
         aligner.placed(atlas.latest(), stamp(n), anchored, Placement::Sure);
         assert_eq!(aligner.is_active(), n < 6, "frame {n}");
     }
     // What it remembered meanwhile is enough to begin again.
-    aligner.next(Some(room(&at(8), RIGHT)));
+    aligner.next(Some(room(&at(8), RIGHT)), None);
     let found = aligner.align(atlas.latest(), stamp(8), None, None).expect("aligned");
     assert!(off(&found.reckoned.world_from_camera, &at(8)).0 < 0.01);
 }
@@ -131,7 +131,7 @@ fn chosen_is_the_pose_of_the_depth_where_that_is_the_front_end_and_of_the_featur
     for is_front_end in [false, true] {
         let (atlas, id, mut aligner) = begun(is_front_end);
         assert!(aligner.is_active() && aligner.is_front_end() == is_front_end);
-        aligner.next(Some(room(&at(2), RIGHT)));
+        aligner.next(Some(room(&at(2), RIGHT)), None);
         aligner.align(atlas.latest(), stamp(2), None, None).expect("aligned");
         let chosen = off(&aligner.chosen(wrong), &at(2)).0;
         assert_eq!(chosen < 0.012, is_front_end, "{chosen} m");
@@ -152,9 +152,57 @@ fn begin_at_goes_on_from_images_that_a_search_has_followed() {
         .collect();
     aligner.begin_at(&followed, Matrix6::identity() * 1e-4);
     assert!(aligner.is_active());
-    aligner.next(Some(room(&at(3), RIGHT)));
+    aligner.next(Some(room(&at(3), RIGHT)), None);
     let found = aligner.align(atlas.latest(), stamp(3), None, None).expect("aligned");
     assert!(off(&found.reckoned.world_from_camera, &at(3)).0 < 0.01);
+}
+
+/// The depth of a wall at z = 2 that fills the view, and the cloth on it: waves of a few shades.
+fn cloth(world_from_camera: &Se3) -> (Arc<DepthImage>, Arc<GrayImage>) {
+    let camera = sensor().camera;
+    let (w, h) = (camera.width, camera.height);
+    let (mut depth, mut gray) = (DepthImage::new(w, h), GrayImage::new(w, h));
+    for y in 0..h {
+        for x in 0..w {
+            let ray = Vec3::new((x as f64 - camera.cx) / camera.fx, (y as f64 - camera.cy) / camera.fy, 1.0);
+            let way = world_from_camera.rotation * ray;
+            let z = (2.0 - world_from_camera.translation.z) / way.z;
+            let p = world_from_camera.translation + way * z;
+            let waves = [(9.0, 2.0), (-4.0, 14.0), (25.0, -20.0), (30.0, 35.0)];
+            let shade: f64 = waves.iter().map(|(a, b)| (a * p.x + b * p.y + a).sin()).sum();
+            depth.row_mut(y)[x] = (z * 1000.0).round() as u16;
+            gray.row_mut(y)[x] = (70.0 + 5.0 * shade).round() as u8;
+        }
+    }
+    (Arc::new(depth), Arc::new(gray))
+}
+
+/// Along one wall the shape says nothing; what is on it does. The walker starts and stops, which constant velocity does not foresee.
+#[test]
+fn align_finds_the_way_along_a_wall_by_its_texture() {
+    let at = |n: usize| pose(0.25 * (0.35 * n as f64).sin(), 0.002 * n as f64, 0.02 * (0.5 * n as f64).sin());
+    let mut worst = [0.0f64; 2];
+    for (has_texture, worst) in [false, true].into_iter().zip(&mut worst) {
+        let (atlas, ids) = World::around(stereo(), 81).exact_map(&sideways(2, 0.2));
+        let mut aligner = DenseAligner::new(&sensor(), Se3::identity(), 2.0, false).expect("a depth camera");
+        for n in 0..24 {
+            let (depth, gray) = cloth(&at(n));
+            aligner.next(Some(depth), Some(gray).filter(|_| has_texture));
+            let found = aligner.align(atlas.latest(), stamp(n), None, None).map(|a| a.reckoned);
+            assert_eq!(found.is_some(), n > 0, "frame {n}");
+            let (pose, by) =
+                found.map_or((at(n), Placement::Weak), |r| (r.world_from_camera, Placement::Carried));
+            let (m, rad) = off(&pose, &at(n));
+            *worst = worst.max(m).max(rad);
+            if let Some(found) = found.filter(|_| has_texture) {
+                assert!(m < 0.01 && rad < 0.005, "frame {n}: {m} m, {rad} rad");
+                assert!(found.sigma()[0] < 0.1, "frame {n}: {:?}", found.sigma());
+            }
+            let anchored = anchored_at(atlas.latest(), ids[1], pose).expect("there");
+            aligner.placed(atlas.latest(), stamp(n), anchored, by);
+        }
+    }
+    assert!(worst[0] > 0.1, "without texture it drifts: {worst:?}");
 }
 
 /// A tracker with depth at the end of a map, which then lost its way: so many frames show nothing that it knows.
@@ -170,7 +218,7 @@ fn lost(seconds: f64, config: TrackerConfig) -> (World, Atlas, Vec<KeyFrameId>, 
     other.keep(&(0..40).collect::<Vec<_>>());
     while now < from_s + seconds {
         now += STEP_S;
-        tracker.depth_seen(None);
+        tracker.depth_seen(None, None);
         step(&mut tracker, atlas.latest(), &other.see(&pose(0.0, 0.0, 3.0), now));
     }
     (world, atlas, ids, tracker, now)
@@ -196,7 +244,7 @@ pub(crate) fn tracker_carried_by_depth(is_front_end: bool) -> (Tracker, Se3) {
     tracker.map_created(atlas.latest(), ids[3]);
     for n in 0..16 {
         let seen = if n < 10 { &world } else { &dark };
-        tracker.depth_seen(Some(room(&at(n), RIGHT)));
+        tracker.depth_seen(Some(room(&at(n), RIGHT)), None);
         step(&mut tracker, atlas.latest(), &seen.see(&at(n), 1.5 + STEP_S * (n + 1) as f64));
     }
     (tracker, at(15))
@@ -209,7 +257,7 @@ fn found_by_depth_goes_on_by_depth_where_a_lost_camera_is() {
     let view = dark.see(&at(3), now + STEP_S);
     assert!(tracker.may_believe_depth(&view.frame), "it was tracked just before");
     tracker.found_by_depth(found(ids[2], &atlas, now));
-    tracker.depth_seen(Some(room(&at(3), RIGHT)));
+    tracker.depth_seen(Some(room(&at(3), RIGHT)), None);
     let tracked = step(&mut tracker, atlas.latest(), &view);
     assert!(matches!(tracked.state, State::Coasting { .. }), "{:?}", tracked.state);
     let anchored = tracked.pose.expect("a pose");
@@ -218,7 +266,7 @@ fn found_by_depth_goes_on_by_depth_where_a_lost_camera_is() {
     // It looks most like the first key frame.
     assert_eq!(anchored.reference, ids[0]);
     // And on from there.
-    tracker.depth_seen(Some(room(&at(4), RIGHT)));
+    tracker.depth_seen(Some(room(&at(4), RIGHT)), None);
     let tracked = step(&mut tracker, atlas.latest(), &dark.see(&at(4), now + 2.0 * STEP_S));
     assert!(off(&tracked.pose.expect("a pose").world_from_camera, &at(4)).0 < 0.02);
 }
@@ -231,7 +279,7 @@ fn found_by_depth_is_not_believed_too_late_or_of_a_place_that_shape_alone_speaks
         let view = dark.see(&at(3), now + STEP_S + late_s);
         let believed = tracker.may_believe_depth(&view.frame);
         tracker.found_by_depth(found(ids[2], &atlas, now));
-        tracker.depth_seen(Some(room(&at(3), RIGHT)));
+        tracker.depth_seen(Some(room(&at(3), RIGHT)), None);
         let tracked = step(&mut tracker, atlas.latest(), &view);
         (believed, tracked.pose.is_some())
     };
@@ -256,7 +304,7 @@ fn a_bare_wall_is_crossed_by_depth_and_the_way_back_to_features_is_smooth() {
     for n in 0..40 {
         let seen = if (10..28).contains(&n) { &dark } else { &world };
         let seconds = 1.5 + STEP_S * (n + 1) as f64;
-        tracker.depth_seen(Some(room(&at(n), RIGHT)));
+        tracker.depth_seen(Some(room(&at(n), RIGHT)), None);
         let tracked = step(&mut tracker, atlas.latest(), &seen.see(&at(n), seconds));
         let by_depth = matches!(tracked.state, State::Coasting { .. });
         assert_eq!(by_depth, (10..28).contains(&n), "frame {n}: {:?}", tracked.state);

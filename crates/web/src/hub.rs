@@ -6,6 +6,7 @@
 use crate::columns::Columns;
 use crate::drawn::Drawn;
 use crate::line::Lines;
+use crate::pulse::Pulse;
 use crate::surface::Surface;
 use crate::token::same;
 use crate::wire::ToPage;
@@ -45,6 +46,8 @@ pub(crate) struct Hub {
     pub running: AtomicBool,
     /// Steps that the session has taken.
     pub steps: AtomicU64,
+    /// Turns that the threads of the pages have taken.
+    pub pulse: Pulse,
     /// Someone has asked to end the server.
     pub shutting_down: AtomicBool,
     /// Number of pages that want images.
@@ -91,6 +94,7 @@ impl Hub {
             inbox: Inbox::new(),
             running: AtomicBool::new(false),
             steps: AtomicU64::new(0),
+            pulse: Pulse::default(),
             shutting_down: AtomicBool::new(false),
             pictures_wanted: AtomicU64::new(0),
             maps_wanted: AtomicU64::new(0),

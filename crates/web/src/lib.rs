@@ -14,6 +14,7 @@ mod lens;
 mod line;
 mod link;
 mod page;
+mod pulse;
 mod requests;
 mod server;
 mod start;

@@ -97,6 +97,7 @@ impl Server {
             .enable_all()
             .build()
             .map_err(WebError::machine)?;
+        hub.pulse.beat_on(runtime.handle());
         let (stop, stopped) = oneshot::channel();
         let router = router(hub.clone(), &config.session, authority.as_ref());
         let web = std::thread::Builder::new().name("cairn-web".into()).spawn(move || {
@@ -212,6 +213,11 @@ impl Remote {
     /// How many steps the session has taken; `None` while it does not run. One that runs takes twenty a second and more.
     pub fn steps(&self) -> Option<u64> {
         self.0.running.load(Ordering::Relaxed).then(|| self.0.steps.load(Ordering::Relaxed))
+    }
+
+    /// How many turns the threads that serve the pages have taken: ten a second, none while they hang.
+    pub fn turns(&self) -> u64 {
+        self.0.pulse.turns()
     }
 }
 

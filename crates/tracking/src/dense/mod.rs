@@ -3,22 +3,25 @@
 //! In: the depth image of each frame, and the poses that tracking found. Out: a pose with its covariance ([`Reckoned`]),
 //! used as that of any other measured motion: first guess, prior of the pose by features, gate, and the pose itself while
 //! too little is seen. The image is aligned with a field fused from those before it (`cairn_dense::track`). Directions
-//! that the surface leaves free (along a bare corridor, in the plane of a single wall) are those of the prediction: of the IMU, of a
-//! measured motion, else of constant velocity; and as uncertain.
+//! that the surface leaves free (along a bare corridor, in the plane of a single wall) are found by the shades on it
+//! (`cairn_dense::track_photometric`), where the camera sees the depth's pixels and there is a texture; else they are those of the
+//! prediction: of the IMU, of a measured motion, else of constant velocity; and as uncertain.
 //!
 //! While features suffice nothing is aligned: depth images are remembered, and that is all.
 
 mod surface;
+mod texture;
 
 use crate::reckoning::{Reckoned, TRACKED_SIGMA_M, TRACKED_SIGMA_RAD};
 use crate::state::AnchoredPose;
-use cairn_atlas::Snapshot;
+use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_dense::{DenseTracked, DepthConfig, DepthPreparer, TrackConfig, track_from};
 use cairn_geometry::{Manifold, Se3};
-use cairn_sensor::{DepthImage, DepthSensor, Stamp};
+use cairn_sensor::{DepthImage, DepthSensor, GrayImage, Stamp};
 use nalgebra::{Matrix6, Vector6};
 use std::sync::Arc;
 use surface::Surface;
+use texture::Texture;
 
 /// Share of the points that must be near the surface. A camera that sees mostly what it has not seen before is not aligned.
 const LEAST_SHARE: f64 = 0.5;
@@ -73,6 +76,7 @@ pub(crate) struct DenseAligner {
     config: TrackConfig,
     /// The depth image of the frame that is tracked.
     image: Option<Arc<DepthImage>>,
+    texture: Texture,
     surface: Surface,
     /// Whether the pose of each frame is that of its depth.
     is_front_end: bool,
@@ -109,6 +113,7 @@ impl DenseAligner {
             camera_from_depth,
             config: TrackConfig { fixed_m: FIXED_M, ..TrackConfig::default() },
             image: None,
+            texture: Texture::default(),
             surface: Surface::default(),
             is_front_end,
             is_active: is_front_end,
@@ -121,9 +126,10 @@ impl DenseAligner {
         })
     }
 
-    /// The next frame comes, with this depth image.
-    pub fn next(&mut self, image: Option<Arc<DepthImage>>) {
+    /// The next frame comes, with this depth image and the gray image of its pixels.
+    pub fn next(&mut self, image: Option<Arc<DepthImage>>, gray: Option<Arc<GrayImage>>) {
         self.image = image;
+        self.texture.next(gray);
         self.aligned = None;
         self.was_tried = false;
     }
@@ -187,6 +193,10 @@ impl DenseAligner {
         let turn = self.camera_from_depth.inverse().adjoint();
         let in_depth = turn * covariance * turn.transpose();
         let tracked = track_from(self.surface.volume()?, frame, &in_field, &in_depth, &self.config).ok()?;
+        let tracked = match self.by_texture(snapshot, reference, &image, &tracked, &in_depth) {
+            Some(found) => found,
+            None => tracked,
+        };
         let found = tracked.volume_from_camera * self.camera_from_depth.inverse();
         let found = snapshot.resolve(reference, &found)?;
         let measured = self.measured(&tracked);
@@ -203,6 +213,24 @@ impl DenseAligner {
         let reckoned = Reckoned { world_from_camera: found, covariance, limit };
         self.aligned = Some(Aligned { reckoned, last_from_now: before.inverse() * found, free });
         self.aligned.as_ref()
+    }
+
+    /// Where the texture of the surface puts the camera along what its shape leaves free.
+    fn by_texture(
+        &mut self,
+        snapshot: &Snapshot,
+        reference: KeyFrameId,
+        image: &DepthImage,
+        tracked: &DenseTracked,
+        known: &Matrix6<f64>,
+    ) -> Option<DenseTracked> {
+        if tracked.free.is_empty() || !is_sound(tracked) {
+            return None;
+        }
+        let here = tracked.volume_from_camera * self.camera_from_depth.inverse();
+        let (before, pose) = self.surface.view_of(snapshot, reference, &here)?;
+        let pose = pose * self.camera_from_depth;
+        self.texture.find((&before, &pose), image, &mut self.preparer, tracked, known, &self.config)
     }
 
     /// The frame has a pose: by features, which suffice by themselves or not (`is_sure`), or only by what carries it.
@@ -228,13 +256,14 @@ impl DenseAligner {
         if !self.is_active {
             self.surface.forget_field();
         }
+        let gray = self.texture.take_gray();
         let Some(image) = self.image.take() else { return };
         if self.is_active && self.aligned.is_some() {
             // Its image is the one that was prepared last.
             let world_from_depth = anchored.world_from_camera * self.camera_from_depth;
             self.surface.fuse(snapshot, self.preparer.frame(), &world_from_depth);
         }
-        self.surface.take(image, anchored);
+        self.surface.take(image, gray, anchored);
     }
 
     /// The camera is in another map, or was found elsewhere: what was seen before is not what is around it.
@@ -254,7 +283,7 @@ impl DenseAligner {
                     moved / (*stamp - last.stamp)
                 });
             self.last = Some(PosedFrame { stamp: *stamp, anchored: *anchored, covariance, velocity });
-            self.surface.take(image.clone(), *anchored);
+            self.surface.take(image.clone(), None, *anchored);
         }
         (self.is_active, self.located, self.carried) = (true, 0, 0);
     }

@@ -4,11 +4,12 @@
 //! While features carry the pose nothing is fused: the images are only remembered, with their poses. The field is built from
 //! them when it is asked for, and once it has grown too large.
 
+use super::texture::View;
 use crate::state::AnchoredPose;
 use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_dense::{DepthFrame, DepthPreparer, TsdfConfig, TsdfVolume};
 use cairn_geometry::{Manifold, Se3};
-use cairn_sensor::DepthImage;
+use cairn_sensor::{DepthImage, GrayImage};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -16,13 +17,16 @@ use std::sync::Arc;
 const REMEMBERED: usize = 8;
 /// An image is remembered when the camera has moved by so many metres and radians (together) since the last that was.
 const APART: f64 = 0.12;
+/// The texture seen by a camera at most so many metres and radians (together) from here is compared with what is seen now.
+const ALIKE: f64 = 0.4;
 /// The field is built anew once the camera is so many metres from where it was built.
 const FAR_M: f64 = 4.0;
 
-/// A depth image and where it was taken.
+/// A depth image, the gray image of its pixels, and where it was taken.
 #[derive(Clone, Debug)]
 struct Taken {
     image: Arc<DepthImage>,
+    gray: Option<Arc<GrayImage>>,
     anchored: AnchoredPose,
 }
 
@@ -49,10 +53,10 @@ pub(super) struct Surface {
 
 impl Surface {
     /// A frame with a pose has come: its image is the latest, and remembered where the view has changed.
-    pub fn take(&mut self, image: Arc<DepthImage>, anchored: AnchoredPose) {
+    pub fn take(&mut self, image: Arc<DepthImage>, gray: Option<Arc<GrayImage>>, anchored: AnchoredPose) {
         let moved = |t: &Taken| t.anchored.world_from_camera.local(&anchored.world_from_camera).norm();
         let same_place = self.remembered.back().is_some_and(|t| moved(t) < APART);
-        let taken = Taken { image, anchored };
+        let taken = Taken { image, gray, anchored };
         if !same_place {
             if self.remembered.len() == REMEMBERED {
                 self.remembered.pop_front();
@@ -60,6 +64,21 @@ impl Surface {
             self.remembered.push_back(taken.clone());
         }
         self.latest = Some(taken);
+    }
+
+    /// The oldest remembered view from near `reference_from_camera` that has a gray image, so that errors do not add up from frame to frame,
+    /// and its pose in the camera frame of the reference.
+    pub fn view_of(
+        &self,
+        snapshot: &Snapshot,
+        reference: KeyFrameId,
+        reference_from_camera: &Se3,
+    ) -> Option<(View, Se3)> {
+        self.remembered.iter().find_map(|taken| {
+            let view = View { depth: taken.image.clone(), gray: taken.gray.clone()? };
+            let pose = in_reference(snapshot, reference, &taken.anchored)?;
+            (pose.local(reference_from_camera).norm() < ALIKE).then_some((view, pose))
+        })
     }
 
     /// Forgets the field, not the images.
@@ -106,16 +125,11 @@ impl Surface {
         let latest = self.latest.as_ref()?;
         let (reference, _) = snapshot.surviving_ancestor(latest.anchored.reference)?;
         let mut volume = TsdfVolume::new(TsdfConfig::default()).ok()?;
-        let in_reference = |taken: &Taken| {
-            let anchored = &taken.anchored;
-            let world = snapshot.resolve(anchored.reference, &anchored.reference_from_camera)?;
-            snapshot.anchor(reference, &world)
-        };
-        let built_at = in_reference(latest)?;
+        let built_at = in_reference(snapshot, reference, &latest.anchored)?;
         let newest = self.remembered.back().filter(|t| !Arc::ptr_eq(&t.image, &latest.image));
         let all = self.remembered.iter().rev().skip(usize::from(newest.is_none()));
         for taken in std::iter::once(latest).chain(all) {
-            let Some(pose) = in_reference(taken) else { continue };
+            let Some(pose) = in_reference(snapshot, reference, &taken.anchored) else { continue };
             let Ok(frame) = preparer.prepare(&taken.image) else { continue };
             // An image that cannot be fused is left out.
             let _ = volume.integrate(frame, None, &(pose * *camera_from_depth));
@@ -131,4 +145,10 @@ impl Surface {
         let _ = field.volume.integrate(frame, None, &pose);
         field.images += 1;
     }
+}
+
+/// A pose of the map in the camera frame of a key frame.
+fn in_reference(snapshot: &Snapshot, reference: KeyFrameId, anchored: &AnchoredPose) -> Option<Se3> {
+    let world = snapshot.resolve(anchored.reference, &anchored.reference_from_camera)?;
+    snapshot.anchor(reference, &world)
 }

@@ -9,7 +9,7 @@ use crate::state::{AnchoredPose, State, Tracked};
 use cairn_atlas::Snapshot;
 use cairn_geometry::Se3;
 use cairn_inertial::NavEstimate;
-use cairn_sensor::{DepthImage, DepthSensor, Stamp};
+use cairn_sensor::{DepthImage, DepthSensor, GrayImage, Stamp};
 use cairn_vision::Frame;
 use std::sync::Arc;
 
@@ -20,10 +20,11 @@ impl Tracker {
         Self { dense, ..self }
     }
 
-    /// The depth image of the frame that is tracked next; to be told before each [`Tracker::step`].
-    pub fn depth_seen(&mut self, image: Option<Arc<DepthImage>>) {
+    /// The depth image of the frame that is tracked next, and the gray image where it shows the same pixels; to be told before each
+    /// [`Tracker::step`].
+    pub fn depth_seen(&mut self, image: Option<Arc<DepthImage>>, gray: Option<Arc<GrayImage>>) {
         if let Some(dense) = &mut self.dense {
-            dense.next(image);
+            dense.next(image, gray);
         }
     }
 

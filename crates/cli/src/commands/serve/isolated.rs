@@ -21,6 +21,8 @@ use std::time::{Duration, Instant};
 const BEAT: Duration = Duration::from_millis(100);
 /// A session that takes no step for so long is stuck. It may write a large map meanwhile.
 const STUCK: Duration = Duration::from_secs(10);
+/// Pages that nothing is sent to for so long are stuck: nobody hears what the guide says.
+const MUTE: Duration = Duration::from_secs(1);
 
 /// By what pages find a server again.
 #[derive(Serialize, Deserialize)]
@@ -85,13 +87,9 @@ pub fn tie(folder: &Path, server: &Server) -> Result<(), Failure> {
 }
 
 fn beat(remote: &Remote, folder: &Path) {
-    let (mut steps, mut stepped) = (None, Instant::now());
+    let mut progress = Progress::new(Instant::now());
     loop {
-        let now = remote.steps();
-        if now != steps || now.is_none() {
-            (steps, stepped) = (now, Instant::now());
-        }
-        if stepped.elapsed() < STUCK {
+        if progress.goes_on(remote.steps(), remote.turns(), Instant::now()) {
             // A sign that cannot be written is missed, and this process started again.
             let _ = std::fs::write(folder.join(ALIVE), "");
         }
@@ -99,6 +97,29 @@ fn beat(remote: &Remote, folder: &Path) {
             remote.command(Command::Quit);
         }
         std::thread::sleep(BEAT);
+    }
+}
+
+/// When the session and the pages have last done something.
+struct Progress {
+    steps: (Option<u64>, Instant),
+    turns: (u64, Instant),
+}
+
+impl Progress {
+    fn new(now: Instant) -> Self {
+        Self { steps: (None, now), turns: (0, now) }
+    }
+
+    /// Whether neither is stuck. A session that does not run takes no steps.
+    fn goes_on(&mut self, steps: Option<u64>, turns: u64, now: Instant) -> bool {
+        if steps != self.steps.0 || steps.is_none() {
+            self.steps = (steps, now);
+        }
+        if turns != self.turns.0 {
+            self.turns = (turns, now);
+        }
+        now.duration_since(self.steps.1) < STUCK && now.duration_since(self.turns.1) < MUTE
     }
 }
 
@@ -134,4 +155,25 @@ pub fn surfaces() {
         let (config, saved) = (SubmapConfig::default(), Vec::new());
         Ok(dense::Work::<Never> { config, saved, surface: None })
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_walk_whose_pages_or_whose_session_hang_gives_no_sign_of_life() {
+        let began = Instant::now();
+        let at = |s: f64| began + Duration::from_secs_f64(s);
+        let mut progress = Progress::new(began);
+        // Before the first picture there is no session.
+        assert!((0..300).all(|k| progress.goes_on(None, k, at(0.1 * k as f64))));
+        assert!((300..400).all(|k| progress.goes_on(Some(k), k, at(0.1 * k as f64))));
+        // The session goes on, and nobody hears it.
+        assert!(progress.goes_on(Some(400), 399, at(40.8)));
+        assert!(!progress.goes_on(Some(410), 399, at(41.0)));
+        assert!(progress.goes_on(Some(411), 412, at(41.1)), "it was late, no more");
+        // The pages go on, and the session does not.
+        assert!(progress.goes_on(Some(411), 500, at(51.0)) && !progress.goes_on(Some(411), 501, at(51.2)));
+    }
 }
