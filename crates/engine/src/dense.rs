@@ -19,6 +19,7 @@ pub use saved::{Restored, SavedDepthError, saved_dense_map};
 pub use search::{RefusedAttempts, SearchCounts};
 pub use spare::Views;
 
+use crate::sensors::has_colours;
 use crate::{Engine, Output};
 use cairn_atlas::{Change, KeyFrameId, MapId, Mirror, Published, Subscription};
 use cairn_dense::{
@@ -311,12 +312,6 @@ impl DenseMapper {
     pub fn surface(&mut self, map: MapId, config: TsdfConfig) -> Result<TsdfVolume, DenseError> {
         self.map.fuse_all(dense_map(map), config)
     }
-}
-
-/// Whether the first camera's image shows the pixels of the depth.
-pub fn has_colours(rig: &Rig) -> bool {
-    let first = rig.cameras.first().map(|c| c.camera);
-    rig.depth.as_ref().is_some_and(|d| d.registered && Some(d.camera) == first)
 }
 
 /// Drops the depth of a key frame.

@@ -8,6 +8,7 @@ use crate::log::{Log, Logged};
 use crate::mapping::{Done, Mapping, Replayed, Runner};
 use crate::output::{Finished, Output};
 use crate::scale::{Scale, is_adrift, map_of, scale_of};
+use crate::sensors::has_colours;
 use crate::status::{FrameResult, Status, StatusTracker};
 use cairn_atlas::{KeyFrameId, Readout, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, World};
@@ -109,7 +110,7 @@ impl Engine {
             tracker,
             mapping,
             mode,
-            has_colours: crate::has_colours(rig),
+            has_colours: has_colours(rig),
             localize_only: false,
             header,
             log: Log::default(),

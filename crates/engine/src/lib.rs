@@ -26,7 +26,7 @@ pub use cairn_vision::SensorMode;
 pub use config::Config;
 pub use dense::{
     DenseCounts, DenseMapper, DenseSetupError, Offered, OfferedDepth, RefusedAttempts, Restored,
-    SavedDepthError, SearchCounts, Views, has_colours, saved_dense_map,
+    SavedDepthError, SearchCounts, Views, saved_dense_map,
 };
 pub use engine::Engine;
 pub use journal::{Journal, JournalError, ReplayError};
@@ -36,6 +36,6 @@ pub use output::{Finished, Output};
 pub use record::record_input;
 pub use saved::OpenMapError;
 pub use scale::{Scale, ScaleStretch};
-pub use sensors::{Sensors, UnknownSensors};
+pub use sensors::{Sensors, UnknownSensors, has_colours};
 pub use status::{ImuStatus, Phase, Status, StatusEvent, Wait};
 pub use trajectory::PoseTime;

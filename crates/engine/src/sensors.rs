@@ -118,6 +118,12 @@ impl FromStr for Sensors {
     }
 }
 
+/// Whether the first camera's image shows the pixels of the depth.
+pub fn has_colours(rig: &Rig) -> bool {
+    let first = rig.cameras.first().map(|c| c.camera);
+    rig.depth.as_ref().is_some_and(|d| d.registered && Some(d.camera) == first)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -211,7 +211,7 @@ impl Running {
 
 /// Whether whoever started the tests has hang-ups ignored (`nohup` does), which the program then does as well.
 #[cfg(unix)]
-fn hang_ups_are_ignored() -> bool {
+pub fn hang_ups_are_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|l| l.strip_prefix("SigIgn:")).map_or("", str::trim);
     u64::from_str_radix(mask, 16).is_ok_and(|mask| mask & 1 == 1)
