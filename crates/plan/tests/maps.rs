@@ -362,6 +362,27 @@ fn people_are_tracked_through_each_other_and_forgotten() {
     assert_eq!(layer.clearance_m(ahead, 0.0), f64::INFINITY);
 }
 
+#[test]
+fn one_wrong_time_stamp_does_not_blind_the_layer() {
+    let mut layer = DynamicLayer::new(DynamicConfig::default());
+    let someone = [Detection { position: Vec2::new(1.0, 0.0), radius_m: 0.2 }];
+    let seen = |layer: &mut DynamicLayer, time_s: f64| layer.observe(time_s, &someone);
+    assert_eq!(seen(&mut layer, 10.0).started, 1);
+    assert_eq!(seen(&mut layer, 1e9).forgotten, 1, "a stamp far in the future, as far as anyone knows");
+    // What comes afterwards is earlier: refused once, and believed when the next one says the same.
+    assert!(seen(&mut layer, 10.1).out_of_order);
+    let again = seen(&mut layer, 10.2);
+    assert!(!again.out_of_order && again.started == 1, "{again:?}");
+    assert_eq!(seen(&mut layer, 10.3).matched, 1);
+    // A single late one changes nothing, nor does one that is sent again.
+    assert!(seen(&mut layer, 8.0).out_of_order && seen(&mut layer, 8.0).out_of_order);
+    assert_eq!(seen(&mut layer, 10.4).matched, 1);
+    assert!(
+        seen(&mut layer, 9.9).out_of_order && seen(&mut layer, 10.0).out_of_order,
+        "late, within a second"
+    );
+}
+
 proptest::proptest! {
     #[test]
     fn no_text_makes_a_reader_panic(text in "(?s).{0,400}", cut in 0usize..200) {

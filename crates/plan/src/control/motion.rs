@@ -46,6 +46,11 @@ pub struct Limits {
 pub struct LimitsError;
 
 impl Limits {
+    /// Those of a body that does not move.
+    pub(super) fn standing() -> Self {
+        Self { linear: 0.0, backwards: 0.0, angular: 0.0, ..Self::differential_drive() }
+    }
+
     /// A small robot with differential drive.
     pub fn differential_drive() -> Self {
         Self {
@@ -82,8 +87,11 @@ impl Limits {
     }
 
     /// The motion nearest to `wish` that can be reached within `dt_s` from `from`. A wish that is not finite means
-    /// stop.
+    /// stop; limits that are not valid, and a time that is none, stop at once.
     pub fn reachable(&self, from: Motion, wish: Motion, dt_s: f64) -> Motion {
+        if self.check().is_err() || !(dt_s.is_finite() && dt_s >= 0.0) {
+            return Motion::stop();
+        }
         let wish = if wish.linear.is_finite() && wish.angular.is_finite() { wish } else { Motion::stop() };
         let linear = wish.linear.clamp(-self.backwards, self.linear);
         let angular = wish.angular.clamp(-self.angular, self.angular);

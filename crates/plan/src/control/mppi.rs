@@ -123,6 +123,9 @@ impl Mppi {
     /// At rest at the beginning of a path.
     pub fn new(mut config: MppiConfig) -> Self {
         (config.rollouts, config.steps) = (config.rollouts.clamp(1, NOISE / 4), config.steps.clamp(1, 1000));
+        if config.limits.check().is_err() {
+            config.limits = Limits::standing();
+        }
         let mut random = Random::new(config.seed);
         let noise = (0..NOISE).map(|_| random.normal(0.0, 1.0) as f32).collect();
         let all = config.rollouts * config.steps;
@@ -369,6 +372,28 @@ mod tests {
     use super::*;
     use crate::distance::DistanceField;
     use crate::grid::{Grid, GridFrame};
+
+    #[test]
+    fn a_body_without_valid_limits_stands() {
+        let frame = GridFrame::new(40, 30, 0.05, Se2::identity()).unwrap();
+        let field = DistanceField::new(&Grid::filled(frame, false));
+        let around = Surroundings { field: &field, moving: None, radius_m: 0.2 };
+        let path = ReferencePath::new(&[Vec2::new(0.5, 0.7), Vec2::new(1.5, 0.7)]).unwrap();
+        let at = Se2::from_xy_angle(0.5, 0.7, 0.0);
+        let step = |limits: Limits| {
+            let mut mppi = Mppi::new(MppiConfig::new(limits));
+            (0..3).map(|_| mppi.step(&at, Motion::stop(), &path, &around).motion).last().unwrap()
+        };
+        assert!(step(Limits::differential_drive()).linear > 0.0);
+        for bad in [f64::NAN, -1.0, f64::INFINITY] {
+            assert_eq!(step(Limits { linear: bad, ..Limits::differential_drive() }), Motion::stop(), "{bad}");
+            assert_eq!(
+                step(Limits { acceleration: bad, ..Limits::differential_drive() }),
+                Motion::stop(),
+                "{bad}"
+            );
+        }
+    }
 
     #[test]
     fn beyond_every_side_of_a_window_nothing_is_free() {

@@ -130,6 +130,10 @@ impl Navigator {
         if !(motion.linear.is_finite() && motion.angular.is_finite()) {
             return self.stand(motion, Some(Reason::MotionInvalid));
         }
+        let limits = [Some(self.config.pursuit.limits), self.config.predictive.map(|p| p.limits)];
+        if let Some(why) = limits.iter().flatten().find_map(|limits| limits.check().err()) {
+            return self.stand(motion, Some(Reason::LimitsInvalid(why)));
+        }
         let gone = self.last_pose.map_or(0.0, |last| (t - last.translation).norm());
         self.last_pose = Some(*world_from_body);
         let expected = motion.linear.abs() * 2.0 * self.config.pursuit.period_s;

@@ -133,7 +133,7 @@ impl Pursuit {
         let left_m = path.length_m() - projection.along_m;
         let to_end = (path.end() - pose.translation).norm();
         self.reached |= to_end <= c.goal_tolerance_m && left_m <= 2.0 * c.goal_tolerance_m;
-        let look_m = (now.linear.abs() * c.look_ahead_s).clamp(c.look_ahead_m.0, c.look_ahead_m.1);
+        let look_m = (now.linear.abs() * c.look_ahead_s).min(c.look_ahead_m.1).max(c.look_ahead_m.0);
         let (point, direction) = path.at(projection.along_m + look_m.min(left_m));
         // Beyond the end, the look-ahead point continues straight, so that the arc stays well defined.
         let point = point + direction * (look_m - left_m).max(0.0);
@@ -201,7 +201,7 @@ impl Pursuit {
             let there = in_curve(path.curvature(at.along_m + ahead_m, 0.3)).max(least);
             speed = speed.min((there * there + 2.0 * 0.7 * c.limits.deceleration * ahead_m).sqrt());
         }
-        let near = (ahead.clearance_m / c.slow_near_m).clamp(c.least_part, 1.0);
+        let near = (ahead.clearance_m / c.slow_near_m).min(1.0).max(c.least_part);
         speed = speed.min(c.limits.linear * near);
         // Approaches the goal with half the deceleration, so as not to overrun it.
         let to_goal =

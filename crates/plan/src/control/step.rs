@@ -1,6 +1,6 @@
 //! What a step of the navigator says: its state, the motion to command, and why.
 
-use super::motion::Motion;
+use super::motion::{LimitsError, Motion};
 use super::pursuit::Following;
 use crate::search::NoPath;
 
@@ -49,6 +49,9 @@ pub enum Reason {
     /// The measured motion holds NaN or infinity.
     #[error("the motion is not a number")]
     MotionInvalid,
+    /// The limits of the body hold a value that is not a positive number.
+    #[error("{0}")]
+    LimitsInvalid(LimitsError),
     /// The pose is farther from the last one than the motion explains, by this distance in metres.
     #[error("the pose jumped by {0:.2} m")]
     PoseJumped(f64),

@@ -92,7 +92,8 @@ pub struct Observed {
     pub forgotten: usize,
     /// Detections with NaN, infinity or a radius below zero.
     pub rejected: usize,
-    /// The time stamp was not after the one before, or not finite; nothing was used.
+    /// The time stamp was not after the one before, or not finite; nothing was used. Two in a row that are earlier by more
+    /// than tracks last are another time of the clock, and the second begins anew with it.
     pub out_of_order: bool,
 }
 
@@ -102,13 +103,15 @@ pub struct DynamicLayer {
     config: DynamicConfig,
     tracks: Vec<Track>,
     time_s: f64,
+    /// The last time stamp, where it was refused for being earlier than all tracks last.
+    earlier_s: Option<f64>,
     next_id: u64,
 }
 
 impl DynamicLayer {
     /// A layer without tracks.
     pub fn new(config: DynamicConfig) -> Self {
-        Self { config, tracks: Vec::new(), time_s: f64::NEG_INFINITY, next_id: 0 }
+        Self { config, tracks: Vec::new(), time_s: f64::NEG_INFINITY, earlier_s: None, next_id: 0 }
     }
 
     /// All tracks, tentative ones too, oldest first.
@@ -119,7 +122,15 @@ impl DynamicLayer {
     /// Takes the detections at a time in seconds; an empty list means that nothing was detected.
     pub fn observe(&mut self, time_s: f64, detections: &[Detection]) -> Observed {
         let mut observed = Observed::default();
-        if !time_s.is_finite() || time_s <= self.time_s {
+        let earlier_s = self.earlier_s.take();
+        if time_s.is_finite() && self.time_s - time_s > self.config.forget_s {
+            if earlier_s.is_none_or(|before| time_s <= before) {
+                self.earlier_s = Some(time_s);
+                return Observed { out_of_order: true, ..observed };
+            }
+            observed.forgotten = self.tracks.len();
+            self.tracks.clear();
+        } else if !time_s.is_finite() || time_s <= self.time_s {
             return Observed { out_of_order: true, ..observed };
         }
         let ahead_s = if self.time_s.is_finite() { time_s - self.time_s } else { 0.0 };
@@ -127,7 +138,7 @@ impl DynamicLayer {
         let before = self.tracks.len();
         let forget_s = self.config.forget_s;
         self.tracks.retain(|t| time_s - t.last_seen_s <= forget_s);
-        observed.forgotten = before - self.tracks.len();
+        observed.forgotten += before - self.tracks.len();
         self.tracks.iter_mut().for_each(|t| carry_on(t, ahead_s, &self.config));
         let is_sound = |d: &&Detection| {
             d.position.iter().all(|v| v.is_finite()) && d.radius_m >= 0.0 && d.radius_m.is_finite()

@@ -2,7 +2,9 @@
 
 use super::halls::{body, costs, hall, navigator, two_rooms};
 use cairn_geometry::{Se2, Vec2};
-use cairn_plan::control::{Motion, Reason, State};
+use cairn_plan::control::{
+    Limits, LimitsError, Motion, Navigator, NavigatorConfig, PursuitConfig, Reason, State,
+};
 use cairn_plan::search::{NoPath, Place};
 use cairn_plan::{Cell, CostConfig, Costmap};
 
@@ -149,4 +151,17 @@ fn bad_goals_and_poses_have_their_reasons() {
     }
     navigator.cancel();
     assert_eq!(navigator.step(0.4, &elsewhere, moving, &costs, None).state, State::Idle);
+    // A body whose limits are no numbers does not move, and is told why.
+    for linear in [f64::NAN, -1.0, 0.0] {
+        let limits = Limits { linear, ..Limits::differential_drive() };
+        let mut navigator = Navigator::new(NavigatorConfig::new(PursuitConfig::new(limits)));
+        navigator.set_goal(Vec2::new(11.0, 1.5));
+        for k in 0..3 {
+            let step = navigator.step(0.1 * f64::from(k), &at, moving, &costs, None);
+            assert_eq!(
+                (step.reason, step.motion),
+                (Some(Reason::LimitsInvalid(LimitsError)), Motion::stop())
+            );
+        }
+    }
 }
