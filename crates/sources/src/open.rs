@@ -80,12 +80,12 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
 }
 
 /// A camera of the kernel, in builds that have them.
-#[cfg(all(feature = "camera", target_os = "linux", target_pointer_width = "64"))]
+#[cfg(all(any(feature = "camera", test), target_os = "linux", target_pointer_width = "64"))]
 fn camera_of(source: &str, options: &OpenOptions) -> Option<Result<Box<dyn Source>, SourceError>> {
     crate::camera::open(source, options)
 }
 
-#[cfg(not(all(feature = "camera", target_os = "linux", target_pointer_width = "64")))]
+#[cfg(not(all(any(feature = "camera", test), target_os = "linux", target_pointer_width = "64")))]
 fn camera_of(source: &str, _: &OpenOptions) -> Option<Result<Box<dyn Source>, SourceError>> {
     let cure = "build it with them, on 64-bit Linux: cargo build --release --features camera; camera:0 reads a webcam through ffmpeg";
     live::is_camera(source)
