@@ -167,9 +167,10 @@ fn extent(poses: &[(Stamp, Se3)]) -> [Vec3; 2] {
 }
 
 /// A route walked several times over.
-fn laps(route: &[Vec2], laps: usize) -> Result<Vec<Vec2>, String> {
+fn laps(route: &[Vec2], laps: usize, what: &str) -> Result<Vec<Vec2>, SourceError> {
     if laps > 1 && route.first() != route.last() {
-        return Err(format!("{laps} laps of a route that does not end where it begins"));
+        let why = format!("{laps} laps of a route that does not end where it begins");
+        return Err(SourceError::new(what, why, "choose another route, or one lap"));
     }
     let again = route.get(1..).unwrap_or_default();
     Ok(route.iter().chain((1..laps).flat_map(|_| again)).copied().collect())
@@ -189,8 +190,7 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
                 let why = format!("there is no route \"{}\"", name.as_deref().unwrap_or(""));
                 SourceError::new(&what, why, format!("choose one of {}", known.join(", ")))
             })?;
-            let points = laps(&route.points, config.laps)
-                .map_err(|why| SourceError::new(&what, why, "choose another route, or one lap"))?;
+            let points = laps(&route.points, config.laps, &what)?;
             Ok(Path::plain(config.walker.motion(&points), EPOCH))
         }
         CameraPath::Points(points) => {

@@ -13,7 +13,7 @@ pub(crate) mod words;
 use cairn_guide::PhraseConfig;
 pub use entry::RouteEntry;
 pub(crate) use folder::{RouteFolder, checked_name, latest, number_of};
-pub use keeper::{Kept, LibraryCamera, LibraryError, MapKeeper, RoutesLock};
+pub use keeper::{KeepError, Kept, LibraryCamera, LibraryError, MapKeeper, RoutesLock};
 pub use listed::RouteListed;
 pub use wall::{WallClock, WallTime};
 pub(crate) use words::SPOKEN;

@@ -196,7 +196,7 @@ impl<S: Slam> Session<S> {
     pub(super) fn keep(&mut self) {
         let Some(keeper) = &mut self.keeper else { return };
         if keeper.pass(&self.engine, self.recording.is_some(), self.now) {
-            let trouble = keeper.trouble().map(str::to_owned);
+            let trouble = keeper.trouble().map(ToString::to_string);
             let saved = || self.speech.text("walk-map-saved");
             let words = trouble.map_or_else(saved, |why| self.speech.because("walk-map-not-saved", why));
             self.say(&words, Priority::High);

@@ -7,6 +7,7 @@ use super::frames::Frames;
 use super::realsense::{Recorder, stream};
 use super::topics::{Chosen, namespace};
 use crate::bag_reader::{BagReader, ImuTopics, median_step_ns};
+use crate::rig::CalibrationError;
 use cairn_bag::{CameraInfo, MessageKind, static_transforms, stereo_left_from_right};
 use cairn_geometry::Se3;
 use cairn_sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
@@ -233,17 +234,24 @@ impl Scene {
         Ok(DepthSensor { camera, body_from_depth: left_from_depth, metres_per_unit, registered })
     }
 
-    /// `left_from_imu`; `None` without an IMU, an error text where its place is unknown.
-    fn imu(&self, bag: &mut BagReader, chosen: &Chosen, left: &Calibrated) -> Option<Result<Se3, String>> {
+    /// `left_from_imu`; `None` without an IMU, an error where its place is unknown.
+    fn imu(
+        &self,
+        bag: &mut BagReader,
+        chosen: &Chosen,
+        left: &Calibrated,
+    ) -> Option<Result<Se3, CalibrationError>> {
+        let unknown = |why: String| Err(CalibrationError(why));
         let (ImuTopics::One(topic) | ImuTopics::Split { gyro: topic, .. }) = chosen.imu else { return None };
         let name = bag.topics().get(topic).map_or(String::new(), |t| t.name.clone());
         let frame = match self.recorder {
             Some(_) => Some(stream(&name).to_owned()),
             None => bag.imu_frame(topic).filter(|frame| !frame.is_empty()),
         };
-        let Some(frame) = frame else { return Some(Err(format!("{name} names no frame"))) };
+        let Some(frame) = frame else { return Some(unknown(format!("{name} names no frame"))) };
         let place = self.frames.between(&left.frame, &frame);
         let place = place.filter(|_| frame != left.frame);
-        Some(place.ok_or_else(|| format!("where {frame} is, seen from {}, is not in tf_static", left.frame)))
+        let nowhere = || unknown(format!("where {frame} is, seen from {}, is not in tf_static", left.frame));
+        Some(place.map_or_else(nowhere, Ok))
     }
 }
