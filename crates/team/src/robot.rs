@@ -12,7 +12,7 @@ use crate::digest::{
 };
 use crate::envelope::Refused;
 use crate::graphs::{GraphsError, Measurement, RobotGraph};
-use crate::joint::{Joint, Known, Team, loops};
+use crate::joint::{Joint, Team, Teammate, loops};
 use crate::judge::{JudgeConfig, Judgement, judge};
 use crate::keep::choose;
 use crate::message::{Estimate, Message, Shared};
@@ -382,9 +382,9 @@ fn local() -> GraphConfig {
 }
 
 impl<G: Rigid<D>, const D: usize> SharedGraph<G, D> {
-    fn read(robot: RobotId, shared: &Shared, estimate: &Estimate) -> Result<Known<G, D>, Refused> {
+    fn read(robot: RobotId, shared: &Shared, estimate: &Estimate) -> Result<Teammate<G, D>, Refused> {
         let shared = decode_shared(robot, shared)?;
         let located: Located<G, D> = decode_estimate(estimate, &shared.parts)?;
-        Ok(Known { shared, located })
+        Ok(Teammate { shared, located })
     }
 }
