@@ -71,14 +71,30 @@ struct SeenStatus {
 /// As `cairn_engine::Wait`, which is written as text.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 enum SeenWait {
-    Points { have: usize, need: usize },
-    Parallax { matches: usize },
-    Reading { silent_s: Option<f64> },
+    Points {
+        have: usize,
+        need: usize,
+    },
+    Parallax {
+        matches: usize,
+    },
+    Reading {
+        silent_s: Option<f64>,
+    },
     FirstTry,
     Gate(Gate),
-    VisualMatches { since_s: f64, sigma: f64 },
-    Translation { since_s: f64 },
-    Place { have: usize, need: usize },
+    #[serde(rename = "Sight")]
+    VisualMatches {
+        since_s: f64,
+        sigma: f64,
+    },
+    Translation {
+        since_s: f64,
+    },
+    Place {
+        have: usize,
+        need: usize,
+    },
 }
 
 impl Seen {

@@ -18,8 +18,8 @@ use cairn_sim::{
     ContinuousTrajectory, Effects, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World,
 };
 use cairn_sources::phone_imu;
-use cairn_trial::LEVELS;
 use cairn_trial::way::{Body, Obstacles};
+use cairn_trial::{LEVELS, PageClock};
 use cairn_web::{CameraSource, ServeConfig, Server};
 use serde_json::json;
 use std::f64::consts::PI;
