@@ -45,7 +45,7 @@ pub use map::{MapId, MapPrior};
 pub use mirror::{Mirror, Mirrored};
 pub use names::{KeyFrameName, LandmarkName, RobotId};
 pub use other_camera::OtherCamera;
-pub use paged::Paged;
+pub use paged::{Paged, ReadBackError};
 pub use places::PlaceIndex;
 pub use snapshot::{Readout, Snapshot, Unsound};
 pub use stream::{Feed, Published, Removed, Subscription};

@@ -4,33 +4,49 @@
 //! until it is paged out again (`paging.rs`). Where it cannot be read, something that matches nothing stands in for it, and
 //! the fault is kept for whoever asks ([`Faults`]); nothing is ever saved from what stands in.
 
+use crate::store::StoreError;
 use std::fmt::Debug;
+use std::io;
 use std::ops::Deref;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
+/// Why features or words of a key frame cannot be read back from the disk.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadBackError {
+    /// The file they were paged out to cannot be read.
+    #[error("what was paged out cannot be read back: {0}")]
+    Pages(#[source] io::Error),
+    /// They are not what was written.
+    #[error("what was paged out was altered on the disk")]
+    Altered,
+    /// The saved map they are in cannot be read.
+    #[error(transparent)]
+    Saved(#[from] StoreError),
+}
+
 /// Where a value is read back from.
 pub(crate) trait Source<T>: Debug + Send + Sync {
-    /// Reads it; else a description of what is wrong.
-    fn read(&self) -> Result<Arc<T>, String>;
+    /// Reads it.
+    fn read(&self) -> Result<Arc<T>, ReadBackError>;
     /// Keeps the fault, and gives what stands in for the value.
-    fn placeholder(&self, fault: String) -> Arc<T>;
+    fn placeholder(&self, fault: ReadBackError) -> Arc<T>;
 }
 
 /// The first fault of reading something back.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Faults(Arc<OnceLock<String>>);
+pub(crate) struct Faults(Arc<OnceLock<ReadBackError>>);
 
 impl Faults {
     /// Keeps a fault, if it is the first.
-    pub fn keep(&self, fault: String) {
+    pub fn keep(&self, fault: ReadBackError) {
         // A later one is told by the first.
         let _ = self.0.set(fault);
     }
 
     /// The first fault.
-    pub fn first(&self) -> Option<&str> {
-        self.0.get().map(String::as_str)
+    pub fn first(&self) -> Option<&ReadBackError> {
+        self.0.get()
     }
 }
 
@@ -77,8 +93,8 @@ impl<T: Default> Paged<T> {
         self.read_back().clone()
     }
 
-    /// The value for a moment: read where it is on disk, but not kept in memory; else a description of what is wrong.
-    pub(crate) fn glance(&self) -> Result<Arc<T>, String> {
+    /// The value for a moment: read where it is on disk, but not kept in memory.
+    pub(crate) fn glance(&self) -> Result<Arc<T>, ReadBackError> {
         match (self.in_memory(), self.source()) {
             (None, Some(source)) => source.read(),
             _ => Ok(self.shared()),

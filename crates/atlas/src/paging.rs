@@ -6,7 +6,7 @@
 //! made or written, everything stays in memory.
 
 use crate::Snapshot;
-use crate::paged::{Faults, Paged, Source};
+use crate::paged::{Faults, Paged, ReadBackError, Source};
 use crate::record::Record;
 use std::fmt::Debug;
 use std::fs::File;
@@ -132,18 +132,18 @@ struct Page {
 }
 
 impl<T: Record> Source<T> for Page {
-    fn read(&self) -> Result<Arc<T>, String> {
+    fn read(&self) -> Result<Arc<T>, ReadBackError> {
         let mut bytes = vec![0; self.bytes as usize];
         let read = {
             let mut file = self.file.file();
             file.seek(SeekFrom::Start(self.at)).and_then(|_| file.read_exact(&mut bytes))
         };
-        read.map_err(|e| format!("what was paged out cannot be read back: {e}"))?;
+        read.map_err(ReadBackError::Pages)?;
         let value = (crc32fast::hash(&bytes) == self.crc).then(|| T::decode(&bytes)).flatten();
-        value.map(Arc::new).ok_or_else(|| "what was paged out was altered on the disk".into())
+        value.map(Arc::new).ok_or(ReadBackError::Altered)
     }
 
-    fn placeholder(&self, fault: String) -> Arc<T> {
+    fn placeholder(&self, fault: ReadBackError) -> Arc<T> {
         self.file.faults.keep(fault);
         Arc::new(T::placeholder(self.features as usize))
     }

@@ -3,7 +3,7 @@
 use crate::arena::Arena;
 use crate::made_by::MadeBy;
 use crate::names::Names;
-use crate::paged::Faults;
+use crate::paged::{Faults, ReadBackError};
 use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, OtherCamera, PlaceIndex};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Octaves;
@@ -261,7 +261,7 @@ impl Snapshot {
 
     /// What went wrong first when features or words of a key frame were read back from the disk. Such a key frame matches
     /// nothing any more, and the map cannot be saved.
-    pub fn read_fault(&self) -> Option<&str> {
+    pub fn read_fault(&self) -> Option<&ReadBackError> {
         self.faults.first()
     }
 
@@ -270,83 +270,82 @@ impl Snapshot {
     /// # Errors
     /// [`Unsound`] with the first violation.
     pub fn check(&self) -> Result<(), Unsound> {
-        self.check_observations().and_then(|()| self.check_key_frames()).map_err(Unsound)
+        self.check_observations()?;
+        self.check_key_frames()
     }
 
     /// What key frames say of each other, and of their features.
-    pub(crate) fn check_key_frames(&self) -> Result<(), String> {
+    pub(crate) fn check_key_frames(&self) -> Result<(), Unsound> {
         for k in self.key_frames() {
             // What is on disk was checked when it was written, or is when it is read.
             if k.frame.in_memory().is_some_and(|frame| k.landmarks.len() != frame.len()) {
-                return Err(format!(
-                    "{:?} has {} landmark slots for {} features",
-                    k.id,
-                    k.landmarks.len(),
-                    k.frame.len()
-                ));
+                let (slots, features) = (k.landmarks.len(), k.frame.len());
+                return Err(Unsound(format!(
+                    "{:?} has {slots} landmark slots for {features} features",
+                    k.id
+                )));
             }
             match k.parent {
-                Some(p) if p >= k.id => return Err(format!("{:?} has the younger parent {p:?}", k.id)),
+                Some(p) if p >= k.id => {
+                    return Err(Unsound(format!("{:?} has the younger parent {p:?}", k.id)));
+                }
                 Some(p) if self.key_frame(p).is_none_or(|p| p.map != k.map) => {
-                    return Err(format!("{:?} has the parent {p:?}, which is not in its map", k.id));
+                    return Err(Unsound(format!("{:?} has the parent {p:?}, which is not in its map", k.id)));
                 }
                 None if k.map.root() != k.id || !self.maps.contains_key(&k.map) => {
-                    return Err(format!("{:?} is the root of no map", k.id));
+                    return Err(Unsound(format!("{:?} is the root of no map", k.id)));
                 }
                 _ => {}
             }
             if !(k.unit.is_finite() && k.unit > 0.0) {
-                return Err(format!("{:?} has the unit {}", k.id, k.unit));
+                return Err(Unsound(format!("{:?} has the unit {}", k.id, k.unit)));
             }
             if let Some(other) = k.links.iter().find(|other| {
                 self.key_frame(**other).is_none_or(|o| o.map != k.map || !o.links.contains(&k.id))
             }) {
-                return Err(format!("{:?} has a loop with {other:?}, which does not list it", k.id));
+                return Err(Unsound(format!("{:?} has a loop with {other:?}, which does not list it", k.id)));
             }
         }
         if self.made_by != MadeBy::of(self.key_frames()) {
-            return Err("the key frames of a map are counted wrongly".into());
+            return Err(Unsound("the key frames of a map are counted wrongly".into()));
         }
         for map in self.maps.keys() {
             if self.key_frame(map.root()).is_none_or(|k| k.parent.is_some()) {
-                return Err(format!("{map:?} has no root"));
+                return Err(Unsound(format!("{map:?} has no root")));
             }
         }
         Ok(())
     }
 
     /// What key frames and landmarks say of each other.
-    fn check_observations(&self) -> Result<(), String> {
+    fn check_observations(&self) -> Result<(), Unsound> {
         for k in self.key_frames() {
             for (i, id) in k.landmarks.iter().enumerate() {
                 let Some(id) = id else { continue };
                 let Some(l) = self.landmark(*id) else {
-                    return Err(format!("{:?} shows {id:?}, which does not exist", k.id));
+                    return Err(Unsound(format!("{:?} shows {id:?}, which does not exist", k.id)));
                 };
                 if l.feature_in(k.id) != Some(i as u16) {
-                    return Err(format!(
-                        "{:?} shows {id:?} in feature {i}, but the landmark does not list it",
-                        k.id
-                    ));
+                    let why =
+                        format!("{:?} shows {id:?} in feature {i}, but the landmark does not list it", k.id);
+                    return Err(Unsound(why));
                 }
             }
         }
         for l in self.landmarks() {
             if l.observations.is_empty() {
-                return Err(format!("{:?} has no observations", l.id));
+                return Err(Unsound(format!("{:?} has no observations", l.id)));
             }
             let map = |o: &crate::Observation| self.key_frame(o.key_frame).map(|k| k.map);
             if l.observations.iter().any(|o| map(o) != map(&l.observations[0])) {
-                return Err(format!("{:?} is observed from two maps", l.id));
+                return Err(Unsound(format!("{:?} is observed from two maps", l.id)));
             }
             for o in &l.observations {
                 let shown =
                     self.key_frame(o.key_frame).and_then(|k| k.landmarks.get(o.feature as usize).copied());
                 if shown != Some(Some(l.id)) {
-                    return Err(format!(
-                        "{:?} is observed in {o:?}, but the key frame does not list it",
-                        l.id
-                    ));
+                    let why = format!("{:?} is observed in {o:?}, but the key frame does not list it", l.id);
+                    return Err(Unsound(why));
                 }
             }
         }

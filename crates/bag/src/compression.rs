@@ -6,6 +6,11 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 /// Size of the largest chunk that is decompressed, bytes. Recorders write chunks of 0.75 to 4 MB.
 pub(crate) const MAX_CHUNK: u64 = 512 << 20;
 
+/// A compression that is not read, by its name.
+#[derive(Debug, thiserror::Error)]
+#[error("compression \"{0}\" is unknown, known are none, bz2, lz4 and zstd")]
+pub(crate) struct UnknownCompression(String);
+
 /// How a chunk is compressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Compression {
@@ -21,16 +26,13 @@ pub(crate) enum Compression {
 
 impl Compression {
     /// From its name in rosbag1 and MCAP files.
-    pub fn named(name: &[u8]) -> Result<Self, String> {
+    pub fn named(name: &[u8]) -> Result<Self, UnknownCompression> {
         match name {
             b"" | b"none" => Ok(Self::None),
             b"bz2" => Ok(Self::Bz2),
             b"lz4" => Ok(Self::Lz4),
             b"zstd" => Ok(Self::Zstd),
-            other => Err(format!(
-                "compression \"{}\" is unknown, known are none, bz2, lz4 and zstd",
-                String::from_utf8_lossy(other)
-            )),
+            other => Err(UnknownCompression(String::from_utf8_lossy(other).into_owned())),
         }
     }
 }

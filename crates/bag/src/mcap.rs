@@ -88,7 +88,7 @@ impl Walk<'_, '_> {
             return Err(Damage::new(content, format!("the name of its compression has {name_length} bytes")));
         }
         let compression = Compression::named(file.get(content + 32, name_length)?);
-        let compression = compression.map_err(|why| Damage::new(content, why))?;
+        let compression = compression.map_err(|unknown| Damage::new(content, unknown.to_string()))?;
         let stated = file.u64(content + 32 + name_length)?;
         let from = content + 40 + name_length;
         let until = from.saturating_add(stated).min(end);

@@ -96,29 +96,34 @@ fn record(area: &mut impl Area, at: u64) -> Result<Record, Damage> {
     if length > MAX_HEADER {
         return Err(Damage::new(at, format!("a record header of {length} bytes")));
     }
-    let (op, fields) = fields(area.get(at + 4, length)?).map_err(|why| Damage::new(at, why))?;
+    let (op, fields) = fields(area.get(at + 4, length)?, at)?;
     let op = op.ok_or_else(|| Damage::new(at, "a record without a kind"))?;
     let data_length = u64::from(area.u32(at + 4 + length)?);
     Ok(Record { op, fields, data_at: at + 8 + length, data_length })
 }
 
-/// The header fields: a sequence of `u32 length, name=value`.
-fn fields(mut bytes: &[u8]) -> Result<(Option<u8>, Fields), String> {
+/// The header fields: a sequence of `u32 length, name=value`; `at` is where they are in the file.
+fn fields(mut bytes: &[u8], at: u64) -> Result<(Option<u8>, Fields), Damage> {
+    let damaged = |why: &str| Damage::new(at, why);
     let (mut op, mut out) = (None, Fields::default());
     while !bytes.is_empty() {
-        let (length, rest) = bytes.split_first_chunk::<4>().ok_or("a header field is cut")?;
+        let (length, rest) =
+            bytes.split_first_chunk::<4>().ok_or_else(|| damaged("a header field is cut"))?;
         let length = u32::from_le_bytes(*length) as usize;
-        let field = rest.get(..length).ok_or_else(|| format!("a header field of {length} bytes is cut"))?;
+        let field = rest.get(..length);
+        let field = field.ok_or_else(|| damaged(&format!("a header field of {length} bytes is cut")))?;
         bytes = &rest[length..];
-        let equals = field.iter().position(|b| *b == b'=').ok_or("a header field without \"=\"")?;
+        let equals = field.iter().position(|b| *b == b'=');
+        let equals = equals.ok_or_else(|| damaged("a header field without \"=\""))?;
         let (name, value) = (&field[..equals], &field[equals + 1..]);
-        let number = || value.try_into().map(u32::from_le_bytes).map_err(|_| "a number of wrong length");
+        let number =
+            || value.try_into().map(u32::from_le_bytes).map_err(|_| damaged("a number of wrong length"));
         match name {
             b"op" => op = value.first().copied(),
             b"conn" => out.connection = number()?,
             b"size" => out.size = number()?,
             b"time" => {
-                let raw: [u8; 8] = value.try_into().map_err(|_| "a time of wrong length")?;
+                let raw: [u8; 8] = value.try_into().map_err(|_| damaged("a time of wrong length"))?;
                 let raw = u64::from_le_bytes(raw);
                 let (seconds, ns) = (raw & 0xffff_ffff, raw >> 32);
                 out.time_ns = (seconds * 1_000_000_000 + ns) as i64;
@@ -138,7 +143,7 @@ fn connection(area: &mut impl Area, number: u16, record: &Record, index: &mut In
         return Err(Damage::new(record.data_at, format!("a connection of {} bytes", record.data_length)));
     }
     let data = area.get(record.data_at, record.data_length)?;
-    let (_, about) = fields(data).map_err(|why| Damage::new(record.data_at, why))?;
+    let (_, about) = fields(data, record.data_at)?;
     let name = String::from_utf8_lossy(&record.fields.topic).into_owned();
     let kind = String::from_utf8_lossy(&about.kind).into_owned();
     index.connection(number, record.fields.connection, &name, &kind, WireFormat::Ros1);
@@ -150,7 +155,7 @@ fn chunk(file: &mut InputFile, number: u16, record: &Record, index: &mut Index) 
     let end = record.data_at.saturating_add(record.data_length).min(file.end());
     let cut = end - record.data_at < record.data_length;
     let outcome = match Compression::named(&record.fields.compression) {
-        Err(why) => Err(Damage::new(record.data_at, why)),
+        Err(unknown) => Err(Damage::new(record.data_at, unknown.to_string())),
         Ok(Compression::None) => walk(file, record.data_at, end, Place::PLAIN, number, index),
         Ok(compression) => {
             let size = u64::from(record.fields.size);

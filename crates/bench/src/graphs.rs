@@ -15,7 +15,7 @@ use std::time::Instant;
 
 /// A graph and the minimum of SE-Sync's objective on it.
 #[derive(Clone, Copy, Debug)]
-pub struct Known {
+pub struct KnownOptimum {
     /// Name of the file in `graphs/`, without extension.
     pub name: &'static str,
     /// The minimum.
@@ -23,20 +23,20 @@ pub struct Known {
 }
 
 /// All graphs.
-pub const KNOWN: [Known; 6] = [
-    Known { name: "sphere2500", optimum: 1687.005814282 },
-    Known { name: "parking-garage", optimum: 1.262524427766 },
-    Known { name: "smallGrid3D", optimum: 1025.398055636 },
-    Known { name: "manhattan", optimum: 6431.391387218 },
-    Known { name: "intel", optimum: 52.348227286 },
-    Known { name: "kitti_05", optimum: 276.514377003 },
+pub const KNOWN: [KnownOptimum; 6] = [
+    KnownOptimum { name: "sphere2500", optimum: 1687.005814282 },
+    KnownOptimum { name: "parking-garage", optimum: 1.262524427766 },
+    KnownOptimum { name: "smallGrid3D", optimum: 1025.398055636 },
+    KnownOptimum { name: "manhattan", optimum: 6431.391387218 },
+    KnownOptimum { name: "intel", optimum: 52.348227286 },
+    KnownOptimum { name: "kitti_05", optimum: 276.514377003 },
 ];
 
 /// Result for one graph.
 #[derive(Clone, Debug)]
 pub struct Row {
     /// The graph.
-    pub known: Known,
+    pub known: KnownOptimum,
     /// Numbers of vertices and edges.
     pub size: [usize; 2],
     /// SE-Sync's objective reached by Levenberg-Marquardt from odometry initialisation.
@@ -77,7 +77,7 @@ pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, Me
     Ok(rows)
 }
 
-fn row<G: Rigid<D>, const D: usize>(known: Known, graph: &PoseGraph<G, D>, times: usize) -> Row {
+fn row<G: Rigid<D>, const D: usize>(known: KnownOptimum, graph: &PoseGraph<G, D>, times: usize) -> Row {
     let mut relaxed = graph.clone();
     relaxed.edges_mut().iter_mut().for_each(|e| e.information = G::isotropic(&e.information));
     odometry_start(&mut relaxed);
@@ -156,7 +156,7 @@ const HEAD: &str = "# Pose graphs
 ";
 
 const TAIL: &str = "
-All solves start from odometry: poses chained along the measurements between neighbours. *Known optimum* is the optimum of
+All solves start from odometry: poses chained along the measurements between neighbours. *KnownOptimum optimum* is the optimum of
 SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, 2019, whose table has its first four digits), and *reached* is the
 value at which `cairn solve graph FILE --init odometry --cost se-sync` ends. `tools/compare_graphs.py` certifies it: the dual
 certificate matrix at our solution is positive semi-definite, so no other poses have a lower cost.

@@ -10,7 +10,7 @@ use cairn_random::Random;
 use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, open};
 use cairn_workers::capture::rest_of;
-use cairn_workers::message::{Failure, OfKeyFrames, Outcome};
+use cairn_workers::message::{Failure, Outcome, SurfaceInput};
 use cairn_workers::{
     Role, RunEvent, RunFolder, SHARED_MEMORY, Supervised, Supervision, capture, dense, slam, supervise,
 };
@@ -128,7 +128,7 @@ fn once(
         late_limit: limit,
         guide: false,
         records: false,
-        surfaces: Some(OfKeyFrames::Depth),
+        surfaces: Some(SurfaceInput::Depth),
     };
     let mut ids = BTreeMap::new();
     let run = supervise(&how, &folder, &AtomicBool::new(false), &mut |told| {

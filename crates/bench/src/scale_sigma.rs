@@ -4,7 +4,7 @@
 //! The motions of `imu-truth` with poses of the truth and noise instead of a camera, and recordings and simulated walks whose
 //! poses are those of a map made by images alone, so that nothing of the readings is in them.
 
-use crate::inertial::data::{self, Motion};
+use crate::inertial::data::{self, ImuRecording};
 use crate::inertial::reference::Reference;
 use crate::{MeasureError, RunOptions, Sensors};
 use cairn_adjust::ImuModel;
@@ -84,7 +84,7 @@ fn row(name: &str, seconds: f64, all: &[Judged]) -> Row {
 /// When the recording cannot be read.
 pub fn motion(data: &Path, name: &'static str) -> Result<Vec<Row>, MeasureError> {
     let (rotation_sigma, position_sigma) = (0.1f64.to_radians(), 0.002);
-    let motion = Motion::read(data, name)?;
+    let motion = ImuRecording::read(data, name)?;
     let (reference, buffer, camera) = (Reference::of(&motion), motion.buffer(), data::imu_from_camera());
     let (first, last) = motion.span();
     let windows = WINDOWS_S.map(|seconds| {

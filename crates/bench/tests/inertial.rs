@@ -68,7 +68,7 @@ fn real_imu_data_raise_no_warnings() {
             println!("skipped: imu-truth/{name} is not in {}", data_folder().display());
             continue;
         }
-        let motion = bench::inertial::data::Motion::read(&data_folder(), name).expect("it is read");
+        let motion = bench::inertial::data::ImuRecording::read(&data_folder(), name).expect("it is read");
         let readings = cairn_inertial::Readings::of(&motion.samples, &motion.sensor);
         println!("{name}: {readings:?}");
         assert_eq!(readings.doubts(&motion.sensor), [], "{name}: {readings:?}");

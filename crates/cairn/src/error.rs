@@ -7,7 +7,33 @@ use cairn_eval::EvalError;
 use cairn_geometry::TrajectoryError;
 use cairn_guide::RouteError;
 use cairn_sensor::{RigError, SourceError, Stamp};
-use cairn_session::Refused;
+use cairn_session::{NotTracked, Refused};
+
+/// Why a frame cannot be processed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FrameError {
+    /// Frames have to come in the order of their times.
+    #[error("it is not later than the frame before, at {before} s")]
+    NotLater {
+        /// The time of the frame before.
+        before: Stamp,
+    },
+    /// A number of an IMU sample is infinite or not a number.
+    #[error("the IMU sample at {0} s is not finite")]
+    ImuNotFinite(Stamp),
+    /// IMU samples have to come in the order of their times.
+    #[error("the IMU sample at {sample} s follows one at {before} s")]
+    ImuOrder {
+        /// The time of the sample.
+        sample: Stamp,
+        /// The time of the one before.
+        before: Stamp,
+    },
+    /// The images do not fit the rig.
+    #[error(transparent)]
+    NotTracked(#[from] NotTracked),
+}
 
 /// Why something outside could not be used. A lost pose or a rejected loop is no error but a value in
 /// [`crate::Output`].
@@ -32,7 +58,7 @@ pub enum Error {
         /// Its time.
         stamp: Stamp,
         /// What is wrong with it.
-        why: String,
+        why: FrameError,
     },
     /// A saved map could not be read or written.
     #[error(transparent)]

@@ -78,7 +78,7 @@ pub use builder::{Builder, sensor_mode_of};
 #[doc(no_inline)]
 pub use cairn_mapping::{Agreement, Apart, Junction, MapComparison, MapJoin, Seam, Support};
 pub use changes::Changes;
-pub use error::Error;
+pub use error::{Error, FrameError};
 pub use events::{MapEvent, MapEvents};
 pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
 pub use merge::{

@@ -1,6 +1,6 @@
 //! SLAM: frames in; poses, the map and its changes out; save and load.
 
-use crate::{Changes, Error, Map, MapEvents, accuracy, map_file};
+use crate::{Changes, Error, FrameError, Map, MapEvents, accuracy, map_file};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Engine, Finished, Output, Status};
 use cairn_eval::Evaluation;
@@ -32,10 +32,10 @@ impl Slam {
     /// [`Error::Frame`] when the images do not fit the rig, the frame is not later than the one before, or an IMU
     /// sample is not finite or out of order; the next frame can be processed.
     pub fn track(&mut self, packet: &FramePacket) -> Result<Output, Error> {
-        let refused = |why: String| Error::Frame { stamp: packet.stamp, why };
+        let refused = |why: FrameError| Error::Frame { stamp: packet.stamp, why };
         check(packet, self.last).map_err(refused)?;
         self.last = Some(packet.stamp);
-        self.session.on_packet(packet).map_err(|why| refused(why.to_string()))
+        self.session.on_packet(packet).map_err(|why| refused(why.into()))
     }
 
     /// Processes a frame given by its parts: one image per camera in the order of the rig, the depth image where there
@@ -165,16 +165,16 @@ fn trajectory(poses: Vec<(Stamp, Se3)>) -> Result<Trajectory, Error> {
 }
 
 /// What no source delivers but a caller may.
-fn check(packet: &FramePacket, last: Option<Stamp>) -> Result<(), String> {
-    if let Some(last) = last.filter(|last| packet.stamp <= *last) {
-        return Err(format!("it is not later than the frame before, at {last} s"));
+fn check(packet: &FramePacket, last: Option<Stamp>) -> Result<(), FrameError> {
+    if let Some(before) = last.filter(|last| packet.stamp <= *last) {
+        return Err(FrameError::NotLater { before });
     }
     let finite = |s: &ImuSample| s.gyro.iter().chain(s.accel.iter()).all(|v| v.is_finite());
     if let Some(bad) = packet.imu.iter().find(|s| !finite(s)) {
-        return Err(format!("the IMU sample at {} s is not finite", bad.stamp));
+        return Err(FrameError::ImuNotFinite(bad.stamp));
     }
     if let Some([a, b]) = packet.imu.windows(2).find(|w| w[1].stamp <= w[0].stamp) {
-        return Err(format!("the IMU sample at {} s follows one at {} s", b.stamp, a.stamp));
+        return Err(FrameError::ImuOrder { sample: b.stamp, before: a.stamp });
     }
     Ok(())
 }

@@ -1,13 +1,24 @@
 //! Commands from standard input: single keys on a terminal, or lines (for screen readers and pipes).
 
 use cairn_phrases::Language;
-use cairn_session::{Command, help};
+use cairn_session::{Command, CommandError, help};
 use std::io::{BufRead, IsTerminal, Read};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
+/// A line or key that is no command; the text is for the user.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Mistake {
+    /// A line.
+    #[error(transparent)]
+    Line(#[from] CommandError),
+    /// A key: what there are for keys, in the language.
+    #[error("{}", help(*.0))]
+    Key(Language),
+}
+
 /// The source of commands; dropping it restores the terminal's former mode.
 pub struct Terminal {
-    commands: Option<Receiver<Result<Command, String>>>,
+    commands: Option<Receiver<Result<Command, Mistake>>>,
     _raw: Option<raw::Raw>,
 }
 
@@ -31,8 +42,8 @@ impl Terminal {
         }
     }
 
-    /// The commands received since the last call, and messages about invalid ones.
-    pub fn asked(&self) -> (Vec<Command>, Vec<String>) {
+    /// The commands received since the last call, and what was none.
+    pub fn asked(&self) -> (Vec<Command>, Vec<Mistake>) {
         let (mut commands, mut mistakes) = (Vec::new(), Vec::new());
         for answer in self.commands.iter().flat_map(Receiver::try_iter) {
             match answer {
@@ -84,22 +95,22 @@ fn spawn(work: impl FnOnce() + Send + 'static) {
     let _ = std::thread::Builder::new().name("cairn-terminal".into()).spawn(work);
 }
 
-fn read_lines(input: impl BufRead, sender: &Sender<Result<Command, String>>) {
+fn read_lines(input: impl BufRead, sender: &Sender<Result<Command, Mistake>>) {
     for line in input.lines().map_while(Result::ok).filter(|l| !l.trim().is_empty()) {
-        if sender.send(Command::parse(&line).map_err(|e| e.to_string())).is_err() {
+        if sender.send(Command::parse(&line).map_err(Mistake::from)).is_err() {
             return;
         }
     }
 }
 
-fn read_keys(mut input: impl Read, sender: &Sender<Result<Command, String>>, language: Language) {
+fn read_keys(mut input: impl Read, sender: &Sender<Result<Command, Mistake>>, language: Language) {
     let mut key = [0];
     while input.read_exact(&mut key).is_ok() {
         let answer = match key[0] {
             // Control-C and Control-D: a raw terminal sends no signal.
             3 | 4 => Ok(Command::Quit),
             b'\r' | b'\n' | b' ' => continue,
-            key => Command::of_key(char::from(key)).ok_or_else(|| help(language)),
+            key => Command::of_key(char::from(key)).ok_or(Mistake::Key(language)),
         };
         if sender.send(answer).is_err() {
             return;

@@ -13,8 +13,9 @@ use cairn_engine::{Config, SensorMode};
 use cairn_random::Random;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig};
 use cairn_session::Slam;
+use cairn_trial::PageClock;
 use cairn_workers::{RemoteSetup, RemoteSlam, RunEvent};
-use phone::{Album, Clock, Phone, Walk};
+use phone::{Album, Phone, Walk};
 use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject;
 use serde_json::Value;
@@ -96,7 +97,7 @@ impl Served {
             rustls::ClientConfig::builder_with_provider(provider).with_safe_default_protocol_versions();
         let tls = Arc::new(builder.unwrap().with_root_certificates(roots).with_no_client_auth());
         let address = ([127, 0, 0, 1], self.port).into();
-        Phone::new(Clock::new(1e9, 1e-5), album, tls, address, self.token.clone())
+        Phone::new(PageClock::new(1e9, 1e-5), album, tls, address, self.token.clone())
     }
 
     /// Ends it as its user does; its shared memory is gone.

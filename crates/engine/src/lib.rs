@@ -34,7 +34,7 @@ pub use log::{Log, Logged};
 pub use mapping::{Delays, Replayed, Runner, Stopped};
 pub use output::{Finished, Output};
 pub use record::record_input;
-pub use saved::OpenMapError;
+pub use saved::{OpenMapError, UnfitMap};
 pub use scale::{Scale, ScaleStretch};
 pub use sensors::{Sensors, UnknownSensors, has_colours};
 pub use status::{ImuStatus, Phase, Status, StatusEvent, Wait};

@@ -7,6 +7,23 @@ use cairn_sensor::{Rig, RigError};
 use cairn_vision::FrontEnd;
 use std::collections::BTreeMap;
 
+/// Why another camera cannot use a map, by what is missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum UnfitMap {
+    /// Features of the same scales.
+    #[error("its features are of other scales")]
+    Octaves,
+    /// Lengths in metres.
+    #[error("another camera needs a map whose lengths are metres throughout")]
+    NotMetric,
+    /// Gravity, as it measures no depth.
+    #[error("another camera without depth needs a map that is aligned with gravity")]
+    NotGravityAligned,
+    /// Depth or an IMU, to go on with it rather than to be localised in it.
+    #[error("another camera that has neither depth nor an IMU cannot continue it")]
+    OnlyLocalises,
+}
+
 /// Why an engine cannot use a saved map.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum OpenMapError {
@@ -19,7 +36,7 @@ pub enum OpenMapError {
         /// In what they differ.
         mismatch: CameraMismatch,
         /// What another camera would need.
-        why: &'static str,
+        why: UnfitMap,
     },
     /// Where the engine is another process: it could not be begun there.
     #[error("{0}")]
@@ -45,8 +62,7 @@ impl Engine {
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let opened = Opened::new(rig, mode, config, file)?;
         if let Some(mismatch) = opened.only_localises {
-            let why = "another camera that has neither depth nor an IMU cannot continue it";
-            return Err(OpenMapError::OtherCamera { mismatch, why });
+            return Err(OpenMapError::OtherCamera { mismatch, why: UnfitMap::OnlyLocalises });
         }
         let Opened { front_end, snapshot, notes, .. } = opened;
         Ok((Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config), notes))
@@ -136,16 +152,16 @@ fn for_other_camera(
     mode: SensorMode,
     front_end: &FrontEnd,
     has_imu: bool,
-) -> Result<(Snapshot, bool), &'static str> {
+) -> Result<(Snapshot, bool), UnfitMap> {
     let camera = front_end.model();
     if file.snapshot.octaves() != front_end.octaves() {
-        return Err("its features are of other scales");
+        return Err(UnfitMap::Octaves);
     }
     if !file.snapshot.is_metric(&file.about.camera) {
-        return Err("another camera needs a map whose lengths are metres throughout");
+        return Err(UnfitMap::NotMetric);
     }
     if !(camera.has_depth() || file.snapshot.is_gravity_aligned_throughout()) {
-        return Err("another camera without depth needs a map that is aligned with gravity");
+        return Err(UnfitMap::NotGravityAligned);
     }
     Ok((file.in_atlas_with(mode, camera, 0.0).snapshot, camera.has_depth() || has_imu))
 }

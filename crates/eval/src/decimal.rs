@@ -6,7 +6,7 @@ const MAX_SECONDS_NS: i128 = 100_000_000_000 * 1_000_000_000;
 
 /// Nanoseconds of a time written in seconds (`1403636584.763555584`, `1.403715529112143517e+09`); numbers too large for
 /// seconds are interpreted as nanoseconds. Rounds half away from zero; `None` for other text and out of range.
-pub(crate) fn nanoseconds(text: &str) -> Option<i64> {
+pub fn nanoseconds(text: &str) -> Option<i64> {
     let ns = scaled(text, 9)?;
     let ns = if ns.abs() > MAX_SECONDS_NS { scaled(text, 0)? } else { ns };
     i64::try_from(ns).ok()

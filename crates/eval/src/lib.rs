@@ -23,6 +23,7 @@ mod write;
 
 pub use chart::{Dots, Labels, Mark, Series, dot_chart, histogram, line_chart};
 pub use coverage::{coverage_of_frames, coverage_of_reference};
+pub use decimal::nanoseconds;
 pub use error::{EvalError, FileError};
 pub use evaluate::{
     Align, Association, EvalOptions, Evaluation, PairError, evaluate, evaluate_files, tracked_fraction,
@@ -32,7 +33,9 @@ pub use html::{Page, Said};
 pub use load::load_trajectory;
 pub use percentiles::{Percentiles, StageTimes, Stages};
 pub use plan::{Event, Marker, Plan, PlanLine};
-pub use read::{Format, KITTI_STEP_NS, TrajectoryFile, parse_trajectory};
+pub use read::{
+    Format, KITTI_STEP_NS, LineError, TrajectoryFile, parse_stamped_pose, parse_trajectory, pose_from_matrix,
+};
 pub use relative::Delta;
 pub use report::{LiveReport, Lost, RunReport, ScaleReport, SkipReport};
 pub use segments::{KittiErrors, SegmentErrors};

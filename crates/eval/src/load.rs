@@ -3,7 +3,7 @@
 use crate::decimal;
 use crate::error::FileError;
 use crate::read::{Format, TrajectoryFile, parse_trajectory, pose_from_matrix};
-use cairn_geometry::{Mat3, Trajectory, Vec3};
+use cairn_geometry::Trajectory;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -96,10 +96,7 @@ fn load_matrices(folder: &Path) -> Result<TrajectoryFile, FileError> {
             unknown_poses += 1;
             continue;
         }
-        let m = nalgebra::Matrix4::from_row_slice(&values);
-        let rotation: Mat3 = m.fixed_view::<3, 3>(0, 0).into();
-        let translation: Vec3 = m.fixed_view::<3, 1>(0, 3).into();
-        let pose = pose_from_matrix(&rotation, translation).map_err(|e| FileError::whole(&name, e))?;
+        let pose = pose_from_matrix(&values).map_err(|e| FileError::whole(&name, e.to_string()))?;
         let stamp_ns = (i128::from(number) * 1_000_000_000 / 30).try_into();
         let stamp_ns = stamp_ns.map_err(|_| FileError::whole(&name, "the frame number is too large"))?;
         trajectory.push(stamp_ns, pose).map_err(|e| FileError::whole(&name, e.to_string()))?;
@@ -111,6 +108,7 @@ fn load_matrices(folder: &Path) -> Result<TrajectoryFile, FileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cairn_geometry::Vec3;
 
     #[test]
     fn loads_folders_and_times_files() {

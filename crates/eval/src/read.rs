@@ -14,6 +14,7 @@
 use crate::decimal;
 use crate::error::FileError;
 use cairn_geometry::{Mat3, Se3, So3, Trajectory, Vec3};
+use nalgebra::Matrix3x4;
 use serde::{Deserialize, Serialize};
 
 /// Format of a trajectory file.
@@ -29,6 +30,11 @@ pub enum Format {
     /// A folder of files with one 4x4 matrix each (7-Scenes).
     Matrices,
 }
+
+/// What is wrong with a line; [`FileError`] says of which file, and which line.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct LineError(String);
 
 /// Nanoseconds between lines of a KITTI file without `times.txt`.
 pub const KITTI_STEP_NS: i64 = 100_000_000;
@@ -69,11 +75,12 @@ pub fn parse_trajectory(
             continue;
         }
         let fail = |reason: String| FileError::at(name, index + 1, reason);
+        let wrong = |e: LineError| fail(e.0);
         fields.clear();
         fields.extend(split(line));
         if file.is_none() {
             columns = fields.len();
-            let (format, has_rotations) = detect_format(line, &fields).map_err(fail)?;
+            let (format, has_rotations) = detect_format(line, &fields).map_err(wrong)?;
             file = Some(TrajectoryFile {
                 trajectory: Trajectory::new(),
                 name: name.to_owned(),
@@ -97,14 +104,10 @@ pub fn parse_trajectory(
                     .ok_or_else(|| fail(format!("there are more poses than the {} times", times.len())))?,
                 None => rows as i64 * KITTI_STEP_NS,
             },
-            Format::Euroc => fields[0]
-                .parse()
-                .map_err(|_| fail(format!("'{}' is not a time in whole nanoseconds", fields[0])))?,
-            Format::Tum => decimal::nanoseconds(fields[0])
-                .ok_or_else(|| fail(format!("'{}' is not a time in seconds", fields[0])))?,
+            Format::Euroc | Format::Tum => parse_time(file.format, fields[0]).map_err(wrong)?,
         };
         rows += 1;
-        match parse_pose(file, &fields).map_err(fail)? {
+        match parse_pose(file.format, file.has_rotations, &fields).map_err(wrong)? {
             Some(pose) => file.trajectory.push(stamp_ns, pose).map_err(|_| {
                 fail("the time is earlier than that of the line before; sort the file by time".into())
             })?,
@@ -119,6 +122,19 @@ pub fn parse_trajectory(
     Ok(file)
 }
 
+/// The time in nanoseconds and the pose of one line of a TUM or EuRoC file with rotations; `None` where a number is `nan`.
+///
+/// # Errors
+/// When the line has too few numbers, or one that is none.
+pub fn parse_stamped_pose(line: &str, format: Format) -> Result<Option<(i64, Se3)>, LineError> {
+    let fields: Vec<&str> = split(line.trim()).collect();
+    if fields.len() < 8 {
+        return Err(LineError(format!("{} numbers; a time and a pose have 8", fields.len())));
+    }
+    let stamp_ns = parse_time(format, fields[0])?;
+    Ok(parse_pose(format, true, &fields)?.map(|pose| (stamp_ns, pose)))
+}
+
 /// Splits a line at commas, or at white space if it has none.
 fn split(line: &str) -> impl Iterator<Item = &str> {
     let commas = line.contains(',');
@@ -128,66 +144,91 @@ fn split(line: &str) -> impl Iterator<Item = &str> {
 }
 
 /// Detects the format from the first line; also whether it has rotations.
-fn detect_format(line: &str, fields: &[&str]) -> Result<(Format, bool), String> {
+fn detect_format(line: &str, fields: &[&str]) -> Result<(Format, bool), LineError> {
     if line.contains(',') {
         if fields[0].parse::<i64>().is_err() {
-            return Err(format!(
+            return Err(LineError(format!(
                 "comma-separated, but the first column '{}' is not whole nanoseconds as in EuRoC csv; TUM files \
                  are separated by spaces",
                 fields[0]
-            ));
+            )));
         }
         return match fields.len() {
             4 => Ok((Format::Euroc, false)),
             8.. => Ok((Format::Euroc, true)),
-            n => Err(format!("{n} columns; EuRoC csv has 'ns,x,y,z' or 'ns,x,y,z,qw,qx,qy,qz,...'")),
+            n => {
+                Err(LineError(format!("{n} columns; EuRoC csv has 'ns,x,y,z' or 'ns,x,y,z,qw,qx,qy,qz,...'")))
+            }
         };
     }
     match fields.len() {
         4 => Ok((Format::Tum, false)),
         8 => Ok((Format::Tum, true)),
         12 => Ok((Format::Kitti, true)),
-        n => Err(format!(
+        n => Err(LineError(format!(
             "{n} columns; TUM has 8 ('t x y z qx qy qz qw') or 4 ('t x y z'), KITTI has 12 (3x4 matrix), EuRoC is \
              comma-separated"
-        )),
+        ))),
+    }
+}
+
+/// The time of a line in nanoseconds.
+fn parse_time(format: Format, field: &str) -> Result<i64, LineError> {
+    match format {
+        Format::Euroc => {
+            field.parse().map_err(|_| LineError(format!("'{field}' is not a time in whole nanoseconds")))
+        }
+        _ => decimal::nanoseconds(field)
+            .ok_or_else(|| LineError(format!("'{field}' is not a time in seconds"))),
     }
 }
 
 /// Parses the pose of a line; `None` when a number is `nan`.
-fn parse_pose(file: &TrajectoryFile, fields: &[&str]) -> Result<Option<Se3>, String> {
-    if file.format == Format::Kitti {
-        let m = numbers::<12>(fields)?;
-        let rotation = Mat3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]);
-        return pose_from_matrix(&rotation, Vec3::new(m[3], m[7], m[11])).map(Some);
+fn parse_pose(format: Format, has_rotations: bool, fields: &[&str]) -> Result<Option<Se3>, LineError> {
+    if format == Format::Kitti {
+        return pose_from_matrix(&numbers::<12>(fields)?).map(Some);
     }
     let p = numbers::<3>(&fields[1..])?;
-    let q = if file.has_rotations { numbers::<4>(&fields[4..])? } else { [0.0, 0.0, 0.0, 1.0] };
+    let q = if has_rotations { numbers::<4>(&fields[4..])? } else { [0.0, 0.0, 0.0, 1.0] };
     if p.iter().chain(&q).any(|v| v.is_nan()) {
         return Ok(None);
     }
-    let [x, y, z, w] =
-        if file.format == Format::Euroc && file.has_rotations { [q[1], q[2], q[3], q[0]] } else { q };
-    let rotation = So3::from_xyzw(x, y, z, w)
-        .ok_or_else(|| format!("the quaternion ({x} {y} {z} {w}) has zero norm or is not finite"))?;
+    let [x, y, z, w] = if format == Format::Euroc && has_rotations { [q[1], q[2], q[3], q[0]] } else { q };
+    let rotation = So3::from_xyzw(x, y, z, w).ok_or_else(|| {
+        LineError(format!("the quaternion ({x} {y} {z} {w}) has zero norm or is not finite"))
+    })?;
     Ok(Some(Se3::new(rotation, Vec3::from(p))))
 }
 
-/// A pose from a rotation block, which may be rounded but must be close to a rotation.
-pub(crate) fn pose_from_matrix(rotation: &Mat3, translation: Vec3) -> Result<Se3, String> {
+/// A pose from the 3x4 or 4x4 numbers of its matrix, row by row, as KITTI and 7-Scenes write them. The rotation may be
+/// rounded, but must be close to one.
+///
+/// # Errors
+/// When there are other than 12 or 16 numbers, or they are no pose.
+pub fn pose_from_matrix(rows: &[f64]) -> Result<Se3, LineError> {
+    if !matches!(rows.len(), 12 | 16) {
+        return Err(LineError(format!("a matrix of a pose has 3x4 or 4x4 numbers, here are {}", rows.len())));
+    }
+    let m = Matrix3x4::from_row_slice(&rows[..12]);
+    let (rotation, translation): (Mat3, Vec3) = (m.fixed_columns::<3>(0).into(), m.column(3).into());
     let error = (rotation.transpose() * rotation - Mat3::identity()).norm();
     if !(error < 0.05 && rotation.determinant() > 0.0 && translation.iter().all(|v| v.is_finite())) {
-        return Err("the matrix is not a pose: its 3x3 block is not a rotation or a number is nan".into());
+        let why = "the matrix is not a pose: its 3x3 block is not a rotation or a number is nan";
+        return Err(LineError(why.into()));
     }
-    Ok(Se3::new(So3::from_matrix(rotation), translation))
+    if rows.len() == 16 && !rows[12..].iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(v, one)| (v - one).abs() < 1e-6)
+    {
+        return Err(LineError("the matrix is not a pose: its last row must be 0 0 0 1".into()));
+    }
+    Ok(Se3::new(So3::from_matrix(&rotation), translation))
 }
 
-fn numbers<const N: usize>(fields: &[&str]) -> Result<[f64; N], String> {
+fn numbers<const N: usize>(fields: &[&str]) -> Result<[f64; N], LineError> {
     let mut out = [0.0; N];
     for (value, field) in out.iter_mut().zip(fields) {
         *value = match field.parse::<f64>() {
             Ok(v) if !v.is_infinite() => v,
-            _ => return Err(format!("'{field}' is not a number")),
+            _ => return Err(LineError(format!("'{field}' is not a number"))),
         };
     }
     Ok(out)
@@ -220,6 +261,42 @@ mod tests {
             assert_eq!(file.trajectory.stamps_ns(), [500_000_000]);
             assert_eq!(file.trajectory.poses()[0].translation, Vec3::new(1.0, 2.0, 3.0));
         }
+    }
+
+    #[test]
+    fn one_line_is_a_pose_as_in_its_file() {
+        for (text, format) in [
+            ("0.5 1 2 3 0.5 0.5 0.5 -0.5", Format::Tum),
+            ("500000000,1,2,3,-0.5,0.5,0.5,0.5,9", Format::Euroc),
+        ] {
+            let file = parse(text).unwrap();
+            let (stamp_ns, pose) = parse_stamped_pose(text, format).unwrap().unwrap();
+            assert_eq!(
+                (stamp_ns, pose),
+                (file.trajectory.stamps_ns()[0], file.trajectory.poses()[0]),
+                "{text}"
+            );
+        }
+        assert_eq!(parse_stamped_pose("1 nan 0 0 0 0 0 1", Format::Tum), Ok(None));
+        for wrong in ["", "1 0 0 0 0 0 1", "x 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 0"] {
+            assert!(parse_stamped_pose(wrong, Format::Tum).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn matrices_are_poses_row_by_row() {
+        let rows = [0.0, -1.0, 0.0, 4.0, 1.0, 0.0, 0.0, 5.0, 0.0, 0.0, 1.0, 6.0, 0.0, 0.0, 0.0, 1.0];
+        let pose = pose_from_matrix(&rows).unwrap();
+        assert_eq!(pose_from_matrix(&rows[..12]), Ok(pose));
+        let moved = pose.transform(&Vec3::new(1.0, 0.0, 0.0));
+        assert!((moved - Vec3::new(4.0, 6.0, 6.0)).norm() < 1e-12, "{moved}");
+        let with = |k: usize, v: f64| {
+            pose_from_matrix(&std::array::from_fn::<_, 16, _>(|i| if i == k { v } else { rows[i] }))
+        };
+        for (k, v) in [(0, 1.0), (3, f64::NAN), (12, 1.0), (15, f64::NAN)] {
+            assert!(with(k, v).is_err(), "{k}");
+        }
+        assert!(pose_from_matrix(&rows[..9]).is_err());
     }
 
     #[test]

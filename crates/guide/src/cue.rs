@@ -98,7 +98,7 @@ pub enum Next {
 
 /// How far it is to what comes next, and what follows soon after.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ahead {
+pub struct UpcomingManeuver {
     /// Metres to `next`.
     pub distance_m: f64,
     /// What it is.
@@ -113,7 +113,7 @@ pub enum First {
     /// Turn on the spot, radians, positive left.
     Turn(f64),
     /// Go on.
-    Go(Ahead),
+    Go(UpcomingManeuver),
 }
 
 /// What kind of cue it is.
@@ -144,7 +144,7 @@ pub enum CueKind {
     /// A correction of the map contradicts what was said; what to do now.
     Correction(First),
     /// A turn or stairs are near.
-    Approach(Ahead),
+    Approach(UpcomingManeuver),
     /// Turn now: at a corner of the route.
     TurnNow {
         /// Radians, positive left.
@@ -157,20 +157,20 @@ pub enum CueKind {
     /// Turn on the spot because the heading is wrong. Radians, positive left.
     Rotate(f64),
     /// The turn is done; what comes next.
-    StopTurning(Ahead),
+    StopTurning(UpcomingManeuver),
     /// Stop turning and stand: where the turn ends decides whether the way ahead is free.
     StandStill,
     /// Go on; what comes next. `check` asks a walker going backwards to look behind first.
     Go {
         /// What comes next.
-        ahead: Ahead,
+        ahead: UpcomingManeuver,
         /// Look behind before moving.
         check: bool,
     },
     /// A small correction. Radians, positive left.
     Adjust(f64),
     /// Progress along a straight.
-    Progress(Ahead),
+    Progress(UpcomingManeuver),
     /// Off the path: how far, where it lies, and the turn that leads back.
     OffPath {
         /// Distance to the path in metres.
@@ -187,7 +187,7 @@ pub enum CueKind {
     /// The walker has been standing for a while.
     Stopped {
         /// What comes next.
-        ahead: Ahead,
+        ahead: UpcomingManeuver,
         /// The walker stands on the path.
         on_path: bool,
     },

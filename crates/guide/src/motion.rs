@@ -8,14 +8,14 @@ use std::collections::VecDeque;
 
 /// Time, position and heading of the last few seconds.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Motion {
+pub(crate) struct MotionHistory {
     history: VecDeque<(Stamp, Vec2, f64)>,
 }
 
 /// Seconds of history.
 const HISTORY_S: f64 = 8.0;
 
-impl Motion {
+impl MotionHistory {
     /// Clears the history; after a stop or a jump.
     pub fn clear(&mut self) {
         self.history.clear();

@@ -46,7 +46,7 @@ pub struct RouteNote {
 
 /// Where a landmark lies for the walker who passes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lies {
+pub enum RelativeDirection {
     /// To his left or right.
     Beside(Side),
     /// In front of him.
@@ -97,7 +97,12 @@ impl RouteNote {
     }
 
     /// Where the landmark lies for a walker with this heading; `None` for a note without a side.
-    pub fn lies(&self, ground: &Ground, frame_from_camera: &Se3, walker: &Heading) -> Option<Lies> {
+    pub fn lies(
+        &self,
+        ground: &Ground,
+        frame_from_camera: &Se3,
+        walker: &Heading,
+    ) -> Option<RelativeDirection> {
         let turn = match self.side? {
             Side::Left => FRAC_PI_2,
             Side::Right => -FRAC_PI_2,
@@ -105,20 +110,20 @@ impl RouteNote {
         let landmark = ground.heading(frame_from_camera)? + turn;
         let from_chest = wrap(landmark - walker.heading);
         Some(match from_chest.abs() {
-            a if a < FRAC_PI_4 => Lies::Ahead,
-            a if a > 3.0 * FRAC_PI_4 => Lies::Behind,
-            _ => Lies::Beside(Side::of(from_chest)),
+            a if a < FRAC_PI_4 => RelativeDirection::Ahead,
+            a if a > 3.0 * FRAC_PI_4 => RelativeDirection::Behind,
+            _ => RelativeDirection::Beside(Side::of(from_chest)),
         })
     }
 
     /// The note in words: "Door on your left."
-    pub fn words(&self, lies: Option<Lies>, language: Language) -> String {
+    pub fn words(&self, lies: Option<RelativeDirection>, language: Language) -> String {
         let text = ("text", (&self.text).into());
         let place = match lies {
             None => return language.say("guide-note", &[text]),
-            Some(Lies::Beside(side)) => side.name(),
-            Some(Lies::Ahead) => "ahead",
-            Some(Lies::Behind) => "behind",
+            Some(RelativeDirection::Beside(side)) => side.name(),
+            Some(RelativeDirection::Ahead) => "ahead",
+            Some(RelativeDirection::Behind) => "behind",
         };
         language.say("guide-note-at", &[text, ("place", place.into())])
     }

@@ -4,7 +4,7 @@
 //! be acted on while the rest is still being said. Here the clauses are chosen and put together; their words are in
 //! the language's file.
 
-use crate::cue::{AT_START_M, Ahead, Cue, CueKind, First, Next, Obstacle, StopReason};
+use crate::cue::{AT_START_M, Cue, CueKind, First, Next, Obstacle, StopReason, UpcomingManeuver};
 use crate::direction::{Direction, Side};
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
@@ -273,14 +273,14 @@ impl PhraseConfig {
     }
 
     /// ", then in 3 metres turn right" for a turn that follows soon.
-    fn after(&self, ahead: &Ahead, back: bool) -> String {
+    fn after(&self, ahead: &UpcomingManeuver, back: bool) -> String {
         ahead.then.as_ref().map_or(String::new(), |(metres, next)| {
             let next = self.next(next, back);
             self.measured(["guide-after", "guide-after-unmeasured"], *metres, &[("next", (&next).into())])
         })
     }
 
-    fn go(&self, ahead: &Ahead, back: bool, check: bool) -> String {
+    fn go(&self, ahead: &UpcomingManeuver, back: bool, check: bool) -> String {
         // The last few metres after a halt are walked slowly, so that the walker can stop where he is told.
         let last = ahead.next == Next::End && ahead.distance_m < 3.0;
         let ids = match (back, last) {
@@ -303,7 +303,7 @@ impl PhraseConfig {
         }
     }
 
-    fn approach(&self, ahead: &Ahead, back: bool) -> String {
+    fn approach(&self, ahead: &UpcomingManeuver, back: bool) -> String {
         if ahead.next == Next::End {
             let ids = ["guide-approach-end", "guide-approach-end-unmeasured"];
             return self.measured(ids, ahead.distance_m, &[]);
@@ -321,7 +321,7 @@ impl PhraseConfig {
         self.language.say(id, &[("turn", (&turn).into()), ("stairs", (&stairs).into())])
     }
 
-    fn progress(&self, ahead: &Ahead, back: bool) -> String {
+    fn progress(&self, ahead: &UpcomingManeuver, back: bool) -> String {
         if ahead.next == Next::End {
             let ids = ["guide-progress-end", "guide-progress-end-unmeasured"];
             return self.measured(ids, ahead.distance_m, &[]);
@@ -467,7 +467,8 @@ mod tests {
     #[test]
     fn next_maneuver_is_said_with_the_action() {
         let then = Some((2.6, Next::Turn { turn_rad: -1.5, stairs: Some(Stairs::Up) }));
-        let ahead = Ahead { distance_m: 6.1, next: Next::Turn { turn_rad: 0.7, stairs: None }, then };
+        let ahead =
+            UpcomingManeuver { distance_m: 6.1, next: Next::Turn { turn_rad: 0.7, stairs: None }, then };
         assert_eq!(
             words(&PhraseConfig::default(), CueKind::Approach(ahead)),
             "In 6 metres, turn slightly left, then in 3 metres turn right and go upstairs."

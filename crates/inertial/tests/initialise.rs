@@ -9,7 +9,7 @@ use cairn_inertial::{
 };
 use cairn_random::Random;
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
-use common::{Motion, NOISE, noisy, samples, some_bias, vector};
+use common::{HandMotion, NOISE, noisy, samples, some_bias, vector};
 
 const MAP_UNIT_M: f64 = 2.7;
 const ROTATION_SIGMA: f64 = 0.002;
@@ -70,7 +70,14 @@ fn in_motion(seed: u64, key_frames: usize, unit: f64) -> Case {
     let mut rng = Random::new(seed);
     let from = rng.uniform(0.0, 8.0);
     let (readings, _) = noisy(&mut rng, samples(from, 0.25 * key_frames as f64, 200.0), some_bias());
-    case(&mut rng, readings, |t| Se3::new(Motion::rotation(t), Motion::position(t)), from, key_frames, unit)
+    case(
+        &mut rng,
+        readings,
+        |t| Se3::new(HandMotion::rotation(t), HandMotion::position(t)),
+        from,
+        key_frames,
+        unit,
+    )
 }
 
 #[test]
@@ -96,7 +103,7 @@ fn scale_gravity_and_biases_are_found_and_as_good_as_told() {
         bias_nees += bias.dot(&(bias_covariance.try_inverse().unwrap() * bias)) / runs as f64;
         // The states are those of the sensor, in metres.
         let (turn, shift) = map_from_world();
-        let at = turn * Motion::position(found_time(seed)) + shift;
+        let at = turn * HandMotion::position(found_time(seed)) + shift;
         assert!((found.states[0].world_from_imu.translation - at).norm() < 0.2, "{seed}");
     }
     println!("NEES: scale {scale_nees:.2} (1), gravity {tilt_nees:.2} (2), gyro bias {bias_nees:.2} (3)");
@@ -148,7 +155,7 @@ fn stamped_late(seed: u64, key_frames: usize, late_s: f64) -> Case {
     let mut rng = Random::new(seed);
     let from = rng.uniform(0.0, 8.0);
     let (readings, _) = noisy(&mut rng, samples(from, 0.25 * key_frames as f64, 200.0), some_bias());
-    let pose = |t: f64| Se3::new(Motion::rotation(t - late_s), Motion::position(t - late_s));
+    let pose = |t: f64| Se3::new(HandMotion::rotation(t - late_s), HandMotion::position(t - late_s));
     case(&mut rng, readings, pose, from, key_frames, MAP_UNIT_M)
 }
 
@@ -239,11 +246,11 @@ fn each_gate_stops_what_it_is_there_for() {
     let mut rng = Random::new(6);
     let (mut readings, _) = noisy(&mut rng, samples(0.0, 6.0, 200.0), Bias::default());
     readings.iter_mut().for_each(|s| s.accel *= 1.3);
-    let pose = |t: f64| Se3::new(Motion::rotation(t), Motion::position(t));
+    let pose = |t: f64| Se3::new(HandMotion::rotation(t), HandMotion::position(t));
     let wrong = attempt(&case(&mut rng, readings, pose, 0.0, 24, 1.0), Scale::Known { sigma: 0.01 });
     assert!(failed(&wrong).contains(&GateKind::GravityNorm), "{:?}", wrong.gates);
     let (readings, _) = noisy(&mut rng, samples(0.0, 6.0, 200.0), Bias::default());
-    let mirrored = |t: f64| Se3::new(Motion::rotation(t).inverse(), -Motion::position(t));
+    let mirrored = |t: f64| Se3::new(HandMotion::rotation(t).inverse(), -HandMotion::position(t));
     let wrong = attempt(&case(&mut rng, readings, mirrored, 0.0, 24, 1.0), Scale::Free);
     assert!(wrong.accepted().is_none() && failed(&wrong).contains(&GateKind::GyroNoise), "{:?}", wrong.gates);
     assert!(wrong.gates.iter().all(|g| g.to_string().contains(if g.passed { "good" } else { "failed" })));

@@ -6,7 +6,7 @@ use cairn_geometry::{So3, Vec3};
 use cairn_inertial::{OffsetConfig, OffsetUnknown, TimeOffset, time_offset};
 use cairn_random::Random;
 use cairn_sensor::{ImuSample, Stamp};
-use common::{Motion, noisy, samples, some_bias, vector};
+use common::{HandMotion, noisy, samples, some_bias, vector};
 
 fn imu_from_camera() -> So3 {
     So3::exp(&Vec3::new(1.2, -1.1, 1.3))
@@ -27,7 +27,7 @@ fn adjusted(
 ) -> Result<TimeOffset, OffsetUnknown> {
     let mut rng = Random::new(seed);
     let mut readings = samples(0.0, 10.0, 200.0);
-    if motion(1.0) != Motion::rotation(1.0) {
+    if motion(1.0) != HandMotion::rotation(1.0) {
         for s in &mut readings {
             let t = s.stamp.seconds();
             s.gyro = (motion(t - 1e-4).inverse() * motion(t + 1e-4)).log() / 2e-4;
@@ -50,7 +50,7 @@ fn offsets_are_recovered_to_a_millisecond_and_as_well_as_told() {
     let mut nees = 0.0;
     let offsets = [-0.05, -0.02, -0.003, 0.0, 0.004, 0.02, 0.07];
     for (seed, offset) in offsets.into_iter().enumerate() {
-        let found = run(seed as u64, offset, So3::identity(), Motion::rotation).unwrap();
+        let found = run(seed as u64, offset, So3::identity(), HandMotion::rotation).unwrap();
         assert!((found.offset_s - offset).abs() < 1e-3, "{offset}: {found:?}");
         assert!((found.gyro_bias - some_bias().gyro).norm() < 2e-3 && found.misaligned < 0.01, "{found:?}");
         nees += ((found.offset_s - offset) / found.sigma_s).powi(2) / offsets.len() as f64;
@@ -70,8 +70,8 @@ fn a_map_that_is_adjusted_does_not_shift_the_offset() {
     for offset in [-0.02, 0.0, 0.02] {
         let mut ratios: Vec<f64> = (0..9)
             .map(|seed| {
-                let found = adjusted(seed, offset, So3::identity(), Motion::rotation, map).unwrap();
-                let plain = run(seed, offset, So3::identity(), Motion::rotation).unwrap();
+                let found = adjusted(seed, offset, So3::identity(), HandMotion::rotation, map).unwrap();
+                let plain = run(seed, offset, So3::identity(), HandMotion::rotation).unwrap();
                 assert!((found.offset_s - offset).abs() < 1e-3, "{offset}: {found:?}");
                 found.sigma_s / plain.sigma_s
             })
@@ -86,7 +86,7 @@ fn a_map_that_is_adjusted_does_not_shift_the_offset() {
 #[test]
 fn a_rotation_that_is_off_is_told_however_large() {
     for extra in [Vec3::new(0.0, 0.05, 0.0), Vec3::new(0.0, 0.0, 1.6), Vec3::new(2.0, -1.0, 0.7)] {
-        let found = run(3, 0.015, So3::exp(&extra), Motion::rotation).unwrap();
+        let found = run(3, 0.015, So3::exp(&extra), HandMotion::rotation).unwrap();
         assert!((found.misaligned - So3::exp(&extra).angle()).abs() < 0.01, "{extra}: {found:?}");
         assert!((found.offset_s - 0.015).abs() < 1e-3);
     }
@@ -101,6 +101,6 @@ fn what_can_not_be_told_is_not() {
     assert!(matches!(steady, Err(OffsetUnknown::TooLittleTurn { .. })), "{steady:?}");
     let few = time_offset(&[], &[], &imu_from_camera(), &OffsetConfig::default());
     assert!(matches!(few, Err(OffsetUnknown::TooFew { found: 0, .. })));
-    let far = run(1, 0.3, So3::identity(), Motion::rotation);
+    let far = run(1, 0.3, So3::identity(), HandMotion::rotation);
     assert!(far.is_err(), "{far:?}");
 }

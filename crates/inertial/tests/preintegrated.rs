@@ -6,7 +6,7 @@ use cairn_geometry::{Manifold, So3, Vec3};
 use cairn_inertial::{Bias, Gravity, NavState, Preintegrated};
 use cairn_random::Random;
 use cairn_sensor::ImuNoise;
-use common::{Motion, NOISE, noisy, samples, some_bias};
+use common::{HandMotion, NOISE, noisy, samples, some_bias};
 use nalgebra::{SMatrix, SVector, Vector2};
 
 #[test]
@@ -14,8 +14,8 @@ fn exact_readings_predict_the_motion() {
     let gravity = Gravity::level().vector();
     for rate in [100.0, 200.0, 400.0] {
         let sum = Preintegrated::of(NOISE, Bias::default(), samples(0.3, 2.0, rate));
-        let found = sum.predict(&Motion::state(0.3, Bias::default()), &gravity);
-        let off = Motion::state(2.3, Bias::default()).local(&found);
+        let found = sum.predict(&HandMotion::state(0.3, Bias::default()), &gravity);
+        let off = HandMotion::state(2.3, Bias::default()).local(&found);
         // The midpoint rule's error falls with the square of the step.
         let bound = 1.5e-3 * (200.0f64 / rate).powi(2);
         assert!(
@@ -67,8 +67,8 @@ fn every_jacobian_matches_differences() {
     let sum = Preintegrated::of(NOISE, near, samples(0.2, 0.6, 200.0));
     let mut rng = Random::new(4);
     let mut random = |scale: f64| SVector::<f64, 15>::from_fn(|_, _| scale * rng.standard_normal());
-    let from = Motion::state(0.2, some_bias()).retract(&random(0.05));
-    let to = Motion::state(0.8, some_bias()).retract(&random(0.05));
+    let from = HandMotion::state(0.2, some_bias()).retract(&random(0.05));
+    let to = HandMotion::state(0.8, some_bias()).retract(&random(0.05));
     let gravity = Gravity::along(&Vec3::new(0.4, -0.3, -9.0), 9.81).unwrap();
     let linear = sum.linearise(&from, &to, &gravity);
     assert_eq!(linear.residual, sum.residual(&from, &to, &gravity));
@@ -117,8 +117,8 @@ fn every_jacobian_matches_differences() {
 fn nees(rng: &mut Random, seconds: f64, rate: f64) -> f64 {
     let (readings, bias) = noisy(rng, samples(0.1, seconds, rate), some_bias());
     let sum = Preintegrated::of(NOISE, some_bias(), readings);
-    let truth = Motion::state(0.1 + seconds, bias);
-    let residual = sum.residual(&Motion::state(0.1, some_bias()), &truth, &Gravity::level());
+    let truth = HandMotion::state(0.1 + seconds, bias);
+    let residual = sum.residual(&HandMotion::state(0.1, some_bias()), &truth, &Gravity::level());
     (sum.whitening().unwrap() * residual).norm_squared()
 }
 

@@ -10,7 +10,7 @@ use cairn_inertial::{
 use cairn_random::Random;
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use cairn_solve::{Bundle, BundleConfig, CalibrationError, Freedom, Observation, Pinhole, Report};
-use common::{Motion, NOISE, noisy, samples, some_bias, vector};
+use common::{HandMotion, NOISE, noisy, samples, some_bias, vector};
 
 const CAMERA: Pinhole = Pinhole { fx: 400.0, fy: 400.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
 const FROM: f64 = 0.4;
@@ -35,7 +35,7 @@ impl Window {
 }
 
 fn truth(k: usize) -> NavState {
-    Motion::state(FROM + 0.25 * k as f64, some_bias())
+    HandMotion::state(FROM + 0.25 * k as f64, some_bias())
 }
 
 /// `n` key frames with points all around, one camera, half a pixel of noise; states as they are.

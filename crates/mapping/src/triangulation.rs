@@ -232,3 +232,74 @@ fn intersect(world_from_a: &Se3, xa: &Vec3, world_from_b: &Se3, xb: &Vec3) -> Op
     let p = h.try_inverse()? * g;
     p.iter().all(|v| v.is_finite()).then_some(p)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{World, mono, pose, sideways};
+    use crate::tests::remove;
+    use cairn_atlas::Atlas;
+
+    /// Two views of a single camera, 0.6 m apart, in a map without landmarks.
+    fn two_views(seed: u64) -> (World, Atlas, [KeyFrameId; 2]) {
+        let world = World::around(mono(), seed);
+        let (mut atlas, ids) = world.exact_map(&sideways(3, 0.3));
+        remove(&mut atlas, |_| true);
+        (world, atlas, [ids[2], ids[0]])
+    }
+
+    #[test]
+    fn intersect_finds_the_point_where_two_rays_meet() {
+        let (a, b, point) = (pose(0.0, 0.0, 0.0), pose(0.5, 0.1, -0.2), Vec3::new(0.7, -0.4, 4.0));
+        let ray = |pose: &Se3| {
+            let p = pose.inverse() * point;
+            p / p.z
+        };
+        let found = intersect(&a, &ray(&a), &b, &ray(&b)).expect("a point");
+        assert!((found - point).norm() < 1e-9, "{found:?}");
+    }
+
+    #[test]
+    fn match_along_epipolar_lines_pairs_what_looks_alike_and_lies_on_the_line() {
+        let (world, atlas, ids) = two_views(161);
+        let snapshot = atlas.latest();
+        let [here, there] = ids.map(|id| snapshot.key_frame(id).unwrap());
+        let (cameras, octaves) = ([&world.camera; 2], snapshot.octaves());
+        let free = vec![false; here.frame.len()];
+        let matches = match_along_epipolar_lines(cameras, octaves, here, there, &free);
+        assert!(matches.len() > 100, "{}", matches.len());
+        for (i, j) in &matches {
+            assert_eq!(here.frame.descriptors[*i], there.frame.descriptors[*j]);
+        }
+        let taken = vec![true; here.frame.len()];
+        assert!(match_along_epipolar_lines(cameras, octaves, here, there, &taken).is_empty());
+        // Lines of a camera that stood 0.3 m higher, which it did not.
+        let mut elsewhere = there.clone();
+        elsewhere.world_from_camera.translation.y += 0.3;
+        let wrong = match_along_epipolar_lines(cameras, octaves, here, &elsewhere, &free);
+        assert!(wrong.len() * 5 < matches.len(), "{} of {}", wrong.len(), matches.len());
+    }
+
+    #[test]
+    fn triangulate_finds_the_true_point_and_refuses_what_no_point_explains() {
+        let (world, atlas, ids) = two_views(162);
+        let snapshot = atlas.latest();
+        let [here, there] = ids.map(|id| snapshot.key_frame(id).unwrap());
+        let cameras = [&world.camera; 2];
+        let views = [pose(0.6, 0.0, 0.0), pose(0.0, 0.0, 0.0)].map(|pose| world.see(&pose, 0.0));
+        let mut found = 0;
+        for (i, point) in views[0].points.iter().enumerate() {
+            let Ok(j) = views[1].points.binary_search(point) else { continue };
+            let Some(at) = triangulate(snapshot, cameras, here, i, there, j) else { continue };
+            assert!((at - world.points[*point]).norm() < 2e-3, "{at:?}");
+            found += 1;
+            // The feature of another point is on another line, or at another distance than its level says.
+            let others = (0..views[1].points.len()).filter(|other| *other != j).step_by(20);
+            let explained = others.filter(|o| triangulate(snapshot, cameras, here, i, there, *o).is_some());
+            assert!(explained.count() <= 2, "feature {i}");
+        }
+        assert!(found > 100, "{found}");
+        // Without a baseline no depth is known.
+        assert!(triangulate(snapshot, cameras, here, 0, here, 0).is_none());
+    }
+}

@@ -56,7 +56,7 @@ pub fn open_map(path: &Path) -> Result<Grid<i8>, OpenError> {
 
 /// A planned path, before and after smoothing.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Route {
+pub struct PlannedPath {
     /// The path of the search.
     pub path: GridPath,
     /// The smoothed path, to be followed.
@@ -65,7 +65,7 @@ pub struct Route {
 
 /// Why no route was planned.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum NoRoute {
+pub enum PlanError {
     /// Radii or costs are unusable.
     #[error(transparent)]
     Costs(#[from] CostError),
@@ -84,7 +84,7 @@ pub fn plan(
     search: Search,
     from: Vec2,
     to: Vec2,
-) -> Result<Route, NoRoute> {
+) -> Result<PlannedPath, PlanError> {
     let costs = Costmap::new(map.clone(), *config)?;
     let passable = costs.passable();
     if passable.free() == 0 {
@@ -106,5 +106,5 @@ pub fn plan(
         ..SmoothConfig::default()
     };
     let smooth = smooth(costs.field(), &path.cells, &smoothing);
-    Ok(Route { path, smooth })
+    Ok(PlannedPath { path, smooth })
 }

@@ -2,6 +2,7 @@
 
 use crate::errors::{ConfigError, raise};
 use cairn::SensorMode;
+use cairn::engine::{Sensors, UnknownSensors};
 use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
@@ -164,19 +165,9 @@ fn object<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
 
 /// The sensors of a name: the cameras, and whether the IMU is used.
 pub fn sensors(name: &str, rig: &cairn::Rig) -> PyResult<(SensorMode, bool)> {
-    let (cameras, imu) = name.strip_suffix("-imu").map_or((name, false), |cameras| (cameras, true));
-    let mode = match cameras {
-        "mono" => SensorMode::Mono,
-        "stereo" => SensorMode::Stereo,
-        "rgbd" => SensorMode::Rgbd,
-        _ => {
-            return Err(PyValueError::new_err(format!(
-                "sensor must be \"mono\", \"stereo\" or \"rgbd\", or one of them with \"-imu\", not {name:?}"
-            )));
-        }
-    };
-    if imu && rig.imu.is_none() {
+    let sensors: Sensors = name.parse().map_err(|e: UnknownSensors| PyValueError::new_err(e.to_string()))?;
+    if sensors.has_imu() && rig.imu.is_none() {
         return Err(crate::errors::RigError::new_err(format!("sensor {name:?}: the rig has no IMU")));
     }
-    Ok((mode, imu))
+    Ok((sensors.mode(), sensors.has_imu()))
 }

@@ -2,7 +2,7 @@
 //! `cairn::plan`; unknown ground is not entered.
 
 use cairn::geometry::{Se2, Se3, So3, Vec2, Vec3};
-use cairn::plan::control::{Limits, Motion, Navigator, NavigatorConfig, PursuitConfig};
+use cairn::plan::control::{Limits, Navigator, NavigatorConfig, PursuitConfig, Twist};
 use cairn::plan::{CostConfig, Costmap, Grid};
 
 /// The goal is reached within this distance, metres, as by default in Nav2.
@@ -64,7 +64,7 @@ impl Planner {
         let mut navigator = Navigator::new(NavigatorConfig::new(pursuit));
         navigator.set_goal(at(&goal));
         let start = Se2::from_xy_angle(map_from_base.translation.x, map_from_base.translation.y, 0.0);
-        let step = navigator.step(0.0, &start, Motion::stop(), &costs, None);
+        let step = navigator.step(0.0, &start, Twist::stop(), &costs, None);
         Some(match navigator.path() {
             Some(path) => Planned::Path(poses(path.points(), &goal)),
             None => Planned::NoPath(step.reason.map_or_else(|| "no reason".into(), |r| r.to_string())),

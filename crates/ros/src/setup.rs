@@ -5,7 +5,7 @@ use crate::frames::looking_ahead;
 use crate::messages::{CameraInfo, Imu, TFMessage};
 use crate::options::{Options, Topics};
 use cairn::geometry::{Se3, Vec3};
-use cairn::sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError};
+use cairn::sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, RigError, is_registered};
 use cairn::sources::Frames;
 use cairn_bag::{DecodeError, stereo_left_from_right};
 use std::collections::BTreeMap;
@@ -16,8 +16,6 @@ const USUAL_NOISE: ImuNoise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-
 const READINGS: usize = 60;
 /// Readings kept while the node waits for the rest.
 const MOST_READINGS: usize = 400;
-/// Frames closer than this are at the same place: metres, radians.
-const SAME_PLACE: f64 = 1e-4;
 
 /// Why there is no rig, and what to do.
 #[derive(Debug, thiserror::Error)]
@@ -311,14 +309,8 @@ impl Setup {
             let (frame, from) = (depth.frame.clone(), left.frame.clone());
             SetupError::NotPlaced { topic: depth.topic.clone(), frame, from }
         })?;
-        let together =
-            left_from_depth.translation.norm() < SAME_PLACE && left_from_depth.rotation.angle() < SAME_PLACE;
-        let (a, b) = (&left.camera, &depth.camera);
-        let close = |x: f64, y: f64| (x - y).abs() < 1e-3;
-        let alike = (a.width, a.height) == (b.width, b.height)
-            && [(a.fx, b.fx), (a.fy, b.fy), (a.cx, b.cx), (a.cy, b.cy)].iter().all(|(x, y)| close(*x, *y));
-        let registered = together && alike;
-        let camera = if registered { *a } else { *b };
+        let registered = is_registered(&left.camera, &depth.camera, &left_from_depth);
+        let camera = if registered { left.camera } else { depth.camera };
         // REP 118: 16-bit depth is in millimetres; metres become millimetres when they are read.
         Ok(DepthSensor { camera, body_from_depth: left_from_depth, metres_per_unit: 0.001, registered })
     }

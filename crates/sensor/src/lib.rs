@@ -19,7 +19,7 @@ pub use lens::Distortion;
 pub use live::{ClockReading, Live};
 pub use merge::{DropReason, Dropped, ImuGap, Merge, MergeConfig, MergeCounts, Merged, Stream};
 pub use packet::{FramePacket, GRAVITY_M_S2, ImuSample};
-pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, check_rotation};
+pub use rig::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, check_rotation, is_registered};
 pub use skips::{SkipCount, SkipKind, Skipped, Skips};
 pub use source::{Source, SourceError, SourceInfo};
 pub use stamp::Stamp;

@@ -207,6 +207,20 @@ fn check_rigid(name: &str, t: &Se3) -> Result<(), RigError> {
     Ok(())
 }
 
+/// A depth sensor this near to a camera is at the same place: metres and radians.
+const SAME_PLACE: f64 = 1e-4;
+
+/// Whether the pixels of a depth image are those of a camera: both are at one place and have the same size, focal lengths and
+/// centre.
+pub fn is_registered(camera: &Camera, depth: &Camera, camera_from_depth: &Se3) -> bool {
+    let (distance, angle) = (camera_from_depth.translation.norm(), camera_from_depth.rotation.angle());
+    let pinhole = |c: &Camera| [c.fx, c.fy, c.cx, c.cy];
+    let is_same = pinhole(camera).iter().zip(pinhole(depth)).all(|(a, b)| (a - b).abs() < 1e-3);
+    is_same
+        && (camera.width, camera.height) == (depth.width, depth.height)
+        && distance.max(angle) < SAME_PLACE
+}
+
 /// Checks that a 3x3 block is a rotation; file readers call it before [`Se3::from_matrix`].
 ///
 /// # Errors
@@ -220,4 +234,27 @@ pub fn check_rotation(name: &str, r: &Mat3) -> Result<(), RigError> {
         )));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{So3, Vec3};
+
+    #[test]
+    fn depth_is_registered_where_its_pixels_are_those_of_the_camera() {
+        let camera = Camera::pinhole(640, 480, 600.0, 601.0, 320.0, 240.0);
+        let at = |x: f64, angle: f64| Se3::new(So3::exp(&Vec3::new(0.0, angle, 0.0)), Vec3::new(x, 0.0, 0.0));
+        assert!(is_registered(&camera, &camera, &at(1e-5, 1e-5)));
+        assert!(!is_registered(&camera, &camera, &at(1e-3, 0.0)));
+        assert!(!is_registered(&camera, &camera, &at(0.0, 1e-3)));
+        for other in [
+            Camera { width: 641, ..camera },
+            Camera { height: 481, ..camera },
+            Camera { fx: 600.1, ..camera },
+            Camera { cy: 240.1, ..camera },
+        ] {
+            assert!(!is_registered(&camera, &other, &Se3::identity()), "{other:?}");
+        }
+    }
 }

@@ -47,8 +47,8 @@ pub use file_config::FileConfig;
 pub use inbox::{Inbox, Item, feed};
 pub use lens::LensKnowledge;
 pub use library::{
-    Kept, LONGEST_NAME, LibraryCamera, LibraryError, MOST_KEY_FRAMES, MOST_ROUTES, MapKeeper, RouteEntry,
-    RouteListed, RoutesLock, WallClock, WallTime, routes_in,
+    KeepError, Kept, LONGEST_NAME, LibraryCamera, LibraryError, MOST_KEY_FRAMES, MOST_ROUTES, MapKeeper,
+    RouteEntry, RouteListed, RoutesLock, WallClock, WallTime, routes_in,
 };
 pub use ready::{landmarks_in_view, readiness};
 pub use reference_path::{ReferencePath, anchor_in_map};

@@ -7,8 +7,8 @@ use crate::reference_path::anchor_in_map;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Pose, Se3, Sim3, So3, Vec3};
 use cairn_guide::{
-    Confidence, Ground, RecordInput, Recorder, RecorderConfig, RecorderEvent, Route, RouteHeader, RouteNote,
-    RouteWriter, Side, Stretch,
+    Confidence, Ground, NoteError, RecordInput, Recorder, RecorderConfig, RecorderEvent, Route, RouteHeader,
+    RouteNote, RouteWriter, Side, Stretch,
 };
 use cairn_sensor::Stamp;
 use std::io;
@@ -26,6 +26,25 @@ pub(crate) struct About<'a> {
     pub atlas: Option<String>,
     /// Whether the images are read with a lens that is a guess.
     pub lens_guessed: bool,
+}
+
+/// Why a note is not kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub(crate) enum NoteRefusal {
+    #[error("the route has {} notes, no more are kept", RouteNote::MOST)]
+    TooMany,
+    #[error(transparent)]
+    Note(#[from] NoteError),
+}
+
+impl NoteRefusal {
+    /// The id of the sentence that the walker hears.
+    pub fn sentence(self) -> &'static str {
+        match self {
+            Self::TooMany => "walk-note-too-many",
+            Self::Note(_) => "walk-note-too-long",
+        }
+    }
 }
 
 /// A route being recorded.
@@ -178,10 +197,10 @@ impl Recording {
         }
     }
 
-    /// Notes a landmark at this place. The error is the id of the sentence that says why not.
-    pub fn note(&mut self, text: &str, side: Option<Side>, place: &Place) -> Result<(), &'static str> {
+    /// Notes a landmark at this place.
+    pub fn note(&mut self, text: &str, side: Option<Side>, place: &Place) -> Result<(), NoteRefusal> {
         if self.route().notes.len() >= RouteNote::MOST {
-            return Err("walk-note-too-many");
+            return Err(NoteRefusal::TooMany);
         }
         let pose = place.odom_from_camera.se3;
         // As for the points: in metres where that is known, else in the unit of the odometry.
@@ -194,7 +213,7 @@ impl Recording {
             anchor_from_camera: place.anchor_from_camera,
             odom_from_camera: Se3::new(pose.rotation, pose.translation * unit),
         };
-        note.check().map_err(|_| "walk-note-too-long")?;
+        note.check()?;
         // The patient file keeps what it could not write.
         let _ = self.recorder.note(note);
         Ok(())

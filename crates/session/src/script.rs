@@ -54,7 +54,7 @@ impl Script {
             if line.is_empty() {
                 continue;
             }
-            steps.push_back(step(line).map_err(|why| ScriptError { line: number + 1, why })?);
+            steps.push_back(step(line, number + 1)?);
         }
         Ok(Self { steps })
     }
@@ -88,15 +88,18 @@ impl Script {
     }
 }
 
-fn step(line: &str) -> Result<(When, Command), String> {
-    let (word, mut rest) = line.split_once(char::is_whitespace).ok_or("a command is missing")?;
-    let mut number = || -> Result<f64, String> {
+/// The step of a line that is not empty; `at` is its number.
+fn step(line: &str, at: usize) -> Result<(When, Command), ScriptError> {
+    let wrong = |why: String| ScriptError { line: at, why };
+    let (word, mut rest) =
+        line.split_once(char::is_whitespace).ok_or_else(|| wrong("a command is missing".into()))?;
+    let mut number = || -> Result<f64, ScriptError> {
         let text = rest.trim_start();
         let (first, after) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
         rest = after;
         match first.parse::<f64>() {
             Ok(v) if v.is_finite() => Ok(v),
-            _ => Err(format!("\"{first}\" is not a number")),
+            _ => Err(wrong(format!("\"{first}\" is not a number"))),
         }
     };
     let when = match word {
@@ -107,12 +110,14 @@ fn step(line: &str) -> Result<(When, Command), String> {
         }
         "tracked" => match number()? {
             n if n >= 0.0 && n.fract() == 0.0 => When::Tracked(n as usize),
-            n => return Err(format!("{n} is not a number of frames")),
+            n => return Err(wrong(format!("{n} is not a number of frames"))),
         },
         "arrived" => When::Arrived,
-        other => return Err(format!("\"{other}\" is not a condition: write at, near, tracked or arrived")),
+        other => {
+            return Err(wrong(format!("\"{other}\" is not a condition: write at, near, tracked or arrived")));
+        }
     };
-    Ok((when, Command::parse(rest).map_err(|e| e.to_string())?))
+    Ok((when, Command::parse(rest).map_err(|e| wrong(e.to_string()))?))
 }
 
 #[cfg(test)]

@@ -352,9 +352,12 @@ impl<S: Slam> Session<S> {
     pub fn close(&mut self) -> Result<(), NotSaved> {
         self.guiding = None;
         let recorded = self.close_recording();
-        let kept = self.keeper.as_mut().map_or(Ok(()), |keeper| keeper.end(&self.engine));
+        if let Some(keeper) = &mut self.keeper {
+            keeper.end(&self.engine);
+        }
         recorded?;
-        kept.map_err(NotSaved::Map)
+        let trouble = self.keeper.as_ref().and_then(MapKeeper::trouble);
+        trouble.map_or(Ok(()), |why| Err(NotSaved::Map(why.to_string())))
     }
 
     /// Updates whether lengths in the map are metres; the recording and the guidance in progress follow.

@@ -45,7 +45,9 @@ pub fn from_toml<T: Settings + Default + Serialize + DeserializeOwned>(
     for entry in given {
         let at = |why: String| SettingsError { line: Some(entry.line), why };
         let path = entry.path.join(".");
-        is_known(&path, &entry.value, &known).map_err(at)?;
+        if let Some(why) = unknown(&path, &entry.value, &known) {
+            return Err(at(why));
+        }
         put(&mut table, &entry.path, entry.value);
         let read: Result<T, _> = Value::Table(table.clone()).try_into();
         settings = read.map_err(|e: toml::de::Error| at(format!("{path}: {}", e.message())))?;
@@ -96,16 +98,17 @@ fn collect(
     }
 }
 
-fn is_known(path: &str, value: &Value, known: &[Item]) -> Result<(), String> {
+/// What is wrong with a path that is no entry.
+fn unknown(path: &str, value: &Value, known: &[Item]) -> Option<String> {
     let found = known.iter().find(|item| item.path == path);
     match (found.map(|item| &item.entry), value) {
-        (Some(Some(_)), _) | (Some(None), Value::Table(_)) => Ok(()),
-        (Some(None), _) => Err(format!("{path} is a section: write [{path}]")),
+        (Some(Some(_)), _) | (Some(None), Value::Table(_)) => None,
+        (Some(None), _) => Some(format!("{path} is a section: write [{path}]")),
         (None, _) => {
             let name = |p: &str| p.rsplit('.').next().map(str::to_owned);
             let like = known.iter().find(|item| name(&item.path) == name(path));
             let hint = like.map_or_else(String::new, |item| format!("; there is {}", item.path));
-            Err(format!("unknown entry {path}{hint}"))
+            Some(format!("unknown entry {path}{hint}"))
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The IMU readings of a simulated rig, simulated or recorded, merged with the images.
 
-use crate::walk::{ImuSim, Motion, Troubled};
+use crate::walk::{ContinuousTrajectory, ImuSim, Troubled};
 use cairn_sensor::{ImuSample, Merge, MergeConfig, Stamp, Stream};
 use std::vec::IntoIter;
 
@@ -31,7 +31,7 @@ impl ImuFeed {
     }
 
     /// The readings that belong to an image at `stamp`; see [`cairn_sensor::FramePacket::imu`].
-    pub fn until(&mut self, motion: &Motion, epoch: Stamp, stamp: Stamp) -> Vec<ImuSample> {
+    pub fn until(&mut self, motion: &ContinuousTrajectory, epoch: Stamp, stamp: Stamp) -> Vec<ImuSample> {
         // Images are strictly increasing in time here, and none is taken back.
         if self.merge.push_image(0, stamp, ()).is_err() {
             return Vec::new();

@@ -22,7 +22,8 @@ pub use render::Renderer;
 pub use smooth::SmoothRig;
 pub use source::SimSource;
 pub use walk::{
-    Agreement, BodyState, ImuConfig, ImuTroubles, Motion, Stride, Walker, read_readings, read_tum,
+    Agreement, BodyState, ContinuousTrajectory, ImuConfig, ImuTroubles, Stride, Walker, read_readings,
+    read_tum,
 };
 pub use world::{Figure, NamedRoute, Passer, Thing, UnknownWorld, World, WorldKind, WorldOptions};
 pub use write::{write_euroc, write_tum};

@@ -7,7 +7,7 @@
 use crate::config::SimConfig;
 use crate::imu_feed::{ImuFeed, Readings};
 use crate::live::LiveRig;
-use crate::walk::{ImuSim, Motion, Troubled};
+use crate::walk::{ContinuousTrajectory, ImuSim, Troubled};
 use crate::world::{Thing, World};
 use cairn_geometry::Se3;
 use cairn_sensor::{FramePacket, Rig, SourceError, Stamp};
@@ -21,7 +21,7 @@ pub struct SmoothRig {
     live: LiveRig,
     rig: Rig,
     dt: f64,
-    motion: Option<Motion>,
+    motion: Option<ContinuousTrajectory>,
     imu: Option<ImuFeed>,
     given: usize,
 }
@@ -67,7 +67,7 @@ impl SmoothRig {
             return Err(SourceError::new("the simulated rig", why, "give finite poses"));
         }
         match &mut self.motion {
-            None => self.motion = Some(Motion::sampled(0.0, self.dt, &[*world_from_body])),
+            None => self.motion = Some(ContinuousTrajectory::sampled(0.0, self.dt, &[*world_from_body])),
             Some(motion) => motion.extend(world_from_body),
         }
         self.given += 1;

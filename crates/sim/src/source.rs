@@ -3,7 +3,7 @@
 use crate::config::{CameraPath, SimConfig};
 use crate::imu_feed::{ImuFeed, Readings};
 use crate::live::LiveRig;
-use crate::walk::{Agreement, ImuSim, Motion, Recorded, Troubled, read_readings, read_tum};
+use crate::walk::{Agreement, ContinuousTrajectory, ImuSim, Recorded, Troubled, read_readings, read_tum};
 use crate::world::{NamedRoute, World, WorldKind};
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{FramePacket, ImuSample, Rig, Source, SourceError, SourceInfo, Stamp};
@@ -14,7 +14,7 @@ pub struct SimSource {
     live: LiveRig,
     rig: Rig,
     info: SourceInfo,
-    motion: Motion,
+    motion: ContinuousTrajectory,
     imu_feed: Option<ImuFeed>,
     agreement: Option<Agreement>,
     epoch: Stamp,
@@ -104,7 +104,7 @@ impl SimSource {
     }
 
     /// The motion of the body; its time 0 is the first frame.
-    pub fn motion(&self) -> &Motion {
+    pub fn motion(&self) -> &ContinuousTrajectory {
         &self.motion
     }
 }
@@ -122,7 +122,7 @@ const ABOVE_M: f64 = 1.8;
 
 /// The motion of the body and its IMU readings.
 struct Path {
-    motion: Motion,
+    motion: ContinuousTrajectory,
     /// The stamp of the motion's time 0.
     epoch: Stamp,
     readings: Option<Vec<ImuSample>>,
@@ -130,7 +130,7 @@ struct Path {
 }
 
 impl Path {
-    fn plain(motion: Motion, epoch: Stamp) -> Self {
+    fn plain(motion: ContinuousTrajectory, epoch: Stamp) -> Self {
         Self { motion, epoch, readings: None, agreement: None }
     }
 }
@@ -167,9 +167,10 @@ fn extent(poses: &[(Stamp, Se3)]) -> [Vec3; 2] {
 }
 
 /// A route walked several times over.
-fn laps(route: &[Vec2], laps: usize) -> Result<Vec<Vec2>, String> {
+fn laps(route: &[Vec2], laps: usize, what: &str) -> Result<Vec<Vec2>, SourceError> {
     if laps > 1 && route.first() != route.last() {
-        return Err(format!("{laps} laps of a route that does not end where it begins"));
+        let why = format!("{laps} laps of a route that does not end where it begins");
+        return Err(SourceError::new(what, why, "choose another route, or one lap"));
     }
     let again = route.get(1..).unwrap_or_default();
     Ok(route.iter().chain((1..laps).flat_map(|_| again)).copied().collect())
@@ -189,8 +190,7 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
                 let why = format!("there is no route \"{}\"", name.as_deref().unwrap_or(""));
                 SourceError::new(&what, why, format!("choose one of {}", known.join(", ")))
             })?;
-            let points = laps(&route.points, config.laps)
-                .map_err(|why| SourceError::new(&what, why, "choose another route, or one lap"))?;
+            let points = laps(&route.points, config.laps, &what)?;
             Ok(Path::plain(config.walker.motion(&points), EPOCH))
         }
         CameraPath::Points(points) => {
@@ -204,7 +204,7 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
             Ok(Path::plain(config.walker.motion(points), EPOCH))
         }
         CameraPath::Poses(poses) => {
-            Ok(Path::plain(Motion::through(poses)?, poses.first().map_or(EPOCH, |p| p.0)))
+            Ok(Path::plain(ContinuousTrajectory::through(poses)?, poses.first().map_or(EPOCH, |p| p.0)))
         }
         CameraPath::File(file) => {
             let mut poses = read_tum(file)?;
@@ -219,7 +219,7 @@ fn path(config: &SimConfig, world: &World) -> Result<Path, SourceError> {
             };
             poses.iter_mut().for_each(|(_, pose)| *pose = Se3::new(pose.rotation, pose.translation + to));
             let Some(readings) = config.readings.as_ref().filter(|_| config.imu.is_some()) else {
-                return Ok(Path::plain(Motion::through(&poses)?, poses[0].0));
+                return Ok(Path::plain(ContinuousTrajectory::through(&poses)?, poses[0].0));
             };
             let readings = read_readings(readings)?;
             let Recorded { motion, epoch, agreement } = Recorded::new(&poses, &readings)?;

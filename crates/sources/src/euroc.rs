@@ -3,11 +3,10 @@
 //! An additional `depth0/`, of 16-bit PNG at the stamps of `cam0`, is read where the rig has a depth sensor.
 //! Burri et al., "The EuRoC micro aerial vehicle datasets" (2016); Schubert et al., "The TUM VI benchmark" (2018).
 
-use crate::recording::{
-    ImageAt, ImuAt, Instant, QuaternionOrder, Recording, join_depth, pair, read_index, read_truth,
-};
+use crate::recording::{ImageAt, ImuAt, Instant, Recording, join_depth, pair, read_index, read_truth};
 use crate::rig;
-use crate::text::{stamp_ns, stamp_seconds};
+use crate::text::stamp_ns;
+use cairn_eval::Format;
 use cairn_geometry::Se3;
 use cairn_sensor::{Rig, Skipped, SourceError, Stamp};
 use std::path::Path;
@@ -99,9 +98,9 @@ fn truth(root: &Path) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     for name in ["state_groundtruth_estimate0", "mocap0"] {
         let path = root.join(name).join("data.csv");
         if path.is_file() {
-            return read_truth(&path, stamp_ns, QuaternionOrder::WFirst);
+            return read_truth(&path, Format::Euroc);
         }
     }
     let path = root.join("groundtruth.txt");
-    if path.is_file() { read_truth(&path, stamp_seconds, QuaternionOrder::WLast) } else { Ok(Vec::new()) }
+    if path.is_file() { read_truth(&path, Format::Tum) } else { Ok(Vec::new()) }
 }

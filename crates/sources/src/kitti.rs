@@ -7,6 +7,7 @@ use crate::numbered::{NumberedError, NumberedImage, image_size, numbered};
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig::{self, kitti as calib};
 use crate::text::{data_lines, fields, numbers, place, read_text, stamp_seconds};
+use cairn_eval::pose_from_matrix;
 use cairn_geometry::Se3;
 use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
@@ -150,9 +151,7 @@ fn truth(folder: &Path, instants: &[(usize, Instant)]) -> Result<Vec<(Stamp, Se3
             SourceError::new(place(&path, *number), why, "correct the line, or move the file away")
         };
         let p = numbers::<12>(fields(text)).ok_or_else(|| wrong("a pose needs 12 finite numbers".into()))?;
-        let mut m = p.to_vec();
-        m.extend([0.0, 0.0, 0.0, 1.0]);
-        truth.push((instant.stamp, rig::rigid(&m, "pose").map_err(wrong)?));
+        truth.push((instant.stamp, pose_from_matrix(&p).map_err(|e| wrong(e.to_string()))?));
     }
     truth.sort_by_key(|(stamp, _)| *stamp);
     truth.dedup_by_key(|(stamp, _)| *stamp);

@@ -1,9 +1,10 @@
 //! The common form of all data sets: instants in time with the files of their images.
 
 use crate::bag_reader::{BagReader, ImuTopics};
-use crate::text::{data_lines, fields, numbers, place, read_text};
+use crate::text::{data_lines, in_range, place, read_text};
 use cairn_bag::Entry;
-use cairn_geometry::{Se3, So3, Vec3};
+use cairn_eval::{Format, parse_stamped_pose};
+use cairn_geometry::Se3;
 use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
@@ -207,32 +208,13 @@ pub fn read_index(
     Ok(list)
 }
 
-/// Order of the four numbers of a quaternion in a line.
-#[derive(Clone, Copy, PartialEq)]
-pub enum QuaternionOrder {
-    /// `w x y z`, as EuRoC has it.
-    WFirst,
-    /// `x y z w`, as TUM has it.
-    WLast,
-}
-
-/// Poses from `stamp, x, y, z, quaternion, ...` lines, ordered by time; other lines are left out.
-pub fn read_truth(
-    path: &Path,
-    parse_stamp: fn(&str) -> Option<Stamp>,
-    order: QuaternionOrder,
-) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+/// Poses from the lines of a TUM or EuRoC file, ordered by time; other lines are left out.
+pub fn read_truth(path: &Path, format: Format) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     let text = read_text(path)?;
     let mut truth: Vec<(Stamp, Se3)> = data_lines(&text)
         .filter_map(|(_, line)| {
-            let mut from = fields(line);
-            let stamp = parse_stamp(from.next()?)?;
-            let [x, y, z, a, b, c, d] = numbers::<7>(from)?;
-            let rotation = match order {
-                QuaternionOrder::WFirst => So3::from_xyzw(b, c, d, a)?,
-                QuaternionOrder::WLast => So3::from_xyzw(a, b, c, d)?,
-            };
-            Some((stamp, Se3::new(rotation, Vec3::new(x, y, z))))
+            let (ns, pose) = parse_stamped_pose(line, format).ok()??;
+            Some((in_range(ns)?, pose))
         })
         .collect();
     truth.sort_by_key(|(stamp, _)| *stamp);

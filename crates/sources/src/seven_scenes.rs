@@ -6,6 +6,7 @@
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig;
 use crate::text::{fields, numbers, read_text};
+use cairn_eval::pose_from_matrix;
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthSensor, Rig, RigCamera, SourceError, Stamp};
 use std::path::{Path, PathBuf};
@@ -80,7 +81,7 @@ fn entries(folder: &Path) -> impl Iterator<Item = (i64, PathBuf)> {
 
 fn pose(path: &Path) -> Option<Se3> {
     let m = numbers::<16>(fields(&read_text(path).ok()?))?;
-    rig::rigid(&m, "pose").ok()
+    pose_from_matrix(&m).ok()
 }
 
 /// The Kinect of the recordings, as the data set states it: one pose and one focal length for depth and

@@ -47,42 +47,17 @@ pub fn numbers<'a, const N: usize>(mut from: impl Iterator<Item = &'a str>) -> O
 
 /// A stamp in whole nanoseconds.
 pub fn stamp_ns(field: &str) -> Option<Stamp> {
-    // Leaves room for differences without overflow.
-    field.parse().ok().filter(|ns: &i64| ns.unsigned_abs() < 1 << 61).map(Stamp)
+    field.parse().ok().and_then(in_range)
 }
 
-/// A stamp in decimal seconds, exact to the nanosecond (an epoch in `f64` would lose everything below 200
-/// ns).
+/// A stamp in decimal seconds, exact to the nanosecond.
 pub fn stamp_seconds(field: &str) -> Option<Stamp> {
-    if let Some(exact) = exact_seconds(field) {
-        return Some(exact);
-    }
-    let seconds: f64 = field.parse().ok()?;
-    (seconds.is_finite() && seconds.abs() < 9e9).then(|| Stamp::from_seconds(seconds))
+    cairn_eval::nanoseconds(field).and_then(in_range)
 }
 
-fn exact_seconds(field: &str) -> Option<Stamp> {
-    let (negative, digits) = match field.strip_prefix('-') {
-        Some(rest) => (true, rest),
-        None => (false, field),
-    };
-    let (whole, part) = digits.split_once('.').unwrap_or((digits, ""));
-    let plain = |s: &str| s.bytes().all(|b| b.is_ascii_digit());
-    if whole.is_empty() || !plain(whole) || !plain(part) {
-        return None;
-    }
-    let mut nanos: i64 = whole.parse::<i64>().ok()?.checked_mul(1_000_000_000)?;
-    let mut unit = 100_000_000;
-    for (i, b) in part.bytes().enumerate() {
-        let digit = i64::from(b - b'0');
-        if i == 9 {
-            nanos = nanos.checked_add(i64::from(digit >= 5))?;
-            break;
-        }
-        nanos = nanos.checked_add(digit * unit)?;
-        unit /= 10;
-    }
-    Some(Stamp(if negative { -nanos } else { nanos }))
+/// A stamp that leaves room for differences without overflow.
+pub fn in_range(ns: i64) -> Option<Stamp> {
+    (ns.unsigned_abs() < 1 << 61).then_some(Stamp(ns))
 }
 
 #[cfg(test)]

@@ -3,9 +3,10 @@
 //! Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012). Depth is registered to
 //! colour; 5000 units are one metre.
 
-use crate::recording::{ImageAt, Instant, QuaternionOrder, Recording, join_depth, read_index, read_truth};
+use crate::recording::{ImageAt, Instant, Recording, join_depth, read_index, read_truth};
 use crate::rig;
 use crate::text::{data_lines, fields, place, read_text, stamp_seconds};
+use cairn_eval::Format;
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
@@ -68,7 +69,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     }
     let truth_file = folder.join("groundtruth.txt");
     let truth = match truth_file.is_file() {
-        true => read_truth(&truth_file, stamp_seconds, QuaternionOrder::WLast)?,
+        true => read_truth(&truth_file, Format::Tum)?,
         false => Vec::new(),
     };
     let mut instants: Vec<Instant> = colour

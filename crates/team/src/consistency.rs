@@ -5,7 +5,7 @@
 //! measurement set maximization for robust multi-robot map merging" (2018), equations 5 to 8.
 
 use crate::graphs::Measurement;
-use crate::joint::{Known, Team};
+use crate::joint::{Team, Teammate};
 use crate::{LoopId, PoseId, RobotId};
 use cairn_geometry::LieGroup;
 use cairn_solve::Loss;
@@ -39,7 +39,7 @@ struct Alone<G, const D: usize> {
 }
 
 impl<G: LieGroup<D>, const D: usize> Alone<G, D> {
-    fn new(known: &Known<G, D>, touched: &BTreeSet<PoseId>) -> Option<Self> {
+    fn new(known: &Teammate<G, D>, touched: &BTreeSet<PoseId>) -> Option<Self> {
         let ids = &known.shared.ids;
         let mut graph = PoseGraph::new();
         for pose in &known.located.poses {

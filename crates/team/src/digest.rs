@@ -1,5 +1,6 @@
 //! Conversion between a robot's graph and its messages: what it shares and its estimate, as numbers and back.
 
+use crate::envelope::Refused;
 use crate::graphs::Measurement;
 use crate::message::{Estimate, Shared};
 use crate::{PoseId, RobotId};
@@ -82,11 +83,11 @@ pub fn encode_shared<G: LieGroup<D>, const D: usize>(
 /// What is shared, from a message that was already checked.
 ///
 /// # Errors
-/// When an information matrix is not positive semi-definite.
+/// [`Refused::Inconsistent`] when an information matrix is not positive semi-definite.
 pub fn decode_shared<G: LieGroup<D>, const D: usize>(
     robot: RobotId,
     shared: &Shared,
-) -> Result<SharedGraph<G, D>, &'static str> {
+) -> Result<SharedGraph<G, D>, Refused> {
     let mut seq = 0;
     let ids: Vec<PoseId> = shared
         .steps
@@ -99,7 +100,7 @@ pub fn decode_shared<G: LieGroup<D>, const D: usize>(
     let matrices: Vec<SMatrix<f64, D, D>> =
         shared.informations.chunks_exact(D * (D + 1) / 2).map(symmetric).collect();
     if !matrices.iter().all(semi_definite) {
-        return Err("an information matrix is not positive semi-definite");
+        return Err(Refused::Inconsistent("an information matrix is not positive semi-definite"));
     }
     let inner = shared.inner.iter().map(|(a, b)| (ids[usize::from(*a)], ids[usize::from(*b)]));
     let loops = shared.loops.iter().map(|(own, other, is_first)| {
@@ -164,14 +165,14 @@ pub fn encode_part<G: LieGroup<D>, const D: usize>(part: &Condensed<G, D>, numbe
 /// The estimate of a robot, from a message that fits what the robot shares.
 ///
 /// # Errors
-/// When a condensed part is not finite.
+/// [`Refused::Inconsistent`] when a pose or a condensed part is not finite.
 pub fn decode_estimate<G: LieGroup<D>, const D: usize>(
     estimate: &Estimate,
     around: &[Vec<usize>],
-) -> Result<Located<G, D>, &'static str> {
+) -> Result<Located<G, D>, Refused> {
     let poses: Vec<G> = decode_poses(estimate);
     if !poses.iter().all(|p| p.is_finite()) {
-        return Err("a pose of the estimate is not finite");
+        return Err(Refused::Inconsistent("a pose of the estimate is not finite"));
     }
     let mut numbers = estimate.parts.iter().map(|v| f64::from(*v));
     let mut parts = Vec::with_capacity(around.len());
@@ -187,7 +188,7 @@ pub fn decode_estimate<G: LieGroup<D>, const D: usize>(
         let from_base = poses[vertices[0]].inverse();
         let relative = vertices[1..].iter().map(|v| from_base.compose(&poses[*v])).collect();
         let part = Condensed::new(vertices.clone(), relative, root, rhs);
-        parts.push(part.map_err(|_| "a condensed part is not finite")?);
+        parts.push(part.map_err(|_| Refused::Inconsistent("a condensed part is not finite"))?);
     }
     Ok(Located { poses, parts })
 }

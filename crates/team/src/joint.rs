@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 /// What is known about a robot.
 #[derive(Clone, Debug)]
-pub struct Known<G, const D: usize> {
+pub struct Teammate<G, const D: usize> {
     /// What it shares.
     pub shared: SharedGraph<G, D>,
     /// Its last estimate.
@@ -19,7 +19,7 @@ pub struct Known<G, const D: usize> {
 }
 
 /// What is known about all robots of a team.
-pub type Team<G, const D: usize> = BTreeMap<RobotId, Known<G, D>>;
+pub type Team<G, const D: usize> = BTreeMap<RobotId, Teammate<G, D>>;
 
 /// The joint graph of the shared poses of a team.
 #[derive(Clone, Debug)]

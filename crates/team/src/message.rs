@@ -84,22 +84,22 @@ impl Message {
         if !rest.is_empty() {
             return Err(Refused::Encoding);
         }
-        message.check().map_err(Refused::Inconsistent)?;
+        message.check()?;
         Ok(message)
     }
 
-    fn check(&self) -> Result<(), &'static str> {
+    fn check(&self) -> Result<(), Refused> {
         let d = usize::from(self.dimension);
         if d == 0 || d > 7 {
-            return Err("no pose has as many degrees of freedom");
+            return Err(Refused::Inconsistent("no pose has as many degrees of freedom"));
         }
         let e = &self.estimate;
         let numbers = e.first.iter().copied().chain(e.others.iter().chain(&e.parts).map(|v| f64::from(*v)));
         if !numbers.into_iter().all(f64::is_finite) {
-            return Err("a number of the estimate is not finite");
+            return Err(Refused::Inconsistent("a number of the estimate is not finite"));
         }
         if ![0, d].contains(&e.first.len()) || !e.others.len().is_multiple_of(d) {
-            return Err("the poses of the estimate are not whole");
+            return Err(Refused::Inconsistent("the poses of the estimate are not whole"));
         }
         match &self.shared {
             Some(shared) => shared.check(d, self.robot)?.fits(e, self.rejected.as_deref(), d),
@@ -114,17 +114,17 @@ impl Shared {
         self.steps.len()
     }
 
-    fn check(&self, d: usize, robot: RobotId) -> Result<&Self, &'static str> {
+    fn check(&self, d: usize, robot: RobotId) -> Result<&Self, Refused> {
         let n = self.steps.len();
         let triangle = d * (d + 1) / 2;
         if n > usize::from(u16::MAX) {
-            return Err("it shares too many poses");
+            return Err(Refused::Inconsistent("it shares too many poses"));
         }
         let mut seq = 0u32;
         for (k, step) in self.steps.iter().enumerate() {
-            seq = seq.checked_add(*step).ok_or("its pose numbers overflow")?;
+            seq = seq.checked_add(*step).ok_or(Refused::Inconsistent("its pose numbers overflow"))?;
             if k > 0 && *step == 0 {
-                return Err("its pose numbers do not rise");
+                return Err(Refused::Inconsistent("its pose numbers do not rise"));
             }
         }
         let measurements = self.inner.len() + self.loops.len();
@@ -133,29 +133,29 @@ impl Shared {
             || self.measured.len() != measurements * d
             || self.information.len() != measurements
         {
-            return Err("its measurements are not whole");
+            return Err(Refused::Inconsistent("its measurements are not whole"));
         }
         let place = |k: &u16| usize::from(*k) < n;
         let inner = self.inner.iter().all(|(a, b)| place(a) && place(b) && a != b);
         let loops = self.loops.iter().all(|(own, other, _)| place(own) && other.robot != robot);
         if !inner || !loops || !self.information.iter().all(|k| usize::from(*k) < informations) {
-            return Err("a measurement names what there is not");
+            return Err(Refused::Inconsistent("a measurement names what there is not"));
         }
         if !self.informations.iter().chain(&self.measured).all(|v| v.is_finite()) {
-            return Err("a measurement is not finite");
+            return Err(Refused::Inconsistent("a measurement is not finite"));
         }
         for part in &self.parts {
             let mut sorted = part.clone();
             sorted.sort_unstable();
             if part.len() < 2 || !part.iter().all(place) || sorted.windows(2).any(|w| w[0] == w[1]) {
-                return Err("an eliminated part names what there is not");
+                return Err(Refused::Inconsistent("an eliminated part names what there is not"));
             }
         }
         Ok(self)
     }
 
     /// Checks that an estimate fits what is shared here.
-    pub(crate) fn fits(&self, e: &Estimate, rejected: Option<&[u32]>, d: usize) -> Result<(), &'static str> {
+    pub(crate) fn fits(&self, e: &Estimate, rejected: Option<&[u32]>, d: usize) -> Result<(), Refused> {
         let n = self.poses();
         let expected = if n == 0 { (0, 0) } else { (d, (n - 1) * d) };
         let root = |m: &Vec<u16>| {
@@ -163,14 +163,14 @@ impl Shared {
             n * (n + 1) / 2 + n
         };
         if (e.first.len(), e.others.len()) != expected {
-            return Err("the estimate has another number of poses");
+            return Err(Refused::Inconsistent("the estimate has another number of poses"));
         }
         if e.parts.len() != self.parts.iter().map(root).sum::<usize>() {
-            return Err("the estimate has another number of condensed parts");
+            return Err(Refused::Inconsistent("the estimate has another number of condensed parts"));
         }
         match rejected.unwrap_or_default().iter().all(|k| (*k as usize) < self.loops.len()) {
             true => Ok(()),
-            false => Err("it rejects a loop that it does not have"),
+            false => Err(Refused::Inconsistent("it rejects a loop that it does not have")),
         }
     }
 }

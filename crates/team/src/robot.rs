@@ -12,7 +12,7 @@ use crate::digest::{
 };
 use crate::envelope::Refused;
 use crate::graphs::{GraphsError, Measurement, RobotGraph};
-use crate::joint::{Joint, Known, Team, loops};
+use crate::joint::{Joint, Team, Teammate, loops};
 use crate::judge::{JudgeConfig, Judgement, judge};
 use crate::keep::choose;
 use crate::message::{Estimate, Message, Shared};
@@ -215,10 +215,9 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
                 (message.epoch, Some(shared), message.rejected);
             self.team.insert(from, known);
         } else if let (Some(shared), true) = (&heard.shared, heard.known_epoch == heard.epoch) {
-            shared.fits(&message.estimate, message.rejected.as_deref(), D).map_err(Refused::Inconsistent)?;
+            shared.fits(&message.estimate, message.rejected.as_deref(), D)?;
             let Some(known) = self.team.get_mut(&from) else { return Err(Refused::Encoding) };
-            known.located =
-                decode_estimate(&message.estimate, &known.shared.parts).map_err(Refused::Inconsistent)?;
+            known.located = decode_estimate(&message.estimate, &known.shared.parts)?;
             heard.rejected = message.rejected;
         }
         self.says_shared |= message.requests.contains(&self.id);
@@ -383,10 +382,9 @@ fn local() -> GraphConfig {
 }
 
 impl<G: Rigid<D>, const D: usize> SharedGraph<G, D> {
-    fn read(robot: RobotId, shared: &Shared, estimate: &Estimate) -> Result<Known<G, D>, Refused> {
-        let shared = decode_shared(robot, shared).map_err(Refused::Inconsistent)?;
-        let located: Located<G, D> =
-            decode_estimate(estimate, &shared.parts).map_err(Refused::Inconsistent)?;
-        Ok(Known { shared, located })
+    fn read(robot: RobotId, shared: &Shared, estimate: &Estimate) -> Result<Teammate<G, D>, Refused> {
+        let shared = decode_shared(robot, shared)?;
+        let located: Located<G, D> = decode_estimate(estimate, &shared.parts)?;
+        Ok(Teammate { shared, located })
     }
 }

@@ -5,7 +5,7 @@
 //! there is a [`NavEstimate`]: it starts from the newest key frame that mapping has adjusted with its IMU
 //! factors, is propagated to each frame by the readings, and corrected by the pose that is tracked there.
 
-use crate::on_the_spot::Spot;
+use crate::on_the_spot::PureRotation;
 use crate::state::{AnchoredPose, anchored_at};
 use cairn_atlas::{ImuSegment, KeyFrame, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
@@ -273,12 +273,12 @@ impl InertialFilter {
     }
 
     /// How well it is known that the camera does not move, m/s: by the readings, else by its images.
-    pub fn still_sigma(&self, stamp: Stamp, spot: Spot) -> Option<f64> {
+    pub fn still_sigma(&self, stamp: Stamp, spot: PureRotation) -> Option<f64> {
         match spot {
             _ if self.is_stationary(stamp) => Some(ZERO_VELOCITY_SIGMA_M_S),
-            Spot::New => Some(ON_THE_SPOT_SIGMA_M_S),
-            Spot::Holds => Some(ON_THE_SPOT_BEFORE_SIGMA_M_S),
-            Spot::No => None,
+            PureRotation::New => Some(ON_THE_SPOT_SIGMA_M_S),
+            PureRotation::Holds => Some(ON_THE_SPOT_BEFORE_SIGMA_M_S),
+            PureRotation::No => None,
         }
     }
 

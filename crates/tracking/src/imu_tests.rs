@@ -1,7 +1,7 @@
 //! The inertial filter on synthetic maps: what it says of its own uncertainty while the readings carry the pose.
 
 use crate::imu::InertialFilter;
-use crate::on_the_spot::Spot;
+use crate::on_the_spot::PureRotation;
 use crate::state::{AnchoredPose, Last, State, anchored_at};
 use crate::synthetic::{FEATURES, RATE_HZ, World, pose, sideways, stereo};
 use crate::tests::tracker as new_tracker;
@@ -245,8 +245,9 @@ fn is_stationary_where_the_readings_rest_and_the_estimate_does() {
 fn still_sigma_is_what_the_images_tell_where_the_readings_tell_of_no_rest() {
     let (_, _, filter, _) = begun(&readings(2.0, 6.0));
     let sigma = |spot| filter.still_sigma(seconds(2.5), spot);
-    assert_eq!(sigma(Spot::No), None, "it walks on steadily");
-    let [new, holds] = [Spot::New, Spot::Holds].map(|spot| sigma(spot).expect("a turn on the spot"));
+    assert_eq!(sigma(PureRotation::No), None, "it walks on steadily");
+    let [new, holds] =
+        [PureRotation::New, PureRotation::Holds].map(|spot| sigma(spot).expect("a turn on the spot"));
     assert!(0.05 < new && new < holds && holds < 0.5, "{new} m/s now, {holds} m/s a moment ago");
 }
 

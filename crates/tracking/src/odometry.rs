@@ -79,7 +79,7 @@ struct PosedFrame {
 
 /// The camera's motion between two frames, in the map's unit.
 #[derive(Clone, Copy, Debug)]
-struct Motion {
+struct RelativeMotion {
     last_from_now: Se3,
     source: MotionSource,
     elapsed_s: f64,
@@ -180,11 +180,11 @@ impl OdometryFilter {
         now: &PosedFrame,
         state: State,
         other_motion: Option<(Se3, MotionSource)>,
-    ) -> Option<Motion> {
+    ) -> Option<RelativeMotion> {
         let here = snapshot.world_from_here(last.anchored.reference)?;
         self.scale *= here.scale / last.unit;
         let elapsed_s = now.frame.stamp - last.frame.stamp;
-        let known = |last_from_now, source| Some(Motion { last_from_now, source, elapsed_s });
+        let known = |last_from_now, source| Some(RelativeMotion { last_from_now, source, elapsed_s });
         let before = here.transform_pose(&last.anchored.reference_from_camera);
         let resolved = before.inverse() * now.anchored.world_from_camera;
         let gap = self.missed > 0;
@@ -265,7 +265,7 @@ impl OdometryFilter {
         snapshot: &Snapshot,
         before: &Odometry,
         now: &PosedFrame,
-        motion: &Motion,
+        motion: &RelativeMotion,
     ) -> Odometry {
         let mut camera = motion.last_from_now;
         if motion.source != MotionSource::Velocity && motion.elapsed_s > 0.0 {

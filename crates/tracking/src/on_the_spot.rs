@@ -29,7 +29,7 @@ pub(crate) struct SpotWatch {
 
 /// What is known of a camera that may turn on the spot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Spot {
+pub(crate) enum PureRotation {
     /// Two views have just been compared, and differ by a rotation alone.
     New,
     /// Those compared last did.
@@ -40,7 +40,12 @@ pub(crate) enum Spot {
 
 impl SpotWatch {
     /// Takes a view with its orientation by the motion sensors.
-    pub fn step(&mut self, camera: &RectifiedCamera, frame: &Arc<Frame>, world_from_camera: &So3) -> Spot {
+    pub fn step(
+        &mut self,
+        camera: &RectifiedCamera,
+        frame: &Arc<Frame>,
+        world_from_camera: &So3,
+    ) -> PureRotation {
         let age = |f: &Arc<Frame>| frame.stamp - f.stamp;
         if self.frames.back().is_some_and(|(f, _)| age(f) > APART_S[1] || age(f) <= 0.0) {
             *self = Self::default();
@@ -56,11 +61,11 @@ impl SpotWatch {
             let between = rotation_between(camera, before, frame, &guess, SHARE);
             let is_rotation = matches!(between, Between::Rotation { .. });
             self.told = Some((frame.stamp, is_rotation));
-            return if is_rotation { Spot::New } else { Spot::No };
+            return if is_rotation { PureRotation::New } else { PureRotation::No };
         }
         match self.told {
-            Some((at, true)) if frame.stamp - at <= HOLDS_S => Spot::Holds,
-            _ => Spot::No,
+            Some((at, true)) if frame.stamp - at <= HOLDS_S => PureRotation::Holds,
+            _ => PureRotation::No,
         }
     }
 }
@@ -72,7 +77,7 @@ mod tests {
     use cairn_geometry::{Se3, Vec3};
 
     /// What is told of ten views, 0.1 s apart, of a camera that goes sideways and turns, per second.
-    fn told(speed: f64, turn_rate: f64) -> Vec<Spot> {
+    fn told(speed: f64, turn_rate: f64) -> Vec<PureRotation> {
         let world = World::around(stereo(), 31);
         let mut watch = SpotWatch::default();
         let mut view = |n: i32| {
@@ -87,13 +92,16 @@ mod tests {
     #[test]
     fn a_turn_on_the_spot_is_told_and_holds_a_walk_is_not() {
         let turning = told(0.0, 0.5);
-        let new = turning.iter().filter(|s| **s == Spot::New).count();
+        let new = turning.iter().filter(|s| **s == PureRotation::New).count();
         assert!((2..=3).contains(&new), "{turning:?}");
-        assert!(turning[3..].iter().all(|s| *s != Spot::No), "{turning:?}");
-        assert!(turning[..3].iter().all(|s| *s == Spot::No), "nothing is known yet: {turning:?}");
+        assert!(turning[3..].iter().all(|s| *s != PureRotation::No), "{turning:?}");
+        assert!(turning[..3].iter().all(|s| *s == PureRotation::No), "nothing is known yet: {turning:?}");
         for (speed, turn_rate) in [(1.0, 0.0), (0.8, 0.5)] {
             let walking = told(speed, turn_rate);
-            assert!(walking.iter().all(|s| *s == Spot::No), "{speed} m/s, {turn_rate} rad/s: {walking:?}");
+            assert!(
+                walking.iter().all(|s| *s == PureRotation::No),
+                "{speed} m/s, {turn_rate} rad/s: {walking:?}"
+            );
         }
     }
 }

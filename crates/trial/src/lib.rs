@@ -2,10 +2,12 @@
 
 mod listener;
 mod pace;
+mod page;
 pub mod robot;
 pub mod walk;
 mod walker;
 pub mod way;
 
 pub use pace::{LEVELS, Pace};
+pub use page::{Lateness, PageClock, STALE_MS};
 pub use walker::{Walker, side_of};

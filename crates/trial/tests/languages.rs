@@ -1,7 +1,8 @@
 //! What the guide says, as a listener of each language understands it.
 
 use cairn_guide::{
-    Ahead, Cue, CueKind, DirectionStyle, Facing, First, Language, Next, PhraseConfig, Side, Stairs, Unit,
+    Cue, CueKind, DirectionStyle, Facing, First, Language, Next, PhraseConfig, Side, Stairs, Unit,
+    UpcomingManeuver,
 };
 use cairn_sensor::Stamp;
 use cairn_trial::side_of;
@@ -9,7 +10,7 @@ use cairn_trial::side_of;
 /// Every turn is to the same side in every language, unit and form, as a listener of that language hears it.
 #[test]
 fn sides_are_the_same_in_every_language() {
-    let ahead = Ahead { distance_m: 6.1, next: Next::End, then: None };
+    let ahead = UpcomingManeuver { distance_m: 6.1, next: Next::End, then: None };
     for degrees in (-150..=150).step_by(15).filter(|d: &i32| d.abs() > 15) {
         let a = f64::from(degrees).to_radians();
         let off = |turn_rad, on_spot| CueKind::OffPath { distance_m: 2.0, bearing_rad: a, turn_rad, on_spot };

@@ -10,7 +10,7 @@ use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
 use cairn_phrases::Language;
-use cairn_session::{Command, RouteChoice};
+use cairn_session::{Command, CommandError, RouteChoice};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError};
@@ -24,6 +24,17 @@ const HELLO_WITHIN: Duration = Duration::from_secs(5);
 const DEPTH_EVERY: Duration = Duration::from_millis(125);
 /// How long one that is due waits for status, map and images.
 const DEPTH_WAITS: Duration = Duration::from_millis(250);
+
+/// Why a command is not carried out; shown on the page.
+#[derive(Debug, thiserror::Error)]
+enum Refusal {
+    /// It is no command.
+    #[error(transparent)]
+    Line(#[from] CommandError),
+    /// A page cannot give it, or not now, in the words of the page's language.
+    #[error("{0}")]
+    Now(String),
+}
 
 /// What a page states about itself.
 pub(crate) struct Guest {
@@ -288,17 +299,17 @@ impl Client {
                 }
                 // A page that gives a command while no page holds the walk holds it from then on.
                 Ok(FromPage::Command(line)) if controls || (self.guest.walk && self.begins(false)) => {
-                    self.command(&line).err().map(refusal)
+                    self.command(&line).err().map(|why| refusal(&why.to_string()))
                 }
                 Ok(FromPage::Take(true)) if self.begins(false) => None,
                 Ok(FromPage::TakeOver(true)) if self.begins(true) => None,
                 Ok(FromPage::Command(_) | FromPage::Take(true) | FromPage::TakeOver(true)) => {
-                    Some(refusal(self.guest.language.text("page-other-holds")))
+                    Some(refusal(&self.guest.language.text("page-other-holds")))
                 }
                 Ok(FromPage::Settings { language, lines }) => {
                     self.guest.language = language.parse().unwrap_or(self.guest.language);
                     let wrong = lines.iter().filter(|_| controls).find_map(|line| self.setting(line).err());
-                    wrong.map(refusal)
+                    wrong.map(|why| refusal(&why.to_string()))
                 }
                 Ok(FromPage::Want { picture, map, surface, columns }) => {
                     self.wants.set(picture, map, [surface, columns]);
@@ -330,20 +341,20 @@ impl Client {
     }
 
     /// Changes how the session speaks; also before its first picture.
-    fn setting(&self, line: &str) -> Result<(), String> {
-        if let command @ Command::Set(_) = Command::parse(line).map_err(|e| e.to_string())? {
+    fn setting(&self, line: &str) -> Result<(), CommandError> {
+        if let command @ Command::Set(_) = Command::parse(line)? {
             self.hub.inbox.command(command);
         }
         Ok(())
     }
 
-    fn command(&self, line: &str) -> Result<(), String> {
-        let command = Command::parse(line).map_err(|e| e.to_string())?;
-        let text = |id: &str| self.guest.language.text(id);
+    fn command(&self, line: &str) -> Result<(), Refusal> {
+        let command = Command::parse(line)?;
+        let because = |id: &str| Err(Refusal::Now(self.guest.language.text(id)));
         match command {
             // Other files are chosen on the terminal, and the server is stopped there.
-            Command::Quit | Command::Load(RouteChoice::File(_)) => Err(text("page-terminal-only")),
-            _ if !self.hub.running.load(Ordering::Relaxed) => Err(text("page-no-picture-yet")),
+            Command::Quit | Command::Load(RouteChoice::File(_)) => because("page-terminal-only"),
+            _ if !self.hub.running.load(Ordering::Relaxed) => because("page-no-picture-yet"),
             _ => {
                 self.hub.inbox.command(command);
                 Ok(())
@@ -352,6 +363,6 @@ impl Client {
     }
 }
 
-fn refusal(text: String) -> String {
-    ToPage::Refused(&text).text()
+fn refusal(text: &str) -> String {
+    ToPage::Refused(text).text()
 }

@@ -2,7 +2,7 @@
 
 use crate::{Event, LinkId, Wire};
 use cairn_team::RobotId;
-use cairn_team::peer::{Complaints, Outgoing, Peer, To};
+use cairn_team::peer::{Outgoing, Peer, RefusalLog, To};
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -17,7 +17,7 @@ pub struct Member {
     wire: Wire,
     /// Who was heard on which link last.
     robots: BTreeMap<LinkId, RobotId>,
-    complaints: Complaints,
+    complaints: RefusalLog,
     next_tick: Instant,
 }
 
@@ -28,7 +28,7 @@ impl Member {
     /// When the address cannot be listened on.
     pub fn open(peer: Peer, listen: impl ToSocketAddrs, dial: &[String]) -> io::Result<Self> {
         let wire = Wire::open(listen, dial)?;
-        let complaints = Complaints::default();
+        let complaints = RefusalLog::default();
         Ok(Self { peer, wire, robots: BTreeMap::new(), complaints, next_tick: Instant::now() })
     }
 

@@ -49,7 +49,7 @@ pub enum Order {
         /// The number of this process among all of the run: odometry of another one is in another frame.
         start: u64,
         /// What surfaces need of key frames; `None` where there are none.
-        surfaces: Option<OfKeyFrames>,
+        surfaces: Option<SurfaceInput>,
         /// For a session that is in another process: the engine's configuration. Every frame is then told with all that
         /// a session needs (`Seen`).
         session: Option<Box<Config>>,
@@ -84,7 +84,7 @@ pub enum Order {
 
 /// What surfaces need of key frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum OfKeyFrames {
+pub enum SurfaceInput {
     /// Their depth.
     Depth,
     /// Their depth and what its pixels look like.

@@ -14,11 +14,11 @@ pub type Start = Arc<dyn Fn(Role) -> Command + Send + Sync>;
 pub struct Event {
     pub role: Role,
     pub start: u64,
-    pub what: What,
+    pub kind: EventKind,
 }
 
 /// See [`Event`].
-pub enum What {
+pub enum EventKind {
     Said(Report),
     /// Its standard output has ended; why, if it was no plain end.
     Closed(Option<String>),
@@ -54,14 +54,14 @@ impl Process {
             }
         })?;
         thread("out").spawn(move || {
-            let send = |what| to.send(Event { role, start, what }).is_ok();
+            let send = |kind| to.send(Event { role, start, kind }).is_ok();
             loop {
-                let (what, is_end) = match read::<Report>(&mut stdout) {
-                    Ok(Some(report)) => (What::Said(report), false),
-                    Ok(None) => (What::Closed(None), true),
-                    Err(e) => (What::Closed(Some(e.to_string())), true),
+                let (kind, is_end) = match read::<Report>(&mut stdout) {
+                    Ok(Some(report)) => (EventKind::Said(report), false),
+                    Ok(None) => (EventKind::Closed(None), true),
+                    Err(e) => (EventKind::Closed(Some(e.to_string())), true),
                 };
-                if !send(what) || is_end {
+                if !send(kind) || is_end {
                     return;
                 }
             }

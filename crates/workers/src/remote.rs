@@ -7,8 +7,8 @@
 //! process which lives had no time for go to it with the next.
 
 use crate::journal::{self, JournalWriter, Tail, recover};
-use crate::message::{Failure, Frame, OfKeyFrames, Opened, Order, Report, Tracked};
-use crate::process::{Event, Process, Start, What};
+use crate::message::{Failure, Frame, Opened, Order, Report, SurfaceInput, Tracked};
+use crate::process::{Event, EventKind, Process, Start};
 use crate::remote_dense::RemoteDense;
 use crate::ring::Ring;
 use crate::run_folder::ring_in;
@@ -71,7 +71,7 @@ pub struct RemoteSlam {
     command: Start,
     tell: EventSink,
     /// What SLAM writes for surfaces.
-    surfaces: Option<OfKeyFrames>,
+    surfaces: Option<SurfaceInput>,
     /// Who makes them, once they were asked for.
     dense: Option<RemoteDense>,
     events: Receiver<Event>,
@@ -142,7 +142,7 @@ impl RemoteSlam {
             config,
             command,
             tell,
-            surfaces: dense.then_some(OfKeyFrames::Depth),
+            surfaces: dense.then_some(SurfaceInput::Depth),
             dense: None,
             events,
             to,
@@ -199,12 +199,12 @@ impl RemoteSlam {
         if event.start != self.worker.start || self.worker.process.is_none() {
             return;
         }
-        match event.what {
-            What::Said(report) => {
+        match event.kind {
+            EventKind::Said(report) => {
                 self.worker.heard = Instant::now();
                 self.report(report);
             }
-            What::Closed(why) => self.died(why),
+            EventKind::Closed(why) => self.died(why),
         }
     }
 

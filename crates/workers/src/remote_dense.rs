@@ -5,7 +5,7 @@
 
 use crate::Role;
 use crate::message::{Failure, Opened, Order, Report};
-use crate::process::{Event, Process, Start, What};
+use crate::process::{Event, EventKind, Process, Start};
 use crate::supervision::{Death, EventSink, RunEvent};
 use crate::worker::Worker;
 use cairn_dense::SurfaceChange;
@@ -128,9 +128,9 @@ impl Looking {
         if event.start != self.worker.start || self.worker.process.is_none() {
             return true;
         }
-        let report = match event.what {
-            What::Closed(why) => return self.died(why),
-            What::Said(report) => report,
+        let report = match event.kind {
+            EventKind::Closed(why) => return self.died(why),
+            EventKind::Said(report) => report,
         };
         self.worker.heard = Instant::now();
         match report {

@@ -71,14 +71,30 @@ struct SeenStatus {
 /// As `cairn_engine::Wait`, which is written as text.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 enum SeenWait {
-    Points { have: usize, need: usize },
-    Parallax { matches: usize },
-    Reading { silent_s: Option<f64> },
+    Points {
+        have: usize,
+        need: usize,
+    },
+    Parallax {
+        matches: usize,
+    },
+    Reading {
+        silent_s: Option<f64>,
+    },
     FirstTry,
     Gate(Gate),
-    Sight { since_s: f64, sigma: f64 },
-    Translation { since_s: f64 },
-    Place { have: usize, need: usize },
+    #[serde(rename = "Sight")]
+    VisualMatches {
+        since_s: f64,
+        sigma: f64,
+    },
+    Translation {
+        since_s: f64,
+    },
+    Place {
+        have: usize,
+        need: usize,
+    },
 }
 
 impl Seen {
@@ -223,7 +239,7 @@ impl SeenWait {
             Wait::Reading { silent_s } => Self::Reading { silent_s },
             Wait::FirstTry => Self::FirstTry,
             Wait::Gate(gate) => Self::Gate(gate),
-            Wait::Sight { since_s, sigma } => Self::Sight { since_s, sigma },
+            Wait::VisualMatches { since_s, sigma } => Self::VisualMatches { since_s, sigma },
             Wait::Translation { since_s } => Self::Translation { since_s },
             Wait::Place { have, need } => Self::Place { have, need },
         }
@@ -236,7 +252,7 @@ impl SeenWait {
             Self::Reading { silent_s } => Wait::Reading { silent_s },
             Self::FirstTry => Wait::FirstTry,
             Self::Gate(gate) => Wait::Gate(gate),
-            Self::Sight { since_s, sigma } => Wait::Sight { since_s, sigma },
+            Self::VisualMatches { since_s, sigma } => Wait::VisualMatches { since_s, sigma },
             Self::Translation { since_s } => Wait::Translation { since_s },
             Self::Place { have, need } => Wait::Place { have, need },
         }

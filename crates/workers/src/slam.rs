@@ -6,7 +6,7 @@
 use crate::depth_log::DepthWriter;
 use crate::journal::{JournalWriter, recover};
 use crate::message::{
-    Anchored, Failure, Finished, Frame, OfKeyFrames, Opened, Order, Outcome, Place, Report, Tracked, read,
+    Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Place, Report, SurfaceInput, Tracked, read,
     write,
 };
 use crate::ring::{Borrowed, Ring};
@@ -72,7 +72,7 @@ struct Slam<'a> {
 /// The depth of frames that may become key frames, and where that of key frames goes.
 struct DepthOf {
     to: DepthWriter,
-    what: OfKeyFrames,
+    what: SurfaceInput,
     offered: OfferedDepth,
     /// The map as far as its commits were written, and whose depth is kept.
     mirror: Mirror,
@@ -81,7 +81,7 @@ struct DepthOf {
 
 impl DepthOf {
     /// Goes on in the file of a folder, for a map that is this by now.
-    fn begin(folder: &Path, map: &Snapshot, what: OfKeyFrames) -> Result<Self, crate::JournalError> {
+    fn begin(folder: &Path, map: &Snapshot, what: SurfaceInput) -> Result<Self, crate::JournalError> {
         let to = DepthWriter::open(folder, map)?;
         let mut views = Views::default();
         to.key_frames().for_each(|id| views.add(id));
@@ -90,7 +90,7 @@ impl DepthOf {
 
     fn offer(&mut self, packet: &FramePacket) {
         let Some(depth) = &packet.depth else { return };
-        let gray = packet.images.first().filter(|_| self.what == OfKeyFrames::DepthAndGray);
+        let gray = packet.images.first().filter(|_| self.what == SurfaceInput::DepthAndGray);
         self.offered.offer(Offered { stamp: packet.stamp, depth: depth.clone(), gray: gray.cloned() });
     }
 
@@ -188,7 +188,7 @@ impl<'a> Slam<'a> {
     }
 
     /// With the depth of its key frames in a file of the folder.
-    fn with_depth(self, what: OfKeyFrames) -> Self {
+    fn with_depth(self, what: SurfaceInput) -> Self {
         match DepthOf::begin(self.folder, &self.commits.start, what) {
             Ok(depth) => Self { depth: Some(depth), ..self },
             Err(e) => Self { depth_failed: Some(depth_failed(e)), ..self },

@@ -1,7 +1,7 @@
 //! How a run is supervised, what is told meanwhile, and what it gives.
 
 use crate::Role;
-use crate::message::{Anchored, Failure, Finished, LeftOut, OfKeyFrames, Opened, Said, Tracked};
+use crate::message::{Anchored, Failure, Finished, LeftOut, Opened, Said, SurfaceInput, Tracked};
 use cairn_atlas::store::MapFile;
 use cairn_engine::PoseTime;
 use cairn_geometry::Se3;
@@ -23,7 +23,7 @@ pub struct Supervision {
     /// Whether it records.
     pub records: bool,
     /// What surfaces are made of, if any are wanted.
-    pub surfaces: Option<OfKeyFrames>,
+    pub surfaces: Option<SurfaceInput>,
 }
 
 /// Hears what becomes of processes.

@@ -8,7 +8,7 @@ mod deaths;
 
 use crate::capture::SLOTS;
 use crate::message::{Failure, Finished, Frame, LeftOut, Opened, Order, Report, Tracked};
-use crate::process::{Event, Process, What};
+use crate::process::{Event, EventKind, Process};
 use crate::run_folder::RunFolder;
 use crate::slam::FINAL_MAP;
 use crate::supervision::{Death, RunEvent, Supervised, Supervision};
@@ -238,15 +238,15 @@ impl Run<'_, '_> {
         let worker = self.worker(event.role);
         // What a process said before it was killed is late, but true; its end is known.
         let is_current = worker.start == event.start && worker.process.is_some();
-        match event.what {
-            What::Said(report) => {
+        match event.kind {
+            EventKind::Said(report) => {
                 if is_current {
                     worker.heard = Instant::now();
                     self.report(event.role, report)?;
                 }
             }
-            What::Closed(why) if is_current => self.died(event.role, why)?,
-            What::Closed(_) => {}
+            EventKind::Closed(why) if is_current => self.died(event.role, why)?,
+            EventKind::Closed(_) => {}
         }
         Ok(())
     }

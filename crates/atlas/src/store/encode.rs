@@ -8,6 +8,7 @@ use super::layout::{
 };
 use super::readings;
 use super::wire::Encoder;
+use crate::paged::ReadBackError;
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::DESCRIPTOR_ID;
 use cairn_vision::bow::Vocabulary;
@@ -41,7 +42,7 @@ impl Rows {
 pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(), StoreError> {
     let snapshot = &file.snapshot;
     if let Some(fault) = snapshot.read_fault() {
-        return Err(StoreError::CombineError(fault.to_owned()));
+        return Err(StoreError::CombineError(fault.to_string()));
     }
     let rows = Rows::new(snapshot);
     let key_frames: Vec<&KeyFrame> = snapshot.key_frames().collect();
@@ -238,7 +239,7 @@ fn words(key_frames: &[&KeyFrame]) -> Result<Vec<u8>, StoreError> {
 }
 
 /// The error of a key frame whose features are on the disk and cannot be read.
-fn unreadable(k: &KeyFrame) -> impl FnOnce(String) -> StoreError {
+fn unreadable(k: &KeyFrame) -> impl FnOnce(ReadBackError) -> StoreError {
     let id = k.id;
     move |fault| StoreError::CombineError(format!("{id:?}: {fault}"))
 }

@@ -9,7 +9,7 @@ use super::error::StoreError;
 use super::in_file::Places;
 use super::layout::{CHUNK, FEATURES};
 use crate::KeyFrame;
-use crate::paged::{Faults, Paged, Source};
+use crate::paged::{Faults, Paged, ReadBackError, Source};
 use crate::record::Record;
 use cairn_sensor::Stamp;
 use cairn_vision::bow::{BagOfWords, Vocabulary};
@@ -161,11 +161,11 @@ struct Saved {
 }
 
 impl Source<Frame> for Saved {
-    fn read(&self) -> Result<Arc<Frame>, String> {
-        self.of.frame(self.row).map_err(|e| e.to_string())
+    fn read(&self) -> Result<Arc<Frame>, ReadBackError> {
+        Ok(self.of.frame(self.row)?)
     }
 
-    fn placeholder(&self, fault: String) -> Arc<Frame> {
+    fn placeholder(&self, fault: ReadBackError) -> Arc<Frame> {
         self.of.faults.keep(fault);
         let features = self.of.rows.get().and_then(|rows| rows.features.get(self.row));
         Arc::new(Frame::placeholder(features.map_or(0, |n| *n as usize)))
@@ -173,12 +173,12 @@ impl Source<Frame> for Saved {
 }
 
 impl Source<BagOfWords> for Saved {
-    fn read(&self) -> Result<Arc<BagOfWords>, String> {
-        let frame = self.of.frame(self.row).map_err(|e| e.to_string())?;
+    fn read(&self) -> Result<Arc<BagOfWords>, ReadBackError> {
+        let frame = self.of.frame(self.row)?;
         Ok(Arc::new(Vocabulary::current().bag(&frame.descriptors)))
     }
 
-    fn placeholder(&self, fault: String) -> Arc<BagOfWords> {
+    fn placeholder(&self, fault: ReadBackError) -> Arc<BagOfWords> {
         self.of.faults.keep(fault);
         Arc::default()
     }

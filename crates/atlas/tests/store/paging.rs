@@ -50,7 +50,8 @@ fn what_was_paged_out_comes_back_to_the_last_bit() {
     assert_eq!(in_memory(&paged), before);
     assert!(bytes == saved(&plain).write().unwrap(), "other bytes");
     same(&paged, &plain, "paged");
-    assert_eq!((in_memory(&paged), paged.read_fault()), (count, None));
+    assert_eq!(in_memory(&paged), count);
+    assert!(paged.read_fault().is_none());
 }
 
 #[test]
@@ -68,7 +69,7 @@ fn a_saved_map_opens_without_its_features() {
         assert_eq!(in_memory(&opened.snapshot), 0);
         same(&opened.snapshot, &whole.snapshot, &format!("seed {seed}"));
         assert_eq!((&opened.about, &opened.attached), (&whole.about, &whole.attached));
-        assert_eq!(opened.snapshot.read_fault(), None);
+        assert!(opened.snapshot.read_fault().is_none());
     }
 }
 
@@ -110,7 +111,7 @@ fn features_that_cannot_be_read_later_match_nothing_and_are_never_saved() {
     assert_eq!((last.frame.len(), last.landmarks.len()), (12, 12));
     last.frame.near(320.0, 240.0, 1e6, |_| panic!("it matches"));
     assert!(last.frame.px.iter().flatten().all(|v| v.is_nan()));
-    let fault = opened.snapshot.read_fault().expect("a fault");
+    let fault = opened.snapshot.read_fault().expect("a fault").to_string();
     assert!(fault.contains("part 'features ") && fault.contains("bytes were altered"), "{fault}");
     // What was read from whole parts is there.
     assert!(opened.snapshot.key_frames().next().unwrap().frame.px[0][0].is_finite());

@@ -21,7 +21,7 @@ pub fn imu_from_camera() -> Se3 {
 }
 
 /// A recording.
-pub struct Motion {
+pub struct ImuRecording {
     /// Its folder.
     pub name: &'static str,
     /// The sensor; its frame is the body frame.
@@ -32,7 +32,7 @@ pub struct Motion {
     pub truth: Trajectory,
 }
 
-impl Motion {
+impl ImuRecording {
     /// Reads a recording of [`NAMES`] from the data folder.
     ///
     /// # Errors

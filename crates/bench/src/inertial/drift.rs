@@ -1,6 +1,6 @@
 //! Drift of pure IMU prediction over seconds from known states, compared with ground truth.
 
-use super::data::Motion;
+use super::data::ImuRecording;
 use super::reference::Reference;
 use cairn_geometry::Vec3;
 use serde::Serialize;
@@ -26,7 +26,7 @@ pub struct Drift {
 pub const SECONDS: [f64; 3] = [1.0, 5.0, 10.0];
 
 /// Starts at every second key frame of the reference.
-pub fn measure(motion: &Motion, reference: &Reference) -> Vec<Drift> {
+pub fn measure(motion: &ImuRecording, reference: &Reference) -> Vec<Drift> {
     let buffer = motion.buffer();
     let over = |seconds: f64| {
         let (mut places, mut turns, mut square) = (Vec::new(), Vec::new(), 0.0);

@@ -7,7 +7,7 @@ pub mod reference;
 pub mod tries;
 
 use crate::MeasureError;
-use data::Motion;
+use data::ImuRecording;
 use drift::Drift;
 use reference::Reference;
 use serde::Serialize;
@@ -56,7 +56,7 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Vec<Figures>, MeasureError> {
             eprintln!("skipped: imu-truth/{name} is not in {}", data.display());
             continue;
         }
-        let motion = Motion::read(data, name)?;
+        let motion = ImuRecording::read(data, name)?;
         let reference = Reference::of(&motion);
         let mut tries = Vec::new();
         for condition in CONDITIONS.iter().filter(|c| holds(c.name, chosen.condition)) {

@@ -1,7 +1,7 @@
 //! Reference values of a recording: gravity, biases and velocities, estimated from IMU data and noise-free poses at
 //! their true scale, window by window. Initialisations are compared with them, and drift starts from them.
 
-use super::data::{Motion, links};
+use super::data::{ImuRecording, links};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{
     Bias, InitialiseConfig, NavState, OffsetConfig, Scale, Seen, SeenPose, TimeOffset, initialise,
@@ -28,7 +28,7 @@ pub struct Reference {
 
 impl Reference {
     /// Estimates the reference values of a recording.
-    pub fn of(motion: &Motion) -> Self {
+    pub fn of(motion: &ImuRecording) -> Self {
         let buffer = motion.buffer();
         let (first, last) = motion.span();
         let (mut windows, mut states, mut gravities) = (Vec::new(), Vec::new(), Vec::new());
@@ -65,7 +65,7 @@ impl Reference {
     /// The true pose at a key frame of the reference: the measured position, and the rotation smoothed with the
     /// gyroscope, because that of the markers sometimes jumps by half a degree (TUM-VI). The accelerometer is not used
     /// for it.
-    pub fn pose(&self, motion: &Motion, at: Stamp) -> Option<Se3> {
+    pub fn pose(&self, motion: &ImuRecording, at: Stamp) -> Option<Se3> {
         let near = self.states.partition_point(|(t, _)| *t < at.plus_seconds(-1e-4));
         let (stamp, state) = self.states.get(near)?;
         let rotation = state.world_from_imu.rotation;

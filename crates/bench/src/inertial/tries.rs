@@ -1,7 +1,7 @@
 //! Initialisation at many times of a recording: true poses with noise at key frame rate, in a frame with arbitrary
 //! orientation and unit of length, like a monocular map.
 
-use super::data::{Motion, imu_from_camera, links};
+use super::data::{ImuRecording, imu_from_camera, links};
 use super::drift::median_and_p95;
 use super::reference::Reference;
 use cairn_geometry::{Se3, So3, Vec3};
@@ -137,7 +137,7 @@ struct Errors {
 }
 
 /// Runs all starts of a recording under a condition.
-pub fn measure(motion: &Motion, reference: &Reference, condition: &Condition, every: usize) -> Tried {
+pub fn measure(motion: &ImuRecording, reference: &Reference, condition: &Condition, every: usize) -> Tried {
     let (first, last) = motion.span();
     let (samples, steps) = degraded(motion, condition);
     let mut sensor = motion.sensor.clone();
@@ -194,7 +194,7 @@ fn summary(name: &'static str, condition: &'static str, results: &[Start]) -> Tr
 }
 
 /// The samples under the condition, and the added biases by time.
-fn degraded(motion: &Motion, c: &Condition) -> (Vec<ImuSample>, Vec<(Stamp, Bias)>) {
+fn degraded(motion: &ImuRecording, c: &Condition) -> (Vec<ImuSample>, Vec<(Stamp, Bias)>) {
     let mut rng = Random::stream(7, 1);
     let mut added = Bias::default();
     let mut steps = Vec::new();
@@ -224,7 +224,7 @@ fn degraded(motion: &Motion, c: &Condition) -> (Vec<ImuSample>, Vec<(Stamp, Bias
 }
 
 struct Case<'a> {
-    motion: &'a Motion,
+    motion: &'a ImuRecording,
     reference: &'a Reference,
     condition: &'a Condition,
     samples: &'a [ImuSample],

@@ -22,7 +22,7 @@ pub struct DrawnPhone {
     info: SourceInfo,
     rig: Rig,
     traits: PhoneTraits,
-    motion: cairn_sim::Motion,
+    motion: cairn_sim::ContinuousTrajectory,
     camera: RollingCamera,
     sensors: MotionSensors,
     shots: std::vec::IntoIter<Shot>,
@@ -38,7 +38,7 @@ impl DrawnPhone {
     pub fn new(
         config: &SimConfig,
         world: &Arc<World>,
-        motion: cairn_sim::Motion,
+        motion: cairn_sim::ContinuousTrajectory,
         traits: &PhoneTraits,
         every: usize,
     ) -> Result<Self, MeasureError> {

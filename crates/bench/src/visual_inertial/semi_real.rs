@@ -13,7 +13,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// A recording, the start of the stretch used (in motion), and its sensor.
-pub struct Motion {
+pub struct MotionRecording {
     /// Folder below `imu-truth`.
     pub name: &'static str,
     /// Seconds after its first true pose.
@@ -22,12 +22,12 @@ pub struct Motion {
 }
 
 /// All recordings.
-pub const MOTIONS: [Motion; 5] = [
-    Motion { name: "MH_03_medium", start_s: 18.0, tumvi: false },
-    Motion { name: "V1_02_medium", start_s: 3.0, tumvi: false },
-    Motion { name: "V2_01_easy", start_s: 3.0, tumvi: false },
-    Motion { name: "tumvi_room1", start_s: 3.0, tumvi: true },
-    Motion { name: "tumvi_room3", start_s: 3.0, tumvi: true },
+pub const MOTIONS: [MotionRecording; 5] = [
+    MotionRecording { name: "MH_03_medium", start_s: 18.0, tumvi: false },
+    MotionRecording { name: "V1_02_medium", start_s: 3.0, tumvi: false },
+    MotionRecording { name: "V2_01_easy", start_s: 3.0, tumvi: false },
+    MotionRecording { name: "tumvi_room1", start_s: 3.0, tumvi: true },
+    MotionRecording { name: "tumvi_room3", start_s: 3.0, tumvi: true },
 ];
 
 /// Seconds of a motion used with degraded IMU data.
@@ -101,11 +101,11 @@ impl Checked {
 /// Scale error from IMU data with key frames at the exact poses that `source` renders.
 fn exact_scale(
     data: &Path,
-    motion: &Motion,
+    motion: &MotionRecording,
     source: &SimSource,
     seconds: f64,
 ) -> Result<[f64; 2], MeasureError> {
-    let readings = crate::inertial::data::Motion::read(data, motion.name)?;
+    let readings = crate::inertial::data::ImuRecording::read(data, motion.name)?;
     let stamps: Vec<Stamp> =
         (0..(seconds / STEP_S) as usize).map(|k| source.epoch().plus_seconds(STEP_S * k as f64)).collect();
     let pose = |t: &Stamp| source.motion().pose(*t - source.epoch());
@@ -120,7 +120,7 @@ fn exact_scale(
 
 /// Configuration for a recording: noise from the sensor's data sheet, a camera at the pose of the real one, a room
 /// around it.
-pub fn config(data: &Path, motion: &Motion, sensor: Sensors, seconds: Option<f64>) -> SimConfig {
+pub fn config(data: &Path, motion: &MotionRecording, sensor: Sensors, seconds: Option<f64>) -> SimConfig {
     let folder = data.join("imu-truth").join(motion.name);
     let noise = match motion.tumvi {
         true => ImuNoise { gyro: 1.6e-4, gyro_walk: 2.2e-5, accel: 2.8e-3, accel_walk: 8.6e-4 },
@@ -160,7 +160,7 @@ fn body_from_camera(tumvi: bool) -> Se3 {
 /// When a file is invalid or a run fails.
 pub fn measure(
     data: &Path,
-    motion: &Motion,
+    motion: &MotionRecording,
     options: &[RunOptions],
     condition: Option<&str>,
     seconds: Option<f64>,

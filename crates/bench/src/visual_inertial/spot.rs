@@ -12,7 +12,9 @@ use cairn_geometry::{Se3, Sim3, So3, Trajectory, Vec2, Vec3};
 use cairn_lens::TurnFactor;
 use cairn_random::Random;
 use cairn_sensor::{Camera, Rig, Source, Stamp};
-use cairn_sim::{Motion, PhoneMotion, PhoneTraits, SimConfig, SimSource, Stride, Walker, WorldKind};
+use cairn_sim::{
+    ContinuousTrajectory, PhoneMotion, PhoneTraits, SimConfig, SimSource, Stride, Walker, WorldKind,
+};
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
@@ -124,7 +126,7 @@ pub struct Step {
 }
 
 /// The motion; with the seconds at which the turn begins and at which the walker sets out.
-fn motion(corners: &[Vec2], walk: &Walk) -> (Motion, f64, f64) {
+fn motion(corners: &[Vec2], walk: &Walk) -> (ContinuousTrajectory, f64, f64) {
     let Walk { seed, metres: [_, back_m], .. } = *walk;
     let walker = Walker { turn_rate: 0.8, ..Walker::default() };
     let out = walker.motion(corners);

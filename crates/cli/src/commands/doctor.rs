@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::ffi::OsString;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Checks this machine: processor, memory, optional programs, cameras and test recordings.
@@ -232,15 +232,26 @@ fn searched(file: &str, folders: &[PathBuf]) -> String {
 /// How long a program may take to tell its version.
 const PATIENCE: Duration = Duration::from_secs(3);
 
+/// Why a program did not tell its version.
+#[derive(Debug, thiserror::Error)]
+enum ProgramError {
+    #[error("it cannot be started ({0})")]
+    Start(#[source] std::io::Error),
+    #[error("it did not answer in {} s", PATIENCE.as_secs())]
+    Silent,
+    #[error("it ended with {0}")]
+    Ended(ExitStatus),
+}
+
 /// Starts the program; returns the first line that it prints.
-fn version(path: &Path, argument: &str) -> Result<String, String> {
+fn version(path: &Path, argument: &str) -> Result<String, ProgramError> {
     let mut child = Command::new(path)
         .arg(argument)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
-        .map_err(|e| format!("it cannot be started ({e})"))?;
+        .map_err(ProgramError::Start)?;
     let output = child.stdout.take();
     // What it prints is short, and is read on a thread in case it prints without end.
     let reader = std::thread::spawn(move || {
@@ -257,7 +268,7 @@ fn version(path: &Path, argument: &str) -> Result<String, String> {
                 // It may have ended already.
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err(format!("it did not answer in {} s", PATIENCE.as_secs()));
+                return Err(ProgramError::Silent);
             }
         }
     };
@@ -265,7 +276,7 @@ fn version(path: &Path, argument: &str) -> Result<String, String> {
     let text = String::from_utf8_lossy(&text);
     let line = text.lines().next().unwrap_or_default().trim();
     match (status.success(), line) {
-        (false, _) => Err(format!("it ended with {status}")),
+        (false, _) => Err(ProgramError::Ended(status)),
         (true, "") => Ok("found".to_owned()),
         // What comes after the version is about its makers.
         (true, line) => Ok(line.split(" Copyright").next().unwrap_or(line).trim().to_owned()),

@@ -8,8 +8,8 @@ use crate::outputs::Outputs;
 use cairn_eval::{Marker, Plan, Tone};
 use cairn_geometry::Vec2;
 use cairn_guide::{
-    CleanConfig, CleanedRoute, Maneuver, ManeuverPlan, ManeuverPlanConfig, Route, RouteDrawing, RouteError,
-    RouteInfo, Stairs, Travel, survey,
+    CleanConfig, CleanedRoute, Maneuver, ManeuverPlan, ManeuverPlanConfig, ManeuverPlanError, Route,
+    RouteDrawing, RouteError, RouteInfo, Stairs, Travel, survey,
 };
 use serde::Serialize;
 use std::fmt::Write;
@@ -72,7 +72,11 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         Command::Clean(one) => {
             let surveyed = load(&one.route)?;
             let cleaned = cleaned(&surveyed).map_err(|why| {
-                Failure::new(one.route.display().to_string(), why, "record a route of at least some metres")
+                Failure::new(
+                    one.route.display().to_string(),
+                    why.to_string(),
+                    "record a route of at least some metres",
+                )
             })?;
             output.result(&cleaned, |c| cleaned_text(c, &surveyed.info))
         }
@@ -155,11 +159,14 @@ struct TurnReport {
     stairs: Option<&'static str>,
 }
 
-fn cleaned(surveyed: &Surveyed) -> Result<Cleaned, String> {
+fn cleaned(surveyed: &Surveyed) -> Result<Cleaned, ManeuverPlanError> {
     let Surveyed { route, info, clean, .. } = surveyed;
-    let plan =
-        ManeuverPlan::from_route(clean, Travel::Home, &route.header.ground(), &ManeuverPlanConfig::default())
-            .map_err(|e| e.to_string())?;
+    let plan = ManeuverPlan::from_route(
+        clean,
+        Travel::Home,
+        &route.header.ground(),
+        &ManeuverPlanConfig::default(),
+    )?;
     let turn = |m: &Maneuver| TurnReport {
         at_m: m.at_m,
         turn_deg: m.turn_rad.to_degrees(),

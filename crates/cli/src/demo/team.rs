@@ -1,7 +1,7 @@
 //! `cairn demo --team N`: robots walk through one simulated world at once, each in two processes (cairn run and cairn
 //! team join); one of them is killed in the middle and brought back, and goes on in the map that it had saved.
 
-use crate::commands::team::status::Status;
+use crate::commands::team::status::TeamStatus;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::{Output, note};
@@ -90,7 +90,7 @@ struct RobotReport {
     /// where that is one.
     ate_alone_m: Option<f64>,
     ate_in_atlas_m: Option<f64>,
-    status: Status,
+    status: TeamStatus,
     /// Bytes that it sent, in the mean over the demo.
     sent_kb_per_s: f64,
 }
@@ -227,20 +227,20 @@ impl Robot {
         Ok(())
     }
 
-    fn status(&self) -> Option<Status> {
+    fn status(&self) -> Option<TeamStatus> {
         let text = cairn_files::read_text(&self.file("atlas.map.team.json"), 16 * MIB).ok()?;
         serde_json::from_str(&text).ok()
     }
 }
 
 /// Waits until all have the same maps, and made their atlas of them.
-fn settled(robots: &[Robot], began: Instant) -> Result<Vec<Status>, Failure> {
+fn settled(robots: &[Robot], began: Instant) -> Result<Vec<TeamStatus>, Failure> {
     // A status is written at each step: one of before the last save of a map would be outdated.
     wait(Duration::from_secs(2))?;
     let until = Instant::now() + SETTLE;
     loop {
-        let statuses: Vec<Status> = robots.iter().filter_map(Robot::status).collect();
-        let done = |s: &Status| {
+        let statuses: Vec<TeamStatus> = robots.iter().filter_map(Robot::status).collect();
+        let done = |s: &TeamStatus| {
             s.digest == statuses[0].digest
                 && s.maps.len() == robots.len()
                 && s.atlas.as_ref().is_some_and(|atlas| atlas.digest == s.digest)
@@ -258,7 +258,7 @@ fn settled(robots: &[Robot], began: Instant) -> Result<Vec<Status>, Failure> {
 
 fn report(
     robots: &[Robot],
-    statuses: Vec<Status>,
+    statuses: Vec<TeamStatus>,
     seed: u64,
     (seconds, settled_after_s): (f64, f64),
 ) -> Result<Report, Failure> {

@@ -1,7 +1,7 @@
 //! When a lost depth camera is looked for, and where that runs: beside tracking on a thread of its own, or with each packet
 //! where the engine runs in lockstep.
 
-use super::search::{SearchCounts, Seeker, Sight};
+use super::search::{DepthQuery, SearchCounts, Seeker};
 use crate::background;
 use crate::depth_link::Link;
 use cairn_atlas::MapId;
@@ -19,7 +19,7 @@ const APART_S: f64 = 0.045;
 
 enum Order {
     Begin(Vec<Place>),
-    See(Sight),
+    See(DepthQuery),
 }
 
 enum Worker {
@@ -102,7 +102,7 @@ impl LostCamera {
         }
         self.last_sent = Some(stamp);
         let up = self.link.lock().up.map(|up| self.depth_from_camera.rotation * up);
-        self.order(Order::See(Sight { stamp, image: image.clone(), up }));
+        self.order(Order::See(DepthQuery { stamp, image: image.clone(), up }));
     }
 
     pub fn counts(&self) -> SearchCounts {

@@ -97,7 +97,7 @@ impl RefusedAttempts {
 }
 
 /// A depth image of a lost camera; `up` is the direction against gravity in the depth sensor, where it is known.
-pub(super) struct Sight {
+pub(super) struct DepthQuery {
     pub stamp: Stamp,
     pub image: Arc<DepthImage>,
     pub up: Option<Vec3>,
@@ -143,7 +143,7 @@ impl Seeker {
 
     /// Takes the next image; `is_newest` where none waits behind it. A place is told once it is confirmed and the newest image
     /// was aligned there.
-    pub fn take(&mut self, sight: &Sight, is_newest: bool) -> Option<FoundByDepth> {
+    pub fn take(&mut self, sight: &DepthQuery, is_newest: bool) -> Option<FoundByDepth> {
         if self.places.is_empty() {
             return None;
         }
@@ -158,7 +158,7 @@ impl Seeker {
     }
 
     /// The first look.
-    fn look(&mut self, sight: &Sight) {
+    fn look(&mut self, sight: &DepthQuery) {
         if self.looked.is_some_and(|[_, last]| sight.stamp - last < RETRY_S) {
             return;
         }
@@ -175,7 +175,7 @@ impl Seeker {
     }
 
     /// A look without a guess, in all places or in the map of one; refusals are counted.
-    fn look_at(&mut self, sight: &Sight, in_map_of: Option<usize>) -> Option<Located> {
+    fn look_at(&mut self, sight: &DepthQuery, in_map_of: Option<usize>) -> Option<Located> {
         let start = Instant::now();
         let map = in_map_of.map(|place| self.places[place].map);
         let kept: Vec<usize> =
@@ -192,7 +192,7 @@ impl Seeker {
     }
 
     /// Aligns the next image where the last one was; `None` where it does not fit.
-    fn follow(&mut self, mut candidate: Candidate, sight: &Sight) -> Option<Candidate> {
+    fn follow(&mut self, mut candidate: Candidate, sight: &DepthQuery) -> Option<Candidate> {
         let Some(pose) = self.aligned(&candidate, sight) else {
             self.counts.not_followed += 1;
             return None;
@@ -221,7 +221,7 @@ impl Seeker {
     }
 
     /// The pose of an image in the candidate's submap, from that of the image before and the motion before that.
-    fn aligned(&mut self, candidate: &Candidate, sight: &Sight) -> Option<Se3> {
+    fn aligned(&mut self, candidate: &Candidate, sight: &DepthQuery) -> Option<Se3> {
         let (last, _, pose) = candidate.frames.last()?;
         let since_s = Some(sight.stamp - *last).filter(|s| *s > 0.0 && *s < GAP_S)?;
         let before = candidate.frames.len().checked_sub(2).map(|i| &candidate.frames[i]);

@@ -59,7 +59,8 @@ impl Journal {
         let mut head = |name: &'static str| -> Result<(usize, String), JournalError> {
             let (at, line) = lines.next().map_or((0, None), |(at, line)| (at + 1, Some(line)));
             let fail = |why: &str| JournalError::Head { line: at, why: why.to_owned() };
-            let payload = payload(line.ok_or_else(|| fail("it ends within its header"))?).map_err(fail)?;
+            let line = line.ok_or_else(|| fail("it ends within its header"))?;
+            let payload = payload(line).map_err(|e| fail(&e.to_string()))?;
             let rest = payload.strip_prefix(name).and_then(|rest| rest.strip_prefix(' '));
             Ok((at, rest.ok_or_else(|| fail("it is not the expected header line"))?.to_owned()))
         };
@@ -88,7 +89,7 @@ impl Journal {
             Header { source, sensor, rig, config, rate_hz: *rate_hz, snapshot: [*map_version, *map_digest] };
         let (mut records, mut cut) = (Vec::new(), None);
         for (at, line) in lines {
-            let record = payload(line).and_then(|text| record(text).ok_or("it is not a known record"));
+            let record = payload(line).and_then(|text| record(text).ok_or(LineError::Unknown));
             match record {
                 Ok(record) => records.push(record),
                 Err(why) => {
@@ -113,13 +114,28 @@ impl Journal {
     }
 }
 
+/// Why a line ends what is read of a journal.
+#[derive(Debug, thiserror::Error)]
+enum LineError {
+    #[error("it is unfinished")]
+    Unfinished,
+    #[error("it is not UTF-8")]
+    NotUtf8,
+    #[error("it has no checksum")]
+    NoChecksum,
+    #[error("its checksum does not match")]
+    Checksum,
+    #[error("it is not a known record")]
+    Unknown,
+}
+
 /// The text after the checksum of a line.
-fn payload(line: &[u8]) -> Result<&str, &'static str> {
-    let line = line.strip_suffix(b"\n").ok_or("it is unfinished")?;
-    let text = std::str::from_utf8(line).map_err(|_| "it is not UTF-8")?;
-    let (sum, payload) = text.split_once(' ').ok_or("it has no checksum")?;
+fn payload(line: &[u8]) -> Result<&str, LineError> {
+    let line = line.strip_suffix(b"\n").ok_or(LineError::Unfinished)?;
+    let text = std::str::from_utf8(line).map_err(|_| LineError::NotUtf8)?;
+    let (sum, payload) = text.split_once(' ').ok_or(LineError::NoChecksum)?;
     let whole = sum.len() == 8 && u32::from_str_radix(sum, 16) == Ok(crc32fast::hash(payload.as_bytes()));
-    if whole { Ok(payload) } else { Err("its checksum does not match") }
+    if whole { Ok(payload) } else { Err(LineError::Checksum) }
 }
 
 fn record(text: &str) -> Option<Record> {

@@ -104,7 +104,7 @@ pub enum Wait {
     /// A test that the last initialisation failed.
     Gate(Gate),
     /// Visual matches, while the IMU carries the pose.
-    Sight {
+    VisualMatches {
         /// Seconds since the last visually tracked pose.
         since_s: f64,
         /// Standard deviation of the position, metres.

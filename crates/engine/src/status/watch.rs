@@ -162,7 +162,9 @@ impl StatusTracker {
         let silence = || (Phase::WaitImu, vec![Wait::Reading { silent_s }]);
         let (phase, waits) = match result.state {
             State::Lost { inliers, need } => (Phase::Lost, vec![Wait::Place { have: inliers, need }]),
-            State::Coasting { since_s, sigma } => (Phase::Coasting, vec![Wait::Sight { since_s, sigma }]),
+            State::Coasting { since_s, sigma } => {
+                (Phase::Coasting, vec![Wait::VisualMatches { since_s, sigma }])
+            }
             State::RotationOnly { since_s, .. } => (Phase::Coasting, vec![Wait::Translation { since_s }]),
             State::Tracking if result.map_created && result.others => (Phase::Resetting, Vec::new()),
             State::Starting { .. } if silent => silence(),

@@ -23,7 +23,7 @@ impl fmt::Display for Wait {
             Self::Reading { silent_s: None } => f.write_str("an IMU reading (none so far)"),
             Self::FirstTry => f.write_str("enough key frames to initialise scale and gravity"),
             Self::Gate(gate) => write!(f, "{gate}"),
-            Self::Sight { since_s, sigma } => {
+            Self::VisualMatches { since_s, sigma } => {
                 write!(f, "visual matches (none for {since_s:.2} s, position known to {sigma:.3} m)")
             }
             Self::Translation { since_s } => {
@@ -133,7 +133,7 @@ impl Status {
             (Phase::WaitMotion, _) => text("phase-unmeasured-move"),
             (Phase::Initializing, _) => text("phase-unmeasured"),
             (Phase::Tracking, _) => text("phase-tracking"),
-            (Phase::Coasting, Some(Wait::Sight { since_s, sigma })) => {
+            (Phase::Coasting, Some(Wait::VisualMatches { since_s, sigma })) => {
                 let args = [("seconds", Arg::Number(*since_s, 1)), ("metres", Arg::Number(*sigma, 2))];
                 language.say("phase-coasting-since", &args)
             }
@@ -169,7 +169,7 @@ impl Wait {
                 GateKind::Baseline => "wait-baseline",
                 _ => "wait-precision",
             }),
-            Self::Sight { .. } => language.text("wait-matches"),
+            Self::VisualMatches { .. } => language.text("wait-matches"),
             Self::Translation { .. } => language.text("wait-translation"),
             Self::Place { have, need } => counted("wait-place", *have, *need),
         }

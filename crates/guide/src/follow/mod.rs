@@ -16,13 +16,13 @@ mod turning;
 pub(crate) use phase::{Now, Phase, Turning};
 
 use crate::config::GuideConfig;
-use crate::cue::{Ahead, Next};
+use crate::cue::{Next, UpcomingManeuver};
 use crate::facing::{Facing, Heading};
 use crate::free_way::FreeWay;
 use crate::ground::heading_of;
 use crate::maneuvers::{Maneuver, ManeuverPlan};
 use crate::matcher::{Match, Matcher};
-use crate::motion::Motion;
+use crate::motion::MotionHistory;
 use cairn_sensor::Stamp;
 use phase::Memory;
 
@@ -37,7 +37,7 @@ pub(crate) struct Follower {
     pub(crate) config: GuideConfig,
     pub(crate) plan: ManeuverPlan,
     pub(crate) matcher: Matcher,
-    pub(crate) motion: Motion,
+    pub(crate) motion: MotionHistory,
     pub(crate) phase: Phase,
     /// A heading past what is in the way, in place of the route's.
     pub(crate) detour: Option<f64>,
@@ -60,7 +60,7 @@ impl Follower {
             matcher: Matcher::new(config.matcher),
             config,
             plan,
-            motion: Motion::default(),
+            motion: MotionHistory::default(),
             phase: Phase::Begin,
             detour: None,
             way: None,
@@ -170,14 +170,14 @@ impl Follower {
     }
 
     /// What comes next from here.
-    pub(crate) fn ahead(&self, now: &Now) -> Ahead {
+    pub(crate) fn ahead(&self, now: &Now) -> UpcomingManeuver {
         let maneuvers = self.plan.maneuvers();
         let Some(m) = maneuvers.get(self.next) else {
             let distance_m = (self.plan.length() - now.at.along_m).max(0.0);
-            return Ahead { distance_m, next: Next::End, then: None };
+            return UpcomingManeuver { distance_m, next: Next::End, then: None };
         };
         let then = maneuvers.get(self.next + 1).filter(|n| n.joined);
-        Ahead {
+        UpcomingManeuver {
             distance_m: (m.at_m - now.at.along_m).max(0.0),
             next: as_next(m),
             then: then.map(|n| ((n.at_m - m.end_m).max(0.0), as_next(n))),

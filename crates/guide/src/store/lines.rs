@@ -1,6 +1,6 @@
 //! The lines of a route's file: their checksums, and what they hold.
 
-use crate::notes::RouteNote;
+use crate::notes::{NoteError, RouteNote};
 use crate::route::{Route, RouteHeader, RoutePoint};
 use std::io;
 
@@ -26,6 +26,25 @@ pub enum RouteError {
     /// There is no usable header.
     #[error("not a recorded route: {0}")]
     Header(String),
+}
+
+/// What is wrong with a line; [`RouteError`] says which.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum LineError {
+    #[error("its checksum does not match: bytes were altered")]
+    Checksum,
+    #[error("its checksum is missing: bytes were altered")]
+    NoChecksum,
+    #[error(transparent)]
+    Json(#[from] serde_json::Error),
+    #[error("there are more than {} notes", RouteNote::MOST)]
+    TooManyNotes,
+    #[error(transparent)]
+    Note(#[from] NoteError),
+    #[error("a value is not finite")]
+    NotFinite,
+    #[error("time does not increase")]
+    Time,
 }
 
 pub(super) fn write_line<T: serde::Serialize>(
@@ -56,12 +75,12 @@ pub(super) fn checksum(line: &[u8]) -> Option<bool> {
 }
 
 /// Checks the checksum of a line; `needed` where the file has them.
-pub(super) fn check_line(line: &[u8], needed: bool) -> Result<(), String> {
+pub(super) fn check_line(line: &[u8], needed: bool) -> Result<(), LineError> {
     match checksum(line) {
         Some(true) => Ok(()),
         None if !needed => Ok(()),
-        Some(false) => Err("its checksum does not match: bytes were altered".into()),
-        None => Err("its checksum is missing: bytes were altered".into()),
+        Some(false) => Err(LineError::Checksum),
+        None => Err(LineError::NoChecksum),
     }
 }
 
@@ -87,27 +106,28 @@ pub(super) enum Line {
 }
 
 /// What a line is, by its first key.
-pub(super) fn parse_line(line: &[u8], route: &Route) -> Result<Line, String> {
+pub(super) fn parse_line(line: &[u8], route: &Route) -> Result<Line, LineError> {
     if line.starts_with(b"{\"format\"") {
-        return serde_json::from_slice(line).map(Line::Header).map_err(|e| e.to_string());
+        return Ok(Line::Header(serde_json::from_slice(line)?));
     }
     if line.starts_with(b"{\"note\"") {
-        let note: RouteNote = serde_json::from_slice(line).map_err(|e| e.to_string())?;
+        let note: RouteNote = serde_json::from_slice(line)?;
         if route.notes.len() >= RouteNote::MOST {
-            return Err(format!("there are more than {} notes", RouteNote::MOST));
+            return Err(LineError::TooManyNotes);
         }
-        return note.check().map(|()| Line::Note(note)).map_err(|e| e.to_string());
+        note.check()?;
+        return Ok(Line::Note(note));
     }
     parse_point(line, route).map(Line::Point)
 }
 
-fn parse_point(line: &[u8], route: &Route) -> Result<RoutePoint, String> {
-    let point: RoutePoint = serde_json::from_slice(line).map_err(|e| e.to_string())?;
+fn parse_point(line: &[u8], route: &Route) -> Result<RoutePoint, LineError> {
+    let point: RoutePoint = serde_json::from_slice(line)?;
     if !(point.anchor_from_camera.is_finite() && point.odom_from_camera.is_finite()) {
-        return Err("a value is not finite".into());
+        return Err(LineError::NotFinite);
     }
     if route.points.last().is_some_and(|last| last.stamp >= point.stamp) {
-        return Err("time does not increase".into());
+        return Err(LineError::Time);
     }
     Ok(point)
 }

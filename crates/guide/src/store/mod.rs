@@ -211,7 +211,7 @@ impl Route {
                     route.apply_header(header);
                 }
                 Err(_) if !whole => route.torn = true,
-                Err(why) => return Err(RouteError::Line { line: number, why }),
+                Err(e) => return Err(RouteError::Line { line: number, why: e.to_string() }),
             }
         }
         Ok(route)

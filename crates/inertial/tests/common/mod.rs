@@ -9,9 +9,9 @@ use cairn_sensor::{ImuNoise, ImuSample, Stamp};
 pub const NOISE: ImuNoise = ImuNoise { gyro: 1.7e-4, gyro_walk: 1.9e-5, accel: 2.0e-3, accel_walk: 3.0e-3 };
 
 /// A hand in motion, in closed form: rotation as the product of turns about fixed axes, position as sines.
-pub struct Motion;
+pub struct HandMotion;
 
-impl Motion {
+impl HandMotion {
     pub fn rotation(t: f64) -> So3 {
         So3::exp(&(Vec3::new(0.9, 0.2, 0.1) * (0.8 * (1.7 * t).sin())))
             * So3::exp(&(Vec3::new(0.0, 0.3, 1.0) * (1.1 * (0.9 * t).sin() + 0.4 * t)))
@@ -48,7 +48,7 @@ impl Motion {
 }
 
 pub fn samples(from: f64, seconds: f64, rate: f64) -> Vec<ImuSample> {
-    (0..=(seconds * rate).round() as usize).map(|i| Motion::sample(from + i as f64 / rate)).collect()
+    (0..=(seconds * rate).round() as usize).map(|i| HandMotion::sample(from + i as f64 / rate)).collect()
 }
 
 pub fn some_bias() -> Bias {

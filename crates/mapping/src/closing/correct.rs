@@ -67,3 +67,40 @@ fn fuse_matches(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{World, stereo};
+    use crate::tests::visited_twice;
+
+    #[test]
+    fn fuse_matches_fuses_two_landmarks_of_a_feature_and_observes_where_it_has_none() {
+        let world = World::around(stereo(), 171);
+        let (mut atlas, [older, younger]) = visited_twice(&world, &Sim3::identity());
+        let shown = |id: KeyFrameId, snapshot: &Snapshot| snapshot.key_frame(id).unwrap().landmarks.clone();
+        let here = younger[0];
+        let features: Vec<usize> = (shown(here, atlas.latest()).iter().enumerate())
+            .filter_map(|(feature, landmark)| landmark.map(|_| feature))
+            .take(3)
+            .collect();
+        let new = shown(here, atlas.latest());
+        // The second feature loses its landmark.
+        atlas.commit(vec![Change::RemoveLandmark(new[features[1]].unwrap())]);
+        let snapshot = atlas.latest();
+        let (mine, old) = (shown(here, snapshot), shown(older[0], snapshot));
+        let mut old = old.iter().flatten().copied();
+        let (a, b) = (old.next().unwrap(), old.next().unwrap());
+        let own = mine[features[2]].unwrap();
+        let gone = snapshot.next_landmark_id();
+        let same = [(features[0], a), (features[1], b), (features[2], own), (features[2], gone)];
+        let changes = fuse_matches(snapshot, here, same.into_iter());
+        match changes.as_slice() {
+            [Change::Fuse(fused, into), Change::Observe(observed, by, feature)] => {
+                assert_eq!((*fused, *into), (mine[features[0]].unwrap(), a));
+                assert_eq!((*observed, *by, usize::from(*feature)), (b, here, features[1]));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}

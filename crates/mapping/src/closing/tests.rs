@@ -330,3 +330,144 @@ fn candidates_are_the_place_of_before_and_no_neighbours() {
     let middle = snapshot.key_frame(ids[15]).unwrap();
     assert!(candidates::candidates(snapshot, middle, 0.5, 5).iter().all(|id| !ids[12..19].contains(id)));
 }
+
+#[test]
+fn freedom_is_what_neither_gravity_nor_a_unit_of_length_tells() {
+    for (camera, aligned, expected) in [
+        (stereo(), 0, Freedom::Metric),
+        (mono(), 0, Freedom::Similar),
+        (mono(), 1, Freedom::Similar),
+        (mono(), 2, Freedom::AlignGravity),
+    ] {
+        let world = World::around(camera, 84);
+        let (mut atlas, ids, _) = two_maps(&world, &Sim3::identity());
+        let align = |ids: &Vec<KeyFrameId>| Change::AlignGravity(MapId(ids[0]), Sim3::identity());
+        atlas.commit(ids.iter().take(aligned).map(align).collect());
+        let snapshot = atlas.latest();
+        let here = snapshot.key_frame(ids[1][4]).unwrap();
+        let visits = Visits { snapshot, camera: &camera, here, old: ids[0][0] };
+        assert_eq!(visits.freedom(), expected, "{aligned} maps aligned");
+    }
+}
+
+#[test]
+fn plausible_drift_grows_with_the_distance_and_without_metres_with_the_median_depth() {
+    for camera in [stereo(), mono()] {
+        let world = World::around(camera, 85);
+        let (atlas, ids) = world.exact_map(&sideways(6, 0.2));
+        let snapshot = atlas.latest();
+        let here = snapshot.key_frame(ids[5]).unwrap();
+        let points = here.landmarks.iter().flatten().filter_map(|id| world.point_of(snapshot, *id));
+        let mut depths: Vec<f64> = points.map(|p| p.z).collect();
+        depths.sort_by(f64::total_cmp);
+        let middle = depths[depths.len() / 2];
+        assert!((median_depth(snapshot, here).unwrap() - middle).abs() < 1e-9);
+        let fixed = if camera.has_depth() { 0.5 } else { 0.3 * middle };
+        let share = if camera.has_depth() { 0.05 } else { 0.1 };
+        for (old, travelled) in [(0, 1.0), (4, 0.2)] {
+            let visits = Visits { snapshot, camera: &camera, here, old: ids[old] };
+            let drift = visits.plausible_drift([0.05, 0.1]);
+            assert!((drift - fixed - share * travelled).abs() < 1e-9, "{drift} over {travelled} m");
+        }
+    }
+}
+
+#[test]
+fn with_gravity_of_keeps_heading_and_place_and_takes_the_rest_from_the_map() {
+    let world = World::around(stereo(), 86);
+    let (atlas, ids) = world.exact_map(&sideways(2, 0.2));
+    let mut here = atlas.latest().key_frame(ids[1]).unwrap().clone();
+    here.world_from_camera.rotation = So3::exp(&Vec3::new(-1.5, 0.1, 0.0));
+    let heading = So3::exp(&(Vec3::z() * 0.7));
+    let recognised = |tilt: f64| {
+        let turn = heading * So3::exp(&(Vec3::x() * tilt));
+        Sim3::new(turn * here.world_from_camera.rotation, Vec3::new(1.0, 2.0, 3.0), 1.3)
+    };
+    let level = with_gravity_of(&here, &recognised(0.05)).expect("it is nearly level");
+    let off = (level.rotation.inverse() * (heading * here.world_from_camera.rotation)).angle();
+    assert!(off < 2e-3, "{off} rad");
+    let up = |r: &So3| r.inverse() * Vec3::z();
+    assert!(
+        (up(&level.rotation) - up(&here.world_from_camera.rotation)).norm() < 1e-9,
+        "gravity is the map's"
+    );
+    assert_eq!((level.translation, level.scale), (Vec3::new(1.0, 2.0, 3.0), 1.3));
+    match with_gravity_of(&here, &recognised(0.2)) {
+        Err(Refusal::Tilt { tilt_rad }) => assert!((tilt_rad - 0.2).abs() < 1e-9, "{tilt_rad}"),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn agrees_with_the_same_correction_of_a_key_frame_near_in_time_and_no_other() {
+    let world = World::around(stereo(), 87);
+    let (atlas, ids) = world.exact_map(&sideways(14, 0.1));
+    let snapshot = atlas.latest();
+    let shift = Sim3::new(So3::exp(&(Vec3::y() * 0.3)), Vec3::new(1.0, 0.0, 0.5), 1.0);
+    let first = Hypothesis { key_frame: ids[12], old: ids[0], shift };
+    let agrees = |here: usize, by: &Sim3| {
+        first.agrees(snapshot, snapshot.key_frame(ids[here]).unwrap(), ids[1], &(*by * shift))
+    };
+    let moved = |x: f64, turn: f64, scale: f64| {
+        Sim3::new(So3::exp(&(Vec3::y() * turn)), Vec3::new(x, 0.0, 0.0), scale)
+    };
+    assert!(agrees(13, &Sim3::identity()) && agrees(11, &moved(0.1, 0.0, 1.0)));
+    assert!(!agrees(12, &Sim3::identity()), "it is its own");
+    assert!(!agrees(2, &Sim3::identity()), "ten key frames before");
+    // A tenth of the depth, which is 3 to 7 m; a tenth of a radian; a seventh of the scale.
+    for wrong in [moved(1.0, 0.0, 1.0), moved(0.0, 0.15, 1.0), moved(0.0, 0.0, 1.25)] {
+        assert!(!agrees(13, &wrong), "{wrong:?}");
+    }
+}
+
+#[test]
+fn merge_moves_the_younger_map_into_the_older_whichever_of_them_is_here() {
+    let world = World::around(mono(), 88);
+    let map_from_world = Sim3::new(So3::exp(&Vec3::new(0.1, 2.0, -0.2)), Vec3::new(7.0, -1.0, 3.0), 2.0);
+    let (atlas, [older, younger], path) = two_maps(&world, &map_from_world);
+    for (here, old, there_from_here) in
+        [(younger[3], older[2], map_from_world.inverse()), (older[2], younger[3], map_from_world)]
+    {
+        let mut draft = Draft::new(atlas.latest());
+        correct::merge(&mut draft, atlas.latest().key_frame(here).unwrap(), old, &there_from_here);
+        let merged = draft.snapshot();
+        merged.check().expect("a sound map");
+        assert_eq!(merged.maps().map(|(id, _)| id).collect::<Vec<_>>(), [MapId(older[0])]);
+        assert!(merged.key_frame(here).unwrap().links.contains(&old));
+        for (id, truth) in older.iter().chain(&younger).zip(path.iter().chain(&path)) {
+            assert!(error(merged, *id, truth) < 1e-9, "{id:?}");
+        }
+    }
+}
+
+#[test]
+fn relax_distributes_what_a_loop_contradicts_and_leaves_what_is_fixed() {
+    let world = World::around(stereo(), 89);
+    let (atlas, ids, path) = lap(&world, 0.4);
+    let before = atlas.latest();
+    let (first, middle, last) = (ids[0], ids[LAP / 2], ids[LAP]);
+    let closed = [Loop { here: last, old: first, world_from_here: path[LAP].into() }];
+    let relaxed = |fixed: Option<KeyFrameId>| {
+        let changes =
+            relax(before, MapId(first), &closed, None, 1.0, Freedom::Metric, |id| Some(id) == fixed);
+        let mut draft = Draft::new(before);
+        draft.push(changes);
+        draft.snapshot().clone()
+    };
+    let after = relaxed(None);
+    assert!(error(before, last, &path[LAP]) > 0.35, "it had drifted");
+    assert!(error(&after, last, &path[LAP]) < 0.05, "{}", error(&after, last, &path[LAP]));
+    assert!(error(&after, middle, &path[LAP / 2]) < error(before, middle, &path[LAP / 2]));
+    assert_eq!(after.key_frame(first).unwrap().world_from_camera, path[0], "the root stays");
+    // Landmarks go with the first key frame that shows them.
+    let landmark = after.landmarks().find(|l| l.observations[0].key_frame == last).expect("one of its own");
+    let seen_from = |snapshot: &Snapshot| {
+        snapshot.key_frame(last).unwrap().world_from_camera.inverse()
+            * snapshot.landmark(landmark.id).unwrap().position
+    };
+    assert!((seen_from(&after) - seen_from(before)).norm() < 1e-9);
+    let held = relaxed(Some(middle));
+    let pose = |snapshot: &Snapshot| snapshot.key_frame(middle).unwrap().world_from_camera;
+    assert_eq!(pose(&held), pose(before));
+    assert_ne!(pose(&after), pose(before));
+}

@@ -3,8 +3,8 @@
 use crate::repeat;
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::{
-    Limits, Motion, Mppi, MppiConfig, Navigator, NavigatorConfig, Pursuit, PursuitConfig, ReferencePath,
-    Surroundings,
+    Limits, Mppi, MppiConfig, Navigator, NavigatorConfig, Pursuit, PursuitConfig, ReferencePath,
+    Surroundings, Twist,
 };
 use cairn_plan::{CostConfig, Costmap, Grid};
 use std::hint::black_box;
@@ -28,7 +28,7 @@ pub fn figures(willow: &Grid<i8>) {
     });
     repeat("planned, smoothed, and the first steps", || {
         navigator.set_goal(goal);
-        black_box(navigator.step(0.0, &pose, Motion::stop(), &costs, None));
+        black_box(navigator.step(0.0, &pose, Twist::stop(), &costs, None));
     });
     let path: ReferencePath = navigator.path().expect("a path").clone();
     println!("    {:.1} m", path.length_m());
@@ -37,7 +37,7 @@ pub fn figures(willow: &Grid<i8>) {
     let pose =
         Se2::from_xy_angle(at.x - 0.05 * direction.y, at.y + 0.05 * direction.x, along.y.atan2(along.x));
     let around = Surroundings { field: costs.field(), moving: None, radius_m: 0.2 };
-    let motion = Motion::new(1.0, 0.0);
+    let motion = Twist::new(1.0, 0.0);
     let mut pursuit = Pursuit::new(PursuitConfig::new(Limits::differential_drive()));
     (0..5).for_each(|_| assert!(!pursuit.step(&pose, motion, &path, &around).reached));
     repeat("pure pursuit, regulated, 1 s looked ahead (goal: 0.05 ms)", || {

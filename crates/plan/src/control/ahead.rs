@@ -1,6 +1,6 @@
 //! Collision check: how far a body can go along an arc, and then along its path, before it touches something.
 
-use super::motion::{Motion, moved};
+use super::motion::{Twist, moved};
 use super::reference::ReferencePath;
 use crate::costmap::DynamicLayer;
 use crate::distance::DistanceField;
@@ -19,7 +19,7 @@ pub struct Surroundings<'a> {
 
 /// Result of the collision check.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ahead {
+pub struct CollisionCheck {
     /// Metres that are free; the distance checked if nothing is in the way.
     pub free_m: f64,
     /// Whether something is in the way.
@@ -47,11 +47,11 @@ impl Surroundings<'_> {
     pub fn ahead(
         &self,
         world_from_body: &Se2,
-        motion: Motion,
+        motion: Twist,
         arc_m: f64,
         path: Option<(&ReferencePath, f64)>,
         reach_m: f64,
-    ) -> Ahead {
+    ) -> CollisionCheck {
         let step_m = 0.5 * self.field.frame().resolution_m();
         let speed = motion.linear.abs().max(0.1);
         let here = self.wall_clearance_m(world_from_body.translation);
@@ -61,7 +61,7 @@ impl Surroundings<'_> {
         let moving_here = moving_m(world_from_body.translation, 0.0);
         let is_too_near = moving_here < self.radius_m;
         let mut seen =
-            Ahead { free_m: reach_m.max(0.0), blocked: false, by_moving: false, clearance_m: here };
+            CollisionCheck { free_m: reach_m.max(0.0), blocked: false, by_moving: false, clearance_m: here };
         let (mut gone_m, mut pose) = (0.0, *world_from_body);
         while gone_m < reach_m {
             gone_m += step_m;
@@ -81,7 +81,7 @@ impl Surroundings<'_> {
             };
             if wall < allowed || comes_near {
                 let free_m = (gone_m - step_m).max(0.0);
-                return Ahead { free_m, blocked: true, by_moving: wall >= allowed, ..seen };
+                return CollisionCheck { free_m, blocked: true, by_moving: wall >= allowed, ..seen };
             }
         }
         seen
@@ -104,11 +104,11 @@ mod tests {
         let around = Surroundings { field: &field, moving: Some(&moving), radius_m: 0.2 };
         let at = |angle: f64| Se2::from_xy_angle(3.0, 3.0, angle);
         assert!(moving.clearance_m(at(0.0).translation, 0.0) < 0.2, "too near");
-        let go = Motion::new(0.3, 0.0);
+        let go = Twist::new(0.3, 0.0);
         let blocked = |angle: f64| around.ahead(&at(angle), go, 1.0, None, 1.0).blocked;
         assert!(blocked(0.0) && blocked(0.5), "towards him");
         assert!(!blocked(std::f64::consts::PI) && !blocked(2.0), "away");
-        let back = around.ahead(&at(0.0), Motion::new(-0.3, 0.0), 0.5, None, 0.5);
+        let back = around.ahead(&at(0.0), Twist::new(-0.3, 0.0), 0.5, None, 0.5);
         assert!(!back.blocked, "backwards");
         // From farther away he is kept clear of as ever.
         let far = around.ahead(&Se2::from_xy_angle(2.0, 3.0, 0.0), go, 2.0, None, 2.0);

@@ -15,9 +15,9 @@ mod step;
 pub mod trial;
 mod way_out;
 
-pub use ahead::{Ahead, Surroundings};
+pub use ahead::{CollisionCheck, Surroundings};
 pub use config::NavigatorConfig;
-pub use motion::{Limits, LimitsError, Motion, moved};
+pub use motion::{Limits, LimitsError, Twist, moved};
 pub use mppi::{Mppi, MppiConfig};
 pub use navigator::Navigator;
 pub use pursuit::{Following, Pursuit, PursuitConfig};

@@ -2,16 +2,16 @@
 
 use cairn_geometry::{Se2, So2, Vec2};
 
-/// Speed along the heading and yaw rate.
+/// Speed along the heading and yaw rate, as in ROS's `geometry_msgs/Twist`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Motion {
+pub struct Twist {
     /// Forwards, in m/s.
     pub linear: f64,
     /// Counter-clockwise, in rad/s.
     pub angular: f64,
 }
 
-impl Motion {
+impl Twist {
     /// From linear and angular speed.
     pub fn new(linear: f64, angular: f64) -> Self {
         Self { linear, angular }
@@ -88,11 +88,11 @@ impl Limits {
 
     /// The motion nearest to `wish` that can be reached within `dt_s` from `from`. A wish that is not finite means
     /// stop; limits that are not valid, and a time that is none, stop at once.
-    pub fn reachable(&self, from: Motion, wish: Motion, dt_s: f64) -> Motion {
+    pub fn reachable(&self, from: Twist, wish: Twist, dt_s: f64) -> Twist {
         if self.check().is_err() || !(dt_s.is_finite() && dt_s >= 0.0) {
-            return Motion::stop();
+            return Twist::stop();
         }
-        let wish = if wish.linear.is_finite() && wish.angular.is_finite() { wish } else { Motion::stop() };
+        let wish = if wish.linear.is_finite() && wish.angular.is_finite() { wish } else { Twist::stop() };
         let linear = wish.linear.clamp(-self.backwards, self.linear);
         let angular = wish.angular.clamp(-self.angular, self.angular);
         // Towards zero the deceleration limit applies, away from it the acceleration limit.
@@ -100,7 +100,7 @@ impl Limits {
             |from: f64, to: f64| if to.abs() < from.abs() { self.deceleration } else { self.acceleration };
         let step = rate(from.linear, linear) * dt_s;
         let turn = self.angular_acceleration * dt_s;
-        Motion {
+        Twist {
             linear: from.linear + (linear - from.linear).clamp(-step, step),
             angular: from.angular + (angular - from.angular).clamp(-turn, turn),
         }
@@ -114,7 +114,7 @@ impl Limits {
 }
 
 /// The pose after a constant motion for `dt_s`: an exact arc.
-pub fn moved(world_from_body: &Se2, motion: Motion, dt_s: f64) -> Se2 {
+pub fn moved(world_from_body: &Se2, motion: Twist, dt_s: f64) -> Se2 {
     let (distance, angle) = (motion.linear * dt_s, motion.angular * dt_s);
     // Chord of the arc; its direction is half of the turn.
     let half = 0.5 * angle;

@@ -9,9 +9,9 @@
 
 use super::ahead::Surroundings;
 use super::delay::PendingCommands;
-use super::motion::{Limits, Motion};
+use super::motion::{Limits, Twist};
 use super::pursuit::Following;
-use super::reference::ReferencePath;
+use super::reference::{Progress, ReferencePath};
 use cairn_geometry::{Se2, Vec2};
 use cairn_random::Random;
 
@@ -102,7 +102,7 @@ struct Rollouts {
 #[derive(Clone)]
 pub struct Mppi {
     config: MppiConfig,
-    plan: Vec<Motion>,
+    plan: Vec<Twist>,
     noise: Vec<f32>,
     random: Random,
     rollouts: Rollouts,
@@ -131,7 +131,7 @@ impl Mppi {
         let all = config.rollouts * config.steps;
         Self {
             config,
-            plan: vec![Motion::stop(); config.steps],
+            plan: vec![Twist::stop(); config.steps],
             noise,
             random,
             rollouts: Rollouts::default(),
@@ -151,11 +151,11 @@ impl Mppi {
     /// Switches to another path, starting `along_m` from its beginning; earlier commands still count.
     pub fn restart(&mut self, along_m: f64) {
         (self.along_m, self.reached) = (along_m, false);
-        self.plan.fill(Motion::stop());
+        self.plan.fill(Twist::stop());
     }
 
     /// Records a command that came from elsewhere: a turn in place or a recovery.
-    pub fn commanded(&mut self, motion: Motion) {
+    pub fn commanded(&mut self, motion: Twist) {
         self.pending.push(motion);
     }
 
@@ -163,17 +163,15 @@ impl Mppi {
     pub fn step(
         &mut self,
         world_from_body: &Se2,
-        motion: Motion,
+        motion: Twist,
         path: &ReferencePath,
         around: &Surroundings,
     ) -> Following {
         let c = self.config;
         let (pose, now) = self.pending.foreseen(world_from_body, motion);
-        let projection = path.project(pose.translation, self.along_m - 0.3, self.along_m + 1.0);
-        self.along_m = projection.along_m;
-        let left_m = path.length_m() - projection.along_m;
-        let to_end = (path.end() - pose.translation).norm();
-        self.reached |= to_end <= c.goal_tolerance_m && left_m <= 2.0 * c.goal_tolerance_m;
+        let here = path.progress(pose.translation, self.along_m, c.goal_tolerance_m);
+        let Progress { projection, left_m, at_end } = here;
+        (self.along_m, self.reached) = (projection.along_m, self.reached || at_end);
         let targets = self.targets(path, around, now);
         self.plan.rotate_left(1);
         if let [.., before, last] = self.plan.as_mut_slice() {
@@ -184,11 +182,11 @@ impl Mppi {
         let wish = self.plan.first().copied().unwrap_or_default();
         let curvature = wish.angular / wish.linear.max(0.1);
         let reach_m = (now.linear.max(0.0) + 0.3).min(left_m);
-        let arc = Motion::new(1.0, curvature);
+        let arc = Twist::new(1.0, curvature);
         let ahead =
             around.ahead(&pose, arc, 0.3f64.min(left_m), Some((path, projection.along_m + 0.3)), reach_m);
         let blocked = ahead.blocked && ahead.free_m <= c.stop_distance_m;
-        let mut wish = if self.reached { Motion::stop() } else { wish };
+        let mut wish = if self.reached { Twist::stop() } else { wish };
         if ahead.blocked {
             let free_m = ahead.free_m - c.stop_distance_m;
             wish.linear = wish.linear.min(c.limits.speed_to_stop_within(free_m, c.period_s));
@@ -199,7 +197,7 @@ impl Mppi {
     }
 
     /// The reference at each step, at a speed that curves and the goal allow.
-    fn targets(&self, path: &ReferencePath, around: &Surroundings, now: Motion) -> Vec<Target> {
+    fn targets(&self, path: &ReferencePath, around: &Surroundings, now: Twist) -> Vec<Target> {
         let c = &self.config;
         let frame = around.field.frame();
         let turn = frame.world_from_grid().inverse().rotation;
@@ -229,7 +227,7 @@ impl Mppi {
     }
 
     /// Rolls out all variants and stores their costs.
-    fn roll_out(&mut self, pose: &Se2, now: Motion, targets: &[Target], around: &Surroundings) {
+    fn roll_out(&mut self, pose: &Se2, now: Twist, targets: &[Target], around: &Surroundings) {
         let (c, n) = (self.config, self.config.rollouts);
         let frame = around.field.frame();
         let start = frame.in_cells(pose.translation);
@@ -305,7 +303,7 @@ fn draw(table: &[f32], random: &mut Random, before: Option<&[f32]>, noise: &mut 
 }
 
 /// Advances all bodies by one step, within their limits.
-fn advance(r: &mut Rollouts, plan: &Motion, noise: [&[f32]; 2], c: &MppiConfig, per_cell: f32) {
+fn advance(r: &mut Rollouts, plan: &Twist, noise: [&[f32]; 2], c: &MppiConfig, per_cell: f32) {
     let dt = c.period_s as f32;
     let (linear, angular) = (plan.linear as f32, plan.angular as f32);
     let (sigma_linear, sigma_angular) = (c.noise.0 as f32, c.noise.1 as f32);
@@ -382,14 +380,14 @@ mod tests {
         let at = Se2::from_xy_angle(0.5, 0.7, 0.0);
         let step = |limits: Limits| {
             let mut mppi = Mppi::new(MppiConfig::new(limits));
-            (0..3).map(|_| mppi.step(&at, Motion::stop(), &path, &around).motion).last().unwrap()
+            (0..3).map(|_| mppi.step(&at, Twist::stop(), &path, &around).motion).last().unwrap()
         };
         assert!(step(Limits::differential_drive()).linear > 0.0);
         for bad in [f64::NAN, -1.0, f64::INFINITY] {
-            assert_eq!(step(Limits { linear: bad, ..Limits::differential_drive() }), Motion::stop(), "{bad}");
+            assert_eq!(step(Limits { linear: bad, ..Limits::differential_drive() }), Twist::stop(), "{bad}");
             assert_eq!(
                 step(Limits { acceleration: bad, ..Limits::differential_drive() }),
-                Motion::stop(),
+                Twist::stop(),
                 "{bad}"
             );
         }

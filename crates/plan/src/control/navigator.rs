@@ -10,7 +10,7 @@
 
 use super::ahead::Surroundings;
 use super::config::NavigatorConfig;
-use super::motion::Motion;
+use super::motion::Twist;
 use super::mppi::Mppi;
 use super::path_finder::PathFinder;
 use super::pursuit::{Following, Pursuit};
@@ -104,7 +104,7 @@ impl Navigator {
         &mut self,
         time_s: f64,
         world_from_body: &Se2,
-        motion: Motion,
+        motion: Twist,
         costs: &Costmap,
         moving: Option<&DynamicLayer>,
     ) -> Step {
@@ -117,7 +117,7 @@ impl Navigator {
         &mut self,
         time_s: f64,
         world_from_body: &Se2,
-        motion: Motion,
+        motion: Twist,
         costs: &Costmap,
         local: &Costmap,
         moving: Option<&DynamicLayer>,
@@ -153,17 +153,17 @@ impl Navigator {
     }
 
     /// Slows down to a stop; at once from a motion that is not known.
-    fn stand(&mut self, motion: Motion, reason: Option<Reason>) -> Step {
+    fn stand(&mut self, motion: Twist, reason: Option<Reason>) -> Step {
         let is_known = motion.linear.is_finite() && motion.angular.is_finite();
-        let motion = if is_known { motion } else { Motion::stop() };
+        let motion = if is_known { motion } else { Twist::stop() };
         let p = &self.config.pursuit;
-        let motion = p.limits.reachable(motion, Motion::stop(), p.period_s);
+        let motion = p.limits.reachable(motion, Twist::stop(), p.period_s);
         self.commanded(motion);
         Step { state: self.state, motion, reason, following: None }
     }
 
     /// Informs both followers of a command that neither of them gave.
-    fn commanded(&mut self, motion: Motion) {
+    fn commanded(&mut self, motion: Twist) {
         self.pursuit.commanded(motion);
         self.predictive.iter_mut().for_each(|p| p.commanded(motion));
     }
@@ -172,7 +172,7 @@ impl Navigator {
     fn follower_step(
         &mut self,
         pose: &Se2,
-        motion: Motion,
+        motion: Twist,
         path: &ReferencePath,
         around: &Surroundings,
     ) -> Following {
@@ -202,7 +202,7 @@ impl Navigator {
         &mut self,
         time_s: f64,
         pose: &Se2,
-        motion: Motion,
+        motion: Twist,
         costs: &Costmap,
         moving: Option<&DynamicLayer>,
     ) -> Step {
@@ -234,7 +234,7 @@ impl Navigator {
         &mut self,
         time_s: f64,
         pose: &Se2,
-        motion: Motion,
+        motion: Twist,
         around: &Surroundings,
         everywhere: &Surroundings,
     ) -> Step {
@@ -253,7 +253,7 @@ impl Navigator {
         &mut self,
         time_s: f64,
         pose: &Se2,
-        motion: Motion,
+        motion: Twist,
         [around, everywhere]: [&Surroundings; 2],
         path: &ReferencePath,
     ) -> Step {
@@ -305,7 +305,7 @@ impl Navigator {
         &mut self,
         time_s: f64,
         pose: &Se2,
-        motion: Motion,
+        motion: Twist,
         around: &Surroundings,
         path: &ReferencePath,
     ) -> Option<Step> {
@@ -316,7 +316,7 @@ impl Navigator {
         let is_waiting = self.recovery == Recovery::Wait;
         let wait_s = if is_waiting && self.by_moving { self.config.passing_s } else { self.config.wait_s };
         let late = time_s - self.since_s > wait_s;
-        let order = |wish: Motion, reason: Reason, me: &mut Self| {
+        let order = |wish: Twist, reason: Reason, me: &mut Self| {
             let motion = p.limits.reachable(motion, wish, p.period_s);
             me.commanded(motion);
             Some(Step { state: State::Blocked, motion, reason: Some(reason), following: None })
@@ -325,7 +325,7 @@ impl Navigator {
             Recovery::Wait if !late => None,
             Recovery::Wait => {
                 (self.recovery, self.since_s) = (Recovery::Turn, time_s);
-                order(Motion::stop(), Reason::Turning, self)
+                order(Twist::stop(), Reason::Turning, self)
             }
             Recovery::Turn => {
                 let at = path.project(pose.translation, 0.0, path.length_m()).along_m;
@@ -333,16 +333,16 @@ impl Navigator {
                 let bearing = seen.y.atan2(seen.x);
                 if bearing.abs() < 0.2 || late {
                     (self.recovery, self.since_s) = (Recovery::BackUp { from: pose.translation }, time_s);
-                    return order(Motion::stop(), Reason::BackingUp, self);
+                    return order(Twist::stop(), Reason::BackingUp, self);
                 }
-                order(Motion::new(0.0, 0.5 * p.limits.angular * bearing.signum()), Reason::Turning, self)
+                order(Twist::new(0.0, 0.5 * p.limits.angular * bearing.signum()), Reason::Turning, self)
             }
             Recovery::BackUp { from } => {
                 let gone = (pose.translation - from).norm();
                 let behind =
-                    around.ahead(pose, Motion::new(-1.0, 0.0), f64::INFINITY, None, p.stop_distance_m + 0.1);
+                    around.ahead(pose, Twist::new(-1.0, 0.0), f64::INFINITY, None, p.stop_distance_m + 0.1);
                 if gone < self.config.back_up_m && !behind.blocked && time_s - self.since_s < 5.0 {
-                    return order(Motion::new(-p.limits.backwards, 0.0), Reason::BackingUp, self);
+                    return order(Twist::new(-p.limits.backwards, 0.0), Reason::BackingUp, self);
                 }
                 self.attempts += 1;
                 if self.attempts > self.config.attempts {

@@ -7,10 +7,10 @@
 //! cutting that the look-ahead point causes is compensated: the arc has the curvature of the path plus that of the arc
 //! that removes the remaining offset.
 
-use super::ahead::{Ahead, Surroundings};
+use super::ahead::{CollisionCheck, Surroundings};
 use super::delay::PendingCommands;
-use super::motion::{Limits, Motion};
-use super::reference::{Projection, ReferencePath};
+use super::motion::{Limits, Twist};
+use super::reference::{Progress, Projection, ReferencePath};
 use cairn_geometry::Se2;
 
 /// How a path is followed.
@@ -63,13 +63,13 @@ impl PursuitConfig {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Following {
     /// The motion to command.
-    pub motion: Motion,
+    pub motion: Twist,
     /// Where the body is on the path.
     pub projection: Projection,
     /// Remaining length of the path in metres.
     pub left_m: f64,
     /// Result of the collision check.
-    pub ahead: Ahead,
+    pub ahead: CollisionCheck,
     /// The goal is reached; the commanded motion is a stop.
     pub reached: bool,
     /// Something is within the stop distance; the commanded motion is a stop.
@@ -114,7 +114,7 @@ impl Pursuit {
     }
 
     /// Records a command that came from elsewhere, a recovery for instance.
-    pub fn commanded(&mut self, motion: Motion) {
+    pub fn commanded(&mut self, motion: Twist) {
         self.pending.push(motion);
     }
 
@@ -122,17 +122,15 @@ impl Pursuit {
     pub fn step(
         &mut self,
         world_from_body: &Se2,
-        motion: Motion,
+        motion: Twist,
         path: &ReferencePath,
         around: &Surroundings,
     ) -> Following {
         let c = self.config;
         let (pose, now) = self.pending.foreseen(world_from_body, motion);
-        let projection = path.project(pose.translation, self.along_m - 0.3, self.along_m + 1.0);
-        self.along_m = projection.along_m;
-        let left_m = path.length_m() - projection.along_m;
-        let to_end = (path.end() - pose.translation).norm();
-        self.reached |= to_end <= c.goal_tolerance_m && left_m <= 2.0 * c.goal_tolerance_m;
+        let here = path.progress(pose.translation, self.along_m, c.goal_tolerance_m);
+        let Progress { projection, left_m, at_end } = here;
+        (self.along_m, self.reached) = (projection.along_m, self.reached || at_end);
         let look_m = (now.linear.abs() * c.look_ahead_s).min(c.look_ahead_m.1).max(c.look_ahead_m.0);
         let (point, direction) = path.at(projection.along_m + look_m.min(left_m));
         // Beyond the end, the look-ahead point continues straight, so that the arc stays well defined.
@@ -141,26 +139,26 @@ impl Pursuit {
         let bearing = seen.y.atan2(seen.x);
         self.turning = bearing.abs() > if self.turning { 0.25 * c.turn_in_place } else { c.turn_in_place };
         let curvature = self.curvature(path, &pose, projection, look_m);
-        let arc = Motion::new(1.0, curvature);
+        let arc = Twist::new(1.0, curvature);
         let reach_m = (now.linear.max(0.0) + 0.3).min(left_m);
         let ahead =
             around.ahead(&pose, arc, look_m.min(left_m), Some((path, projection.along_m + look_m)), reach_m);
         let blocked = ahead.blocked && ahead.free_m <= c.stop_distance_m;
         let wish = if self.reached || (blocked && !self.turning) {
-            Motion::stop()
+            Twist::stop()
         } else if self.turning {
             let rate =
                 c.limits.angular.min((2.0 * c.limits.angular_acceleration * bearing.abs()).sqrt() * 0.7);
-            Motion::new(0.0, rate * bearing.signum())
+            Twist::new(0.0, rate * bearing.signum())
         } else {
             let speed = self.speed(path, curvature, projection, left_m, &ahead);
-            Motion::new(speed, speed * curvature)
+            Twist::new(speed, speed * curvature)
         };
         let mut order = c.limits.reachable(now, wish, c.period_s);
         if !self.turning && order.linear > 1e-3 {
             // The curvature is what keeps the body on the path: while the speed still changes, the yaw rate follows it.
             let turn = order.linear * curvature;
-            order.angular = c.limits.reachable(now, Motion::new(order.linear, turn), c.period_s).angular;
+            order.angular = c.limits.reachable(now, Twist::new(order.linear, turn), c.period_s).angular;
         }
         self.pending.push(order);
         Following { motion: order, projection, left_m, ahead, reached: self.reached, blocked }
@@ -186,7 +184,14 @@ impl Pursuit {
     }
 
     /// The regulated speed.
-    fn speed(&self, path: &ReferencePath, curvature: f64, at: Projection, left_m: f64, ahead: &Ahead) -> f64 {
+    fn speed(
+        &self,
+        path: &ReferencePath,
+        curvature: f64,
+        at: Projection,
+        left_m: f64,
+        ahead: &CollisionCheck,
+    ) -> f64 {
         let c = &self.config;
         let least = c.least_part * c.limits.linear;
         let in_curve = |k: f64| {

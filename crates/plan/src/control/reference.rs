@@ -11,6 +11,17 @@ pub struct Projection {
     pub lateral_m: f64,
 }
 
+/// How far a body has come along a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Progress {
+    /// Where it is.
+    pub projection: Projection,
+    /// Metres from there to the end.
+    pub left_m: f64,
+    /// Whether it is at the end.
+    pub at_end: bool,
+}
+
 /// A polyline with arc length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferencePath {
@@ -86,6 +97,14 @@ impl ReferencePath {
             }
         }
         best.1
+    }
+
+    /// How far a body has come that was at `along_m` a step ago; the end is reached within a tolerance.
+    pub(super) fn progress(&self, point: Vec2, along_m: f64, tolerance_m: f64) -> Progress {
+        let projection = self.project(point, along_m - 0.3, along_m + 1.0);
+        let left_m = self.length_m() - projection.along_m;
+        let at_end = (self.end() - point).norm() <= tolerance_m && left_m <= 2.0 * tolerance_m;
+        Progress { projection, left_m, at_end }
     }
 
     /// Curvature at this distance along the path in 1/m, positive to the left: the change of direction over `span_m`

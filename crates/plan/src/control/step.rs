@@ -1,6 +1,6 @@
 //! What a step of the navigator says: its state, the motion to command, and why.
 
-use super::motion::{LimitsError, Motion};
+use super::motion::{LimitsError, Twist};
 use super::pursuit::Following;
 use crate::search::NoPath;
 
@@ -87,7 +87,7 @@ pub struct Step {
     /// The state after the step.
     pub state: State,
     /// The motion to command.
-    pub motion: Motion,
+    pub motion: Twist,
     /// The reason, unless the path is simply being followed.
     pub reason: Option<Reason>,
     /// How the path is followed, while executing.

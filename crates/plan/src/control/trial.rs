@@ -1,6 +1,6 @@
 //! A simulated body to test followers: it moves with a delay and within its limits, and its odometry is noisy.
 
-use super::motion::{Limits, Motion, moved};
+use super::motion::{Limits, Twist, moved};
 use super::navigator::Navigator;
 use super::step::{Reason, State};
 use crate::costmap::{Costmap, DynamicLayer};
@@ -14,14 +14,14 @@ pub struct SimulatedBody {
     /// True pose.
     pub truth: Se2,
     /// True motion.
-    pub motion: Motion,
+    pub motion: Twist,
     /// Pose according to the odometry.
     pub odometry: Se2,
     limits: Limits,
     noise: f64,
     fix_every_s: f64,
     since_fix_s: f64,
-    waiting: VecDeque<Motion>,
+    waiting: VecDeque<Twist>,
     random: Random,
 }
 
@@ -41,18 +41,18 @@ impl SimulatedBody {
         Self {
             truth: at,
             odometry: at,
-            motion: Motion::stop(),
+            motion: Twist::stop(),
             limits,
             noise,
             fix_every_s,
             since_fix_s: 0.0,
-            waiting: VecDeque::from(vec![Motion::stop(); late]),
+            waiting: VecDeque::from(vec![Twist::stop(); late]),
             random: Random::new(seed),
         }
     }
 
     /// Simulates for a time under one command; `see` is called with the true pose every 5 ms.
-    pub fn go(&mut self, order: Motion, for_s: f64, mut see: impl FnMut(&Se2)) {
+    pub fn go(&mut self, order: Twist, for_s: f64, mut see: impl FnMut(&Se2)) {
         let before = self.truth;
         for _ in 0..(for_s / STEP_S).round() as usize {
             self.waiting.push_back(order);

@@ -2,6 +2,53 @@
 
 use crate::grid::{MAX_CELLS, MAX_SIDE};
 
+/// Why an image is not a readable grey image.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    /// There are no bytes.
+    #[error("the file is empty")]
+    EmptyFile,
+    /// It begins like neither of the two formats.
+    #[error("neither PGM (P2, P5) nor PNG")]
+    Format,
+    /// It has no pixels.
+    #[error("{0} x {1} pixels: the image is empty")]
+    NoPixels(usize, usize),
+    /// It has more pixels than a grid may have cells.
+    #[error("{0} x {1} pixels are too many")]
+    TooLarge(usize, usize),
+    /// Its pixels have more than 8 bits, or none.
+    #[error("grey values up to {0}: only 1 to 255 are read")]
+    Depth(usize),
+    /// A number is missing in a PGM, or too large.
+    #[error("{}a number is missing: truncated or no PGM", pixel.map(|k| format!("pixel {k}: ")).unwrap_or_default())]
+    Number {
+        /// The pixel that it should be of; `None` in the header.
+        pixel: Option<usize>,
+    },
+    /// The file ends before its last pixel.
+    #[error("truncated: {found} of {expected} pixels")]
+    Truncated {
+        /// Pixels in the file.
+        found: usize,
+        /// Pixels that its header states.
+        expected: usize,
+    },
+    /// A pixel is brighter than the header allows.
+    #[error("pixel {pixel} is {value}, above {greatest}")]
+    Bright {
+        /// Its index, row by row.
+        pixel: usize,
+        /// Its value.
+        value: usize,
+        /// Greatest value by the header.
+        greatest: usize,
+    },
+    /// The PNG is malformed.
+    #[error(transparent)]
+    Png(#[from] png::DecodingError),
+}
+
 /// A grey image, top row first; with alpha where the file has it.
 #[derive(Debug, PartialEq)]
 pub struct Pixels {
@@ -12,45 +59,45 @@ pub struct Pixels {
 }
 
 /// Reads a PGM or PNG, recognised by its first bytes.
-pub fn read(bytes: &[u8]) -> Result<Pixels, String> {
+pub fn read(bytes: &[u8]) -> Result<Pixels, ImageError> {
     match bytes {
         [b'P', b'2' | b'5', ..] => read_pgm(bytes),
         [0x89, b'P', b'N', b'G', ..] => read_png(bytes),
-        [] => Err("the file is empty".to_owned()),
-        _ => Err("neither PGM (P2, P5) nor PNG".to_owned()),
+        [] => Err(ImageError::EmptyFile),
+        _ => Err(ImageError::Format),
     }
 }
 
-fn checked(width: usize, height: usize) -> Result<usize, String> {
+fn checked(width: usize, height: usize) -> Result<usize, ImageError> {
     let fits = width <= MAX_SIDE && height <= MAX_SIDE && width * height <= MAX_CELLS;
     if width == 0 || height == 0 {
-        return Err(format!("{width} x {height} pixels: the image is empty"));
+        return Err(ImageError::NoPixels(width, height));
     }
-    if fits { Ok(width * height) } else { Err(format!("{width} x {height} pixels are too many")) }
+    if fits { Ok(width * height) } else { Err(ImageError::TooLarge(width, height)) }
 }
 
-fn read_pgm(bytes: &[u8]) -> Result<Pixels, String> {
+fn read_pgm(bytes: &[u8]) -> Result<Pixels, ImageError> {
     let mut rest = &bytes[2..];
     let [width, height, greatest] = [number(&mut rest)?, number(&mut rest)?, number(&mut rest)?];
     let pixels = checked(width, height)?;
     if greatest == 0 || greatest > 255 {
-        return Err(format!("grey values up to {greatest}: only 1 to 255 are read"));
+        return Err(ImageError::Depth(greatest));
     }
     let mut grey = if bytes[1] == b'5' {
         // A single white space ends the header.
         let data = rest.get(1..).unwrap_or_default();
         let whole = data.get(..pixels);
-        whole.ok_or_else(|| format!("truncated: {} of {pixels} pixels", data.len()))?.to_vec()
+        whole.ok_or(ImageError::Truncated { found: data.len(), expected: pixels })?.to_vec()
     } else {
         let mut grey = Vec::with_capacity(pixels.min(rest.len()));
         for k in 0..pixels {
-            let value = number(&mut rest).map_err(|e| format!("pixel {k} of {pixels}: {e}"))?;
-            grey.push(u8::try_from(value).map_err(|_| format!("pixel {k} is {value}, above {greatest}"))?);
+            let value = number(&mut rest).map_err(|_| ImageError::Number { pixel: Some(k) })?;
+            grey.push(u8::try_from(value).map_err(|_| ImageError::Bright { pixel: k, value, greatest })?);
         }
         grey
     };
     if let Some(k) = grey.iter().position(|&v| usize::from(v) > greatest) {
-        return Err(format!("pixel {k} is {}, above {greatest}", grey[k]));
+        return Err(ImageError::Bright { pixel: k, value: usize::from(grey[k]), greatest });
     }
     if greatest < 255 {
         grey.iter_mut().for_each(|v| *v = ((usize::from(*v) * 255 + greatest / 2) / greatest) as u8);
@@ -59,7 +106,7 @@ fn read_pgm(bytes: &[u8]) -> Result<Pixels, String> {
 }
 
 /// The next whole number in the text of a PGM, after white space and comments.
-fn number(rest: &mut &[u8]) -> Result<usize, String> {
+fn number(rest: &mut &[u8]) -> Result<usize, ImageError> {
     loop {
         match rest.first() {
             Some(b'#') => {
@@ -74,7 +121,7 @@ fn number(rest: &mut &[u8]) -> Result<usize, String> {
     let (text, after) = rest.split_at(digits);
     *rest = after;
     let value = std::str::from_utf8(text).ok().and_then(|t| t.parse::<u32>().ok());
-    value.map(|v| v as usize).ok_or_else(|| "a number is missing: truncated or no PGM".to_owned())
+    value.map(|v| v as usize).ok_or(ImageError::Number { pixel: None })
 }
 
 pub fn write_pgm(pixels: &Pixels) -> Vec<u8> {
@@ -83,17 +130,17 @@ pub fn write_pgm(pixels: &Pixels) -> Vec<u8> {
     bytes
 }
 
-fn read_png(bytes: &[u8]) -> Result<Pixels, String> {
+fn read_png(bytes: &[u8]) -> Result<Pixels, ImageError> {
     let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
-    let mut reader = decoder.read_info().map_err(|e| e.to_string())?;
+    let mut reader = decoder.read_info()?;
     let (width, height) = (reader.info().width as usize, reader.info().height as usize);
     let pixels = checked(width, height)?;
-    let mut data = vec![0; reader.output_buffer_size().ok_or("the image is too large")?];
-    let info = reader.next_frame(&mut data).map_err(|e| e.to_string())?;
+    let mut data = vec![0; reader.output_buffer_size().ok_or(ImageError::TooLarge(width, height))?];
+    let info = reader.next_frame(&mut data)?;
     let channels = info.color_type.samples();
     if data.len() < pixels * channels {
-        return Err("truncated".to_owned());
+        return Err(ImageError::Truncated { found: data.len() / channels, expected: pixels });
     }
     let has_alpha = channels % 2 == 0;
     let colours = channels - usize::from(has_alpha);
@@ -137,7 +184,7 @@ mod tests {
             (b"P2 1 1 255\n300", "300"),
             (b"P2 1 1 10\n11", "above 10"),
         ] {
-            let told = read(bytes).unwrap_err();
+            let told = read(bytes).unwrap_err().to_string();
             assert!(told.contains(word), "{told}");
         }
     }

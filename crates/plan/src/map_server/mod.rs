@@ -14,6 +14,7 @@ mod yaml;
 
 use crate::grid::{Grid, GridError, GridFrame};
 
+pub use image::ImageError;
 use image::Pixels;
 use std::path::{Path, PathBuf};
 pub use yaml::{Description, Mode, read_description, write_description};
@@ -43,12 +44,12 @@ pub enum MapFileError {
         reason: String,
     },
     /// The image is not a readable grey image.
-    #[error("{file}: {reason}")]
+    #[error("{file}: {source}")]
     Image {
         /// The file.
         file: PathBuf,
         /// What is wrong.
-        reason: String,
+        source: ImageError,
     },
     /// Size, resolution or origin do not give a valid grid.
     #[error("{file}: {source}")]
@@ -86,7 +87,7 @@ pub fn load(yaml: &Path) -> Result<(Grid<i8>, Description), MapFileError> {
     })?;
     let file = yaml.parent().unwrap_or(Path::new("")).join(&description.image);
     let pixels =
-        image::read(&open(&file)?).map_err(|reason| MapFileError::Image { file: file.clone(), reason })?;
+        image::read(&open(&file)?).map_err(|source| MapFileError::Image { file: file.clone(), source })?;
     let grid = to_grid(&pixels, &description).map_err(|source| MapFileError::Grid { file, source })?;
     Ok((grid, description))
 }

@@ -3,7 +3,7 @@
 use super::halls::{body, costs, hall, navigator, two_rooms};
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::{
-    Limits, LimitsError, Motion, Navigator, NavigatorConfig, PursuitConfig, Reason, State,
+    Limits, LimitsError, Navigator, NavigatorConfig, PursuitConfig, Reason, State, Twist,
 };
 use cairn_plan::search::{NoPath, Place};
 use cairn_plan::{Cell, CostConfig, Costmap};
@@ -114,7 +114,7 @@ fn bad_goals_and_poses_have_their_reasons() {
     let costs = costs(two_rooms());
     let at = Se2::from_xy_angle(1.0, 1.5, 0.0);
     let mut navigator = navigator();
-    assert_eq!(navigator.step(0.0, &at, Motion::stop(), &costs, None).state, State::Idle);
+    assert_eq!(navigator.step(0.0, &at, Twist::stop(), &costs, None).state, State::Idle);
     let wall = costs.frame().cell_at(Vec2::new(6.0, 5.0)).unwrap();
     for (goal, reason) in [
         (Vec2::new(f64::NAN, 1.0), NoPath::NotFinite(Place::Goal)),
@@ -122,20 +122,20 @@ fn bad_goals_and_poses_have_their_reasons() {
         (Vec2::new(6.0, 5.0), NoPath::Blocked { place: Place::Goal, cell: wall }),
     ] {
         navigator.set_goal(goal);
-        let step = navigator.step(0.0, &at, Motion::stop(), &costs, None);
+        let step = navigator.step(0.0, &at, Twist::stop(), &costs, None);
         assert_eq!((step.state, step.reason), (State::NoPath, Some(Reason::NoPath(reason))));
-        assert_eq!(step.motion, Motion::stop());
+        assert_eq!(step.motion, Twist::stop());
     }
     // The start is inside a wall.
     navigator.set_goal(Vec2::new(11.0, 1.5));
     let in_wall = Se2::from_xy_angle(6.0, 5.0, 0.0);
-    let step = navigator.step(0.0, &in_wall, Motion::stop(), &costs, None);
+    let step = navigator.step(0.0, &in_wall, Twist::stop(), &costs, None);
     let blocked = NoPath::Blocked { place: Place::Start, cell: wall };
     assert_eq!((step.state, step.reason), (State::NoPath, Some(Reason::NoPath(blocked))));
     // The pose is not finite while driving: the body slows down, and continues when the pose is valid again.
     navigator.set_goal(Vec2::new(11.0, 1.5));
-    navigator.step(0.0, &at, Motion::stop(), &costs, None);
-    let moving = Motion::new(0.5, 0.0);
+    navigator.step(0.0, &at, Twist::stop(), &costs, None);
+    let moving = Twist::new(0.5, 0.0);
     let step = navigator.step(0.1, &Se2::from_xy_angle(f64::NAN, 0.0, 0.0), moving, &costs, None);
     assert!(step.reason == Some(Reason::PoseInvalid) && step.motion.linear < 0.5);
     assert_eq!(navigator.step(0.2, &at, moving, &costs, None).state, State::Executing);
@@ -145,9 +145,9 @@ fn bad_goals_and_poses_have_their_reasons() {
     assert!(matches!(step.reason, Some(Reason::PoseJumped(m)) if (m - 1.8).abs() < 0.1), "{step:?}");
     assert!((navigator.path().unwrap().at(0.0).0 - elsewhere.translation).norm() < 1e-9);
     // The wheels say nothing of use: it stops as if it had stood.
-    for unknown in [Motion::new(f64::NAN, 0.0), Motion::new(0.5, f64::INFINITY)] {
+    for unknown in [Twist::new(f64::NAN, 0.0), Twist::new(0.5, f64::INFINITY)] {
         let step = navigator.step(0.35, &elsewhere, unknown, &costs, None);
-        assert_eq!((step.reason, step.motion), (Some(Reason::MotionInvalid), Motion::stop()));
+        assert_eq!((step.reason, step.motion), (Some(Reason::MotionInvalid), Twist::stop()));
     }
     navigator.cancel();
     assert_eq!(navigator.step(0.4, &elsewhere, moving, &costs, None).state, State::Idle);
@@ -158,10 +158,7 @@ fn bad_goals_and_poses_have_their_reasons() {
         navigator.set_goal(Vec2::new(11.0, 1.5));
         for k in 0..3 {
             let step = navigator.step(0.1 * f64::from(k), &at, moving, &costs, None);
-            assert_eq!(
-                (step.reason, step.motion),
-                (Some(Reason::LimitsInvalid(LimitsError)), Motion::stop())
-            );
+            assert_eq!((step.reason, step.motion), (Some(Reason::LimitsInvalid(LimitsError)), Twist::stop()));
         }
     }
 }

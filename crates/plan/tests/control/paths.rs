@@ -4,8 +4,8 @@ use super::halls::{body, costs, hall, navigator, two_rooms};
 use cairn_geometry::{Se2, Vec2};
 use cairn_plan::control::trial::{SimulatedBody, drive};
 use cairn_plan::control::{
-    Limits, Motion, Mppi, MppiConfig, Navigator, NavigatorConfig, PursuitConfig, ReferencePath, State,
-    Surroundings, moved,
+    Limits, Mppi, MppiConfig, Navigator, NavigatorConfig, PursuitConfig, ReferencePath, State, Surroundings,
+    Twist, moved,
 };
 use cairn_plan::search::AStar;
 use cairn_plan::smooth::{SmoothConfig, clearance_of, smooth};
@@ -158,13 +158,13 @@ fn limits_are_kept_and_arcs_are_exact() {
     let limits = Limits::differential_drive();
     assert!(limits.check().is_ok() && Limits { linear: f64::NAN, ..limits }.check().is_err());
     assert!(Limits { deceleration: 0.0, ..limits }.check().is_err());
-    let from = Motion::new(0.5, 0.0);
-    let fast = limits.reachable(from, Motion::new(9.0, -9.0), 0.1);
+    let from = Twist::new(0.5, 0.0);
+    let fast = limits.reachable(from, Twist::new(9.0, -9.0), 0.1);
     assert!((fast.linear - 0.6).abs() < 1e-12 && (fast.angular + 0.6).abs() < 1e-12);
-    let stop = limits.reachable(from, Motion::new(f64::NAN, 1.0), 0.1);
+    let stop = limits.reachable(from, Twist::new(f64::NAN, 1.0), 0.1);
     assert!((stop.linear - 0.35).abs() < 1e-12, "what is no number is to stop");
     // A quarter of a circle of radius 2.
-    let quarter = moved(&Se2::identity(), Motion::new(1.0, 0.5), std::f64::consts::PI);
+    let quarter = moved(&Se2::identity(), Twist::new(1.0, 0.5), std::f64::consts::PI);
     assert!((quarter.translation - Vec2::new(2.0, 2.0)).norm() < 1e-12);
     let v = limits.speed_to_stop_within(0.5, 0.1);
     assert!((v * 0.1 + v * v / (2.0 * limits.deceleration) - 0.5).abs() < 1e-12);

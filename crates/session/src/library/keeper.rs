@@ -15,7 +15,7 @@ use super::folder::{numbered, replace};
 use super::{MOST_KEY_FRAMES, WallClock, WallTime};
 use crate::disk::OwnDisk;
 use crate::slam::Slam;
-use cairn_atlas::store::MapFile;
+use cairn_atlas::store::{MapFile, StoreError};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
 use cairn_guide::{Anchor, Route};
@@ -96,7 +96,27 @@ pub struct Kept<S = Engine> {
 }
 
 /// A save on its thread: the bytes written or why not, and the seconds it took.
-type Saving = JoinHandle<(Result<u64, String>, f64)>;
+type Saving = JoinHandle<(Result<u64, StoreError>, f64)>;
+
+/// Why the atlas is not on disk as it is.
+#[derive(Debug, thiserror::Error)]
+pub enum KeepError {
+    /// It has become too large to be kept.
+    #[error("the map has {0} key frames, at most {MOST_KEY_FRAMES} are kept")]
+    TooLarge(usize),
+    /// A route of it could not be written.
+    #[error("{0}")]
+    Route(#[source] io::Error),
+    /// Its file could not be written.
+    #[error(transparent)]
+    Map(#[from] StoreError),
+    /// No thread could be begun to write it.
+    #[error("{0}")]
+    Thread(#[source] io::Error),
+    /// The thread that wrote it panicked.
+    #[error("saving the map failed by an error of the program")]
+    Panicked,
+}
 
 /// The keeper of an atlas.
 pub struct MapKeeper {
@@ -116,7 +136,7 @@ pub struct MapKeeper {
     last: Option<Stamp>,
     pause_s: f64,
     is_due: bool,
-    trouble: Option<String>,
+    trouble: Option<KeepError>,
 }
 
 impl MapKeeper {
@@ -209,8 +229,8 @@ impl MapKeeper {
     }
 
     /// Why the atlas is not on disk as it is, if so.
-    pub fn trouble(&self) -> Option<&str> {
-        self.trouble.as_deref()
+    pub fn trouble(&self) -> Option<&KeepError> {
+        self.trouble.as_ref()
     }
 
     pub(crate) fn wall(&self) -> &WallClock {
@@ -249,15 +269,12 @@ impl MapKeeper {
         self.folder.join(format!("atlas-{}.map", self.id))
     }
 
-    /// Waits for the save in progress and saves once more where the map has changed.
-    ///
-    /// # Errors
-    /// Why it is not on disk.
-    pub(crate) fn end(&mut self, engine: &impl Slam) -> Result<(), String> {
+    /// Waits for the save in progress and saves once more where the map has changed; [`MapKeeper::trouble`] tells whether it
+    /// is on disk.
+    pub(crate) fn end(&mut self, engine: &impl Slam) {
         self.wait();
         self.begin(engine);
         self.wait();
-        self.trouble.clone().map_or(Ok(()), Err)
     }
 
     /// Begins a save; true when trouble came.
@@ -269,12 +286,11 @@ impl MapKeeper {
         }
         let before = self.trouble.is_some();
         if count > MOST_KEY_FRAMES {
-            self.trouble =
-                Some(format!("the map has {count} key frames, at most {MOST_KEY_FRAMES} are kept"));
+            self.trouble = Some(KeepError::TooLarge(count));
             return !before;
         }
         if let Err(e) = self.write_routes() {
-            self.trouble = Some(e.to_string());
+            self.trouble = Some(KeepError::Route(e));
             return !before;
         }
         let version = snapshot.version();
@@ -286,12 +302,12 @@ impl MapKeeper {
         let path = self.path();
         let save = move || {
             let began = Instant::now();
-            let saved = file.save(&path).map_err(|e| e.to_string());
+            let saved = file.save(&path);
             (saved, began.elapsed().as_secs_f64())
         };
         match std::thread::Builder::new().name("cairn-save".into()).spawn(save) {
             Ok(work) => self.work = Some((version, work)),
-            Err(e) => self.trouble = Some(e.to_string()),
+            Err(e) => self.trouble = Some(KeepError::Thread(e)),
         }
         self.trouble.is_some() != before
     }
@@ -306,8 +322,8 @@ impl MapKeeper {
                 self.trouble = None;
                 self.pause_s = SAVE_EVERY_S.max(took_s / SAVING_SHARE);
             }
-            Ok((Err(why), _)) => self.trouble = Some(why),
-            Err(_) => self.trouble = Some("saving the map failed by an error of the program".into()),
+            Ok((Err(e), _)) => self.trouble = Some(e.into()),
+            Err(_) => self.trouble = Some(KeepError::Panicked),
         }
         self.trouble.is_some() != before
     }

@@ -28,7 +28,7 @@ impl RouteListed {
         entry: &RouteEntry,
         now: WallTime,
         phrases: &PhraseConfig,
-        why_not: Option<words::WhyNot>,
+        why_not: Option<words::RouteProblem>,
         loaded: bool,
     ) -> Self {
         Self {

@@ -13,7 +13,7 @@ pub(crate) mod words;
 use cairn_guide::PhraseConfig;
 pub use entry::RouteEntry;
 pub(crate) use folder::{RouteFolder, checked_name, latest, number_of};
-pub use keeper::{Kept, LibraryCamera, LibraryError, MapKeeper, RoutesLock};
+pub use keeper::{KeepError, Kept, LibraryCamera, LibraryError, MapKeeper, RoutesLock};
 pub use listed::RouteListed;
 pub use wall::{WallClock, WallTime};
 pub(crate) use words::SPOKEN;
@@ -22,7 +22,7 @@ pub(crate) use words::SPOKEN;
 pub fn routes_in(folder: &std::path::Path, now: WallTime, phrases: &PhraseConfig) -> Vec<RouteListed> {
     let mut routes = RouteFolder::new(folder);
     routes.refresh(None);
-    let damaged = |e: &RouteEntry| e.damage.as_ref().map(|_| words::WhyNot::Unreadable);
+    let damaged = |e: &RouteEntry| e.damage.as_ref().map(|_| words::RouteProblem::Unreadable);
     routes.newest_first().into_iter().map(|e| RouteListed::of(e, now, phrases, damaged(e), false)).collect()
 }
 

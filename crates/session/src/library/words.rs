@@ -10,7 +10,7 @@ pub(crate) const SPOKEN: usize = 5;
 
 /// Why a route cannot be walked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum WhyNot {
+pub(crate) enum RouteProblem {
     OtherMap,
     Unreadable,
 }
@@ -64,7 +64,7 @@ pub(crate) fn list<'a>(
 }
 
 /// That a route is at hand; with the reason why it cannot be walked, if so.
-pub(crate) fn loaded(route: &str, notes: usize, why_not: Option<WhyNot>, language: Language) -> String {
+pub(crate) fn loaded(route: &str, notes: usize, why_not: Option<RouteProblem>, language: Language) -> String {
     let route = match notes {
         0 => route.to_owned(),
         n => format!("{route}, {}", language.say("walk-with-notes", &[("count", n.into())])),
@@ -80,10 +80,10 @@ pub(crate) fn loaded(route: &str, notes: usize, why_not: Option<WhyNot>, languag
 }
 
 /// Why a route cannot be walked, after a colon.
-pub(crate) fn why_not(why: WhyNot, language: Language) -> String {
+pub(crate) fn why_not(why: RouteProblem, language: Language) -> String {
     language.text(match why {
-        WhyNot::OtherMap => "walk-why-other-map",
-        WhyNot::Unreadable => "walk-why-damaged",
+        RouteProblem::OtherMap => "walk-why-other-map",
+        RouteProblem::Unreadable => "walk-why-damaged",
     })
 }
 

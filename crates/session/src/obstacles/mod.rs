@@ -24,7 +24,7 @@ use cairn_sensor::{FramePacket, Rig, Stamp};
 use std::time::Instant;
 use strip::level;
 pub(crate) use watch::Found;
-use watch::{Sight, Watch};
+use watch::{ObstacleScan, Watch};
 
 /// A sensor that gave no usable depth for this long is blind, seconds.
 const BLIND_S: f64 = 1.0;
@@ -97,7 +97,7 @@ impl ObstacleMonitor {
         } else {
             let space = &self.space;
             let config = space.config();
-            let sight = Sight {
+            let sight = ObstacleScan {
                 obstacles: space.obstacles(),
                 reach_m: config.reach_m,
                 chest_m: config.chest_m,

@@ -70,7 +70,7 @@ pub(crate) struct Found {
 type DropAlong<'a> = dyn Fn(&[Vec2], f64, f64) -> Option<f64> + 'a;
 
 /// What a sensor shows around the walker.
-pub(super) struct Sight<'a> {
+pub(super) struct ObstacleScan<'a> {
     pub obstacles: Vec<Blocked>,
     /// Obstacles are known this far, metres.
     pub reach_m: f64,
@@ -117,7 +117,7 @@ struct Seen<'a> {
     guide: &'a Guide,
     walker: &'a Heading,
     now: Stamp,
-    sight: Sight<'a>,
+    sight: ObstacleScan<'a>,
     /// Metres that are free in each heading.
     free_m: Vec<f64>,
     /// The first obstacle on the route, and the one straight ahead of a walker who walks.
@@ -155,7 +155,7 @@ impl Watch {
     }
 
     /// Looks at the way of a walker, before a step of his guide.
-    pub fn look(&mut self, guide: &Guide, walker: &Heading, sight: Sight, now: Stamp) -> Found {
+    pub fn look(&mut self, guide: &Guide, walker: &Heading, sight: ObstacleScan, now: Stamp) -> Found {
         self.walked(guide, walker, now);
         let obstacles = &sight.obstacles;
         let half_m = half_within(obstacles, &walker.position, STRAIGHT_HALF_M[1]);
@@ -322,7 +322,7 @@ impl Watch {
     fn search(&mut self, seen: &Seen) -> Option<Plan> {
         let free = self.free_way(seen, self.slowed());
         let along_m = seen.on_route.map(|hit| hit.along_m);
-        let Seen { guide, walker, sight: Sight { obstacles, reach_m, .. }, .. } = seen;
+        let Seen { guide, walker, sight: ObstacleScan { obstacles, reach_m, .. }, .. } = seen;
         let reach_m = *reach_m;
         let free_from = |from: &Vec2, heading: f64, widest_m: f64| {
             let half_m = half_within(obstacles, from, widest_m.max(STRAIGHT_HALF_M[1]));

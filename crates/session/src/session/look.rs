@@ -44,7 +44,7 @@ impl<S: Slam> Session<S> {
             is_new: w.path.as_ref().is_none_or(|path| self.recorded_here.contains(path)),
         });
         s.question = self.asked.as_ref().map(|asked| asked.words.clone());
-        s.map_trouble = self.keeper.as_ref().and_then(|k| k.trouble().map(str::to_owned));
+        s.map_trouble = self.keeper.as_ref().and_then(|k| k.trouble().map(ToString::to_string));
         s.guiding = self.guiding.as_ref().map(|g| {
             let place = g.guide.place();
             GuidingStatus {

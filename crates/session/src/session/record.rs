@@ -173,7 +173,7 @@ impl<S: Slam> Session<S> {
             "" => language.text("walk-landmark"),
             text => text.to_owned(),
         };
-        recording.note(&text, side, &place).map_err(|id| Refused::new(language, id, &[]))?;
+        recording.note(&text, side, &place).map_err(|why| Refused::new(language, why.sentence(), &[]))?;
         Ok(words::noted(&text, side, language))
     }
 

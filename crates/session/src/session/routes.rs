@@ -2,7 +2,7 @@
 
 use super::{PendingQuestion, RouteAtHand, Session};
 use crate::command::RouteChoice;
-use crate::library::words::WhyNot;
+use crate::library::words::RouteProblem;
 use crate::library::{MOST_KEY_FRAMES, MOST_ROUTES, RouteEntry, RouteListed, checked_name, words};
 use crate::refused::Refused;
 use crate::slam::Slam;
@@ -30,10 +30,10 @@ impl<S: Slam> Session<S> {
     }
 
     /// Why a route cannot be walked in this session, if so.
-    pub(super) fn why_not(&self, entry: &RouteEntry) -> Option<WhyNot> {
+    pub(super) fn why_not(&self, entry: &RouteEntry) -> Option<RouteProblem> {
         match &entry.damage {
-            Some(_) => Some(WhyNot::Unreadable),
-            None => (!self.is_here(&entry.path, entry.atlas.as_deref())).then_some(WhyNot::OtherMap),
+            Some(_) => Some(RouteProblem::Unreadable),
+            None => (!self.is_here(&entry.path, entry.atlas.as_deref())).then_some(RouteProblem::OtherMap),
         }
     }
 
@@ -94,7 +94,7 @@ impl<S: Slam> Session<S> {
             Some(entry) => words::route(entry, (self.wall)(), self.speech.phrases()),
             None => self.short_name(Some(&path), &route),
         };
-        let why_not = (!here).then_some(WhyNot::OtherMap);
+        let why_not = (!here).then_some(RouteProblem::OtherMap);
         let text = words::loaded(&named, route.notes.len(), why_not, self.speech.language());
         self.route = Some(RouteAtHand { route, path: Some(path), here });
         Ok(match ended {
@@ -196,7 +196,7 @@ impl<S: Slam> Session<S> {
     pub(super) fn keep(&mut self) {
         let Some(keeper) = &mut self.keeper else { return };
         if keeper.pass(&self.engine, self.recording.is_some(), self.now) {
-            let trouble = keeper.trouble().map(str::to_owned);
+            let trouble = keeper.trouble().map(ToString::to_string);
             let saved = || self.speech.text("walk-map-saved");
             let words = trouble.map_or_else(saved, |why| self.speech.because("walk-map-not-saved", why));
             self.say(&words, Priority::High);

@@ -12,7 +12,7 @@ pub use senses::MotionSensors;
 pub use shutter::RollingCamera;
 pub use traits::PhoneTraits;
 
-use crate::walk::Motion;
+use crate::walk::ContinuousTrajectory;
 use cairn_geometry::Se3;
 
 /// Steps by which the settled motion is behind the last one given.
@@ -22,14 +22,14 @@ const BEHIND: usize = 2;
 #[derive(Clone, Debug)]
 pub struct PhoneMotion {
     dt: f64,
-    motion: Motion,
+    motion: ContinuousTrajectory,
     given: usize,
 }
 
 impl PhoneMotion {
     /// At rest at a pose of the camera in the world, at time 0; a step is `dt` seconds.
     pub fn new(dt: f64, world_from_camera: &Se3) -> Self {
-        Self { dt, motion: Motion::sampled(0.0, dt, &[*world_from_camera]), given: 1 }
+        Self { dt, motion: ContinuousTrajectory::sampled(0.0, dt, &[*world_from_camera]), given: 1 }
     }
 
     /// The camera's next pose, one step after the one before.
@@ -49,7 +49,7 @@ impl PhoneMotion {
     }
 
     /// The motion itself.
-    pub fn motion(&self) -> &Motion {
+    pub fn motion(&self) -> &ContinuousTrajectory {
         &self.motion
     }
 }

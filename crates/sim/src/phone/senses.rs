@@ -1,7 +1,7 @@
 //! The motion sensors of a phone: readings at uneven times, from where the sensors are, with noise, bias and rounding.
 
 use super::PhoneTraits;
-use crate::walk::Motion;
+use crate::walk::ContinuousTrajectory;
 use cairn_geometry::Vec3;
 use cairn_random::Random;
 use cairn_sensor::{GRAVITY_M_S2, ImuSample, Stamp};
@@ -34,7 +34,7 @@ impl MotionSensors {
     }
 
     /// The readings whose time is before `until_s` and that were not taken yet; stamps are times of the motion.
-    pub fn until(&mut self, motion: &Motion, until_s: f64) -> Vec<ImuSample> {
+    pub fn until(&mut self, motion: &ContinuousTrajectory, until_s: f64) -> Vec<ImuSample> {
         let mut out = Vec::new();
         while self.next_s < until_s {
             out.push(self.reading(motion, self.next_s));
@@ -50,7 +50,7 @@ impl MotionSensors {
 
     /// A point at `r` of a body that turns feels `a + alpha x r + omega x (omega x r)` (Goldstein, Classical mechanics,
     /// eq. 4.91, without the terms of a point that moves in the body).
-    fn reading(&mut self, motion: &Motion, t: f64) -> ImuSample {
+    fn reading(&mut self, motion: &ContinuousTrajectory, t: f64) -> ImuSample {
         let state = motion.state(t);
         let alpha = (motion.state(t + HALF_S).rate - motion.state(t - HALF_S).rate) / (2.0 * HALF_S);
         let (omega, r) = (state.rate, self.traits.imu_in_camera);

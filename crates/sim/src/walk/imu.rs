@@ -3,7 +3,7 @@
 //! Source: discrete noise from densities as in Crassidis, "Sigma-point Kalman filtering for integrated GPS and
 //! inertial navigation" (2006), eq. 4-6: white noise `sigma / sqrt(dt)`, bias step `sigma_walk * sqrt(dt)`.
 
-use super::Motion;
+use super::ContinuousTrajectory;
 use cairn_geometry::{Se3, Vec3};
 use cairn_random::Random;
 use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, ImuSensor, Stamp};
@@ -59,13 +59,13 @@ impl ImuSim {
     }
 
     /// The next sample; its time is nanoseconds after `epoch`.
-    pub fn next(&mut self, motion: &Motion, epoch: Stamp) -> ImuSample {
+    pub fn next(&mut self, motion: &ContinuousTrajectory, epoch: Stamp) -> ImuSample {
         let t = (self.next as f64 * 1e9 / self.config.rate_hz).round() as i64;
         self.next += 1;
         self.sample(motion, epoch, t)
     }
 
-    fn sample(&mut self, motion: &Motion, epoch: Stamp, t: i64) -> ImuSample {
+    fn sample(&mut self, motion: &ContinuousTrajectory, epoch: Stamp, t: i64) -> ImuSample {
         let state = motion.state(t as f64 * 1e-9);
         let force = state.acceleration + Vec3::z() * GRAVITY_M_S2;
         let mut gyro = state.rate;

@@ -10,7 +10,7 @@ mod troubles;
 mod walker;
 
 pub use imu::ImuConfig;
-pub use motion::{BodyState, Motion};
+pub use motion::{BodyState, ContinuousTrajectory};
 pub use readings::read_readings;
 pub use recorded::Agreement;
 pub use stride::Stride;

@@ -24,9 +24,9 @@ pub struct BodyState {
     pub rate: Vec3,
 }
 
-/// A motion that can be evaluated at any time; before its start and after its end the body stays at the end poses.
+/// A continuous-time trajectory, which can be evaluated at any time; before its start and after its end the body stays at the end poses.
 #[derive(Clone, Debug)]
-pub struct Motion {
+pub struct ContinuousTrajectory {
     curve: Curve,
     start: f64,
     end: f64,
@@ -56,7 +56,7 @@ fn same_sign(rows: &mut [Row]) {
     }
 }
 
-impl Motion {
+impl ContinuousTrajectory {
     /// From poses sampled every `dt` seconds from `start` on: the spline follows them closely (it smooths what is
     /// faster than a few samples).
     pub(crate) fn sampled(start: f64, dt: f64, poses: &[Se3]) -> Self {
@@ -71,7 +71,7 @@ impl Motion {
         Self { curve: Curve::Uniform { first: start - 3.0 * dt, dt, control }, start, end }
     }
 
-    /// One more sample at the end of a motion from [`Motion::sampled`]; what lies more than two samples before the end does
+    /// One more sample at the end of a motion from [`ContinuousTrajectory::sampled`]; what lies more than two samples before the end does
     /// not change by it.
     pub(crate) fn extend(&mut self, pose: &Se3) {
         let Curve::Uniform { dt, control, .. } = &mut self.curve else { return };
@@ -273,8 +273,8 @@ mod tests {
             Se3::new(turn, Vec3::new((0.3 * i as f64).sin(), i as f64 * 0.1, 1.0))
         };
         let poses: Vec<Se3> = (0..12).map(pose).collect();
-        let whole = Motion::sampled(0.0, 0.05, &poses);
-        let mut grown = Motion::sampled(0.0, 0.05, &poses[..1]);
+        let whole = ContinuousTrajectory::sampled(0.0, 0.05, &poses);
+        let mut grown = ContinuousTrajectory::sampled(0.0, 0.05, &poses[..1]);
         for (n, p) in poses.iter().enumerate().skip(1) {
             grown.extend(p);
             assert!((grown.end() - 0.05 * n as f64).abs() < 1e-12);
@@ -296,12 +296,12 @@ mod tests {
             )
         };
         let poses: Vec<(Stamp, Se3)> = (0..6).map(|i| (Stamp(100_000_000 * i), pose(i))).collect();
-        let m = Motion::through(&poses).unwrap();
+        let m = ContinuousTrajectory::through(&poses).unwrap();
         for (t, p) in &poses {
             let got = m.pose(t.seconds());
             assert!((got.translation - p.translation).norm() < 1e-12);
             assert!((got.rotation.inverse() * p.rotation).angle() < 1e-9);
         }
-        assert!(Motion::through(&poses[..2]).is_err());
+        assert!(ContinuousTrajectory::through(&poses[..2]).is_err());
     }
 }

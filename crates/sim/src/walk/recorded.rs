@@ -2,14 +2,14 @@
 //! clock.
 //!
 //! Input: measured body poses (markers, a tracker: noisy, with gaps, with a clock of their own) and the real readings.
-//! Output: a [`Motion`] that can be evaluated at any time, and how well the two agree. What is faster than a fraction
+//! Output: a [`ContinuousTrajectory`] that can be evaluated at any time, and how well the two agree. What is faster than a fraction
 //! of a second comes from the readings, what is slower from the poses: the readings are integrated over the whole
 //! recording, the difference to the poses is slow, and is smoothed by robust local quadratics (Cleveland, "Robust
 //! locally weighted regression", 1979). A bias, the direction of gravity and the accelerometer's zero offset are all
 //! in that slow difference. So are errors of the readings that are slower than the windows below: those remain, which
 //! is intended.
 
-use super::Motion;
+use super::ContinuousTrajectory;
 use cairn_geometry::{Mat3, Se3, So3, Vec3};
 use cairn_sensor::{ImuSample, SourceError, Stamp};
 use nalgebra::{SMatrix, SVector};
@@ -55,7 +55,7 @@ pub struct Agreement {
 /// The motion that is rendered.
 pub(crate) struct Recorded {
     /// Time 0 is `epoch`.
-    pub motion: Motion,
+    pub motion: ContinuousTrajectory,
     pub epoch: Stamp,
     pub agreement: Agreement,
 }
@@ -84,7 +84,7 @@ impl Recorded {
         if poses.len() < 20 || poses[poses.len() - 1].0 - poses[0].0 < 2.0 {
             return fail("they overlap by less than two seconds");
         }
-        let raw = Motion::through(&poses)?;
+        let raw = ContinuousTrajectory::through(&poses)?;
         let times: Vec<f64> = readings.iter().map(|s| s.stamp - first.stamp).collect();
         let sums = Sums::of_rotation(&times, readings, &Vec3::zeros());
         let measured = Measured {
@@ -107,7 +107,7 @@ impl Recorded {
         let (from, to) = (smooth.range.start, smooth.range.end);
         let stamped: Vec<(Stamp, Se3)> =
             readings[from..to].iter().map(|s| s.stamp).zip(smooth.poses.iter().copied()).collect();
-        let motion = Motion::through(&stamped)?;
+        let motion = ContinuousTrajectory::through(&stamped)?;
         let epoch = stamped[0].0;
         // Time 0 of the raw motion is its first pose, in the poses' clock.
         let raw_at = poses[0].0 - epoch;
@@ -347,15 +347,15 @@ fn local_quadratic(
 fn agreement(
     clock: &Clock,
     measured: &Measured,
-    smooth: &Motion,
-    raw: &Motion,
+    smooth: &ContinuousTrajectory,
+    raw: &ContinuousTrajectory,
     epoch: Stamp,
     origin: Stamp,
     readings: &[ImuSample],
 ) -> Agreement {
     let times: Vec<f64> = readings.iter().map(|s| s.stamp - epoch).collect();
     let sums = Sums::of_rotation(&times, readings, &clock.bias);
-    let rms = |motion: &Motion, shift: f64| {
+    let rms = |motion: &ContinuousTrajectory, shift: f64| {
         let (mut turn, mut acceleration) = (0.0, 0.0);
         for (t, s) in times.iter().zip(readings) {
             let state = motion.state(t - shift);
@@ -410,7 +410,7 @@ mod tests {
         };
         let fine: Vec<(Stamp, Se3)> =
             (0..11_000).map(|i| (Stamp(i * 1_000_000), pose(i as f64 * 1e-3))).collect();
-        let exact = Motion::through(&fine).unwrap();
+        let exact = ContinuousTrajectory::through(&fine).unwrap();
         let (gyro_bias, accel_bias) = (Vec3::new(0.01, -0.02, 0.08), Vec3::new(0.05, 0.1, -0.08));
         let readings: Vec<ImuSample> = (0..2190)
             .map(|i| {

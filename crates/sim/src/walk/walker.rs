@@ -4,7 +4,7 @@
 //! window (which rounds corners and gives smooth starts); then the gait is added; a quintic spline through that
 //! is the motion. Gait: vertical motion at the step rate, sway at half of it (Inman, "Human walking", 1981).
 
-use super::Motion;
+use super::ContinuousTrajectory;
 use cairn_geometry::{Mat3, Se3, So3, Vec2, Vec3};
 use std::f64::consts::{PI, TAU};
 
@@ -64,7 +64,7 @@ const SMOOTH_HEADING_S: f64 = 0.24;
 
 impl Walker {
     /// The body's motion along a polyline from time 0; for empty and single-point routes it stands still for a second.
-    pub fn motion(&self, points: &[Vec2]) -> Motion {
+    pub fn motion(&self, points: &[Vec2]) -> ContinuousTrajectory {
         let plan = self.plan(points);
         let total = plan.nodes.last().map_or(1.0, |n| n.0);
         let n = (total * RATE_HZ).ceil() as usize + 1;
@@ -86,7 +86,7 @@ impl Walker {
             phase += Self::steps_per_s(pace) * TAU / RATE_HZ;
             poses.push(self.body(Vec2::new(x[i], y[i]), heading[i], phase, (pace / 0.8).clamp(0.0, 1.0)));
         }
-        Motion::sampled(0.0, 1.0 / RATE_HZ, &poses)
+        ContinuousTrajectory::sampled(0.0, 1.0 / RATE_HZ, &poses)
     }
 
     /// Steps a second at a pace in m/s: step lengths of 0.55 to 0.7 m, the rate grows with the square root of the pace.

@@ -7,15 +7,13 @@ use super::frames::Frames;
 use super::realsense::{Recorder, stream};
 use super::topics::{Chosen, namespace};
 use crate::bag_reader::{BagReader, ImuTopics, median_step_ns};
+use crate::rig::CalibrationError;
 use cairn_bag::{CameraInfo, MessageKind, static_transforms, stereo_left_from_right};
 use cairn_geometry::Se3;
-use cairn_sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
+use cairn_sensor::{DepthSensor, ImuNoise, ImuSensor, Rig, RigCamera, SourceError, is_registered};
 
 /// Noise of a phone's IMU, for one whose calibration is not in the bag.
 const USUAL_NOISE: ImuNoise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
-
-/// Extrinsics below this are none: depth and camera are one, metres and radians.
-const SAME_PLACE: f64 = 1e-6;
 
 const GIVE_RIG: &str = "give its calibration with --rig FILE";
 
@@ -212,12 +210,6 @@ impl Scene {
             let why = format!("where {} is, seen from {}, is not in tf_static", depth.frame, left.frame);
             SourceError::new(shown, format!("{}: {why}", depth.name), GIVE_RIG)
         })?;
-        let together =
-            left_from_depth.translation.norm() < SAME_PLACE && left_from_depth.rotation.angle() < SAME_PLACE;
-        let (a, b) = (&left.camera, &depth.camera);
-        let close = |x: f64, y: f64| (x - y).abs() < 1e-3;
-        let alike = (a.width, a.height) == (b.width, b.height)
-            && [(a.fx, b.fx), (a.fy, b.fy), (a.cx, b.cx), (a.cy, b.cy)].iter().all(|(x, y)| close(*x, *y));
         let metres_per_unit = match &self.recorder {
             Some(recorder) => {
                 if recorder.depth_unit.1 {
@@ -228,22 +220,29 @@ impl Scene {
             // REP 118; metres become millimetres when they are read.
             None => 0.001,
         };
-        let registered = together && alike;
-        let camera = if registered { *a } else { *b };
+        let registered = is_registered(&left.camera, &depth.camera, &left_from_depth);
+        let camera = if registered { left.camera } else { depth.camera };
         Ok(DepthSensor { camera, body_from_depth: left_from_depth, metres_per_unit, registered })
     }
 
-    /// `left_from_imu`; `None` without an IMU, an error text where its place is unknown.
-    fn imu(&self, bag: &mut BagReader, chosen: &Chosen, left: &Calibrated) -> Option<Result<Se3, String>> {
+    /// `left_from_imu`; `None` without an IMU, an error where its place is unknown.
+    fn imu(
+        &self,
+        bag: &mut BagReader,
+        chosen: &Chosen,
+        left: &Calibrated,
+    ) -> Option<Result<Se3, CalibrationError>> {
+        let unknown = |why: String| Err(CalibrationError(why));
         let (ImuTopics::One(topic) | ImuTopics::Split { gyro: topic, .. }) = chosen.imu else { return None };
         let name = bag.topics().get(topic).map_or(String::new(), |t| t.name.clone());
         let frame = match self.recorder {
             Some(_) => Some(stream(&name).to_owned()),
             None => bag.imu_frame(topic).filter(|frame| !frame.is_empty()),
         };
-        let Some(frame) = frame else { return Some(Err(format!("{name} names no frame"))) };
+        let Some(frame) = frame else { return Some(unknown(format!("{name} names no frame"))) };
         let place = self.frames.between(&left.frame, &frame);
         let place = place.filter(|_| frame != left.frame);
-        Some(place.ok_or_else(|| format!("where {frame} is, seen from {}, is not in tf_static", left.frame)))
+        let nowhere = || unknown(format!("where {frame} is, seen from {}, is not in tf_static", left.frame));
+        Some(place.map_or_else(nowhere, Ok))
     }
 }

@@ -36,13 +36,10 @@ impl Address {
             name: None,
         };
         if let Some(rest) = text.strip_prefix("rtmp-listen://") {
-            return Some(match listener(rest) {
-                Ok(name) => Ok(Self {
-                    name: Some(name.to_owned()),
-                    ..make(&["-listen", "1"], format!("rtmp://{rest}"), true, true)
-                }),
-                Err(why) => Err(SourceError::new(text, why, "write rtmp-listen://HOST:PORT/NAME")),
-            });
+            return Some(listener(rest, text).map(|name| Self {
+                name: Some(name.to_owned()),
+                ..make(&["-listen", "1"], format!("rtmp://{rest}"), true, true)
+            }));
         }
         if text.starts_with("rtmp://") || text.starts_with("rtmps://") {
             return Some(Ok(make(&["-rw_timeout", "5000000"], text.to_owned(), true, false)));
@@ -69,16 +66,17 @@ impl Address {
     }
 }
 
-/// Checks `HOST:PORT/NAME`; returns the name.
-fn listener(rest: &str) -> Result<&str, String> {
-    let (place, name) = rest.split_once('/').ok_or("has no name after the port")?;
-    let (host, port) = place.rsplit_once(':').ok_or("has no port")?;
+/// Checks the `HOST:PORT/NAME` of an address; returns the name.
+fn listener<'a>(rest: &'a str, address: &str) -> Result<&'a str, SourceError> {
+    let wrong = |why: String| SourceError::new(address, why, "write rtmp-listen://HOST:PORT/NAME");
+    let (place, name) = rest.split_once('/').ok_or_else(|| wrong("has no name after the port".into()))?;
+    let (host, port) = place.rsplit_once(':').ok_or_else(|| wrong("has no port".into()))?;
     if host.is_empty() || name.is_empty() {
-        return Err("host or name is empty".into());
+        return Err(wrong("host or name is empty".into()));
     }
     match port.parse::<u16>() {
         Ok(p) if p > 0 => Ok(name),
-        _ => Err(format!("\"{port}\" is not a port")),
+        _ => Err(wrong(format!("\"{port}\" is not a port"))),
     }
 }
 

@@ -3,9 +3,27 @@
 use super::yaml::{self, Node, Value};
 use crate::text::place;
 use cairn_geometry::{Mat3, Se3};
-use cairn_sensor::{Distortion, SourceError, check_rotation};
+use cairn_sensor::{Distortion, RigError, SourceError, check_rotation};
 use nalgebra::Matrix4;
 use std::path::{Path, PathBuf};
+
+/// What is wrong with a calibration; whoever reads the file adds its name and the line.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct CalibrationError(pub String);
+
+impl CalibrationError {
+    /// The same of a part of the calibration.
+    pub fn of(self, part: &str) -> Self {
+        Self(format!("{part}: {}", self.0))
+    }
+}
+
+impl From<RigError> for CalibrationError {
+    fn from(e: RigError) -> Self {
+        Self(e.to_string())
+    }
+}
 
 /// A YAML file.
 pub struct Document {
@@ -88,35 +106,37 @@ impl Document {
         if m.len() == 12 {
             m.extend([0.0, 0.0, 0.0, 1.0]);
         }
-        rigid(&m, what).map_err(|why| self.error(node.line, why))
+        rigid(&m, what).map_err(|e| self.error(node.line, e.0))
     }
 
     /// A lens by its name in EuRoC and Kalibr files.
     pub fn distortion(&self, line: usize, name: &str, c: &[f64]) -> Result<Distortion, SourceError> {
-        distortion(name, c).map_err(|why| self.error(line, why))
+        lens(name, c).map_err(|e| self.error(line, e.0))
     }
 }
 
-/// Sixteen numbers in row order as a rigid transform, or a description of what is wrong.
-pub fn rigid(m: &[f64], what: &str) -> Result<Se3, String> {
+/// Sixteen numbers in row order as a rigid transform.
+pub fn rigid(m: &[f64], what: &str) -> Result<Se3, CalibrationError> {
     if m.len() != 16 {
-        return Err(format!("{what} needs 4x4 numbers, here are {}", m.len()));
+        return Err(CalibrationError(format!("{what} needs 4x4 numbers, here are {}", m.len())));
     }
     let m = Matrix4::from_row_slice(m);
     let r: Mat3 = m.fixed_view::<3, 3>(0, 0).into();
-    check_rotation(what, &r).map_err(|e| e.to_string())?;
+    check_rotation(what, &r)?;
     if (m.row(3) - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)).norm() > 1e-6 {
-        return Err(format!("{what}: the last row must be 0 0 0 1"));
+        return Err(CalibrationError(format!("{what}: the last row must be 0 0 0 1")));
     }
     Ok(Se3::from_matrix(&m))
 }
 
-fn distortion(name: &str, c: &[f64]) -> Result<Distortion, String> {
-    let counted =
-        |wanted: &str| format!("{name} distortion needs {wanted} coefficients, here are {}", c.len());
+/// A lens by its name in Cairn's own files; the names of the other formats are accepted too.
+pub fn lens(name: &str, c: &[f64]) -> Result<Distortion, CalibrationError> {
+    let counted = |wanted: &str| {
+        CalibrationError(format!("{name} distortion needs {wanted} coefficients, here are {}", c.len()))
+    };
     match name.to_ascii_lowercase().as_str() {
         "none" | "" => match c.iter().find(|v| **v != 0.0) {
-            Some(v) => Err(format!("distortion is \"none\", but a coefficient is {v}")),
+            Some(v) => Err(CalibrationError(format!("distortion is \"none\", but a coefficient is {v}"))),
             None => Ok(Distortion::None),
         },
         "radtan" | "radial-tangential" | "plumb_bob" | "rational_polynomial" | "rational" => match *c {
@@ -141,13 +161,8 @@ fn distortion(name: &str, c: &[f64]) -> Result<Distortion, String> {
             [xi, alpha] => Ok(Distortion::DoubleSphere { xi, alpha }),
             _ => Err(counted("2")),
         },
-        other => Err(format!(
+        other => Err(CalibrationError(format!(
             "distortion \"{other}\" is not known (none, radtan, rational, inverse-radial-tangential, equidistant, fov, double-sphere are)"
-        )),
+        ))),
     }
-}
-
-/// A lens by its name in Cairn's own files; the names of the other formats are accepted too.
-pub fn lens(name: &str, c: &[f64]) -> Result<Distortion, String> {
-    distortion(name, c)
 }

@@ -12,7 +12,7 @@ mod ros;
 mod stella;
 mod yaml;
 
-pub use document::rigid;
+pub use document::CalibrationError;
 pub use euroc::folder as euroc_folder;
 pub use named::{NAMED_RIGS, NamedRig, named_rig};
 

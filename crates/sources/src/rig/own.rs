@@ -1,6 +1,6 @@
 //! Cairn's own rig files, in TOML; the crate's README has an example.
 
-use super::document::lens;
+use super::document::{CalibrationError, lens};
 use crate::text::{place, read_text};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, DepthSensor, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
@@ -97,7 +97,7 @@ pub fn read(path: &Path) -> Result<Rig, SourceError> {
         let line = e.span().map_or(0, |s| 1 + text[..s.start.min(text.len())].matches('\n').count());
         SourceError::new(place(path, line), e.message().to_owned(), "correct that line")
     })?;
-    build(file).map_err(|why| SourceError::new(path.display().to_string(), why, "correct the rig file"))
+    build(file).map_err(|e| SourceError::new(path.display().to_string(), e.0, "correct the rig file"))
 }
 
 /// The text of such a file.
@@ -127,20 +127,18 @@ pub fn write(rig: &Rig) -> Result<String, SourceError> {
     Ok(text.replace("\noffset_s", "\n# Seconds: t_imu + offset_s = t_image.\noffset_s"))
 }
 
-fn build(file: RigFile) -> Result<Rig, String> {
+fn build(file: RigFile) -> Result<Rig, CalibrationError> {
     let mut cameras = Vec::new();
     for (i, c) in file.cameras.into_iter().enumerate() {
         let name = c.name.unwrap_or_else(|| format!("cam{i}"));
-        let camera =
-            camera(c.resolution, c.focal, c.centre, c.distortion).map_err(|e| format!("{name}: {e}"))?;
-        let body_from_camera = pose(&c.body_from_camera).map_err(|e| format!("{name}: {e}"))?;
+        let camera = camera(c.resolution, c.focal, c.centre, c.distortion).map_err(|e| e.of(&name))?;
+        let body_from_camera = pose(&c.body_from_camera).map_err(|e| e.of(&name))?;
         cameras.push(RigCamera { name, camera, body_from_camera });
     }
     let depth = match file.depth {
         Some(d) => Some(DepthSensor {
-            camera: camera(d.resolution, d.focal, d.centre, d.distortion)
-                .map_err(|e| format!("depth: {e}"))?,
-            body_from_depth: pose(&d.body_from_depth).map_err(|e| format!("depth: {e}"))?,
+            camera: camera(d.resolution, d.focal, d.centre, d.distortion).map_err(|e| e.of("depth"))?,
+            body_from_depth: pose(&d.body_from_depth).map_err(|e| e.of("depth"))?,
             metres_per_unit: d.metres_per_unit,
             registered: d.registered,
         }),
@@ -148,7 +146,7 @@ fn build(file: RigFile) -> Result<Rig, String> {
     };
     let imu = match file.imu {
         Some(i) => Some(ImuSensor {
-            body_from_imu: pose(&i.body_from_imu).map_err(|e| format!("imu: {e}"))?,
+            body_from_imu: pose(&i.body_from_imu).map_err(|e| e.of("imu"))?,
             rate_hz: i.rate_hz,
             noise: ImuNoise {
                 gyro: i.gyro_noise,
@@ -168,7 +166,7 @@ fn camera(
     f: [f64; 2],
     c: [f64; 2],
     distortion: Option<LensFile>,
-) -> Result<Camera, String> {
+) -> Result<Camera, CalibrationError> {
     let distortion = match distortion {
         Some(l) => lens(&l.model, &l.coefficients)?,
         None => Distortion::None,
@@ -176,13 +174,14 @@ fn camera(
     Ok(Camera { distortion, ..Camera::pinhole(size[0], size[1], f[0], f[1], c[0], c[1]) })
 }
 
-fn pose(file: &PoseFile) -> Result<Se3, String> {
+fn pose(file: &PoseFile) -> Result<Se3, CalibrationError> {
     let ([x, y, z, w], [tx, ty, tz]) = (file.rotation_xyzw, file.translation_m);
     let norm = (x * x + y * y + z * z + w * w).sqrt();
     if norm.is_nan() || (norm - 1.0).abs() > 1e-2 {
-        return Err(format!("rotation_xyzw has the norm {norm}, a unit quaternion has 1"));
+        return Err(CalibrationError(format!("rotation_xyzw has the norm {norm}, a unit quaternion has 1")));
     }
-    let rotation = So3::from_xyzw(x, y, z, w).ok_or("rotation_xyzw is not a rotation")?;
+    let rotation = So3::from_xyzw(x, y, z, w);
+    let rotation = rotation.ok_or_else(|| CalibrationError("rotation_xyzw is not a rotation".into()))?;
     Ok(Se3::new(rotation, Vec3::new(tx, ty, tz)))
 }
 

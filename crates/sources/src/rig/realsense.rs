@@ -6,6 +6,7 @@
 //! right infrared camera, 50 mm to the right, has t = -0.05). The text has every size that the camera knows, and no noise of
 //! the IMU that could be used: that of a phone's is taken.
 
+use super::document::CalibrationError;
 use crate::text::place;
 use cairn_geometry::{Mat3, Se3, So3, Vec3};
 use cairn_sensor::{
@@ -79,7 +80,7 @@ pub fn rig(text: &str, wanted: &Choice, size: Option<[usize; 2]>) -> Result<Rig,
             "write it anew: rs-enumerate-devices -c > FILE",
         )
     };
-    let find = |names: &[&str]| calibration.camera(names, size).map_err(fail);
+    let find = |names: &[&str]| calibration.camera(names, size).map_err(|e| fail(e.0));
     const COLOUR: [&str; 1] = ["Color"];
     const LEFT: [&str; 2] = ["Infrared 1", "Infrared_1"];
     const RIGHT: [&str; 2] = ["Infrared 2", "Infrared_2"];
@@ -136,10 +137,10 @@ impl Calibration {
             let rest = &lines[i + 1..];
             match quoted.as_slice() {
                 [name, ..] if line.starts_with("Intrinsic of") => {
-                    all.cameras.push(((*name).to_owned(), camera(rest).map_err(wrong)?));
+                    all.cameras.push(((*name).to_owned(), camera(rest).map_err(|e| wrong(e.0))?));
                 }
                 [from, to, ..] if line.starts_with("Extrinsic from") => {
-                    let to_from = extrinsics(rest).map_err(wrong)?;
+                    let to_from = extrinsics(rest).map_err(|e| wrong(e.0))?;
                     all.extrinsics.push(((*to).to_owned(), (*from).to_owned(), to_from));
                 }
                 _ => {}
@@ -149,21 +150,21 @@ impl Calibration {
     }
 
     /// The camera of the first stream that is there, in this size.
-    fn camera(&self, names: &[&str], size: [usize; 2]) -> Result<(String, Camera), String> {
+    fn camera(&self, names: &[&str], size: [usize; 2]) -> Result<(String, Camera), CalibrationError> {
         let of = |c: &&(String, Camera)| names.contains(&c.0.as_str());
         let found = self.cameras.iter().filter(of).find(|(_, c)| [c.width, c.height] == size);
         found.cloned().ok_or_else(|| {
             let sizes: Vec<String> =
                 self.cameras.iter().filter(of).map(|(_, c)| format!("{}x{}", c.width, c.height)).collect();
             let [w, h] = size;
-            match sizes.is_empty() {
+            CalibrationError(match sizes.is_empty() {
                 true => format!("has no intrinsics of {}", names[0]),
                 false => format!(
                     "has {} in {}, not in {w}x{h}; append the size, FILE:848x480",
                     names[0],
                     sizes.join(", ")
                 ),
-            }
+            })
         })
     }
 
@@ -180,21 +181,25 @@ impl Calibration {
 }
 
 /// The lines after "Intrinsic of".
-fn camera(lines: &[&str]) -> Result<Camera, String> {
+fn camera(lines: &[&str]) -> Result<Camera, CalibrationError> {
     let value = |key: &str| {
         let line = lines.iter().take(9).find_map(|l| l.strip_prefix(key)?.trim_start().strip_prefix(':'));
-        line.map(str::trim).ok_or_else(|| format!("is not followed by {key}"))
+        line.map(str::trim).ok_or_else(|| CalibrationError(format!("is not followed by {key}")))
     };
     let number = |key: &str| {
         let text = value(key)?;
         text.parse::<f64>()
             .ok()
             .filter(|v| v.is_finite())
-            .ok_or_else(|| format!("{key} is \"{text}\", no number"))
+            .ok_or_else(|| CalibrationError(format!("{key} is \"{text}\", no number")))
     };
-    let side = |key: &str| value(key)?.parse::<usize>().map_err(|_| format!("{key} is no number of pixels"));
+    let side = |key: &str| {
+        let number = value(key)?.parse::<usize>();
+        number.map_err(|_| CalibrationError(format!("{key} is no number of pixels")))
+    };
     let coefficients: Vec<f64> = value("Coeffs")?.split_whitespace().filter_map(|c| c.parse().ok()).collect();
-    let c: [f64; 5] = coefficients.try_into().map_err(|_| "Coeffs are not five numbers".to_owned())?;
+    let c: [f64; 5] =
+        coefficients.try_into().map_err(|_| CalibrationError("Coeffs are not five numbers".into()))?;
     let distortion = match value("Distortion")? {
         _ if c == [0.0; 5] => Distortion::None,
         "None" => Distortion::None,
@@ -202,7 +207,7 @@ fn camera(lines: &[&str]) -> Result<Camera, String> {
         "Inverse Brown Conrady" => Distortion::InverseRadialTangential(c),
         "Brown Conrady" => Distortion::RadialTangential(c),
         "Kannala Brandt4" => Distortion::Equidistant([c[0], c[1], c[2], c[3]]),
-        other => return Err(format!("the lens \"{other}\" is not known")),
+        other => return Err(CalibrationError(format!("the lens \"{other}\" is not known"))),
     };
     let plain = Camera::pinhole(
         side("Width")?,
@@ -213,12 +218,12 @@ fn camera(lines: &[&str]) -> Result<Camera, String> {
         number("PPY")?,
     );
     let camera = Camera { distortion, ..plain };
-    camera.validate().map_err(|e| e.to_string())?;
+    camera.validate()?;
     Ok(camera)
 }
 
 /// The lines after "Extrinsic from".
-fn extrinsics(lines: &[&str]) -> Result<Se3, String> {
+fn extrinsics(lines: &[&str]) -> Result<Se3, CalibrationError> {
     let numbers = |line: &str| -> Vec<f64> {
         line.split_whitespace().filter_map(|v| v.parse().ok()).filter(|v: &f64| v.is_finite()).collect()
     };
@@ -226,7 +231,7 @@ fn extrinsics(lines: &[&str]) -> Result<Se3, String> {
     let rows = at.map(|at| &lines[at + 1..]).unwrap_or_default();
     let r: Vec<f64> = rows.iter().take(3).flat_map(|l| numbers(l)).collect();
     if r.len() != 9 {
-        return Err("is not followed by a rotation of three rows".into());
+        return Err(CalibrationError("is not followed by a rotation of three rows".into()));
     }
     let t = rows
         .iter()
@@ -234,10 +239,11 @@ fn extrinsics(lines: &[&str]) -> Result<Se3, String> {
         .find_map(|l| l.strip_prefix("Translation Vector:"))
         .map(numbers)
         .unwrap_or_default();
-    let [x, y, z] =
-        t.try_into().map_err(|_| "is not followed by a translation of three numbers".to_owned())?;
+    let [x, y, z] = t
+        .try_into()
+        .map_err(|_| CalibrationError("is not followed by a translation of three numbers".into()))?;
     let r = Mat3::from_row_slice(&r);
-    check_rotation("its rotation", &r).map_err(|e| e.to_string())?;
+    check_rotation("its rotation", &r)?;
     // Newer devices state the place of their IMU in millimetres.
     let t = Vec3::new(x, y, z);
     let t = if t.norm() > 1.0 { t * 1e-3 } else { t };

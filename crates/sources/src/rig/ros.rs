@@ -4,7 +4,7 @@
 //! Of a pair of files `left.yaml` and `right.yaml` (or `..._left`, `..._right`) the left one gives a stereo rig: the
 //! rectification matrices say how the raw cameras stand to the rectified ones, `P[3] = -fx * baseline` how far apart.
 
-use super::document::Document;
+use super::document::{CalibrationError, Document};
 use super::yaml::Node;
 use crate::text::read_text;
 use cairn_geometry::{Se3, So3, Vec3};
@@ -71,7 +71,7 @@ impl Info {
         };
         let model = any(&["distortion_model", "camera_model"]);
         let distortion = lens(model.and_then(Node::text).unwrap_or("plumb_bob"), &d)
-            .map_err(|why| doc.error(model.map_or(0, |n| n.line), why))?;
+            .map_err(|e| doc.error(model.map_or(0, |n| n.line), e.0))?;
         let camera = Camera {
             width: doc.number(need(&["image_width", "width"])?)? as usize,
             height: doc.number(need(&["image_height", "height"])?)? as usize,
@@ -104,7 +104,7 @@ impl Info {
 }
 
 /// OpenCV's order of coefficients: k1 k2 p1 p2 k3 k4 k5 k6, then those of a thin prism and a tilted sensor.
-fn lens(model: &str, d: &[f64]) -> Result<Distortion, String> {
+fn lens(model: &str, d: &[f64]) -> Result<Distortion, CalibrationError> {
     let rest_is_zero = |from: usize| d.iter().skip(from).all(|v| *v == 0.0);
     let c = |i: usize| d.get(i).copied().unwrap_or(0.0);
     match model {
@@ -114,14 +114,14 @@ fn lens(model: &str, d: &[f64]) -> Result<Distortion, String> {
             Ok(Distortion::RadialTangential([c(0), c(1), c(2), c(3), c(4)]))
         }
         "rational_polynomial" if rest_is_zero(8) => Ok(Distortion::Rational(std::array::from_fn(c))),
-        "plumb_bob" | "rational_polynomial" => Err(format!(
+        "plumb_bob" | "rational_polynomial" => Err(CalibrationError(format!(
             "{} coefficients of {model} are more than the lens model has (5, or 8 rational)",
             d.len()
-        )),
-        other => Err(format!(
+        ))),
+        other => Err(CalibrationError(format!(
             "distortion_model \"{other}\" with {} coefficients is not known (plumb_bob, rational_polynomial, equidistant are)",
             d.len()
-        )),
+        ))),
     }
 }
 

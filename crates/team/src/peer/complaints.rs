@@ -6,9 +6,9 @@ use std::mem::{Discriminant, discriminant};
 
 /// Says why messages are refused: the first of a kind, then the 10th, the 100th and so on.
 #[derive(Debug, Default)]
-pub struct Complaints(HashMap<Discriminant<Refused>, u64>);
+pub struct RefusalLog(HashMap<Discriminant<Refused>, u64>);
 
-impl Complaints {
+impl RefusalLog {
     /// What is to be said about this one, if anything.
     pub fn line(&mut self, why: &Refused) -> Option<String> {
         let count = self.0.entry(discriminant(why)).or_insert(0);

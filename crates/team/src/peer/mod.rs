@@ -23,7 +23,7 @@ mod publish;
 mod seal;
 mod traffic;
 
-pub use complaints::Complaints;
+pub use complaints::RefusalLog;
 pub use message::{
     BLOCK_BYTES, MAX_PART_BYTES, MAX_PEER_MESSAGE_BYTES, MAX_WORDS_PART_BYTES, MapSubscription, PeerKind,
 };

@@ -2,7 +2,7 @@
 
 use crate::team::{Team, identity, map, peer, received, talk};
 use cairn_random::Random;
-use cairn_team::peer::{BLOCK_BYTES, Complaints, Identity, MAX_PEER_MESSAGE_BYTES, Peer, TeamKey};
+use cairn_team::peer::{BLOCK_BYTES, Identity, MAX_PEER_MESSAGE_BYTES, Peer, RefusalLog, TeamKey};
 use cairn_team::{NetworkConfig, Refused, RobotId};
 use proptest::prelude::*;
 use std::collections::BTreeSet;
@@ -193,7 +193,7 @@ fn a_robot_killed_without_its_file_gets_its_map_back_from_the_others() {
 
 #[test]
 fn refusals_are_said_once_then_ever_more_rarely() {
-    let mut complaints = Complaints::default();
+    let mut complaints = RefusalLog::default();
     let lines: Vec<String> = (0..1000).filter_map(|_| complaints.line(&Refused::Seal)).collect();
     assert_eq!(lines.len(), 4, "{lines:?}");
     assert!(lines[3].starts_with("1000 messages were refused"), "{lines:?}");
@@ -256,7 +256,7 @@ fn loss_delay_a_minute_apart_garbage_replays_and_a_claimed_number_cost_nothing()
     for version in 0..9 {
         liar.publish(&map(7, version, 5000)).unwrap();
     }
-    let (mut complaints, mut said, mut noise) = (Complaints::default(), Vec::new(), Random::new(1));
+    let (mut complaints, mut said, mut noise) = (RefusalLog::default(), Vec::new(), Random::new(1));
     let mut played: Vec<Arc<Vec<u8>>> = Vec::new();
     let mut most = 0;
     for second in 0..90 {

@@ -3,7 +3,7 @@
 
 use super::Tracker;
 use crate::imu::InertialFilter;
-use crate::on_the_spot::Spot;
+use crate::on_the_spot::PureRotation;
 use crate::scale::PACE_SIGMA;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
 use crate::state::{Last, anchored_at};
@@ -49,7 +49,7 @@ impl Tracker {
         let is_aligned = self.dense.as_ref().is_some_and(|dense| dense.aligned().is_some());
         let good = predicted.filter(|predicted| self.may_coast(&frame, predicted));
         let (good, spot) = self.held_on_the_spot(&frame, good);
-        let is_on_the_spot = spot != Spot::No;
+        let is_on_the_spot = spot != PureRotation::No;
         let reckoned = self.reckoned().filter(|r| good.is_none() && r.may_coast());
         let carried = (good.as_ref().map(|b| (b.world_from_camera, b.position_sigma(), b.pose_covariance())))
             .or(reckoned.map(|r| (r.world_from_camera, r.sigma()[0], r.covariance)));
@@ -108,13 +108,13 @@ impl Tracker {
         &mut self,
         frame: &Arc<Frame>,
         predicted: Option<NavEstimate>,
-    ) -> (Option<NavEstimate>, Spot) {
-        let Some(predicted) = predicted else { return (None, Spot::No) };
+    ) -> (Option<NavEstimate>, PureRotation) {
+        let Some(predicted) = predicted else { return (None, PureRotation::No) };
         if self.camera.has_depth() {
-            return (Some(predicted), Spot::No);
+            return (Some(predicted), PureRotation::No);
         }
         let spot = self.spot.step(&self.camera, frame, &predicted.world_from_camera.rotation);
-        let held = (spot == Spot::New).then(|| InertialFilter::on_the_spot(&predicted)).flatten();
+        let held = (spot == PureRotation::New).then(|| InertialFilter::on_the_spot(&predicted)).flatten();
         (Some(held.unwrap_or(predicted)), spot)
     }
 

@@ -7,6 +7,8 @@ mod found;
 mod lost;
 mod scale;
 mod static_landmarks;
+#[cfg(test)]
+mod tests;
 mod turning;
 mod waiting;
 

@@ -1,7 +1,7 @@
 //! The picture of a scene: what is on the graphics card, and the shaders, which are those of the page (its `scene.js` and
 //! `shaded.js`).
 
-use super::gl::{self, Mesh, Program, Value};
+use super::gl::{self, DriverError, Mesh, Program, Value};
 use cairn_view::{Block, By, Disc, Line, Look, Marks, Palette, Scene, Shading, V3};
 use eframe::glow::Context;
 use std::collections::BTreeMap;
@@ -80,7 +80,7 @@ impl Canvas {
     ///
     /// # Errors
     /// What the driver says.
-    pub fn new(gl: &Context) -> Result<Self, String> {
+    pub fn new(gl: &Context) -> Result<Self, DriverError> {
         let discs = &[("place", 3), ("colour", 3), ("corner", 2), ("width", 1)];
         let lines = &[("place", 3), ("other", 3), ("side", 2), ("colour", 3), ("form", 2)];
         let shaded = &[("place", 3), ("normal", 3), ("born", 1)];
@@ -103,7 +103,7 @@ impl Canvas {
         scene: &Scene,
         marks: [Option<&Marks>; 2],
         f: &Frame,
-    ) -> Result<(), String> {
+    ) -> Result<(), DriverError> {
         let colours = Palette::DARK;
         gl::clear(gl, colours.canvas);
         self.keep_up(gl, scene, f)?;
@@ -171,21 +171,22 @@ impl Canvas {
     }
 
     /// Brings what has changed to the card, and takes from it what is not shown.
-    fn keep_up(&mut self, gl: &Context, scene: &Scene, f: &Frame) -> Result<(), String> {
+    fn keep_up(&mut self, gl: &Context, scene: &Scene, f: &Frame) -> Result<(), DriverError> {
         let mut unused: std::collections::BTreeSet<Of> = self.meshes.keys().copied().collect();
         let Self { shaded, meshes, .. } = self;
-        let mut put = |of: Of, version: u64, mesh: &dyn Fn() -> (Vec<f32>, Vec<u32>)| -> Result<(), String> {
-            unused.remove(&of);
-            if meshes.get(&of).is_some_and(|(known, _)| *known == version) {
-                return Ok(());
-            }
-            let (vertices, corners) = mesh();
-            let new = shaded.mesh(gl, &vertices, Some(&corners))?;
-            if let Some((_, old)) = meshes.insert(of, (version, new)) {
-                old.delete(gl);
-            }
-            Ok(())
-        };
+        let mut put =
+            |of: Of, version: u64, mesh: &dyn Fn() -> (Vec<f32>, Vec<u32>)| -> Result<(), DriverError> {
+                unused.remove(&of);
+                if meshes.get(&of).is_some_and(|(known, _)| *known == version) {
+                    return Ok(());
+                }
+                let (vertices, corners) = mesh();
+                let new = shaded.mesh(gl, &vertices, Some(&corners))?;
+                if let Some((_, old)) = meshes.insert(of, (version, new)) {
+                    old.delete(gl);
+                }
+                Ok(())
+            };
         for (id, part) in scene.surface.parts.iter().filter(|_| f.surface) {
             for (at, cube) in part.cubes.iter().filter(|(_, cube)| !cube.blocks.is_empty()) {
                 put(Of::Cube(*id, *at), cube.version, &|| joined(cube.blocks.values()))?;

@@ -8,6 +8,17 @@
 use eframe::egui_glow::ShaderVersion;
 use eframe::glow::{self, Context, HasContext};
 
+/// What the driver says is wrong.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct DriverError(String);
+
+impl From<String> for DriverError {
+    fn from(log: String) -> Self {
+        Self(log)
+    }
+}
+
 /// Vertices on the graphics card, as triangles.
 pub struct Mesh {
     array: glow::VertexArray,
@@ -43,7 +54,7 @@ impl Program {
         gl: &Context,
         [vertex, fragment]: [&str; 2],
         attributes: &'static [(&'static str, i32)],
-    ) -> Result<Self, String> {
+    ) -> Result<Self, DriverError> {
         let version = ShaderVersion::get(gl);
         let head = version.version_declaration();
         let is_new = version.is_new_shader_interface();
@@ -68,7 +79,7 @@ impl Program {
                 gl.shader_source(shader, &source);
                 gl.compile_shader(shader);
                 if !gl.get_shader_compile_status(shader) {
-                    return Err(gl.get_shader_info_log(shader));
+                    return Err(gl.get_shader_info_log(shader).into());
                 }
                 gl.attach_shader(program, shader);
                 gl.delete_shader(shader);
@@ -79,7 +90,7 @@ impl Program {
             gl.link_program(program);
             match gl.get_program_link_status(program) {
                 true => Ok(Self { program, attributes }),
-                false => Err(gl.get_program_info_log(program)),
+                false => Err(gl.get_program_info_log(program).into()),
             }
         }
     }
@@ -88,7 +99,7 @@ impl Program {
     ///
     /// # Errors
     /// What the driver says.
-    pub fn mesh(&self, gl: &Context, vertices: &[f32], corners: Option<&[u32]>) -> Result<Mesh, String> {
+    pub fn mesh(&self, gl: &Context, vertices: &[f32], corners: Option<&[u32]>) -> Result<Mesh, DriverError> {
         let bytes: Vec<u8> = vertices.iter().flat_map(|v| v.to_ne_bytes()).collect();
         let width: i32 = self.attributes.iter().map(|(_, n)| n).sum();
         let count = corners.map_or(vertices.len() / width as usize, <[u32]>::len) as i32;

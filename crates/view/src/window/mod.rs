@@ -19,6 +19,22 @@ const SAMPLES: u16 = 4;
 /// Pictures that are drawn until the window has its size, before one is written.
 const SETTLED: u32 = 4;
 
+/// Why there is no window, or no picture of it.
+#[derive(Debug, thiserror::Error)]
+pub enum WindowError {
+    /// The system gives no window.
+    #[error(transparent)]
+    System(#[from] eframe::Error),
+    /// The picture could not be written.
+    #[error("{}: {source}", path.display())]
+    Picture {
+        /// Its file.
+        path: PathBuf,
+        /// What went wrong.
+        source: png::EncodingError,
+    },
+}
+
 /// What the pipe tells.
 #[derive(Default)]
 struct Told {
@@ -33,7 +49,7 @@ struct Told {
 ///
 /// # Errors
 /// When the system gives no window, or the picture cannot be written.
-pub fn show(language: Language, picture: Option<PathBuf>) -> Result<(), String> {
+pub fn show(language: Language, picture: Option<PathBuf>) -> Result<(), WindowError> {
     let viewport = egui::ViewportBuilder::default().with_inner_size(SIZE).with_app_id("cairn-view");
     let options = eframe::NativeOptions {
         viewport,
@@ -65,7 +81,7 @@ pub fn show(language: Language, picture: Option<PathBuf>) -> Result<(), String> 
         };
         Ok(Box::new(app))
     };
-    eframe::run_native("Cairn", options, Box::new(begin)).map_err(|e| e.to_string())?;
+    eframe::run_native("Cairn", options, Box::new(begin))?;
     let why = failed.lock().unwrap_or_else(PoisonError::into_inner).take();
     why.map_or(Ok(()), Err)
 }
@@ -110,7 +126,7 @@ struct App {
     picture: Option<PathBuf>,
     settled: u32,
     /// Why the picture was not written.
-    failed: Arc<Mutex<Option<String>>>,
+    failed: Arc<Mutex<Option<WindowError>>>,
 }
 
 /// What is drawn in the window now.
@@ -158,9 +174,9 @@ impl App {
             })
         });
         if let Some(image) = shot {
-            if let Err(why) = write_png(path, &image) {
-                *self.failed.lock().unwrap_or_else(PoisonError::into_inner) =
-                    Some(format!("{}: {why}", path.display()));
+            if let Err(source) = write_png(path, &image) {
+                let why = WindowError::Picture { path: path.to_owned(), source };
+                *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(why);
             }
             self.picture = None;
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
@@ -174,14 +190,14 @@ impl App {
     }
 }
 
-fn write_png(path: &Path, image: &egui::ColorImage) -> Result<(), String> {
-    let file = std::fs::File::create(path).map_err(|e| e.to_string())?;
+fn write_png(path: &Path, image: &egui::ColorImage) -> Result<(), png::EncodingError> {
+    let file = std::fs::File::create(path)?;
     let [width, height] = image.size.map(|n| n as u32);
     let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
     let pixels: Vec<u8> = image.pixels.iter().flat_map(|p| [p.r(), p.g(), p.b()]).collect();
-    let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
-    writer.write_image_data(&pixels).map_err(|e| e.to_string())?;
-    writer.finish().map_err(|e| e.to_string())
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&pixels)?;
+    writer.finish()
 }

@@ -65,7 +65,7 @@ pub fn import_dbow2(mut text: impl BufRead) -> Result<Vocabulary, Dbow2Error> {
     if next(&mut buffer)?.is_none() {
         return Err(Dbow2Error::Line(1, "the file is empty".into()));
     }
-    let [branching, depth] = header(&buffer).map_err(|why| Dbow2Error::Line(1, why))?;
+    let [branching, depth] = header(&buffer)?;
     let mut lines: Vec<Line> = Vec::new();
     // Depth below the root and number of children of each node, starting with the root.
     let (mut level, mut children) = (vec![0u8], vec![0u32]);
@@ -74,7 +74,7 @@ pub fn import_dbow2(mut text: impl BufRead) -> Result<Vocabulary, Dbow2Error> {
             continue;
         }
         let fail = |why: String| Dbow2Error::Line(number, why);
-        let line = node(&buffer).map_err(fail)?;
+        let line = node(&buffer, number)?;
         let parent = line.parent as usize;
         if parent > lines.len() {
             return Err(fail(format!("the parent {parent} is not defined before this line")));
@@ -108,55 +108,70 @@ pub fn import_dbow2(mut text: impl BufRead) -> Result<Vocabulary, Dbow2Error> {
 }
 
 /// Parses the first line: branching and depth.
-fn header(line: &[u8]) -> Result<[u32; 2], String> {
-    let text = std::str::from_utf8(line).map_err(|_| "not text".to_string())?;
-    let mut words = text.split_ascii_whitespace();
-    let branching = number::<u32>(&mut words, "branching")?;
-    let depth = number::<u32>(&mut words, "depth")?;
-    let scoring = number::<u32>(&mut words, "scoring")?;
-    let weighting = number::<u32>(&mut words, "weighting")?;
-    if words.next().is_some() {
-        return Err("expected \"k L scoring weighting\"".into());
+fn header(line: &[u8]) -> Result<[u32; 2], Dbow2Error> {
+    let fail = |why: String| Dbow2Error::Line(1, why);
+    let mut words = Words::of(line, 1)?;
+    let branching = words.number::<u32>("branching")?;
+    let depth = words.number::<u32>("depth")?;
+    let scoring = words.number::<u32>("scoring")?;
+    let weighting = words.number::<u32>("weighting")?;
+    if words.rest.next().is_some() {
+        return Err(fail("expected \"k L scoring weighting\"".into()));
     }
     if !(1..=MAX_BRANCHING).contains(&branching) || !(1..=MAX_DEPTH).contains(&depth) {
-        return Err(format!("branching {branching} and depth {depth} are out of range"));
+        return Err(fail(format!("branching {branching} and depth {depth} are out of range")));
     }
     if (scoring, weighting) != (0, 0) {
-        return Err(format!(
+        return Err(fail(format!(
             "scoring {scoring} and weighting {weighting}; only 0 (L1) and 0 (tf-idf) are supported"
-        ));
+        )));
     }
     Ok([branching, depth])
 }
 
-/// Parses the line of a node.
-fn node(line: &[u8]) -> Result<Line, String> {
-    let text = std::str::from_utf8(line).map_err(|_| "not text".to_string())?;
-    let mut words = text.split_ascii_whitespace();
-    let parent = number(&mut words, "the parent")?;
-    let leaf = match number::<u8>(&mut words, "the leaf flag")? {
+/// Parses the line of a node; `at` is its number.
+fn node(line: &[u8], at: usize) -> Result<Line, Dbow2Error> {
+    let fail = |why: String| Dbow2Error::Line(at, why);
+    let mut words = Words::of(line, at)?;
+    let parent = words.number("the parent")?;
+    let leaf = match words.number::<u8>("the leaf flag")? {
         0 => false,
         1 => true,
-        other => return Err(format!("the leaf flag is {other}, not 0 or 1")),
+        other => return Err(fail(format!("the leaf flag is {other}, not 0 or 1"))),
     };
     let mut descriptor = [0; 32];
     for byte in &mut descriptor {
-        *byte = number(&mut words, "a byte of the descriptor")?;
+        *byte = words.number("a byte of the descriptor")?;
     }
-    let weight: f32 = number(&mut words, "the weight")?;
-    if words.next().is_some() {
-        return Err("unexpected text after parent, leaf flag, 32 bytes and weight".into());
+    let weight: f32 = words.number("the weight")?;
+    if words.rest.next().is_some() {
+        return Err(fail("unexpected text after parent, leaf flag, 32 bytes and weight".into()));
     }
     if !(weight >= 0.0 && weight.is_finite()) {
-        return Err(format!("the weight {weight} is negative or not finite"));
+        return Err(fail(format!("the weight {weight} is negative or not finite")));
     }
     Ok(Line { parent, leaf, descriptor, weight })
 }
 
-/// Parses the next word of a line.
-fn number<T: FromStr>(words: &mut SplitAsciiWhitespace, what: &str) -> Result<T, String> {
-    let word = words.next().ok_or_else(|| format!("{what} is missing"))?;
-    word.parse().map_err(|_| format!("{what}: \"{word}\" is not a number in range"))
+/// The words of a line.
+struct Words<'a> {
+    rest: SplitAsciiWhitespace<'a>,
+    /// Number of the line.
+    at: usize,
+}
+
+impl<'a> Words<'a> {
+    fn of(line: &'a [u8], at: usize) -> Result<Self, Dbow2Error> {
+        let text = std::str::from_utf8(line).map_err(|_| Dbow2Error::Line(at, "not text".into()))?;
+        Ok(Self { rest: text.split_ascii_whitespace(), at })
+    }
+
+    /// Parses the next word.
+    fn number<T: FromStr>(&mut self, what: &str) -> Result<T, Dbow2Error> {
+        let fail = |why: String| Dbow2Error::Line(self.at, why);
+        let word = self.rest.next().ok_or_else(|| fail(format!("{what} is missing")))?;
+        word.parse().map_err(|_| fail(format!("{what}: \"{word}\" is not a number in range")))
+    }
 }
 
 /// Reorders the nodes level by level (breadth first).

@@ -127,36 +127,36 @@ pub(super) fn check(bytes: &[u8]) -> Result<VocabularyFacts, VocabularyError> {
     if crc32fast::hash(&bytes[16..]) != facts.checksum {
         return Err(VocabularyError::Checksum);
     }
-    content(&Arrays::of(bytes, facts.nodes as usize), &facts).map_err(VocabularyError::Content)?;
+    content(&Arrays::of(bytes, facts.nodes as usize), &facts)?;
     Ok(facts)
 }
 
 /// Checks that the nodes form a tree of the size that the header gives.
-fn content(a: &Arrays, facts: &VocabularyFacts) -> Result<(), &'static str> {
+fn content(a: &Arrays, facts: &VocabularyFacts) -> Result<(), VocabularyError> {
     let nodes = facts.nodes as usize;
     if facts.branching > MAX_BRANCHING {
-        return Err("the number of children of a node");
+        return Err(VocabularyError::Content("the number of children of a node"));
     }
     if a.children(0).start != 1 || a.children(nodes - 1).end != nodes {
-        return Err("nodes without a parent");
+        return Err(VocabularyError::Content("nodes without a parent"));
     }
     let mut words = 0;
     for n in 0..nodes {
         let children = a.children(n);
         if children.start > children.end || children.len() > facts.branching as usize {
-            return Err("the number of children of a node");
+            return Err(VocabularyError::Content("the number of children of a node"));
         }
         // Every descent ends, because children always come after their parent.
         if !children.is_empty() && children.start <= n {
-            return Err("a node that is its own descendant");
+            return Err(VocabularyError::Content("a node that is its own descendant"));
         }
         words += u32::from(children.is_empty());
         if !(a.weight(n) >= 0.0 && a.weight(n).is_finite()) {
-            return Err("the weight of a word");
+            return Err(VocabularyError::Content("the weight of a word"));
         }
     }
     if words != facts.words {
-        return Err("the number of words");
+        return Err(VocabularyError::Content("the number of words"));
     }
     // The children of the nodes of one level are the next level, contiguous.
     let (mut level, mut depth) = (0..1, 0);
@@ -167,11 +167,11 @@ fn content(a: &Arrays, facts: &VocabularyFacts) -> Result<(), &'static str> {
         }
         depth += 1;
         if depth > MAX_DEPTH {
-            return Err("the number of levels");
+            return Err(VocabularyError::Content("the number of levels"));
         }
     }
     if depth != facts.depth || facts.index_level > depth {
-        return Err("the number of levels");
+        return Err(VocabularyError::Content("the number of levels"));
     }
     Ok(())
 }

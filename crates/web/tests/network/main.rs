@@ -19,10 +19,11 @@ mod walked;
 use cairn_random::Random;
 use cairn_sensor::{GrayImage, Rig};
 use cairn_session::SessionConfig;
+use cairn_trial::PageClock;
 use cairn_web::{CameraSource, ServeConfig, Server};
 use client::tls;
 use futures_util::{SinkExt, StreamExt};
-use phone::{Album, Clock, Leg, Phone, Walk};
+use phone::{Album, Leg, Phone, Walk};
 use proxy::{Net, Proxy};
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex};
@@ -86,7 +87,7 @@ async fn judge(
     server: std::net::SocketAddr,
     tls: Arc<rustls::ClientConfig>,
     token: String,
-    clock: Clock,
+    clock: PageClock,
     heard: Arc<Mutex<Heard>>,
 ) {
     let stream = tokio::net::TcpStream::connect(server).await.unwrap();
@@ -130,7 +131,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
     let token = server.invitation().token.clone();
     let proxy = Proxy::start(server.address(), seed).await;
     let mut random = Random::stream(seed, 5);
-    let clock = Clock::new(1e12 * (random.unit() - 0.5), 2e-4 * (random.unit() - 0.5));
+    let clock = PageClock::new(1e12 * (random.unit() - 0.5), 2e-4 * (random.unit() - 0.5));
     let heard = Arc::new(Mutex::new(Heard::default()));
     let listening = tokio::spawn(judge(server.address(), tls.clone(), token.clone(), clock, heard.clone()));
     let mut phone = Phone::new(clock, album.clone(), tls, proxy.address, token);

@@ -4,7 +4,7 @@
 
 use crate::walked::RATE_HZ;
 use cairn_sensor::GrayImage;
-use cairn_trial::{LEVELS, Pace};
+use cairn_trial::{LEVELS, Lateness, Pace, PageClock, STALE_MS};
 use futures_util::{SinkExt, StreamExt};
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
@@ -20,31 +20,11 @@ use tokio_tungstenite::tungstenite::Message;
 pub type Socket = WebSocketStream<tokio_rustls::client::TlsStream<tokio::net::TcpStream>>;
 
 /// As in the page.
-const STALE_MS: f64 = 500.0;
 const BACK: Duration = Duration::from_millis(1000);
 const GONE: Duration = Duration::from_secs(3);
 const OPEN: Duration = Duration::from_secs(10);
 /// Time from the exposure to the encoded image.
 const ENCODING: Duration = Duration::from_millis(30);
-
-/// A clock that differs from this machine's.
-#[derive(Clone, Copy, Debug)]
-pub struct Clock {
-    began: Instant,
-    offset_ms: f64,
-    drift: f64,
-}
-
-impl Clock {
-    /// `offset_ms` at the beginning; it gains `drift` seconds per second.
-    pub fn new(offset_ms: f64, drift: f64) -> Self {
-        Self { began: Instant::now(), offset_ms, drift }
-    }
-
-    pub fn ms(&self) -> f64 {
-        self.offset_ms + 1e3 * self.began.elapsed().as_secs_f64() * (1.0 + self.drift)
-    }
-}
 
 type Jpeg = Arc<Vec<u8>>;
 
@@ -106,7 +86,7 @@ pub struct Leg {
 
 /// The phone.
 pub struct Phone {
-    pub clock: Clock,
+    pub clock: PageClock,
     pub album: Arc<Album>,
     pub at: f64,
     tls: Arc<rustls::ClientConfig>,
@@ -120,8 +100,7 @@ pub struct Phone {
     status: Value,
     /// The phone's time of the newest image that was tracked.
     frame_ms: Option<f64>,
-    late: bool,
-    fresh_since: Option<Instant>,
+    lateness: Lateness,
     goes: bool,
     arrived: bool,
     pub leg: Leg,
@@ -142,7 +121,7 @@ pub enum Walk {
 
 impl Phone {
     pub fn new(
-        clock: Clock,
+        clock: PageClock,
         album: Arc<Album>,
         tls: Arc<rustls::ClientConfig>,
         address: SocketAddr,
@@ -162,8 +141,7 @@ impl Phone {
             pace: Pace::default(),
             status: Value::Null,
             frame_ms: None,
-            late: false,
-            fresh_since: None,
+            lateness: Lateness::default(),
             goes: false,
             arrived: false,
             leg: Leg::default(),
@@ -176,7 +154,7 @@ impl Phone {
     pub async fn connect(&mut self) {
         (self.me, self.controls, self.socket) = (None, false, None);
         self.pace.reset();
-        self.late = false;
+        self.lateness = Lateness::default();
         self.leg.connections += 1;
         let opening = async {
             let stream = tokio::net::TcpStream::connect(self.address).await.ok()?;
@@ -250,7 +228,7 @@ impl Phone {
                 self.connect().await;
             }
             self.watch().await;
-            let guided = self.me.is_some() && !self.late && self.is_guided();
+            let guided = self.me.is_some() && !self.lateness.is_late() && self.is_guided();
             self.leg.guided_s += if guided { passed } else { 0.0 };
             // The answer to the command is said before the first direction.
             let waits = self.status["guiding"].is_null() || self.status["guiding"]["state"] == "waiting";
@@ -290,15 +268,13 @@ impl Phone {
         let Some(age) = self.age_ms() else { return };
         if self.me.is_some() && self.status["guiding"].is_object() && age > STALE_MS {
             self.became_late().await;
-        } else if self.late && self.fresh_since.get_or_insert_with(Instant::now).elapsed() >= BACK {
-            self.late = false;
+        } else if self.lateness.ends(Some(age), Instant::now()) {
             self.send(Message::text(json!({ "late": false }).to_string())).await;
         }
     }
 
     async fn became_late(&mut self) {
-        self.fresh_since = None;
-        if !std::mem::replace(&mut self.late, true) {
+        if self.lateness.begin() {
             (self.goes, self.leg.stops) = (false, self.leg.stops + 1);
             self.send(Message::text(json!({ "late": true }).to_string())).await;
         }
@@ -331,7 +307,7 @@ impl Phone {
         let text = said["text"].as_str().unwrap_or_default();
         if let Some(pose_ms) = said["pose_ms"].as_f64() {
             let age = self.clock.ms() - pose_ms;
-            if age > STALE_MS || self.late {
+            if age > STALE_MS || self.lateness.is_late() {
                 self.leg.withheld += 1;
                 if age > STALE_MS {
                     self.became_late().await;

@@ -6,7 +6,7 @@ use cairn_random::Random;
 use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, open};
 use cairn_workers::capture::rest_of;
-use cairn_workers::message::{Failure, OfKeyFrames, Outcome};
+use cairn_workers::message::{Failure, Outcome, SurfaceInput};
 use cairn_workers::{
     Role, RunEvent, RunFolder, SuperviseError, Supervised, Supervision, capture, dense, slam, supervise,
 };
@@ -153,7 +153,7 @@ fn supervised(
         late_limit: hang_limit,
         guide: false,
         records: false,
-        surfaces: dense.then_some(OfKeyFrames::DepthAndGray),
+        surfaces: dense.then_some(SurfaceInput::DepthAndGray),
     };
     let mut ids = BTreeMap::new();
     supervise(&how, folder, &AtomicBool::new(false), &mut |told| {

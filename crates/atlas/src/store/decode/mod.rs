@@ -151,7 +151,7 @@ pub(super) fn read(
         snapshot.recount_covisible();
     }
     // What landmarks and key frames say of each other is made from one list: it need not be compared.
-    snapshot.check_key_frames().map_err(|breach| StoreError::part("map", breach))?;
+    snapshot.check_key_frames().map_err(|breach| StoreError::part("map", breach.to_string()))?;
     let mut attached = BTreeMap::new();
     for name in parts.names() {
         if let Some(short) = name.strip_prefix(ATTACHED)

@@ -7,7 +7,7 @@ use crate::output::Output;
 use crate::outputs::Outputs;
 use cairn_geometry::Vec2;
 use cairn_plan::picture::Picture;
-use cairn_plan::route::{self, NoRoute, Route, Search};
+use cairn_plan::route::{self, PlanError, PlannedPath, Search};
 use cairn_plan::search::NoPath;
 use cairn_plan::{CostConfig, Grid};
 use serde::Serialize;
@@ -160,14 +160,14 @@ fn told(p: &Planned) -> String {
     lines.join("\n")
 }
 
-fn hint(reason: &NoRoute) -> &'static str {
+fn hint(reason: &PlanError) -> &'static str {
     match reason {
-        NoRoute::Costs(_) => "give a radius and a margin that are not negative",
-        NoRoute::Path(NoPath::NotFinite(_) | NoPath::Outside(_)) => {
+        PlanError::Costs(_) => "give a radius and a margin that are not negative",
+        PlanError::Path(NoPath::NotFinite(_) | NoPath::Outside(_)) => {
             "give --from and --to as X,Y inside the map"
         }
-        NoRoute::Path(NoPath::Blocked { .. }) => "choose a point farther from walls, or a smaller --radius",
-        NoRoute::Path(_) => "try a smaller --radius or --margin",
+        PlanError::Path(NoPath::Blocked { .. }) => "choose a point farther from walls, or a smaller --radius",
+        PlanError::Path(_) => "try a smaller --radius or --margin",
     }
 }
 
@@ -200,7 +200,7 @@ fn image_of(grid: &Path) -> Option<PathBuf> {
     Some(grid.with_file_name(name.trim().trim_matches(['"', '\''])))
 }
 
-fn draw(form: Form, map: &Grid<i8>, route: &Route) -> Result<Vec<u8>, Failure> {
+fn draw(form: Form, map: &Grid<i8>, route: &PlannedPath) -> Result<Vec<u8>, Failure> {
     let colour = |value: i8| match value {
         0 => [250, 250, 247],
         v if v < 0 => [200, 204, 210],

@@ -182,7 +182,7 @@ impl Observer for RunObserver<'_, '_> {
 
     fn take_commands(&mut self) -> Vec<Command> {
         let (mut commands, mistakes) = self.terminal.asked();
-        mistakes.iter().for_each(|why| self.progress.warn(why));
+        mistakes.iter().for_each(|why| self.progress.warn(&why.to_string()));
         if interrupt::requested() && !std::mem::replace(&mut self.quitting, true) {
             self.progress.warn("interrupted: writing what there is; press Ctrl-C again to stop at once");
             commands.push(Command::Quit);

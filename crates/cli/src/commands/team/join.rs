@@ -2,7 +2,7 @@
 
 use super::overlaps::MapOverlaps;
 use super::paths::beside;
-use super::status::{Shown, Status};
+use super::status::{Shown, TeamStatus};
 use crate::commands::map::failed;
 use crate::failure::Failure;
 use crate::interrupt;
@@ -97,7 +97,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         robot.step()?;
     }
     robot.finish()?;
-    output.result(&robot.status(), Status::text)
+    output.result(&robot.status(), TeamStatus::text)
 }
 
 /// The map of a run, shared on a thread of its own while it grows.
@@ -343,8 +343,8 @@ impl Robot {
         self.write_status()
     }
 
-    fn status(&self) -> Status {
-        Status::of(&self.member, self.atlas.clone())
+    fn status(&self) -> TeamStatus {
+        TeamStatus::of(&self.member, self.atlas.clone())
     }
 
     fn write_status(&self) -> Result<(), Failure> {

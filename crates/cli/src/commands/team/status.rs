@@ -23,7 +23,7 @@ pub struct Arguments {
 
 /// What a robot of a team has.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Status {
+pub struct TeamStatus {
     /// This robot.
     pub robot: RobotId,
     /// The same on all robots that have the same maps.
@@ -127,7 +127,7 @@ fn hex(bytes: [u8; 8]) -> String {
     format!("{:016x}", u64::from_be_bytes(bytes))
 }
 
-impl Status {
+impl TeamStatus {
     pub(super) fn of(member: &Member, atlas: Option<Shown>) -> Self {
         let peer = member.peer();
         let traffic = peer.traffic();
@@ -211,6 +211,6 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let fail =
         |why: String| Failure::new(path.display().to_string(), why, "give the --out of a cairn team join");
     let text = cairn_files::read_text(&path, 16 * MIB).map_err(|e| fail(e.to_string()))?;
-    let status: Status = serde_json::from_str(&text).map_err(|e| fail(e.to_string()))?;
-    output.result(&status, Status::text)
+    let status: TeamStatus = serde_json::from_str(&text).map_err(|e| fail(e.to_string()))?;
+    output.result(&status, TeamStatus::text)
 }

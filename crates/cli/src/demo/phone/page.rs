@@ -3,7 +3,7 @@
 use super::error::PhoneError;
 use crate::socket::{ConnectError, Socket, connect, connector};
 use cairn_phrases::Language;
-use cairn_trial::Pace;
+use cairn_trial::{Lateness, Pace, PageClock, STALE_MS};
 use cairn_web::Server;
 use futures_util::{SinkExt, StreamExt};
 use serde_json::{Value, json};
@@ -11,46 +11,6 @@ use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 use tokio_rustls::TlsConnector;
 use tokio_tungstenite::tungstenite::Message;
-
-/// Directions from older poses are not given, milliseconds; as the page.
-const STALE_MS: f64 = 500.0;
-/// Words are given again only after the images were fresh for this long, milliseconds; as the page.
-const FRESH_MS: f64 = 1000.0;
-
-/// The phone's clock.
-#[derive(Clone, Copy)]
-pub struct PageClock {
-    began: Instant,
-    offset_ms: f64,
-    drift: f64,
-}
-
-impl PageClock {
-    /// Shows `offset_ms` now, and gains `drift` seconds a second.
-    pub fn new(offset_ms: f64, drift: f64) -> Self {
-        Self { began: Instant::now(), offset_ms, drift }
-    }
-
-    /// Seconds since its beginning, by this machine's clock.
-    pub fn seconds(&self) -> f64 {
-        self.began.elapsed().as_secs_f64()
-    }
-
-    /// What it shows at these seconds since its beginning, milliseconds.
-    pub fn ms_at(&self, seconds: f64) -> f64 {
-        self.offset_ms + 1e3 * seconds * (1.0 + self.drift)
-    }
-
-    /// Seconds since its beginning at which it shows this.
-    pub fn seconds_of(&self, ms: f64) -> f64 {
-        (ms - self.offset_ms) * 1e-3 / (1.0 + self.drift)
-    }
-
-    /// What it shows now, milliseconds.
-    pub fn ms(&self) -> f64 {
-        self.ms_at(self.seconds())
-    }
-}
 
 /// Connections that may end before the page gives up, and the pause before the next, seconds; as the page.
 const MOST_CONNECTIONS: usize = 30;
@@ -92,8 +52,7 @@ pub struct Page {
     pub lens: Option<[f64; 2]>,
     /// Directions that were held back because they were too old.
     pub withheld: usize,
-    late: bool,
-    fresh_since: Option<Instant>,
+    lateness: Lateness,
 }
 
 async fn connected(tls: &TlsConnector, address: SocketAddr) -> Result<Socket, ConnectError> {
@@ -133,8 +92,7 @@ impl Page {
             troubles: Vec::new(),
             lens: None,
             withheld: 0,
-            late: false,
-            fresh_since: None,
+            lateness: Lateness::default(),
         };
         page.hello().await?;
         page.send(json!({ "take": true })).await?;
@@ -244,7 +202,7 @@ impl Page {
         let text = said["text"].as_str().unwrap_or_default().to_owned();
         if let Some(pose_ms) = said["pose_ms"].as_f64() {
             let old = self.clock.ms() - pose_ms > STALE_MS;
-            if old || self.late {
+            if old || self.lateness.is_late() {
                 self.withheld += 1;
                 return if old { self.became_late().await } else { Ok(()) };
             }
@@ -254,8 +212,7 @@ impl Page {
     }
 
     async fn became_late(&mut self) -> Result<(), PhoneError> {
-        self.fresh_since = None;
-        if std::mem::replace(&mut self.late, true) {
+        if !self.lateness.begin() {
             return Ok(());
         }
         // The page says this by itself.
@@ -266,15 +223,9 @@ impl Page {
     /// The end of being late: the pictures were fresh for a while.
     async fn watch(&mut self) -> Result<(), PhoneError> {
         let age_ms = self.frame_ms.map(|ms| self.clock.ms() - ms);
-        if self.late && age_ms.is_some_and(|age| age < STALE_MS) {
-            let since = *self.fresh_since.get_or_insert_with(Instant::now);
-            if since.elapsed().as_secs_f64() * 1e3 >= FRESH_MS {
-                (self.late, self.fresh_since) = (false, None);
-                return self.send(json!({ "late": false })).await;
-            }
-        } else {
-            self.fresh_since = None;
+        match self.lateness.ends(age_ms, Instant::now()) {
+            true => self.send(json!({ "late": false })).await,
+            false => Ok(()),
         }
-        Ok(())
     }
 }

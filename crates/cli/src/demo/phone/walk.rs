@@ -6,7 +6,7 @@
 use super::super::config::DemoConfig;
 use super::super::out::corners;
 use super::error::PhoneError;
-use super::page::{Page, PageClock};
+use super::page::Page;
 use super::picture::{encoded, smaller};
 use super::walked::{Live, Spoken, Walked};
 use cairn_geometry::{Se3, Vec2, Vec3};
@@ -14,10 +14,12 @@ use cairn_guide::Facing;
 use cairn_random::Random;
 use cairn_sensor::{Rig, Stamp};
 use cairn_session::SessionConfig;
-use cairn_sim::{Effects, Motion, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World};
+use cairn_sim::{
+    ContinuousTrajectory, Effects, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World,
+};
 use cairn_sources::phone_imu;
-use cairn_trial::LEVELS;
 use cairn_trial::way::{Body, Obstacles};
+use cairn_trial::{LEVELS, PageClock};
 use cairn_web::{CameraSource, ServeConfig, Server};
 use serde_json::json;
 use std::f64::consts::PI;
@@ -127,7 +129,7 @@ struct Phone<'a> {
     world: Arc<World>,
     obstacles: Obstacles,
     /// The walk out, and when it began by the phone's clock; before that the walker stands.
-    out: Motion,
+    out: ContinuousTrajectory,
     began_s: Option<f64>,
     /// The body of the return.
     body: Option<Body>,

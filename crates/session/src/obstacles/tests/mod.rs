@@ -5,7 +5,7 @@ mod scenes;
 mod traced;
 
 use super::ObstacleMonitor;
-use super::watch::{Sight, Watch};
+use super::watch::{ObstacleScan, Watch};
 use cairn_geometry::{Camera, Pose, Se3, Vec2, Vec3};
 use cairn_guide::{
     Announcer, AnnouncerConfig, Confidence, Facing, Ground, Guide, GuideConfig, GuideInput, GuideState,
@@ -130,7 +130,7 @@ fn walk(seed: u64, things: usize, sensor: Sensor) -> Walked {
         }
         let hazard = Facing::Home.heading(&ground, &pose).and_then(|walker| {
             let found = if sensor == Sensor::Traced {
-                let sight = Sight {
+                let sight = ObstacleScan {
                     obstacles: traced.obstacles(&walker.position, 4.4),
                     reach_m: 4.4,
                     chest_m: 1.1,

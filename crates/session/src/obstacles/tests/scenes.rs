@@ -1,6 +1,6 @@
 //! Small scenes: a walker stands before something in a corridor, and what he is told is looked at.
 
-use super::super::watch::{Found, Sight, Watch};
+use super::super::watch::{Found, ObstacleScan, Watch};
 use cairn_dense::walk::Blocked;
 use cairn_geometry::{Camera, Odom, Pose, Se3, So3, Vec2, Vec3};
 use cairn_guide::{
@@ -50,7 +50,7 @@ impl Scene {
         let walker = Facing::Home.heading(&Ground::z_up(), &pose).expect("a heading");
         let obstacles: Vec<Blocked> =
             self.obstacles.iter().filter(|b| (b.at - walker.position).norm() < 4.4).copied().collect();
-        let sight = Sight { obstacles, reach_m: 4.4, chest_m: 1.1, drop_along: &|_, _, _| None };
+        let sight = ObstacleScan { obstacles, reach_m: 4.4, chest_m: 1.1, drop_along: &|_, _, _| None };
         let found = self.watch.look(&self.guide, &walker, sight, self.now);
         self.guide.detour(found.detour);
         self.guide.free_way(found.free.clone());

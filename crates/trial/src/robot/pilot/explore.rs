@@ -4,7 +4,7 @@
 
 use super::{Decision, Pilot, SAME_M, Task, Then, TrialError};
 use cairn_geometry::{Se2, Vec2};
-use cairn_plan::control::{Motion, State};
+use cairn_plan::control::{State, Twist};
 use cairn_plan::frontier::{Approach, Frontier, approaches, frontiers};
 
 /// The target frontier is checked again after this time, seconds.
@@ -17,7 +17,7 @@ const UNBLOCK: usize = 3;
 const BLOCKED: usize = 3;
 
 impl Pilot {
-    pub(super) fn explore(&mut self, t_s: f64, pose: &Se2, motion: Motion) -> Result<Decision, TrialError> {
+    pub(super) fn explore(&mut self, t_s: f64, pose: &Se2, motion: Twist) -> Result<Decision, TrialError> {
         if t_s > self.config.explore_s {
             return Ok(self.visit_next(t_s, motion));
         }

@@ -4,7 +4,7 @@
 
 use super::{Decision, Pilot, Then, TrialError};
 use cairn_geometry::{Se2, Vec2};
-use cairn_plan::control::Motion;
+use cairn_plan::control::Twist;
 use cairn_plan::costmap::DynamicLayer;
 use cairn_plan::give_way::{GiveWayConfig, place_beside};
 use cairn_plan::search::WeightedAStar;
@@ -30,7 +30,7 @@ const WATCH_RATE: f64 = 1.0;
 
 /// A place to let someone pass, and where he was met.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Beside {
+pub(super) struct PassingPlace {
     pub at: Vec2,
     pub met: Vec2,
 }
@@ -38,7 +38,7 @@ pub(super) struct Beside {
 impl Pilot {
     /// Forgets what has newly come to stand: it may have gone since it was seen. Where something moves or stands near by, the robot
     /// lets it pass, as far as there is a place; returns that place, and whether anything was forgotten.
-    pub(super) fn let_pass(&mut self, pose: &Se2) -> Result<(Option<Beside>, bool), TrialError> {
+    pub(super) fn let_pass(&mut self, pose: &Se2) -> Result<(Option<PassingPlace>, bool), TrialError> {
         let other = self.ground.nearest_new(pose.translation);
         let forgotten = self.ground.forget_new()?;
         let near = other.filter(|at| (at - pose.translation).norm() < IN_THE_WAY_M);
@@ -46,7 +46,7 @@ impl Pilot {
             let (passable, from) = (self.ground.costs()?.passable(), self.own_cell(pose)?);
             let config = GiveWayConfig { beside_m: BESIDE_M, ..GiveWayConfig::default() };
             let at = place_beside(&passable, from, other, &self.trails, &config)?;
-            Some(Beside { at, met: other })
+            Some(PassingPlace { at, met: other })
         });
         Ok((place, forgotten))
     }
@@ -56,7 +56,7 @@ impl Pilot {
         &mut self,
         t_s: f64,
         pose: &Se2,
-        motion: Motion,
+        motion: Twist,
         (met, from_s, clear_from_s, then): (Vec2, f64, Option<f64>, Then),
     ) -> Decision {
         let seen = pose.inverse() * met;

@@ -13,7 +13,7 @@ use super::once_open::OnceOpen;
 use super::{GoalEnd, TrialError};
 use cairn_atlas::KeyFrameId;
 use cairn_geometry::{Se2, Vec2};
-use cairn_plan::control::{Motion, Navigator, Reason, State, way_out};
+use cairn_plan::control::{Navigator, Reason, State, Twist, way_out};
 use cairn_plan::depth_scan::{DepthCamera, DepthScanner};
 use cairn_plan::frontier::Approach;
 use cairn_plan::give_way::{LastSeen, Trails};
@@ -63,7 +63,7 @@ enum Then {
 #[derive(Clone, Copy, Debug)]
 pub struct Decision {
     /// The motion to command.
-    pub motion: Motion,
+    pub motion: Twist,
     /// State of the navigator.
     pub state: State,
     /// The reason, where there is one.
@@ -210,7 +210,7 @@ impl Pilot {
         packet: &FramePacket,
         located: &Located,
         localiser: &Localiser,
-        motion: Motion,
+        motion: Twist,
     ) -> Result<Decision, TrialError> {
         self.see(t_s, packet, located, localiser)?;
         let pose = located.ground_from_body;
@@ -225,7 +225,7 @@ impl Pilot {
             self.act(t_s, &pose, motion, turned)?
         } else {
             let rate = self.finding_rate(&pose);
-            let motion = self.towards(motion, Motion::new(0.0, rate));
+            let motion = self.towards(motion, Twist::new(0.0, rate));
             Decision { motion, state: State::Blocked, reason: None }
         };
         let decision = Decision { motion: slowed(decision.motion, located.sees_little), ..decision };
@@ -270,7 +270,7 @@ impl Pilot {
         Ok(())
     }
 
-    fn act(&mut self, t_s: f64, pose: &Se2, motion: Motion, turned: f64) -> Result<Decision, TrialError> {
+    fn act(&mut self, t_s: f64, pose: &Se2, motion: Twist, turned: f64) -> Result<Decision, TrialError> {
         Ok(match self.task.clone() {
             Task::Look { then, .. } | Task::Aside { then, .. } | Task::LetPass { then, .. }
                 if self.is_late(t_s, &then).is_some() =>
@@ -347,7 +347,7 @@ impl Pilot {
         self.errands.ends()
     }
 
-    fn navigate(&mut self, t_s: f64, pose: &Se2, motion: Motion) -> Decision {
+    fn navigate(&mut self, t_s: f64, pose: &Se2, motion: Twist) -> Decision {
         let (Some(costs), Some(local)) = (self.ground.costs(), self.ground.local()) else {
             return self.turn(motion, 0.0);
         };
@@ -360,12 +360,12 @@ impl Pilot {
     }
 
     /// Turns on the spot.
-    fn turn(&self, motion: Motion, rate: f64) -> Decision {
-        let motion = self.towards(motion, Motion::new(0.0, rate));
+    fn turn(&self, motion: Twist, rate: f64) -> Decision {
+        let motion = self.towards(motion, Twist::new(0.0, rate));
         Decision { motion, state: State::Idle, reason: None }
     }
 
-    fn towards(&self, motion: Motion, wish: Motion) -> Motion {
+    fn towards(&self, motion: Twist, wish: Twist) -> Twist {
         let p = &self.config.navigator.pursuit;
         p.limits.reachable(motion, wish, p.period_s)
     }
@@ -378,12 +378,12 @@ impl Pilot {
 }
 
 /// A motion along the same curve, slow enough for a robot that sees little.
-fn slowed(motion: Motion, sees_little: bool) -> Motion {
+fn slowed(motion: Twist, sees_little: bool) -> Twist {
     let rate = motion.angular.abs();
     if !sees_little || rate <= PLAIN_RATE {
         return motion;
     }
-    Motion::new(motion.linear * PLAIN_RATE / rate, motion.angular * PLAIN_RATE / rate)
+    Twist::new(motion.linear * PLAIN_RATE / rate, motion.angular * PLAIN_RATE / rate)
 }
 
 /// The nearest free cell within some cells of another.

@@ -4,7 +4,7 @@
 
 use super::{Decision, GoalEnd, Pilot, SAME_M, Task, Then, TrialError, nearest_free};
 use cairn_geometry::{Se2, Vec2};
-use cairn_plan::control::{Motion, Reason, State};
+use cairn_plan::control::{Reason, State, Twist};
 use cairn_plan::frontier::{Frontier, FrontierConfig, approaches};
 use std::f64::consts::PI;
 
@@ -73,7 +73,7 @@ impl Pilot {
         })
     }
 
-    pub(super) fn visit_next(&mut self, t_s: f64, motion: Motion) -> Decision {
+    pub(super) fn visit_next(&mut self, t_s: f64, motion: Twist) -> Decision {
         self.target = None;
         self.explored_s.get_or_insert(t_s);
         (self.helpless, self.looked_near, self.let_pass_at) = (0, false, None);
@@ -96,7 +96,7 @@ impl Pilot {
         &mut self,
         t_s: f64,
         pose: &Se2,
-        motion: Motion,
+        motion: Twist,
         goal: usize,
         began_s: f64,
     ) -> Result<Decision, TrialError> {
@@ -181,6 +181,6 @@ impl Pilot {
         };
         let end = GoalEnd { goal, state: state.to_string(), reason, seconds: t_s - began_s };
         self.errands.end(end, self.held_up);
-        self.visit_next(t_s, Motion::stop());
+        self.visit_next(t_s, Twist::stop());
     }
 }

@@ -15,7 +15,7 @@ use crate::processes::{SHARED_MEMORY, folder_in, this_program};
 use crate::progress::Progress;
 use crate::surface::form;
 use cairn_atlas::store::MapFile;
-use cairn_workers::message::OfKeyFrames;
+use cairn_workers::message::SurfaceInput;
 use cairn_workers::{RunFolder, Supervision, dense};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -74,8 +74,8 @@ pub fn supervise(
         guide: a.guide.is_some() || a.record.is_some(),
         records: a.record.is_some(),
         surfaces: makes_surfaces(a).then_some(match a.colour {
-            true => OfKeyFrames::DepthAndGray,
-            false => OfKeyFrames::Depth,
+            true => SurfaceInput::DepthAndGray,
+            false => SurfaceInput::Depth,
         }),
     };
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
