@@ -14,8 +14,8 @@ use std::f64::consts::{PI, TAU};
 /// again.
 const REFINE_AT_S: [f64; 6] = [5.0, 10.0, 15.0, 25.0, 40.0, 60.0];
 
-/// Stated standard deviation of the direction of gravity, radians, up to which a map is turned to it, and how many of them it
-/// must be off. Poses of a map that was built with a wrong level err together, so that errors are ten times what is stated.
+/// Standard deviation of the direction of gravity by white noise, radians, up to which a map is turned to it, and how many of them it
+/// must be off. Poses of a map that was built with a wrong level err together, so that errors are ten times that.
 const GRAVITY: (f64, f64) = (0.0006, 5.0);
 /// Until the last of them, and until its level is known, it is looked at too where the camera has turned by so much, with so
 /// many seconds between two looks until it is known: what of the readings is the accelerometer's bias and what is gravity is
@@ -121,12 +121,12 @@ impl Refined {
 pub fn estimated_gravity(of: &CameraAndImu, snapshot: &Snapshot, chain: &[KeyFrameId]) -> Option<Initial> {
     let attempt = of.attempt(snapshot, chain, INITIALISATION_S)?;
     let found = attempt.good_but_for(&[GateKind::ScaleSigma])?;
-    (found.gravity_sigma <= GRAVITY.0).then(|| found.clone())
+    (found.gravity_noise_sigma() <= GRAVITY.0).then(|| found.clone())
 }
 
 /// Whether gravity was found otherwise than the map has it.
 pub fn differs_from_map(found: &Initial) -> bool {
-    Gravity::level().local(&found.gravity).norm() > GRAVITY.1 * found.gravity_sigma
+    Gravity::level().local(&found.gravity).norm() > GRAVITY.1 * found.gravity_noise_sigma()
 }
 
 /// The changes that turn a metric map about a fixed point so that gravity is as found, and give its key frames the velocities

@@ -37,6 +37,13 @@ pub struct InertialConfig {
     pub whole_key_frames: usize,
 }
 
+impl InertialConfig {
+    /// The IMU with the noise that adjustments of mapping and of closing begin with.
+    pub(crate) fn model(&self, sensor: &ImuSensor, imu_from_camera: Se3) -> ImuModel {
+        ImuModel { imu_from_camera, noise: of_data_sheet(&sensor.noise).times([self.noise_times; 2]) }
+    }
+}
+
 /// With the clocks known this well, seconds, nothing waits for their comparison by rotations.
 const MOST_OFFSET_SIGMA_S: f64 = 0.002;
 /// Within an offset of more than this, seconds, the velocity of a walker is not constant: at 20 ms the bob of his body would be seen
@@ -58,8 +65,7 @@ pub(crate) struct Inertial {
 impl Inertial {
     pub fn new(sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
         let data_sheet = of_data_sheet(&sensor.noise);
-        let noise = data_sheet.times([config.noise_times; 2]);
-        let imu = ImuModel { imu_from_camera, noise };
+        let imu = config.model(sensor, imu_from_camera);
         let clocks = Clocks::new(&ImuSensor { noise: data_sheet, ..sensor.clone() });
         let scale_watch = ScaleWatch::default();
         Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), scale_watch }

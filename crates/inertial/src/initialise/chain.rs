@@ -72,6 +72,35 @@ impl Chain {
 
     /// The step with the diagonal raised by the part `lambda` of itself; `None` when the equations are singular.
     pub fn solve(&self, lambda: f64) -> Option<Step> {
+        let Reduced { eliminated, covariance, shared_gradient, half_log_det } = self.eliminate(lambda)?;
+        let common = -(covariance * shared_gradient);
+        let mut states = vec![SVector::zeros(); eliminated.len()];
+        for (k, Eliminated { inverse, edge, gradient }) in eliminated.iter().enumerate().rev() {
+            let mut rest = gradient + edge * common;
+            if let Some(after) = states.get(k + 1) {
+                rest += self.next[k] * after;
+            }
+            states[k] = -(inverse * rest);
+        }
+        Some(Step { states, shared: common, covariance, half_log_det })
+    }
+
+    /// The columns of the Hessian's inverse that belong to the shared unknowns: by state, and of the shared ones themselves.
+    pub fn shared_columns(&self) -> Option<(Vec<Edge>, Shared)> {
+        let Reduced { eliminated, covariance, .. } = self.eliminate(0.0)?;
+        let mut states = vec![Edge::zeros(); eliminated.len()];
+        for (k, Eliminated { inverse, edge, .. }) in eliminated.iter().enumerate().rev() {
+            let mut rest = edge * covariance;
+            if let Some(after) = states.get(k + 1) {
+                rest += self.next[k] * after;
+            }
+            states[k] = -(inverse * rest);
+        }
+        Some((states, covariance))
+    }
+
+    /// All states eliminated, in order.
+    fn eliminate(&self, lambda: f64) -> Option<Reduced> {
         let n = self.diagonal.len();
         let mut half_log_det = 0.0;
         let mut shared = self.shared;
@@ -79,17 +108,17 @@ impl Chain {
             shared[(i, i)] *= 1.0 + lambda;
         }
         let mut shared_gradient = self.shared_gradient;
-        let mut eliminated: Vec<(Block, Edge, SVector<f64, STATE>)> = Vec::with_capacity(n);
+        let mut eliminated: Vec<Eliminated> = Vec::with_capacity(n);
         for k in 0..n {
             let (mut h, mut e, mut b) = (self.diagonal[k], self.edge[k], self.gradient[k]);
             for i in 0..STATE {
                 h[(i, i)] *= 1.0 + lambda;
             }
-            if let Some((inverse, edge, gradient)) = eliminated.last() {
-                let carried = self.next[k - 1].transpose() * inverse;
+            if let Some(before) = eliminated.last() {
+                let carried = self.next[k - 1].transpose() * before.inverse;
                 h -= carried * self.next[k - 1];
-                e -= carried * edge;
-                b -= carried * gradient;
+                e -= carried * before.edge;
+                b -= carried * before.gradient;
             }
             let factor = Cholesky::new(h)?;
             half_log_det += log_diagonal(&factor.l());
@@ -97,23 +126,29 @@ impl Chain {
             let weighted = e.transpose() * inverse;
             shared -= weighted * e;
             shared_gradient -= weighted * b;
-            eliminated.push((inverse, e, b));
+            eliminated.push(Eliminated { inverse, edge: e, gradient: b });
         }
         let factor = Cholesky::new(shared)?;
         half_log_det += log_diagonal(&factor.l());
-        let covariance = factor.inverse();
-        let common = -(covariance * shared_gradient);
-        let mut states = vec![SVector::zeros(); n];
-        for k in (0..n).rev() {
-            let (inverse, edge, gradient) = &eliminated[k];
-            let mut rest = gradient + edge * common;
-            if k + 1 < n {
-                rest += self.next[k] * states[k + 1];
-            }
-            states[k] = -(inverse * rest);
-        }
-        Some(Step { states, shared: common, covariance, half_log_det })
+        Some(Reduced { eliminated, covariance: factor.inverse(), shared_gradient, half_log_det })
     }
+}
+
+/// A state after elimination of those before it.
+struct Eliminated {
+    /// Of its block.
+    inverse: Block,
+    edge: Edge,
+    gradient: SVector<f64, STATE>,
+}
+
+/// The equations of the shared unknowns that are left.
+struct Reduced {
+    eliminated: Vec<Eliminated>,
+    /// The inverse of their Hessian.
+    covariance: Shared,
+    shared_gradient: SVector<f64, SHARED>,
+    half_log_det: f64,
 }
 
 /// Sum of the logarithms of a matrix's diagonal.
@@ -165,5 +200,10 @@ mod tests {
         assert!((step.half_log_det - half_log_det).abs() < 1e-9);
         assert!((step.shared - x.fixed_rows::<SHARED>(n * STATE)).norm() < 1e-9);
         assert!((step.covariance - inverse.fixed_view::<SHARED, SHARED>(n * STATE, n * STATE)).norm() < 1e-9);
+        let (columns, covariance) = chain.shared_columns().unwrap();
+        assert_eq!(covariance, step.covariance);
+        for (k, column) in columns.iter().enumerate() {
+            assert!((column - inverse.fixed_view::<STATE, SHARED>(k * STATE, n * STATE)).norm() < 1e-9);
+        }
     }
 }

@@ -25,9 +25,12 @@ pub struct Initial {
     pub offset_sigma_s: f64,
     /// Per key frame the state in the frame of the map in metres (scaled about its origin, not yet gravity-aligned).
     pub states: Vec<NavState>,
-    /// Of (log scale, gravity's tilt (2), gyro bias (3), accel bias (3)).
+    /// Of (log scale, gravity's tilt (2), gyro bias (3), accel bias (3)); of the biases at the newest key frame.
     pub covariance: SMatrix<f64, 9, 9>,
-    /// Weighted squared residual per degree of freedom; the covariance is multiplied by it, but by no less than a quarter.
+    /// The part of it that white noise of readings and poses explains; the rest is of the accelerometer's sensitivity and of the biases'
+    /// random walk.
+    pub noise_covariance: SMatrix<f64, 9, 9>,
+    /// Weighted squared residual per degree of freedom; the part of white noise is multiplied by it, but by no less than a quarter.
     pub residual: f64,
     /// Estimated factor of the white noise of gyroscope and accelerometer over their data sheets.
     pub noise_times: [f64; 2],
@@ -36,6 +39,11 @@ pub struct Initial {
 }
 
 impl Initial {
+    /// Standard deviation of gravity's direction by white noise alone, rad (the greater of two axes).
+    pub fn gravity_noise_sigma(&self) -> f64 {
+        tilt_sigma(&self.noise_covariance)
+    }
+
     /// From the frame of the map into a gravity-aligned one in metres with z up; the map's origin stays where it is.
     pub fn metric_from_map(&self) -> Sim3 {
         Sim3 {
@@ -54,4 +62,10 @@ impl Initial {
             bias: state.bias,
         }
     }
+}
+
+/// Standard deviation of gravity's direction in a covariance, rad (the greater of two axes).
+pub(super) fn tilt_sigma(covariance: &SMatrix<f64, 9, 9>) -> f64 {
+    let tilt: SMatrix<f64, 2, 2> = covariance.fixed_view::<2, 2>(1, 1).into();
+    tilt.symmetric_eigenvalues().max().max(0.0).sqrt()
 }

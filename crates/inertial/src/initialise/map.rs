@@ -5,10 +5,11 @@
 //! unknowns integrated out (MacKay, "Bayesian interpolation", Neural Computation 1992, the evidence by Laplace's
 //! approximation).
 
-use super::chain::Chain;
-use super::estimate::Initial;
+use super::chain::{Chain, Shared};
+use super::estimate::{Initial, tilt_sigma};
 use super::guess::{self, Guess};
 use super::problem::{NORM_SIGMA, Problem, State, worse};
+use super::unmodelled;
 use cairn_geometry::Vec3;
 use cairn_sensor::GRAVITY_M_S2;
 use cairn_solve::{Convergence, Damping, LevenbergMarquardt, Trial};
@@ -149,7 +150,7 @@ fn start(guess: &Guess) -> State {
     }
 }
 
-fn descend(problem: &mut Problem, state: State) -> Option<(f64, State)> {
+pub(super) fn descend(problem: &mut Problem, state: State) -> Option<(f64, State)> {
     let solver = LevenbergMarquardt {
         iterations: problem.config.iterations,
         damping: Damping::Factors {
@@ -172,28 +173,30 @@ fn estimate(problem: &Problem, cost: f64, state: &State) -> Option<Initial> {
     let n = problem.places.len();
     let residual = variance_factor(problem, cost);
     let (_, chain) = problem.linearise(state, NORM_SIGMA)?;
-    let mut covariance = chain.solve(0.0)?.covariance;
     // The a posteriori variance factor: poses are mostly better than stated.
-    covariance *= residual.max(LEAST_FACTOR);
+    let white = chain.solve(0.0)?.covariance * residual.max(LEAST_FACTOR);
+    let unmodelled = unmodelled::covariance(problem, state, &chain)?;
     let (_, free) = problem.linearise(state, 1.0)?;
     let free = free.solve(0.0)?;
     let norm = GRAVITY_M_S2 * (1.0 + free.shared[3]);
     let norm_sigma = GRAVITY_M_S2 * (free.covariance[(3, 3)] * residual.max(1.0)).sqrt();
-    let offset_sigma_s = covariance[(10, 10)].sqrt();
+    let offset_sigma_s = (white[(10, 10)] + unmodelled[(10, 10)]).sqrt();
     let kept = [0, 1, 2, 4, 5, 6, 7, 8, 9];
-    let covariance = SMatrix::<f64, 9, 9>::from_fn(|i, j| covariance[(kept[i], kept[j])]);
-    let tilt: SMatrix<f64, 2, 2> = covariance.fixed_view::<2, 2>(1, 1).into();
+    let of = |all: &Shared| SMatrix::<f64, 9, 9>::from_fn(|i, j| all[(kept[i], kept[j])]);
+    let noise_covariance = of(&white);
+    let covariance = noise_covariance + of(&unmodelled);
     Some(Initial {
         scale: state.log_scale.exp(),
         scale_sigma: covariance[(0, 0)].sqrt(),
         gravity: state.gravity,
-        gravity_sigma: tilt.symmetric_eigenvalues().max().max(0.0).sqrt(),
+        gravity_sigma: tilt_sigma(&covariance),
         gravity_norm: [norm, norm_sigma],
         bias: state.bias,
         offset_s: state.offset_s,
         offset_sigma_s,
         states: (0..n).map(|k| problem.nav(state, k)).collect(),
         covariance,
+        noise_covariance,
         residual,
         noise_times: problem.noise_times,
         position_sigma: problem.position_sigma,

@@ -16,6 +16,7 @@ mod guess;
 mod input;
 mod map;
 mod problem;
+mod unmodelled;
 
 use crate::Preintegrated;
 use cairn_geometry::Se3;

@@ -17,6 +17,9 @@ use nalgebra::{SMatrix, SVector, Vector2};
 /// Standard deviation that holds gravity's norm, relative.
 pub const NORM_SIGMA: f64 = 1e-5;
 
+/// Where the biases stand among the shared unknowns: gyro (3), accel (3).
+pub const BIAS: usize = 4;
+
 /// The offset of the clocks changes by no more than this in a step of the solver, seconds.
 const MOST_OFFSET_STEP_S: f64 = 0.02;
 
@@ -62,6 +65,16 @@ pub struct State {
     pub errors: Vec<Vec3>,
     pub turns: Vec<Vec3>,
     pub velocities: Vec<Vec3>,
+}
+
+/// The whitened residual of a link and its derivatives, by the unknowns of its two key frames and by the shared ones.
+pub struct Rows {
+    pub by_first: Block,
+    pub by_second: Block,
+    pub by_shared: SMatrix<f64, 9, SHARED>,
+    pub residual: SVector<f64, 9>,
+    /// What the rows were whitened with.
+    pub white: Block,
 }
 
 impl Problem {
@@ -194,29 +207,40 @@ impl Problem {
                 chain.gradient[k][3 + i] += s.turns[k][i] / self.rotation_sigma.powi(2);
             }
         }
-        let scale = s.log_scale.exp();
-        for (k, link) in self.links.iter().enumerate() {
-            let (from, to) = (self.nav(s, k), self.nav(s, k + 1));
-            let l = link.linearise(&from, &to, &s.gravity);
-            let white = link.motion_whitening()?;
-            let shift = (self.places[k + 1] + s.errors[k + 1] - self.places[k] - s.errors[k]) * scale;
-            let by_first = self.by_state(&l.by_from, &from, s, k, scale);
-            let by_second = self.by_state(&l.by_to, &to, s, k + 1, scale);
-            let mut by_shared = SMatrix::<f64, 9, SHARED>::zeros();
-            by_shared.set_column(0, &l.by_log_scale(&shift).fixed_rows::<9>(0));
-            by_shared.fixed_view_mut::<9, 2>(0, 1).copy_from(&l.by_gravity.fixed_view::<9, 2>(0, 0));
-            // By the logarithm of gravity's norm.
-            let (t, g) = (link.seconds(), from.world_from_imu.rotation.inverse() * s.gravity.vector());
-            by_shared.fixed_view_mut::<3, 1>(3, 3).copy_from(&(g * -t));
-            by_shared.fixed_view_mut::<3, 1>(6, 3).copy_from(&(g * (-0.5 * t * t)));
-            by_shared.fixed_view_mut::<9, 6>(0, 4).copy_from(&l.by_from.fixed_view::<9, 6>(0, 9));
-            let by_offset = self.by_offset(&l.by_from, &from, k) + self.by_offset(&l.by_to, &to, k + 1);
-            by_shared.set_column(10, &by_offset);
-            let residual = white * l.residual.fixed_rows::<9>(0);
-            cost += 0.5 * residual.norm_squared();
-            chain.add(k, &(white * by_first), &(white * by_second), &(white * by_shared), &residual);
+        for k in 0..self.links.len() {
+            let rows = self.rows(s, k)?;
+            cost += 0.5 * rows.residual.norm_squared();
+            chain.add(k, &rows.by_first, &rows.by_second, &rows.by_shared, &rows.residual);
         }
         cost.is_finite().then_some((cost, chain))
+    }
+
+    /// The whitened rows of a link.
+    pub fn rows(&self, s: &State, k: usize) -> Option<Rows> {
+        let (link, scale) = (&self.links[k], s.log_scale.exp());
+        let (from, to) = (self.nav(s, k), self.nav(s, k + 1));
+        let l = link.linearise(&from, &to, &s.gravity);
+        let white = link.motion_whitening()?;
+        let shift = (self.places[k + 1] + s.errors[k + 1] - self.places[k] - s.errors[k]) * scale;
+        let by_first = self.by_state(&l.by_from, &from, s, k, scale);
+        let by_second = self.by_state(&l.by_to, &to, s, k + 1, scale);
+        let mut by_shared = SMatrix::<f64, 9, SHARED>::zeros();
+        by_shared.set_column(0, &l.by_log_scale(&shift).fixed_rows::<9>(0));
+        by_shared.fixed_view_mut::<9, 2>(0, 1).copy_from(&l.by_gravity.fixed_view::<9, 2>(0, 0));
+        // By the logarithm of gravity's norm.
+        let (t, g) = (link.seconds(), from.world_from_imu.rotation.inverse() * s.gravity.vector());
+        by_shared.fixed_view_mut::<3, 1>(3, 3).copy_from(&(g * -t));
+        by_shared.fixed_view_mut::<3, 1>(6, 3).copy_from(&(g * (-0.5 * t * t)));
+        by_shared.fixed_view_mut::<9, 6>(0, BIAS).copy_from(&l.by_from.fixed_view::<9, 6>(0, 9));
+        let by_offset = self.by_offset(&l.by_from, &from, k) + self.by_offset(&l.by_to, &to, k + 1);
+        by_shared.set_column(10, &by_offset);
+        Some(Rows {
+            by_first: white * by_first,
+            by_second: white * by_second,
+            by_shared: white * by_shared,
+            residual: white * l.residual.fixed_rows::<9>(0),
+            white,
+        })
     }
 
     /// A link's Jacobian by a key frame's nine unknowns from that by its tangent.

@@ -80,8 +80,7 @@ impl Closer {
 
     /// Adds an IMU; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
-        let imu = ImuModel { imu_from_camera, noise: sensor.noise.times([config.noise_times; 2]) };
-        Self { imu: Some((imu, config.whole_key_frames)), ..self }
+        Self { imu: Some((config.model(sensor, imu_from_camera), config.whole_key_frames)), ..self }
     }
 
     /// Adds the motions that other sensors measured between key frames.
