@@ -1,8 +1,8 @@
 //! The atlas that the robots of a team share: their maps in one, joined where they show the same places.
 
 use crate::{MergeError, MergedMaps, merge_maps};
+use cairn_atlas::RobotId;
 use cairn_atlas::store::{MapFile, StoreError, pieces};
-use cairn_atlas::{RobotId, Snapshot};
 use cairn_engine::Config;
 use std::collections::BTreeMap;
 
@@ -71,7 +71,7 @@ pub enum OwnMapError {
 /// [`OwnMapError`].
 pub fn own_map(robot: RobotId, bytes: &[u8]) -> Result<MapFile, OwnMapError> {
     let file = match pieces::is_in_pieces(bytes) {
-        true => MapFile::read(&pieces::whole(bytes)?),
+        true => pieces::read(bytes),
         false => MapFile::read(bytes),
     };
     let file = file?;
@@ -83,25 +83,17 @@ pub fn own_map(robot: RobotId, bytes: &[u8]) -> Result<MapFile, OwnMapError> {
     }
 }
 
-/// What a robot gives to its team of a saved map, and the bytes of it: all of a map that it made by itself; of one that it
-/// continued, as of the atlas that the team shares, what it made itself ([`cairn_atlas::Snapshot::part_of`]), with all routes. The
-/// others give theirs. What its IMU measured stays: joining maps has no use for it.
+/// What a robot gives to its team of a saved map: all of a map that it made by itself; of one that it continued, as of the atlas that
+/// the team shares, what it made itself ([`cairn_atlas::Snapshot::part_of`]), with all routes. The others give theirs.
 ///
 /// # Errors
 /// [`OwnMapError`]: it is damaged, or nothing of the robot is in it.
-pub fn own_part(robot: RobotId, bytes: Vec<u8>) -> Result<(MapFile, Vec<u8>), OwnMapError> {
-    let mut file = MapFile::read(&bytes)?;
-    let by_others = file.snapshot.robots().keys().any(|r| *r != robot);
-    let has_readings =
-        |s: &Snapshot| s.key_frames().any(|k| k.motion.as_ref().is_some_and(|m| m.imu_factor.is_some()));
+pub fn own_part(robot: RobotId, bytes: &[u8]) -> Result<MapFile, OwnMapError> {
+    let mut file = MapFile::read(bytes)?;
     if file.snapshot.key_frame_count() == 0 {
         return Err(OwnMapError::Empty(robot));
     }
-    if !by_others && !has_readings(&file.snapshot) {
-        return Ok((file, bytes));
-    }
-    file.snapshot = file.snapshot.without_imu_factors();
-    if by_others {
+    if file.snapshot.robots().keys().any(|r| *r != robot) {
         file.snapshot = file.snapshot.part_of(robot).ok_or(OwnMapError::Empty(robot))?;
         let mut depth = file.take_depth()?;
         depth.retain(|part| part.submap.key_frame.robot == robot);
@@ -110,6 +102,5 @@ pub fn own_part(robot: RobotId, bytes: Vec<u8>) -> Result<(MapFile, Vec<u8>), Ow
         }
         file.add_depth(&depth);
     }
-    let bytes = file.write()?;
-    Ok((file, bytes))
+    Ok(file)
 }

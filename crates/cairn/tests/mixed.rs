@@ -5,6 +5,7 @@ use cairn::geometry::{Se3, umeyama};
 use cairn::sensor::Stamp;
 use cairn::team::RobotId;
 use cairn::{Config, Map, MergedMaps, Slam, map_file, merge_maps, open};
+use cairn_atlas::store::pieces::{self, Pieces};
 use cairn_atlas::store::{MapFile, Table};
 use std::collections::BTreeMap;
 
@@ -36,7 +37,18 @@ fn walk(robot: RobotId, world: &str, options: &str) -> Walk {
 }
 
 fn merge(walks: &[&Walk]) -> MergedMaps {
-    let files = walks.iter().map(|w| (format!("robot {}", w.robot), w.file.clone())).collect();
+    merge_as(walks, MapFile::clone)
+}
+
+/// The map as the robots of a team send it.
+fn sent(file: &MapFile) -> MapFile {
+    let mut pieces = Pieces::default();
+    pieces.add(file).expect("in memory");
+    pieces::read(pieces.bytes()).expect("whole pieces")
+}
+
+fn merge_as(walks: &[&Walk], what: impl Fn(&MapFile) -> MapFile) -> MergedMaps {
+    let files = walks.iter().map(|w| (format!("robot {}", w.robot), what(&w.file))).collect();
     let merged = merge_maps(files, &Config::default()).expect("they fit");
     merged.file.snapshot.check().expect("a sound map");
     merged
@@ -89,6 +101,14 @@ fn merged(seed: u64, walks: &[Walk]) -> (MergedMaps, Vec<f64>, f64, f64) {
         1 + file.snapshot.other_cameras().count(),
         both / best
     );
+    let of_sent = merge_as(&all, sent).file;
+    let sent_both = ate(&of_sent, &all, None, false).0;
+    println!(
+        "  as they are sent: {} maps, all {sent_both:.3} m, {:.3} times the best",
+        of_sent.snapshot.maps().count(),
+        sent_both / best
+    );
+    assert_eq!(of_sent.snapshot.maps().count(), file.snapshot.maps().count());
     for a in &merged.attempts {
         match &a.join.result {
             Ok(j) => println!(

@@ -10,7 +10,8 @@ use cairn::{
     words_of_map,
 };
 use cairn_atlas::KeyFrameName;
-use cairn_atlas::store::{MapFile, pieces};
+use cairn_atlas::store::MapFile;
+use cairn_atlas::store::pieces::{PartBytes, Pieces};
 use std::collections::{BTreeMap, BTreeSet};
 
 struct Walk {
@@ -43,6 +44,13 @@ fn walk_in(map: Option<MapFile>, robot: RobotId, world: &str, options: &str) -> 
     Walk { map: file.write().expect("it can be written"), truth }
 }
 
+/// What a robot gives of its map.
+fn in_pieces(walk: &Walk) -> Pieces {
+    let mut pieces = Pieces::default();
+    pieces.add(&MapFile::read(&walk.map).expect("a whole map")).expect("in memory");
+    pieces
+}
+
 /// All robots say what they have until they have the same; returns what each of them holds.
 fn exchanged(walks: &BTreeMap<RobotId, Walk>) -> Vec<BTreeMap<RobotId, Vec<u8>>> {
     let network = NetworkConfig { loss: 0.3, delayed: 0.3, delay_rounds: 3, duplicated: 0.2, seed: 4 };
@@ -51,8 +59,8 @@ fn exchanged(walks: &BTreeMap<RobotId, Walk>) -> Vec<BTreeMap<RobotId, Vec<u8>>>
     for (robot, walk) in walks {
         let identity = Identity::from_seed(*robot, &[*robot as u8; 32]).expect("a seed");
         let mut peer = Peer::new(identity, TeamKey::new(b"three"));
-        let pieces = pieces::cut(&walk.map).expect("a whole map");
-        peer.publish_pieces(&pieces.bytes, &pieces.lengths).expect("it is short enough");
+        let pieces = in_pieces(walk);
+        peer.publish_pieces(pieces.bytes(), pieces.lengths()).expect("it is short enough");
         peers.insert(*robot, peer);
     }
     let robots: Vec<RobotId> = walks.keys().copied().collect();
@@ -226,15 +234,14 @@ fn a_robot_that_continued_the_shared_atlas_joins_its_team_again() {
     let today = walk_in(Some(yesterday), 2, "demo", "seed=5&start=8&duration=12&height=1.4");
     let continued = MapFile::read(&today.map).expect("a whole map");
     assert!(own_map(2, &today.map).unwrap_err().to_string().contains("key frames of robot 1"));
-    let (part, bytes) = own_part(2, today.map.clone()).expect("it made key frames of it");
+    let part = own_part(2, &today.map).expect("it made key frames of it");
     let own = part.snapshot.robots();
     println!("yesterday {before:?}, continued {:?}, given {own:?}", continued.snapshot.robots());
     assert_eq!(own.keys().copied().collect::<Vec<_>>(), [2]);
     assert_eq!(own[&2], continued.snapshot.robots()[&2]);
     assert!(own[&2] > before[&2] + 5, "{own:?}");
-    assert!(bytes.len() < today.map.len());
 
-    walks.get_mut(&2).expect("robot 2").map = bytes;
+    walks.get_mut(&2).expect("robot 2").map = part.write().expect("written");
     let shared = atlas_of_all(&walks);
     assert!(shared.left_out.is_empty(), "{:?}", shared.left_out);
     let snapshot = &shared.merged.file.snapshot;
@@ -251,7 +258,7 @@ fn a_robot_that_continued_the_shared_atlas_joins_its_team_again() {
     println!("ATE of all {error:.3} m");
     assert!(error < 0.03, "{error} m");
     // Who has no part in a map gives nothing of it.
-    let why = own_part(3, today.map).unwrap_err().to_string();
+    let why = own_part(3, &today.map).unwrap_err().to_string();
     assert_eq!(why, "it has no key frame of robot 3");
 }
 
@@ -297,6 +304,27 @@ fn damaged_and_foreign_maps_are_left_out_with_a_sentence() {
     assert!(shared_atlas(&BTreeMap::new(), &Config::default()).is_none());
 }
 
+/// Prints where the bytes of a key frame go.
+fn bytes_of(walks: &BTreeMap<RobotId, Walk>) {
+    let files: Vec<MapFile> = walks.values().map(|w| MapFile::read(&w.map).expect("a map")).collect();
+    let n: usize = files.iter().map(|f| f.snapshot.key_frame_count()).sum();
+    let of =
+        |bytes: &dyn Fn(&Pieces) -> usize| walks.values().map(|w| bytes(&in_pieces(w))).sum::<usize>() / n;
+    let part = |part: &dyn Fn(PartBytes) -> usize| of(&|pieces| part(pieces.parts().expect("whole")));
+    println!(
+        "a key frame: {} B of the file, {} B sent; before packing {} B of features, {} of which landmarks they show, {} of \
+         positions and {} of descriptors of landmarks, {} of key frames, {} of all else",
+        walks.values().map(|w| w.map.len()).sum::<usize>() / n,
+        of(&|pieces| pieces.bytes().len()),
+        part(&|p| p.features),
+        part(&|p| p.shown),
+        part(&|p| p.landmarks),
+        part(&|p| p.descriptors),
+        part(&|p| p.key_frames),
+        part(&|p| p.other)
+    );
+}
+
 #[test]
 #[ignore = "a table for docs/team.md: three minutes"]
 fn table() {
@@ -305,19 +333,32 @@ fn table() {
         "start=6&duration=16&speed=1.05&height=1.4",
         "start=9&duration=16&speed=0.95&height=1.35",
     ];
-    println!("| seed | alone, m | all in one map, m | times the best alone | all, scale free, m | scale |");
+    println!(
+        "| seed | alone, m | all in one map, m | times the best alone | all, scale free, m | scale | of whole maps, m |"
+    );
     for seed in 1..=6 {
         let walks: BTreeMap<RobotId, Walk> =
             (1..).zip(options).map(|(r, o)| (r, walk(r, "demo", &format!("seed={seed}&{o}")))).collect();
-        let parts = walks.iter().map(|(robot, walk)| (*robot, walk.map.clone())).collect();
-        let file = shared_atlas(&parts, &Config::default()).expect("maps").merged.file;
-        assert_eq!(file.snapshot.maps().count(), 1, "seed {seed}");
+        let atlas = |part: &dyn Fn(&Walk) -> Vec<u8>| {
+            let parts = walks.iter().map(|(robot, walk)| (*robot, part(walk))).collect();
+            let file = shared_atlas(&parts, &Config::default()).expect("maps").merged.file;
+            assert_eq!(file.snapshot.maps().count(), 1, "seed {seed}");
+            file
+        };
+        let (file, of_whole) =
+            (atlas(&|walk| in_pieces(walk).bytes().to_vec()), atlas(&|walk| walk.map.clone()));
         let alone: Vec<f64> =
             walks.iter().map(|(r, w)| ate(&MapFile::read(&w.map).expect("a map"), &walks, &[*r])).collect();
         let best = alone.iter().copied().fold(f64::INFINITY, f64::min);
         let all = ate(&file, &walks, &[1, 2, 3]);
         let (free, scale) = ate_and_scale(&file, &walks, &[1, 2, 3], true);
+        let of_whole = ate(&of_whole, &walks, &[1, 2, 3]);
         let alone: Vec<String> = alone.iter().map(|m| format!("{m:.3}")).collect();
-        println!("| {seed} | {} | {all:.3} | {:.2} | {free:.3} | {scale:.4} |", alone.join(", "), all / best);
+        let alone = alone.join(", ");
+        bytes_of(&walks);
+        println!(
+            "| {seed} | {alone} | {all:.3} | {:.2} | {free:.3} | {scale:.4} | {of_whole:.3} |",
+            all / best
+        );
     }
 }

@@ -2,6 +2,7 @@
 
 mod link;
 mod member;
+mod send_limit;
 mod wire;
 
 pub use member::Member;

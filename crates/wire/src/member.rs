@@ -1,8 +1,9 @@
 //! A robot of a team on the network: the peer that decides, the wire that carries.
 
+use crate::send_limit::SendLimit;
 use crate::{Event, LinkId, Wire};
 use cairn_team::RobotId;
-use cairn_team::peer::{Outgoing, Peer, RefusalLog, To};
+use cairn_team::peer::{RefusalLog, Outgoing, Peer, PeerKind, To};
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -19,6 +20,8 @@ pub struct Member {
     robots: BTreeMap<LinkId, RobotId>,
     complaints: RefusalLog,
     next_tick: Instant,
+    /// What waits so that no more than so much is sent in a second.
+    limit: Option<SendLimit>,
 }
 
 impl Member {
@@ -29,7 +32,15 @@ impl Member {
     pub fn open(peer: Peer, listen: impl ToSocketAddrs, dial: &[String]) -> io::Result<Self> {
         let wire = Wire::open(listen, dial)?;
         let complaints = RefusalLog::default();
-        Ok(Self { peer, wire, robots: BTreeMap::new(), complaints, next_tick: Instant::now() })
+        let next_tick = Instant::now();
+        Ok(Self { peer, wire, robots: BTreeMap::new(), complaints, next_tick, limit: None })
+    }
+
+    /// Sends no more than so many bytes in a second, over all links together, as far as that is up to maps: their blocks wait until
+    /// there is room beside words and what is said of versions, which go at once.
+    #[must_use]
+    pub fn with_send_limit(self, bytes_per_s: f64) -> Self {
+        Self { limit: Some(SendLimit::new(bytes_per_s, Instant::now())), ..self }
     }
 
     /// The address that is listened on.
@@ -66,12 +77,14 @@ impl Member {
             if now >= self.next_tick {
                 self.next_tick = now + TICK;
                 let out = self.peer.tick();
-                self.send(&out);
+                self.send(out);
             }
+            self.send_waiting(now);
             if now >= until {
                 return lines;
             }
-            let wait = until.min(self.next_tick).saturating_duration_since(now);
+            let next = self.limit.as_ref().and_then(|limit| limit.next_at(now)).unwrap_or(until);
+            let wait = until.min(self.next_tick).min(next).saturating_duration_since(now);
             match self.wire.next(wait) {
                 // Says at once what it has.
                 Some(Event::Opened(..)) => self.next_tick = now,
@@ -94,7 +107,7 @@ impl Member {
         match self.peer.receive_from(bytes) {
             Ok((from, answers)) => {
                 self.robots.insert(link, from);
-                self.send(&answers);
+                self.send(answers);
                 None
             }
             Err(why) => self.complaints.line(&why),
@@ -106,17 +119,36 @@ impl Member {
         self.robots.iter().map(|(link, robot)| (*robot, *link)).collect()
     }
 
-    fn send(&mut self, out: &[Outgoing]) {
+    /// Sends messages; blocks of maps wait for their turn where there is a limit.
+    fn send(&mut self, out: Vec<Outgoing>) {
+        for message in out {
+            match &mut self.limit {
+                Some(limit) if message.kind == PeerKind::Block => limit.wait(message),
+                _ => self.send_now(&message),
+            }
+        }
+    }
+
+    /// Sends the blocks that waited and whose turn it is.
+    fn send_waiting(&mut self, now: Instant) {
+        while let Some(message) = self.limit.as_mut().and_then(|limit| limit.take(now)) {
+            self.send_now(&message);
+        }
+    }
+
+    /// Sends a message on each link that it is for, and counts it as often.
+    fn send_now(&mut self, message: &Outgoing) {
         let ways = self.ways();
         let unknown = || self.wire.links().into_iter().filter(|link| !self.robots.contains_key(link));
-        let mut sent = Vec::new();
-        for message in out {
-            let links: Vec<LinkId> = match message.to {
-                To::All => ways.values().copied().chain(unknown()).collect(),
-                To::Robot(robot) => ways.get(&robot).copied().into_iter().collect(),
-            };
-            sent.extend(links.iter().filter(|link| self.wire.send(**link, &message.bytes)).map(|_| message));
+        let links: Vec<LinkId> = match message.to {
+            To::All => ways.values().copied().chain(unknown()).collect(),
+            To::Robot(robot) => ways.get(&robot).copied().into_iter().collect(),
+        };
+        for _ in links.into_iter().filter(|link| self.wire.send(*link, &message.bytes)) {
+            self.peer.sent(message);
+            if let Some(limit) = &mut self.limit {
+                limit.sent(message.bytes.len());
+            }
         }
-        sent.into_iter().for_each(|message| self.peer.sent(message));
     }
 }

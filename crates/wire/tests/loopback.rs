@@ -48,6 +48,22 @@ fn three_share_over_one_that_knows_both_and_one_comes_back() {
 }
 
 #[test]
+fn a_map_takes_the_time_that_the_limit_gives_it() {
+    let mut a = member(1, &[]).with_send_limit(200_000.0);
+    let mut b = member(2, &[a.address().to_string()]);
+    a.peer_mut()
+        .publish(&(0..600_000u32).map(|n| (n / 3) as u8 ^ (n / 65_536) as u8).collect::<Vec<u8>>())
+        .unwrap();
+    let began = Instant::now();
+    settle(&mut [&mut a, &mut b], 1);
+    // What a second gives goes at once, and one block may be ahead.
+    let seconds = began.elapsed().as_secs_f64();
+    assert!((1.6..15.0).contains(&seconds), "600 kB at 200 kB/s took {seconds} s");
+    let sent: u64 = a.peer().traffic().sent.values().map(|amount| amount.bytes).sum();
+    assert!((600_000..620_000).contains(&sent), "{sent} bytes");
+}
+
+#[test]
 fn garbage_on_the_port_is_one_line_and_the_team_goes_on() {
     let mut a = member(1, &[]);
     let hub = a.address();

@@ -57,9 +57,10 @@ pub struct Costs {
     pub words: f64,
     /// Bytes of the words of a key frame on the network.
     pub words_bytes: f64,
-    /// Bytes of a key frame of a map in pieces, landmarks and all.
+    /// Bytes of a key frame of a map as it is sent, landmarks and all, said once.
     pub map_bytes: f64,
-    /// Bytes of all pieces that were new at a save, over those of the last save: what local mapping moved is sent again.
+    /// Bytes of all pieces, over those of the last save said once: what local mapping moved, and what became of key frames that went,
+    /// is sent as well.
     pub sent_again: f64,
     /// Bytes that a key frame of a map takes in memory; `None` where the system does not tell.
     pub memory_bytes: Option<f64>,
@@ -69,7 +70,7 @@ pub struct Costs {
     pub query_s: Straight,
     /// Seconds to compare the words of two key frames of two robots.
     pub compare_s: f64,
-    /// Seconds to join a map with another one, for each key frame of the former.
+    /// Seconds to read a map and to join it with another one, for each of its key frames.
     pub join_s: f64,
     /// Seconds to adjust a map as a whole, for each of its key frames.
     pub adjust_s: f64,

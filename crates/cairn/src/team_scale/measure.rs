@@ -3,8 +3,9 @@
 
 use super::costs::{Costs, Power, Straight};
 use crate::reach::{MapWords, words_of_map};
-use crate::{Config, Error, Slam, map_file, merge_maps, open};
-use cairn_atlas::store::{MapFile, pieces};
+use crate::{Config, Error, Slam, map_file, open, shared_atlas};
+use cairn_atlas::store::pieces::{self, Pieces};
+use cairn_atlas::store::{MapFile, StoreError};
 use cairn_atlas::{KeyFrame, KeyFrameId, PlaceIndex, RobotId};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_mapping::Closer;
@@ -14,7 +15,7 @@ use cairn_solve::Loss;
 use cairn_solve::graph::{GraphConfig, PoseGraph};
 use cairn_team::peer::{Identity, Peer, PeerKind, TeamKey, To};
 use cairn_vision::bow::{BagOfWords, WordId};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
@@ -59,12 +60,16 @@ pub enum MeasureError {
 /// A walk with what it said.
 struct Walk {
     file: MapFile,
-    bytes: Vec<u8>,
+    /// The last save as others get it, in pieces and in one.
+    pieces: Pieces,
+    whole: Pieces,
     seconds: f64,
-    /// Bytes of all pieces that were new at a save.
+    /// Bytes of all pieces, as they were new at each save.
     sent: usize,
-    /// Bytes of the last save in pieces.
-    last: usize,
+}
+
+fn wrong(e: StoreError) -> MeasureError {
+    MeasureError::Map(e.to_string())
 }
 
 /// Measures all costs; `said` is told what is measured next.
@@ -87,7 +92,7 @@ pub fn measure_costs(config: &Config, mut said: impl FnMut(&str)) -> Result<Cost
     let query = INDEX.map(|n| (n as f64, query_s(&bags, n)));
     let compare_s = compare_s(&bags);
     said("joining, adjusting, relaxing");
-    let (join_s, adjust_s) = join_s(walks.each_ref().map(|w| &w.file), config)?;
+    let (join_s, adjust_s) = join_s(&walks, config)?;
     let edges = edges(walks.iter().flat_map(|w| w.file.snapshot.key_frames()));
     let relax = GRAPHS.map(|n| (n as f64, relax_s(n, edges.round() as usize)));
     Ok(Costs {
@@ -95,8 +100,8 @@ pub fn measure_costs(config: &Config, mut said: impl FnMut(&str)) -> Result<Cost
         walked_s: walks.iter().map(|w| w.seconds).sum(),
         words: bags.iter().map(|b| b.words().len()).sum::<usize>() as f64 / key_frames as f64,
         words_bytes: words_bytes as f64 / key_frames as f64,
-        map_bytes: sum(|w| w.last) / key_frames as f64,
-        sent_again: sum(|w| w.sent) / sum(|w| w.last),
+        map_bytes: sum(|w| w.whole.bytes().len()) / key_frames as f64,
+        sent_again: sum(|w| w.sent) / sum(|w| w.whole.bytes().len()),
         memory_bytes: memory,
         have_bytes: Straight::through(have[0], have[1]),
         query_s: Straight::through(query[0], query[1]),
@@ -114,20 +119,14 @@ fn walk(robot: RobotId, config: &Config) -> Result<Walk, MeasureError> {
     let mut source = open(&format!("{WORLD}&{}", WALKS[usize::from(robot) - 1]))?;
     let config = Config { robot, ..config.clone() };
     let mut slam = Slam::for_source(&*source).config(&config).build()?;
-    let (mut known, mut sent, mut last) = (BTreeSet::new(), 0, 0);
-    let mut save = |slam: &Slam| -> Result<Option<(MapFile, Vec<u8>)>, MeasureError> {
+    let (mut pieces, mut sent) = (Pieces::default(), 0);
+    let mut save = |slam: &Slam| -> Result<Option<MapFile>, MeasureError> {
         let Some(file) = map_file(slam.session(), &BTreeMap::new()) else { return Ok(None) };
-        let wrong = |e: cairn_atlas::store::StoreError| MeasureError::Map(e.to_string());
-        let bytes = file.write().map_err(wrong)?;
-        let cut = pieces::cut(&bytes).map_err(wrong)?;
-        let mut rest = &cut.bytes[..];
-        for length in &cut.lengths {
-            let (piece, after) = rest.split_at((*length).min(rest.len()));
-            sent += if known.insert(piece.to_vec()) { piece.len() } else { 0 };
-            rest = after;
-        }
-        last = cut.bytes.len();
-        Ok(Some((file, bytes)))
+        let before = (pieces.lengths().len(), pieces.bytes().len());
+        pieces.add(&file).map_err(wrong)?;
+        let goes_on = pieces.lengths().len() > before.0;
+        sent += pieces.bytes().len() - if goes_on { before.1 } else { 0 };
+        Ok(Some(file))
     };
     let (mut first, mut now, mut saved): (Option<Stamp>, Stamp, f64) = (None, Stamp(0), 0.0);
     while let Some(frame) = source.next_packet().map_err(Error::from)? {
@@ -140,9 +139,11 @@ fn walk(robot: RobotId, config: &Config) -> Result<Walk, MeasureError> {
         }
     }
     slam.finish();
-    let (file, bytes) = save(&slam)?.ok_or(Error::EmptyMap)?;
+    let file = save(&slam)?.ok_or(Error::EmptyMap)?;
+    let mut whole = Pieces::default();
+    whole.add(&file).map_err(wrong)?;
     let seconds = first.map_or(0.0, |first| now - first);
-    Ok(Walk { file, bytes, seconds, sent, last })
+    Ok(Walk { file, pieces, whole, seconds, sent })
 }
 
 /// Bytes that a map takes in memory, by how much the process grows with copies of it.
@@ -150,7 +151,7 @@ fn memory_of(walk: &Walk) -> Result<Option<f64>, MeasureError> {
     let mut copies = Vec::new();
     let mut read = |n: usize| -> Result<(), MeasureError> {
         for _ in 0..n {
-            copies.push(MapFile::read(&walk.bytes).map_err(|e| MeasureError::Map(e.to_string()))?);
+            copies.push(pieces::read(walk.pieces.bytes()).map_err(wrong)?);
         }
         Ok(())
     };
@@ -241,20 +242,20 @@ fn compare_s(bags: &[BagOfWords]) -> f64 {
     seconds / (COMPARED * COMPARED) as f64
 }
 
-/// Seconds to join the second map with the first, for each key frame of the second, without an adjustment of the whole; and seconds
-/// of that, for each key frame of both.
-fn join_s(files: [&MapFile; 2], config: &Config) -> Result<(f64, f64), MeasureError> {
+/// Seconds to read the maps of both and to join the second with the first, for each key frame of the second, without an adjustment
+/// of the whole; and seconds of that, for each key frame of both.
+fn join_s(walks: &[Walk; 2], config: &Config) -> Result<(f64, f64), MeasureError> {
     let mut around = config.clone();
     around.closer.whole_key_frames = 0;
-    let named = files.iter().zip(["first", "second"]).map(|(f, name)| (name.to_owned(), (*f).clone()));
-    let named: Vec<_> = named.collect();
-    let merged = merge_maps(named.clone(), &around).map_err(Error::from)?;
-    let join = least(|| drop(black_box(merge_maps(named.clone(), &around))));
-    let join = join / files[1].snapshot.key_frame_count() as f64;
-    let snapshot = &merged.file.snapshot;
+    let parts: BTreeMap<RobotId, Vec<u8>> =
+        (1..).zip(walks).map(|(robot, w)| (robot, w.pieces.bytes().to_vec())).collect();
+    let atlas = shared_atlas(&parts, &around).ok_or(MeasureError::Apart)?;
+    let join = least(|| drop(black_box(shared_atlas(&parts, &around))));
+    let join = join / walks[1].file.snapshot.key_frame_count() as f64;
+    let snapshot = &atlas.merged.file.snapshot;
     let mut maps = snapshot.maps();
     let (Some((map, _)), None) = (maps.next(), maps.next()) else { return Err(MeasureError::Apart) };
-    let closer = Closer::new(merged.file.about.camera, config.closer, config.mapper.window);
+    let closer = Closer::new(atlas.merged.file.about.camera, config.closer, config.mapper.window);
     let adjust = least(|| drop(black_box(closer.adjust_whole(snapshot, map, || false))));
     Ok((join, adjust / snapshot.key_frame_count() as f64))
 }

@@ -5,8 +5,8 @@
 //! 1. Robots walk all the time where nobody was, so that each makes key frames at the measured rate, and all have as many.
 //! 2. A team falls into groups of equal size; within one all share places, between two none do. Words go to all, maps to all
 //!    of the group, each to each (no broadcast), what local mapping moved again; each robot sends as much as any other.
-//! 3. A robot keeps the maps of its group in memory twice: in pieces, to be passed on, and as the shared atlas; and the words of
-//!    all robots.
+//! 3. A robot keeps the maps of its group in memory twice: in pieces, with what they said before, to be passed on, and as the shared
+//!    atlas; and the words of all robots.
 //! 4. Words of all are compared anew, and the shared atlas is made anew from all maps, as often as maps come. Between robots that
 //!    share places a few key frames settle it; between others all are compared.
 //! 5. Making it joins one map after the other with what there is: each key frame is compared, the pose graph relaxed, and up
@@ -74,7 +74,7 @@ impl Team {
         let maps = rate * (near - 1.0) * costs.map_bytes * costs.sent_again;
         let words = rate * (robots - 1.0) * costs.words_bytes;
         let have = (robots - 1.0) * costs.have_bytes.at(robots);
-        let held = n * costs.map_bytes;
+        let held = n * costs.map_bytes * costs.sent_again;
         let all_words = self.key_frames * (costs.words_bytes + costs.words * WORD_BYTES);
         let own = self.key_frames / robots;
         // Each map joins those before it.
@@ -183,7 +183,7 @@ mod tests {
         let load = Team { robots: 2, key_frames: 100.0, group: 2 }.load(&costs());
         let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
         near(load.bandwidth, 2.0 * (30e3 * 1.2 + 600.0) + 90.0);
-        near(load.memory.unwrap(), 100.0 * (60e3 + 30e3 + 600.0 + 12e3));
+        near(load.memory.unwrap(), 100.0 * (60e3 + 30e3 * 1.2 + 600.0 + 12e3));
         near(load.query_s, 1.2e-4);
         assert_eq!(load.compare_s, 0.0);
         let apart = Team { robots: 2, key_frames: 100.0, group: 1 }.load(&costs());

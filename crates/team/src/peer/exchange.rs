@@ -97,7 +97,7 @@ impl Peer {
         let Some(part) = self.coming.get_mut(&topic).filter(|part| part.stamp == stamp) else {
             return Ok(Vec::new());
         };
-        if !part.put(index, bytes) {
+        if !part.put(index, bytes, self.ticks) {
             return Err(Refused::Inconsistent("a block is not the one that its robot signed"));
         }
         Ok(self.go_on(from, topic))

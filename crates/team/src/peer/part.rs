@@ -5,7 +5,8 @@ use super::seal::hash;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// A block that did not come within so many ticks is asked for again, of another peer.
+/// Blocks that did not come within so many ticks after the last one that did are asked for again, of another peer: who sends slowly
+/// is waited for.
 const PATIENCE_TICKS: usize = 5;
 
 #[derive(Clone, Debug)]
@@ -14,7 +15,7 @@ pub(super) struct Part {
     pub stamp: Stamp,
     blocks: Vec<Option<Arc<Vec<u8>>>>,
     missing: usize,
-    /// Blocks that were asked for and have not come yet, and at which tick.
+    /// Blocks that were asked for and have not come yet, and the tick at which they were, or at which another one came since.
     asked: BTreeMap<u16, usize>,
 }
 
@@ -56,13 +57,14 @@ impl Part {
     }
 
     /// Accepts a block; false when it is not the one that the manifest names.
-    pub fn put(&mut self, index: u16, bytes: Vec<u8>) -> bool {
+    pub fn put(&mut self, index: u16, bytes: Vec<u8>, now: usize) -> bool {
         let k = usize::from(index);
         let Some(expected) = self.manifest.blocks.get(k) else { return false };
         if (hash::<16>(&bytes), bytes.len() as u32) != *expected {
             return false;
         }
         self.asked.remove(&index);
+        self.asked.values_mut().for_each(|tick| *tick = now);
         // The same block may be needed in several places.
         let bytes = Arc::new(bytes);
         for (slot, entry) in self.blocks.iter_mut().zip(&self.manifest.blocks) {

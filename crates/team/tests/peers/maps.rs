@@ -2,10 +2,12 @@
 
 use crate::team::{Team, identity, map, peer, received, talk};
 use cairn_random::Random;
-use cairn_team::peer::{BLOCK_BYTES, Identity, MAX_PEER_MESSAGE_BYTES, Peer, RefusalLog, TeamKey};
+use cairn_team::peer::{
+    BLOCK_BYTES, RefusalLog, Identity, MAX_PEER_MESSAGE_BYTES, Outgoing, Peer, PeerKind, TeamKey,
+};
 use cairn_team::{NetworkConfig, Refused, RobotId};
 use proptest::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 
 #[derive(Clone, Debug)]
@@ -216,6 +218,31 @@ fn what_is_late_is_not_asked_for_again() {
         team.peers[&2].traffic().received.iter().filter(|((_, k), _)| k.to_string() == "manifest");
     let manifests: u64 = manifests.map(|(_, amount)| amount.messages).sum();
     assert!(manifests <= 1 + rounds as u64 / 4, "{manifests} manifests in {rounds} rounds");
+}
+
+/// Who may send no more than so much in a second sends a block now and then: it is not asked for those that wait there again.
+#[test]
+fn blocks_that_come_slowly_are_asked_for_once() {
+    let (mut a, mut b) = (peer(1), peer(2));
+    a.publish(&map(1, 1, 20 * BLOCK_BYTES)).unwrap();
+    let (mut waiting, mut blocks) = (VecDeque::new(), 0);
+    for second in 0..80 {
+        let mut said: Vec<(RobotId, Outgoing)> = a.tick().into_iter().map(|m| (1, m)).collect();
+        said.extend(b.tick().into_iter().map(|m| (2, m)));
+        if second % 4 == 3 {
+            said.extend(waiting.pop_front());
+        }
+        while let Some((from, message)) = said.pop() {
+            let (to, other) = if from == 1 { (&mut b, 2) } else { (&mut a, 1) };
+            let answers = to.receive(&message.bytes).unwrap().into_iter().map(|m| (other, m));
+            let (slow, rest): (Vec<_>, Vec<_>) = answers.partition(|(_, m)| m.kind == PeerKind::Block);
+            blocks += slow.len();
+            waiting.extend(slow);
+            said.extend(rest);
+        }
+    }
+    assert_eq!(a.digest(), b.digest());
+    assert_eq!(blocks, 20, "of 20");
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub(super) fn read_landmarks(
 }
 
 /// Connects key frames and landmarks by what the features show.
-pub(super) fn observe(
+pub(in crate::store) fn observe(
     shown: &[u32],
     key_frames: &mut [KeyFrame],
     landmarks: &mut [Landmark],
@@ -72,7 +72,7 @@ pub(super) fn observe(
 
 /// Derives what follows from the observations of landmarks, on several processors; `appearances` tells their descriptors and levels
 /// where features are not read.
-pub(super) fn derive_all(
+pub(in crate::store) fn derive_all(
     snapshot: &Snapshot,
     landmarks: &mut [Landmark],
     picks: &[u32],

@@ -14,6 +14,7 @@ mod words;
 
 pub(super) use damage::Damage;
 pub(super) use features::decode_features;
+pub(super) use landmarks::{derive_all, observe};
 
 use super::about::About;
 use super::container::Parts;
@@ -25,7 +26,7 @@ use crate::{Paged, PlaceIndex, Snapshot};
 use cairn_vision::{DESCRIPTOR_ID, Octaves};
 use features::{bag_of, read_features};
 use key_frames::{read_cameras, read_gone, read_key_frames, read_maps, read_motion, read_robots};
-use landmarks::{derive_all, observe, read_landmarks};
+use landmarks::read_landmarks;
 use shown::{Shown, read_shown};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -164,7 +165,7 @@ pub(super) fn read(
 }
 
 /// Checks that the priors of maps refer to key frames.
-fn check_priors(snapshot: &mut Snapshot, damage: &mut Damage) -> Result<(), StoreError> {
+pub(super) fn check_priors(snapshot: &mut Snapshot, damage: &mut Damage) -> Result<(), StoreError> {
     let mut maps = (*snapshot.maps).clone();
     let mut changed = false;
     for (map, prior) in &mut maps {

@@ -236,9 +236,13 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
 /// Begins to share the map with the team, where --team asks for it.
 fn sharing(a: &Arguments, outputs: &Outputs) -> Result<Option<Sharing>, Failure> {
     let Some(team) = &a.team else {
-        let given = !a.reach.peer.is_empty() || a.reach.listen.is_some() || a.reach.secret.is_some();
+        let given = !a.reach.peer.is_empty()
+            || a.reach.listen.is_some()
+            || a.reach.secret.is_some()
+            || a.reach.send_limit.is_some();
+        let options = "--peer, --listen, --secret and --send-limit";
         return match given {
-            true => Err(Failure::usage("--peer, --listen and --secret", "need --team", "add --team NAME")),
+            true => Err(Failure::usage(options, "need --team", "add --team NAME")),
             false => Ok(None),
         };
     };

@@ -13,7 +13,7 @@ use crate::outputs::Outputs;
 use cairn::team::RobotId;
 use cairn::team::peer::{Identity, MapSubscription, Peer, TeamKey};
 use cairn::{Config, SharedAtlas, in_reach, own_part, shared_atlas, words_of_map};
-use cairn_atlas::store::pieces;
+use cairn_atlas::store::pieces::Pieces;
 use cairn_files::MIB;
 use cairn_wire::Member;
 use std::collections::{BTreeMap, BTreeSet};
@@ -68,7 +68,13 @@ pub struct Reach {
     /// The address of another robot; may be repeated. One that is away is tried again twice a second.
     #[arg(help_heading = "Team", long, value_name = "HOST:PORT")]
     pub peer: Vec<String>,
+    /// At most so many kB are sent in a second, in the mean and to all robots together: maps wait for their turn [default: 100].
+    #[arg(help_heading = "Team", long, value_name = "KB", value_parser = number(1.0..=1e9, "a number of kilobytes from 1"))]
+    pub send_limit: Option<f64>,
 }
+
+/// What a robot may send in a second: three that share a way stay below it (docs/team.md).
+const SEND_LIMIT_KB: f64 = 100.0;
 
 /// How long messages are exchanged before files are looked at again.
 const STEP: Duration = Duration::from_millis(500);
@@ -184,11 +190,23 @@ fn team_key(team: &str, secret_file: Option<&Path>) -> Result<TeamKey, Failure> 
     Ok(TeamKey::new(&secret))
 }
 
+/// What the others got of this robot's map, beside the map: a robot that is started again goes on from there.
+const PIECES: &str = "pieces";
+
+/// What the others got of this robot's map at an earlier time; nothing where that cannot be read.
+fn earlier_pieces(map: &Path) -> Pieces {
+    let most = cairn::team::peer::MAX_PART_BYTES as u64;
+    let bytes = cairn_files::read(&beside(map, PIECES), most).ok();
+    bytes.and_then(|bytes| Pieces::open(&bytes).ok()).unwrap_or_default()
+}
+
 /// This robot with its files.
 struct Robot {
     member: Member,
     map: PathBuf,
     out: PathBuf,
+    /// This robot's map as the others get it.
+    pieces: Pieces,
     /// The map file as it was read last.
     seen: Option<(SystemTime, u64)>,
     /// What became of the maps, and of which (by the digest).
@@ -219,9 +237,11 @@ impl Robot {
         let member = Member::open(peer, listen, &reach.peer).map_err(|e| {
             Failure::new(format!("--listen {listen}"), e.to_string(), "choose another address or port")
         })?;
+        let member = member.with_send_limit(1e3 * reach.send_limit.unwrap_or(SEND_LIMIT_KB));
         note(&format!("robot {robot} of team {team} listens on {}", member.address()));
         Ok(Self {
             member,
+            pieces: earlier_pieces(map),
             map: map.to_owned(),
             out,
             seen: None,
@@ -291,15 +311,17 @@ impl Robot {
             Err(e) => return warn(&format!("{shown} is not shared: {e}")),
         };
         let robot = self.member.peer().robot();
-        let published = own_part(robot, bytes).map_err(|e| e.to_string()).and_then(|(file, bytes)| {
-            let pieces = pieces::cut(&bytes).map_err(|e| e.to_string())?;
+        let published = own_part(robot, &bytes).map_err(|e| e.to_string()).and_then(|file| {
+            self.pieces.add(&file).map_err(|e| e.to_string())?;
             let peer = self.member.peer_mut();
             let (words, lengths) = words_of_map(robot, &file);
             if !words.is_empty() {
                 peer.publish_words(&words, &lengths).map_err(|e| e.to_string())?;
             }
-            peer.publish_pieces(&pieces.bytes, &pieces.lengths).map_err(|e| e.to_string())
+            peer.publish_pieces(self.pieces.bytes(), self.pieces.lengths()).map_err(|e| e.to_string())
         });
+        // Without the file all is sent again when this program is started again, no more.
+        let _ = std::fs::write(beside(&self.map, PIECES), self.pieces.bytes());
         if let Err(why) = published {
             warn(&format!("{shown} is not shared: {why}; make it with cairn run --robot {robot}"));
         }
