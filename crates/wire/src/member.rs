@@ -3,7 +3,7 @@
 use crate::send_limit::SendLimit;
 use crate::{Event, LinkId, Wire};
 use cairn_team::RobotId;
-use cairn_team::peer::{RefusalLog, Outgoing, Peer, PeerKind, To};
+use cairn_team::peer::{Outgoing, Peer, PeerKind, RefusalLog, To};
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{SocketAddr, ToSocketAddrs};

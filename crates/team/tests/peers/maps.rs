@@ -3,7 +3,7 @@
 use crate::team::{Team, identity, map, peer, received, talk};
 use cairn_random::Random;
 use cairn_team::peer::{
-    BLOCK_BYTES, RefusalLog, Identity, MAX_PEER_MESSAGE_BYTES, Outgoing, Peer, PeerKind, TeamKey,
+    BLOCK_BYTES, Identity, MAX_PEER_MESSAGE_BYTES, Outgoing, Peer, PeerKind, RefusalLog, TeamKey,
 };
 use cairn_team::{NetworkConfig, Refused, RobotId};
 use proptest::prelude::*;
