@@ -471,4 +471,14 @@ fn relax_distributes_what_a_loop_contradicts_and_leaves_what_is_fixed() {
     let pose = |snapshot: &Snapshot| snapshot.key_frame(middle).unwrap().world_from_camera;
     assert_eq!(pose(&held), pose(before));
     assert_ne!(pose(&after), pose(before));
+
+/// The rig of a phone allows for ten times the noise of its sensor: neither of the two counts that.
+#[test]
+fn closing_adjusts_with_the_noise_that_mapping_begins_with() {
+    let stated = cairn_sensor::ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
+    let phone = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 60.0, noise: stated, offset_s: 0.0 };
+    let config = InertialConfig { enabled: true, ..InertialConfig::default() };
+    let closer = closer(mono()).with_imu(&phone, Se3::identity(), config);
+    let mapping = crate::inertial::Inertial::new(&phone, Se3::identity(), config);
+    assert_eq!(closer.imu.map(|(imu, _)| imu), Some(mapping.imu));
 }
