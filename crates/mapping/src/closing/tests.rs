@@ -471,6 +471,7 @@ fn relax_distributes_what_a_loop_contradicts_and_leaves_what_is_fixed() {
     let pose = |snapshot: &Snapshot| snapshot.key_frame(middle).unwrap().world_from_camera;
     assert_eq!(pose(&held), pose(before));
     assert_ne!(pose(&after), pose(before));
+}
 
 /// The rig of a phone allows for ten times the noise of its sensor: neither of the two counts that.
 #[test]
