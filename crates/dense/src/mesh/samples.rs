@@ -342,7 +342,6 @@ fn divide(planes: &[Option<&Planes>; 8], least_weight: i32, live: &mut Rows, ste
             for i in 0..SIDE {
                 to[i] = sum[i] as f32 / weight[i].max(1) as f32;
             }
-            // As wide as the weights are: only then are they compared at once.
             for i in 0..SIDE {
                 bits |= u32::from(weight[i] >= least_weight) << i;
             }
