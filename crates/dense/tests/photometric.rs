@@ -39,8 +39,12 @@ fn see(at: &Se3, texture: impl Fn(&Vec3) -> f64, seed: u64) -> Seen {
 }
 
 fn see_with(noise: f64, at: &Se3, texture: impl Fn(&Vec3) -> f64, seed: u64) -> Seen {
-    let (camera, mut random) = (camera(), Random::new(seed));
-    let mut depth = wall().depth(&camera, at);
+    see_by(&camera(), noise, at, texture, seed)
+}
+
+fn see_by(camera: &Camera, noise: f64, at: &Se3, texture: impl Fn(&Vec3) -> f64, seed: u64) -> Seen {
+    let mut random = Random::new(seed);
+    let mut depth = wall().depth(camera, at);
     let mut gray = GrayImage::new(camera.width, camera.height);
     for y in 0..camera.height {
         for x in 0..camera.width {
@@ -181,4 +185,45 @@ fn a_gray_image_of_another_size_is_refused() {
     assert!(matches!(preparer.shades(&small), Err(DenseError::Size { .. })));
     let frame = preparer.prepare_metres(&seen.depth).expect("depth");
     assert!(matches!(ShadedView::new(frame, &small), Err(DenseError::Size { .. })));
+}
+
+/// Prints what the shades of an image cost beside its surface; measured with `cargo test --release -p cairn-dense --test photometric
+/// -- --nocapture cost`.
+#[test]
+fn the_cost_of_an_image_is_small() {
+    let cpu_ms = || {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 / 1e6
+    };
+    let camera = Camera::pinhole(640, 480, 560.0, 560.0, 319.5, 239.5);
+    let mut preparer = DepthPreparer::new(DepthConfig::default(), camera, 0.001).expect("a camera");
+    let mut volume = TsdfVolume::new(TsdfConfig::default()).expect("in range");
+    for i in 0..4u32 {
+        let at = pose([0.02 * f64::from(i), 0.0, 0.0], [0.0, 0.005 * f64::from(i), 0.0]);
+        let seen = see_by(&camera, 2.0, &at, |_| 0.0, 1000 + u64::from(i));
+        volume.integrate(preparer.prepare_metres(&seen.depth).expect("depth"), None, &at).expect("a pose");
+    }
+    let before = see_by(&camera, 2.0, &Se3::identity(), cloth, 0).view(&mut preparer);
+    let now = see_by(&camera, 2.0, &truth(), cloth, 1);
+    preparer.prepare_metres(&now.depth).expect("depth");
+    let config = TrackConfig { fixed_m: 0.02, ..TrackConfig::default() };
+    let mut times = [Vec::new(), Vec::new(), Vec::new()];
+    for _ in 0..25 {
+        let begin = cpu_ms();
+        let by_surface = track_from(&volume, preparer.frame(), &guess(), &known(), &config).expect("finite");
+        let aligned = cpu_ms();
+        let shades = preparer.shades(&now.gray).expect("its size");
+        let view = ShadedView::new(preparer.frame(), &shades).expect("its size");
+        let viewed = cpu_ms();
+        let found = track_photometric(&before, &Se3::identity(), &view, &by_surface, &known(), &config);
+        let spans = [aligned - begin, viewed - aligned, cpu_ms() - viewed];
+        assert!(found.is_some_and(|found| found.free.is_empty()));
+        times.iter_mut().zip(spans).for_each(|(times, ms)| times.push(ms));
+    }
+    let [surface, view, shades] = times.map(|mut times| {
+        times.sort_by(f64::total_cmp);
+        times[times.len() / 2]
+    });
+    println!("640x480, medians: surface {surface:.2} ms, view {view:.2} ms, shades {shades:.2} ms");
+    assert!(view + shades < 60.0, "{view} {shades}");
 }

@@ -321,41 +321,67 @@ fn divide(planes: &[Option<&Planes>; 8], least_weight: i32, live: &mut Rows, ste
         let [y, z, both] = live.before(word);
         needed.0[LEAD + word] = live.at(word) | y | z | both;
     }
-    let mut words = needed.words();
-    while words != 0 {
-        let word = words.trailing_zeros() as usize % WORDS;
-        words &= words - 1;
-        let mut all = 0;
-        for row in 4 * word..4 * word + 4 {
-            let (y, z) = (row % LAYER, row / LAYER);
-            if needed.row(row) == 0 || y > SIDE {
-                continue;
+    let (mut rows, mut count) = ([0; ROWS + 1], 0);
+    for row in 0..ROWS {
+        rows[count] = row as u8;
+        count += usize::from(needed.row(row) != 0);
+    }
+    let rows = &rows[..count];
+    // All of them are asked for before the first is waited for: few are near to the processor.
+    for &row in rows {
+        let (block, from) = source(row);
+        [block, block | 1].iter().filter_map(|&block| planes[block]).for_each(|planes| fetch(planes, from));
+    }
+    for &row in rows {
+        let (block, from) = source(row);
+        let row = usize::from(row);
+        let to = &mut steps[LAYER * row..][..CORNERS];
+        let mut bits = 0;
+        if let Some(planes) = planes[block] {
+            let (sum, weight) = (&planes.sum[from..from + SIDE], &planes.weight[from..from + SIDE]);
+            for i in 0..SIDE {
+                to[i] = sum[i] as f32 / weight[i].max(1) as f32;
             }
-            let (next, from) = ((y / SIDE) << 1 | (z / SIDE) << 2, SIDE * (y % SIDE + SIDE * (z % SIDE)));
-            let to = &mut steps[LAYER * row..][..CORNERS];
-            let mut bits = 0;
-            if let Some(planes) = planes[next] {
-                let (sum, weight) = (&planes.sum[from..from + SIDE], &planes.weight[from..from + SIDE]);
-                for i in 0..SIDE {
-                    to[i] = sum[i] as f32 / weight[i].max(1) as f32;
-                }
-                for i in 0..SIDE {
-                    bits |= u64::from(weight[i] >= least_weight) << i;
-                }
+            for i in 0..SIDE {
+                bits |= u32::from(weight[i] >= least_weight) << i;
             }
-            if let Some(planes) = planes[next | 1] {
-                to[SIDE] = planes.sum[from] as f32 / planes.weight[from].max(1) as f32;
-                bits |= u64::from(planes.weight[from] >= least_weight) << SIDE;
-            }
-            all |= bits << (row % 4 * 16);
         }
-        enough.0[LEAD + word] = all;
+        if let Some(planes) = planes[block | 1] {
+            to[SIDE] = planes.sum[from] as f32 / planes.weight[from].max(1) as f32;
+            bits |= u32::from(planes.weight[from] >= least_weight) << SIDE;
+        }
+        enough.0[LEAD + row / 4] |= u64::from(bits) << (row % 4 * 16);
     }
     for word in 0..LAYER_WORDS * SIDE {
         let [y, z, both] = enough.next(word);
         let all = enough.at(word) & y & z & both;
         live.0[LEAD + word] &= all & all >> 1;
     }
+}
+
+/// The block that a row of corners comes from, and its first voxel there.
+#[inline(always)]
+fn source(row: u8) -> (usize, usize) {
+    let (y, z) = (usize::from(row) % LAYER, usize::from(row) / LAYER);
+    ((y / SIDE) << 1 | (z / SIDE) << 2, SIDE * (y % SIDE + SIDE * (z % SIDE)))
+}
+
+/// Asks for distances and weights from a voxel on, so that they are near when they are read.
+#[inline(always)]
+fn fetch(planes: &Planes, from: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let (sum, weight) = (&planes.sum[from], &planes.weight[from]);
+        #[allow(unsafe_code)]
+        // SAFETY: a hint; nothing is read or written.
+        unsafe {
+            _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(sum).cast());
+            _mm_prefetch::<_MM_HINT_T0>(std::ptr::from_ref(weight).cast());
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (planes, from);
 }
 
 /// Neighbouring distances that differ by more than this belong to two surfaces, one behind the other: there is no
