@@ -288,7 +288,7 @@ mod tests {
         let rows = [0.0, -1.0, 0.0, 4.0, 1.0, 0.0, 0.0, 5.0, 0.0, 0.0, 1.0, 6.0, 0.0, 0.0, 0.0, 1.0];
         let pose = pose_from_matrix(&rows).unwrap();
         assert_eq!(pose_from_matrix(&rows[..12]), Ok(pose));
-        let moved = pose.transform(&Vec3::new(1.0, 0.0, 0.0));
+        let moved = pose * Vec3::new(1.0, 0.0, 0.0);
         assert!((moved - Vec3::new(4.0, 6.0, 6.0)).norm() < 1e-12, "{moved}");
         let with = |k: usize, v: f64| {
             pose_from_matrix(&std::array::from_fn::<_, 16, _>(|i| if i == k { v } else { rows[i] }))
