@@ -320,10 +320,12 @@ impl Robot {
             }
             peer.publish_pieces(self.pieces.bytes(), self.pieces.lengths()).map_err(|e| e.to_string())
         });
-        // Without the file all is sent again when this program is started again, no more.
-        let _ = std::fs::write(beside(&self.map, PIECES), self.pieces.bytes());
-        if let Err(why) = published {
-            warn(&format!("{shown} is not shared: {why}; make it with cairn run --robot {robot}"));
+        match published {
+            // Without the file all is sent again when this program is started again, no more.
+            Ok(_) => _ = std::fs::write(beside(&self.map, PIECES), self.pieces.bytes()),
+            Err(why) => {
+                warn(&format!("{shown} is not shared: {why}; make it with cairn run --robot {robot}"))
+            }
         }
     }
 
