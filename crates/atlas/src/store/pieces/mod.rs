@@ -1,6 +1,6 @@
 //! A map as a robot sends it to its team: what joining needs of it, in pieces of which each save adds one.
 //!
-//! Of a map go the features that show landmarks, in parts of a pixel ([`state`]), one descriptor for each landmark, landmarks
+//! Of a map go the features that show landmarks, in parts of a pixel (`state.rs`), one descriptor for each landmark, landmarks
 //! by where their first key frame sees them, and the poses of key frames. What local mapping moves by less than can matter is
 //! not sent again, and a landmark moves along with its key frame. IMU states, words, and features without landmarks stay; words
 //! are computed again.
