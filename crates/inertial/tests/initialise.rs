@@ -129,7 +129,7 @@ fn sensitivity_of_the_accelerometer_is_part_of_the_scales_standard_deviation() {
         let mut readings = samples(from, 15.0, 200.0);
         readings.iter_mut().for_each(|s| s.accel.component_mul_assign(&factors));
         let (readings, _) = noisy(&mut rng, readings, some_bias());
-        let pose = |t: f64| Se3::new(Motion::rotation(t), Motion::position(t));
+        let pose = |t: f64| Se3::new(HandMotion::rotation(t), HandMotion::position(t));
         let attempt = attempt(&case(&mut rng, readings, pose, from, 60, MAP_UNIT_M), Scale::Free);
         let found = attempt.accepted().unwrap_or_else(|| panic!("{seed}: {:?}", attempt.gates));
         let off = (found.scale / MAP_UNIT_M).ln();
