@@ -21,8 +21,9 @@ const PATIENCE: usize = 10;
 /// round trip.
 const OVERDUE: (f64, f64) = (40.0, 0.25);
 
-/// On links slower than this, bytes a millisecond, one connection is enough: its images take most of the time that there is.
-const ROOM_RATE: f64 = 40.0;
+/// From this rate on, bytes a millisecond, a link has room for several connections, and no longer below this: copies of what must
+/// not wait take 50 kbit/s, and an image is most of what a slow link carries in its time.
+const ROOM_RATES: [f64; 2] = [40.0, 30.0];
 
 /// Decides about images by when the server has received those before.
 pub struct Pace {
@@ -72,6 +73,11 @@ impl Default for Pace {
 }
 
 impl Pace {
+    /// Whether the link is fast enough for several connections; one that has them keeps them a little longer.
+    pub fn has_room(&self) -> bool {
+        self.rate.is_some_and(|rate| rate >= ROOM_RATES[usize::from(self.connections > 1)])
+    }
+
     /// Whether an image may be captured.
     pub fn may_shoot(&self, now: Instant) -> bool {
         self.last.is_none_or(|last| now - last >= SHORTEST) && self.connection(now).is_some()
@@ -90,7 +96,7 @@ impl Pace {
             waits[one.on] |= -free > self.trip_ms * (1.0 + OVERDUE.1) + OVERDUE.0;
         }
         let count = self.unconfirmed.len();
-        if self.connections == 1 || rate < ROOM_RATE {
+        if self.connections == 1 {
             // What has left the link has arrived half a round trip later.
             return (count == 0 || count == 1 && -free >= self.trip_ms / 2.0).then_some(0);
         }

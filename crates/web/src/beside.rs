@@ -1,18 +1,18 @@
 //! Further connections of a page beside its first: a segment that is lost on one of them holds up nothing on the others.
 //!
-//! A page opens them once it has been greeted, with its id and secret. They belong to its task: what comes on them is handled as
+//! A page opens them once it has been greeted and the link is known to have room for them, with its id and secret. They belong to its task: what comes on them is handled as
 //! if it came on the first, and what must not wait goes to the page on all. Words and commands are numbered, so that
 //! each is taken once and in order (`InOrder`); of images and their times the newest counts. They end with the first connection,
 //! and a page whose further connections fail goes on without.
 
 use crate::connection::Connection;
+use crate::doors::Door;
 use crate::hub::Hub;
 use crate::link::GONE_AFTER;
 use crate::token::same;
 use crate::wire::{self, ToPage};
 use axum::extract::ws::Message;
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use tokio::sync::{Semaphore, broadcast, mpsc};
 
 /// Further connections that a page may have.
@@ -20,18 +20,6 @@ const MOST: usize = 2;
 /// Messages that may wait for the page's task, and for a connection that hangs.
 const WAITING: usize = 16;
 const BEHIND: usize = 64;
-
-/// Where the further connections of the pages come in.
-#[derive(Default)]
-pub(crate) struct Doors(Mutex<HashMap<u64, Door>>);
-
-/// Where those of one page come in.
-struct Door {
-    secret: String,
-    came: mpsc::Sender<(u64, Message)>,
-    copies: broadcast::WeakSender<Arc<str>>,
-    places: Arc<Semaphore>,
-}
 
 /// The further connections of one page, as its task sees them.
 pub(crate) struct Beside {
@@ -81,12 +69,6 @@ impl Beside {
 impl Drop for Beside {
     fn drop(&mut self) {
         self.hub.doors.all(|doors| doors.remove(&self.id));
-    }
-}
-
-impl Doors {
-    fn all<T>(&self, what: impl FnOnce(&mut HashMap<u64, Door>) -> T) -> T {
-        what(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 

@@ -3,8 +3,8 @@
 //! A walk is held by the page that began it. While that page is away the walk waits for it: the page comes back with
 //! its secret, and another page gets the walk only by taking it over.
 
-use crate::beside::Doors;
 use crate::columns::Columns;
+use crate::doors::Doors;
 use crate::drawn::Drawn;
 use crate::line::Lines;
 use crate::pulse::Pulse;

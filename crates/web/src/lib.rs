@@ -7,6 +7,7 @@ mod columns;
 mod config;
 mod connection;
 mod depth;
+mod doors;
 mod drawn;
 mod error;
 mod hub;

@@ -17,8 +17,6 @@ pub(crate) const GONE_AFTER: Duration = Duration::from_secs(3);
 const BULK_S: f64 = 0.15;
 /// Bytes that may be sent before anything is known about the link.
 const UNKNOWN_BYTES: usize = 4096;
-/// Bulk data for which there is room on a link of 0.3 Mbit/s.
-const ROOM_BYTES: usize = 5600;
 /// Number of round trips and of rates that are remembered: few enough trips that a network that has changed is known for what it
 /// is after two or three seconds.
 const TRIPS: usize = 8;
@@ -93,11 +91,6 @@ impl Link {
     /// Whether bulk data of this size may be sent now.
     pub fn may_send(&self, bytes: usize) -> bool {
         self.asked.is_none() && bytes <= self.room()
-    }
-
-    /// Whether there is room for copies of what is sent with every image; words are copied in any case.
-    pub fn has_room(&self) -> bool {
-        self.room() >= ROOM_BYTES
     }
 
     /// The largest bulk data that may be sent while none is under way, bytes.

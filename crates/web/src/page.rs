@@ -223,9 +223,7 @@ impl Client {
                 // A few bytes, which need not wait for bulk data that is under way.
                 Ok(()) = self.frame.changed(), if self.holds() => {
                     let frame = self.frame.borrow_and_update();
-                    if self.link.has_room() {
-                        self.beside.copy(&frame);
-                    }
+                    self.beside.copy(&frame);
                     (Some(text(&frame)), 0)
                 }
                 _ = clock.tick() => (None, 0),
@@ -310,9 +308,7 @@ impl Client {
                     self.hub.port.picture(ms, jpeg.to_vec());
                 }
                 let got = ToPage::Got { ms, overtaken }.text();
-                if self.link.has_room() {
-                    self.beside.copy(&got);
-                }
+                self.beside.copy(&got);
                 Some(got)
             }
             Message::Text(text) => match serde_json::from_str(&text).ok()? {

@@ -73,7 +73,7 @@ const camera = new Camera($('video'), {
     if (!controls || !link.isOpen) return;
     link.sendOn(pace.sent(performance.now(), stamp, bytes.length), bytes);
   },
-  motion: (samples) => controls && link.sendCopies({ motion: samples }, pace.hasRoom),
+  motion: (samples) => controls && link.sendCopies({ motion: samples }),
   clogged: () => link.isClogged,
 });
 
@@ -136,7 +136,10 @@ function take(message) {
     control: (v) => control(v.id, v.held),
     // On another connection that of a newer image may have come before.
     frame: ({ ms }) => { if (ms === null || frameMs === null || ms > frameMs) frameMs = ms; },
-    got: ({ ms }) => pace.got(performance.now(), ms),
+    got: ({ ms }) => {
+      pace.got(performance.now(), ms);
+      link.widen(pace.hasRoom);
+    },
     view: (v) => map.walker(v.camera),
     routes: (v) => routes.take(v),
   };

@@ -14,7 +14,9 @@ export class Beside {
     Object.assign(this, { came, changed, all: [], sockets: [], hello: null });
   }
 
-  // The server has greeted the page: `hello` is the first message of each.
+  get isOpen() { return this.hello !== null; }
+
+  // The server has greeted the page, and the link has room for them: `hello` is the first message of each.
   open(hello) {
     this.close();
     this.hello = hello;

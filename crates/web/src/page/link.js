@@ -21,7 +21,7 @@ export class Link {
   constructor({ hello, opened, text, bytes, counted, ended }) {
     Object.assign(this, { hello, opened, text, bytes, counted, ended });
     this.beside = new Beside({ came: (data) => this.text(data), changed: () => this.counted(this.count) });
-    Object.assign(this, { socket: null, heard: 0, rest: FIRST_REST_MS, greeted: false, bySocket: true, copies: 0 });
+    Object.assign(this, { socket: null, heard: 0, rest: FIRST_REST_MS, greeted: false, bySocket: true, copies: 0, besideHello: null });
   }
 
   get isOpen() { return this.socket?.readyState === OPEN; }
@@ -36,9 +36,18 @@ export class Link {
 
   // The server has answered: the next connection is tried soon again. `beside` is the first message of those beside this one.
   greet(beside) {
-    [this.greeted, this.rest, this.copies] = [true, FIRST_REST_MS, 0];
-    if (this.bySocket) this.beside.open(beside);
+    [this.greeted, this.rest, this.copies, this.besideHello] = [true, FIRST_REST_MS, 0, beside];
     this.counted(this.count);
+  }
+
+  // Opens further connections where the link has room for them, and closes them where it no longer has.
+  widen(hasRoom) {
+    if (hasRoom === this.beside.isOpen || !this.greeted || !this.bySocket) return;
+    if (hasRoom) this.beside.open(this.besideHello);
+    else {
+      this.beside.close();
+      this.counted(this.count);
+    }
   }
 
   open() {
@@ -95,15 +104,15 @@ export class Link {
     if (this.isOpen) this.socket.send(data);
   }
 
-  // A message that a loss on one connection must not hold up, unless there is no room for copies: it is taken once, and in order.
-  sendCopies(message, hasRoom = true) {
+  // A message that a loss on one connection must not hold up: it is taken once, and in order.
+  sendCopies(message) {
     if (!this.greeted) {
       this.send(JSON.stringify(message));
       return;
     }
     const text = JSON.stringify({ copy: [this.copies, message] });
     this.copies += 1;
-    if (hasRoom) this.beside.copy(text);
+    this.beside.copy(text);
     this.send(text);
   }
 

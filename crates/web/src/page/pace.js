@@ -26,9 +26,9 @@ const FIRST = 2;
 // the round trip.
 const [OVERDUE_MS, OVERDUE_TRIPS] = [40, 0.25];
 
-// On links slower than this, bytes a millisecond, one connection is enough: its images take most of the time that there is, and
-// copies of the motion data would take 50 kbit/s.
-const ROOM_RATE = 40;
+// From this rate on, bytes a millisecond, a link has room for several connections, and no longer below this: copies of what must
+// not wait take 50 kbit/s, and an image is most of what a slow link carries in its time.
+const ROOM_RATES = [40, 30];
 
 export class Pace {
   constructor() {
@@ -40,8 +40,8 @@ export class Pace {
 
   get quality() { return LEVELS[this.level][1]; }
 
-  // Whether the link is fast enough for copies of what is sent all the time.
-  get hasRoom() { return this.rate !== null && this.rate >= ROOM_RATE; }
+  // Whether the link is fast enough for several connections; one that has them keeps them a little longer.
+  get hasRoom() { return this.rate !== null && this.rate >= ROOM_RATES[this.connections > 1 ? 1 : 0]; }
 
   // Whether an image may be captured at this time, milliseconds.
   mayShoot(now) {
@@ -59,7 +59,7 @@ export class Pace {
       if (now - free > this.trip * (1 + OVERDUE_TRIPS) + OVERDUE_MS) waits.add(one.on);
     }
     const count = this.unconfirmed.length;
-    if (this.connections === 1 || this.rate < ROOM_RATE) return count === 0 || (count === 1 && now - free >= this.trip / 2) ? 0 : null;
+    if (this.connections === 1) return count === 0 || (count === 1 && now - free >= this.trip / 2) ? 0 : null;
     if (count > 0 && now < free) return null;
     for (let k = 1; k <= this.connections; k += 1) {
       const on = (this.lastOn + k) % this.connections;

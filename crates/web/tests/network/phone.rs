@@ -102,7 +102,7 @@ pub struct Phone {
     beside: Vec<Beside>,
     came: UnboundedReceiver<Came>,
     tell: UnboundedSender<Came>,
-    /// Counts the first connections.
+    /// Counts the times that connections were opened.
     nth: usize,
     /// Words, which come on all connections, and the number of the next command.
     words: InOrder<Value>,
@@ -192,7 +192,20 @@ impl Phone {
         self.send_copies(json!({ "take": true })).await;
     }
 
-    /// Opens the connections beside the first, once it is greeted.
+    /// Opens connections beside the first where the link has room for them, and closes them where it no longer has.
+    fn widen(&mut self) {
+        let has_room = self.pace.has_room();
+        match self.me {
+            Some(id) if has_room && self.beside.is_empty() => self.open_beside(id),
+            _ if !has_room && !self.beside.is_empty() => {
+                self.beside.clear();
+                self.nth += 1;
+                self.count_connections();
+            }
+            _ => {}
+        }
+    }
+
     fn open_beside(&mut self, id: u64) {
         let hello = json!({ "beside": { "token": self.token, "id": id, "secret": "the phone" } }).to_string();
         let wanted = std::env::var("CAIRN_CONNECTIONS").ok().and_then(|n| n.parse::<usize>().ok());
@@ -375,9 +388,9 @@ impl Phone {
             self.pace.trip_ms = ping["trip_ms"].as_f64().unwrap_or(self.pace.trip_ms);
         } else if let Some(got) = value.get("got") {
             self.pace.got(Instant::now(), got["ms"].as_f64().unwrap());
+            self.widen();
         } else if let Some(hello) = value.get("hello") {
             self.me = hello["id"].as_u64();
-            self.me.into_iter().for_each(|id| self.open_beside(id));
         } else if let Some(control) = value.get("control") {
             self.controls = self.me.is_some() && control["id"].as_u64() == self.me;
         } else if let Some(frame) = value.get("frame") {
