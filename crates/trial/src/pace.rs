@@ -1,5 +1,5 @@
-//! When the page of a phone sends an image, of which size and quality: its `pace.js`, for programs that stand for it. The test of
-//! the page in a browser asks both the same.
+//! When the page of a phone sends an image, of which size and quality, and on which of its connections: its `pace.js`, for programs
+//! that stand for it. The test of the page in a browser asks both the same.
 
 use std::time::{Duration, Instant};
 
@@ -17,6 +17,13 @@ pub const LEVELS: [(u32, u8, f64); 9] = [
 ];
 const SHORTEST: Duration = Duration::from_millis(45);
 const PATIENCE: usize = 10;
+/// An image that the server confirms later than this after it was expected to was lost on the way: milliseconds, and a share of the
+/// round trip.
+const OVERDUE: (f64, f64) = (40.0, 0.25);
+
+/// From this rate on, bytes a millisecond, a link has room for several connections, and no longer below this: copies of what must
+/// not wait take 50 kbit/s, and an image is most of what a slow link carries in its time.
+const ROOM_RATES: [f64; 2] = [40.0, 30.0];
 
 /// Decides about images by when the server has received those before.
 pub struct Pace {
@@ -24,11 +31,17 @@ pub struct Pace {
     pub level: usize,
     /// The shortest of the last round trips as the server tells it, milliseconds.
     pub trip_ms: f64,
+    connections: usize,
     rate: Option<f64>,
+    /// The rate of the last image alone.
+    sample: Option<f64>,
     roomy: usize,
     last: Option<Instant>,
+    last_on: usize,
     /// When the link was free for the image after the last that the server received.
     free: Option<Instant>,
+    /// Time stamp of the newest that it received.
+    newest_ms: Option<f64>,
     unconfirmed: Vec<Unconfirmed>,
 }
 
@@ -37,58 +50,103 @@ struct Unconfirmed {
     sent: Instant,
     stamp_ms: f64,
     bytes: usize,
+    on: usize,
 }
 
 impl Default for Pace {
-    /// Starts at the middle level.
+    /// Starts at the middle level, with one connection.
     fn default() -> Self {
-        Self { level: 2, trip_ms: 0.0, rate: None, roomy: 0, last: None, free: None, unconfirmed: Vec::new() }
+        Self {
+            level: 2,
+            trip_ms: 0.0,
+            connections: 1,
+            rate: None,
+            sample: None,
+            roomy: 0,
+            last: None,
+            last_on: 0,
+            free: None,
+            newest_ms: None,
+            unconfirmed: Vec::new(),
+        }
     }
 }
 
 impl Pace {
+    /// Whether the link is fast enough for several connections; one that has them keeps them a little longer.
+    pub fn has_room(&self) -> bool {
+        self.rate.is_some_and(|rate| rate >= ROOM_RATES[usize::from(self.connections > 1)])
+    }
+
     /// Whether an image may be captured.
     pub fn may_shoot(&self, now: Instant) -> bool {
-        self.last.is_none_or(|last| now - last >= SHORTEST) && self.has_arrived(now)
+        self.last.is_none_or(|last| now - last >= SHORTEST) && self.connection(now).is_some()
     }
 
-    /// Whether the image sent last is at the server by now.
-    fn has_arrived(&self, now: Instant) -> bool {
-        match (&self.unconfirmed[..], self.rate) {
-            ([], _) => true,
-            ([one], Some(rate)) => {
-                let took_ms =
-                    1e3 * (now - self.free.map_or(one.sent, |free| free.max(one.sent))).as_secs_f64();
-                took_ms >= one.bytes as f64 / rate + self.trip_ms / 2.0
-            }
-            _ => false,
+    /// The connection on which an image may leave; none while the link is not free for it, and while all connections wait for one
+    /// that was lost.
+    fn connection(&self, now: Instant) -> Option<usize> {
+        let Some(rate) = self.rate else { return self.unconfirmed.is_empty().then_some(0) };
+        // Times in milliseconds from now.
+        let since = |then: Instant| -1e3 * now.saturating_duration_since(then).as_secs_f64();
+        let mut free = self.free.map_or(f64::NEG_INFINITY, since);
+        let mut waits = vec![false; self.connections];
+        for one in &self.unconfirmed {
+            free = free.max(since(one.sent)) + one.bytes as f64 / rate;
+            waits[one.on] |= -free > self.trip_ms * (1.0 + OVERDUE.1) + OVERDUE.0;
         }
+        let count = self.unconfirmed.len();
+        if self.connections == 1 {
+            // What has left the link has arrived half a round trip later.
+            return (count == 0 || count == 1 && -free >= self.trip_ms / 2.0).then_some(0);
+        }
+        if count > 0 && free > 0.0 {
+            return None;
+        }
+        (1..=self.connections).map(|k| (self.last_on + k) % self.connections).find(|on| !waits[*on])
     }
 
-    /// An image of so many bytes, with this time stamp, has been sent.
-    pub fn sent(&mut self, now: Instant, stamp_ms: f64, bytes: usize) {
-        self.last = Some(now);
-        self.unconfirmed.push(Unconfirmed { sent: now, stamp_ms, bytes });
+    /// An image of so many bytes, with this time stamp, is sent: the connection on which it has to leave.
+    pub fn sent(&mut self, now: Instant, stamp_ms: f64, bytes: usize) -> usize {
+        let on = self.connection(now).unwrap_or((self.last_on + 1) % self.connections);
+        (self.last, self.last_on) = (Some(now), on);
+        self.unconfirmed.push(Unconfirmed { sent: now, stamp_ms, bytes, on });
+        on
     }
 
-    /// The server has received the image with this time stamp.
+    /// The server has received the image with this time stamp. One before it on the same connection that it has not named was overtaken.
     pub fn got(&mut self, now: Instant, stamp_ms: f64) {
         // Numbers that went through text and back may differ in their last bit.
-        let known = self.unconfirmed.iter().take_while(|one| one.stamp_ms <= stamp_ms + 1e-3).count();
-        let Some(Unconfirmed { sent, bytes, .. }) = self.unconfirmed.drain(..known).next_back() else {
-            return;
-        };
+        let is_it = |one: &Unconfirmed| (one.stamp_ms - stamp_ms).abs() <= 1e-3;
+        let Some(at) = self.unconfirmed.iter().position(is_it) else { return };
+        let Unconfirmed { sent, bytes, on, .. } = self.unconfirmed.remove(at);
+        let mut k = 0;
+        self.unconfirmed.retain(|one| {
+            k += 1;
+            k > at || one.on != on
+        });
         let left = now - Duration::from_secs_f64(1e-3 * self.trip_ms);
+        // One that comes after a later one was lost on the way, and tells nothing of the link.
+        if self.newest_ms.is_some_and(|newest| newest > stamp_ms) {
+            return;
+        }
+        self.newest_ms = Some(stamp_ms);
         let began = self.free.map_or(sent, |free| free.max(sent));
         self.free = Some(left);
         let rate = bytes as f64 / (1e3 * left.saturating_duration_since(began).as_secs_f64()).max(1.0);
-        let rate = self.rate.map_or(rate, |before| 0.7 * before + 0.3 * rate);
+        // Two that took much longer than the average: the link has become slow. One was held up.
+        let best = self.sample.replace(rate).map_or(rate, |before| before.max(rate));
+        let average = |before: f64| if best < 0.5 * before { best } else { 0.7 * before + 0.3 * rate };
+        let rate = self.rate.map_or(rate, average);
         self.rate = Some(rate);
         self.adapt(bytes as f64, rate * (120.0 - 0.4 * self.trip_ms).clamp(20.0, 80.0));
     }
 
-    /// The connection is new: images in flight are lost.
-    pub fn reset(&mut self) {
+    /// There are so many connections now, and what was on its way is lost.
+    pub fn reset(&mut self, connections: usize) {
+        self.connections = connections;
+        self.last_on = 0;
+        self.newest_ms = None;
         self.unconfirmed.clear();
     }
 

@@ -4,6 +4,7 @@
 //! its secret, and another page gets the walk only by taking it over.
 
 use crate::columns::Columns;
+use crate::doors::Doors;
 use crate::drawn::Drawn;
 use crate::line::Lines;
 use crate::pulse::Pulse;
@@ -38,6 +39,8 @@ pub(crate) struct Hub {
     pub camera: String,
     /// Connections of pages without a web socket.
     pub lines: Lines,
+    /// Further connections of pages.
+    pub doors: Doors,
     /// Receives the images of the page's camera.
     pub port: PhonePort,
     /// Receives the commands.
@@ -90,6 +93,7 @@ impl Hub {
             token,
             camera,
             lines: Lines::default(),
+            doors: Doors::default(),
             port: PhonePort::default(),
             inbox: Inbox::new(),
             running: AtomicBool::new(false),

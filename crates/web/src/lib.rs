@@ -1,14 +1,17 @@
 #![doc = include_str!("../README.md")]
 
 mod authority;
+mod beside;
 mod certificate;
 mod columns;
 mod config;
 mod connection;
 mod depth;
+mod doors;
 mod drawn;
 mod error;
 mod hub;
+mod in_order;
 mod invitation;
 mod lens;
 mod line;
@@ -32,6 +35,7 @@ pub use authority::{Authority, trusted};
 pub use certificate::Certificate;
 pub use config::{CameraSource, OpenSource, ServeConfig, SlamSetup, StartSlam, StartedSlam, engine_here};
 pub use error::WebError;
+pub use in_order::InOrder;
 pub use invitation::{Invitation, lan_address, qr};
 pub use server::{Remote, Server};
 pub use still::{StillSurface, still};

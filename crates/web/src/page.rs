@@ -1,10 +1,12 @@
 //! One page's connection: from its hello until it disconnects or falls silent. Its messages go to the hub, news goes
 //! to the page: words at once, bulk data as the [`Link`] allows.
 
+use crate::beside::{Beside, beside};
 use crate::connection::Connection;
 use crate::depth::SentDepth;
 use crate::drawn::Drawn;
 use crate::hub::{Hub, Shared};
+use crate::in_order::InOrder;
 use crate::link::{ASK_EVERY, GONE_AFTER, Link};
 use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
@@ -53,14 +55,20 @@ pub(crate) struct Guest {
 pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
     let first = async {
         match socket.recv().await {
-            Some(Ok(Message::Text(text))) => guest(&text, &hub),
-            _ => Err(Language::default()),
+            Some(Ok(Message::Text(text))) => Some(text),
+            _ => None,
         }
     };
-    match tokio::time::timeout(HELLO_WITHIN, first).await {
-        Ok(Ok(guest)) => converse(Connection::Socket(Box::new(socket)), guest, hub).await,
-        wrong => {
-            let language = wrong.ok().and_then(Result::err).unwrap_or_default();
+    let first = tokio::time::timeout(HELLO_WITHIN, first).await.ok().flatten().unwrap_or_default();
+    if let Ok(FromPage::Beside { token, id, secret }) = serde_json::from_str(&first) {
+        if same(&token, &hub.token) {
+            beside(Connection::Socket(Box::new(socket)), hub, id, &secret).await;
+        }
+        return;
+    }
+    match guest(&first, &hub) {
+        Ok(guest) => converse(Connection::Socket(Box::new(socket)), guest, hub).await,
+        Err(language) => {
             let text = ToPage::Trouble(&language.text("page-wrong-key")).text();
             let _ = socket.send(Message::Text(text.into())).await;
         }
@@ -70,6 +78,7 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
 /// A page that may come in, until it disconnects.
 pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<Hub>) {
     let id = hub.number();
+    let beside = Beside::new(&hub, id, &guest.secret);
     let guest = if guest.secret.is_empty() { Guest { page: id, ..guest } } else { guest };
     let mut client = Client {
         id,
@@ -85,6 +94,9 @@ pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<
         depth_due: Instant::now(),
         wants: Wants { hub: hub.clone(), picture: false, map: false, surface: false, columns: false },
         link: Link::new(Instant::now()),
+        beside,
+        commands: InOrder::default(),
+        newest: None,
         guest,
         hub: hub.clone(),
     };
@@ -124,6 +136,11 @@ struct Client {
     guest: Guest,
     hub: Arc<Hub>,
     link: Link,
+    beside: Beside,
+    /// Commands and the like, which come on several connections.
+    commands: InOrder<FromPage>,
+    /// The time of the newest image, and on which connection it came.
+    newest: Option<(f64, u64)>,
     messages: broadcast::Receiver<Arc<str>>,
     frame: watch::Receiver<Arc<str>>,
     status: watch::Receiver<Arc<str>>,
@@ -191,16 +208,24 @@ impl Client {
                 // Utterances before everything else.
                 biased;
                 told = self.messages.recv() => match told {
-                    Ok(t) => (Some(text(&t)), 0),
+                    Ok(t) => (Some(Message::Text(self.beside.number(&t).into())), 0),
                     Err(broadcast::error::RecvError::Lagged(_)) => (None, 0),
                     Err(broadcast::error::RecvError::Closed) => return,
                 },
                 came = connection.recv() => match came {
-                    Some(message) => (self.take(message).map(|t| Message::Text(t.into())), 0),
+                    Some(message) => {
+                        self.link.heard(Instant::now());
+                        (self.take(0, message).map(|t| Message::Text(t.into())), 0)
+                    }
                     _ => return,
                 },
+                (on, message) = self.beside.recv() => (self.take(on, message).map(|t| Message::Text(t.into())), 0),
                 // A few bytes, which need not wait for bulk data that is under way.
-                Ok(()) = self.frame.changed(), if self.holds() => (Some(text(&self.frame.borrow_and_update())), 0),
+                Ok(()) = self.frame.changed(), if self.holds() => {
+                    let frame = self.frame.borrow_and_update();
+                    self.beside.copy(&frame);
+                    (Some(text(&frame)), 0)
+                }
                 _ = clock.tick() => (None, 0),
                 Ok(()) = self.status.changed(), if others => {
                     let status = self.status.borrow_and_update();
@@ -271,54 +296,71 @@ impl Client {
         self.hub.controller() == Some(self.id)
     }
 
-    /// Handles a message; returns an answer for this page alone, if one is due.
-    fn take(&mut self, message: Message) -> Option<String> {
+    /// Handles a message that came on this connection, 0 for the first; returns an answer for this page alone, if one is due.
+    fn take(&mut self, on: u64, message: Message) -> Option<String> {
+        match message {
+            Message::Binary(bytes) if self.holds() => {
+                let (ms, jpeg) = wire::picture(&bytes)?;
+                // One that was held up by a loss, and that another connection has overtaken.
+                let overtaken = self.newest.is_some_and(|(newest, by)| by != on && ms <= newest);
+                if !overtaken {
+                    self.newest = Some((ms, on));
+                    self.hub.port.picture(ms, jpeg.to_vec());
+                }
+                let got = ToPage::Got { ms, overtaken }.text();
+                self.beside.copy(&got);
+                Some(got)
+            }
+            Message::Text(text) => match serde_json::from_str(&text).ok()? {
+                FromPage::Copy(number, message) => {
+                    let due = self.commands.take(number, *message);
+                    due.into_iter().filter_map(|message| self.hear(message)).last()
+                }
+                message => self.hear(message),
+            },
+            _ => None,
+        }
+    }
+
+    /// Handles a text.
+    fn hear(&mut self, message: FromPage) -> Option<String> {
         let now = Instant::now();
-        self.link.heard(now);
         let controls = self.holds();
         match message {
-            Message::Binary(bytes) if controls => {
-                let (ms, jpeg) = wire::picture(&bytes)?;
-                self.hub.port.picture(ms, jpeg.to_vec());
-                Some(ToPage::Got { ms }.text())
+            FromPage::Pong { n, ms } => {
+                if let (Some(sent), true) = (self.link.answered(n, now), controls) {
+                    self.hub.port.round_trip(sent, now, ms);
+                }
+                None
             }
-            Message::Text(text) => match serde_json::from_str(&text) {
-                Ok(FromPage::Pong { n, ms }) => {
-                    if let (Some(sent), true) = (self.link.answered(n, now), controls) {
-                        self.hub.port.round_trip(sent, now, ms);
-                    }
-                    None
-                }
-                Ok(FromPage::Motion(samples)) if controls => {
-                    self.hub.port.motion(samples.into_iter().map(wire::motion));
-                    None
-                }
-                Ok(FromPage::Late(late)) if controls => {
-                    self.hub.port.late(late);
-                    None
-                }
-                // A page that gives a command while no page holds the walk holds it from then on.
-                Ok(FromPage::Command(line)) if controls || (self.guest.walk && self.begins(false)) => {
-                    self.command(&line).err().map(|why| refusal(&why.to_string()))
-                }
-                Ok(FromPage::Take(true)) if self.begins(false) => None,
-                Ok(FromPage::TakeOver(true)) if self.begins(true) => None,
-                Ok(FromPage::Command(_) | FromPage::Take(true) | FromPage::TakeOver(true)) => {
-                    Some(refusal(&self.guest.language.text("page-other-holds")))
-                }
-                Ok(FromPage::Settings { language, lines }) => {
-                    self.guest.language = language.parse().unwrap_or(self.guest.language);
-                    let wrong = lines.iter().filter(|_| controls).find_map(|line| self.setting(line).err());
-                    wrong.map(|why| refusal(&why.to_string()))
-                }
-                Ok(FromPage::Want { picture, map, surface, columns }) => {
-                    self.wants.set(picture, map, [surface, columns]);
-                    self.view.mark_changed();
-                    self.map.mark_changed();
-                    None
-                }
-                _ => None,
-            },
+            FromPage::Motion(samples) if controls => {
+                self.hub.port.motion(samples.into_iter().map(wire::motion));
+                None
+            }
+            FromPage::Late(late) if controls => {
+                self.hub.port.late(late);
+                None
+            }
+            // A page that gives a command while no page holds the walk holds it from then on.
+            FromPage::Command(line) if controls || (self.guest.walk && self.begins(false)) => {
+                self.command(&line).err().map(|why| refusal(&why.to_string()))
+            }
+            FromPage::Take(true) if self.begins(false) => None,
+            FromPage::TakeOver(true) if self.begins(true) => None,
+            FromPage::Command(_) | FromPage::Take(true) | FromPage::TakeOver(true) => {
+                Some(refusal(&self.guest.language.text("page-other-holds")))
+            }
+            FromPage::Settings { language, lines } => {
+                self.guest.language = language.parse().unwrap_or(self.guest.language);
+                let wrong = lines.iter().filter(|_| controls).find_map(|line| self.setting(line).err());
+                wrong.map(|why| refusal(&why.to_string()))
+            }
+            FromPage::Want { picture, map, surface, columns } => {
+                self.wants.set(picture, map, [surface, columns]);
+                self.view.mark_changed();
+                self.map.mark_changed();
+                None
+            }
             _ => None,
         }
     }

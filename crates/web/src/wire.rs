@@ -28,6 +28,10 @@ pub(crate) enum FromPage {
         #[serde(default)]
         phone: String,
     },
+    /// The first message of a further connection of a page: the token, and the id and secret of the page.
+    Beside { token: String, id: u64, secret: String },
+    /// A message that goes on several connections, with its number: it is taken once, and in order.
+    Copy(u64, Box<FromPage>),
     /// The answer to a ping: its number, and the page's time in milliseconds.
     Pong { n: u64, ms: f64 },
     /// Whether what the page receives is based on images that are too old by its own clock.
@@ -60,13 +64,15 @@ pub(crate) enum FromPage {
 pub(crate) enum ToPage<'a> {
     /// The answer to a hello.
     Hello { id: u64, version: &'static str, camera: &'a str },
+    /// The answer on a further connection.
+    Beside(bool),
     /// The page that holds the walk; with `held` but without an id, that page is away and the walk waits for it.
     Control { id: Option<u64>, held: bool },
     /// A ping, to be answered at once: it relates the clocks and shows that the page is present. It carries the
     /// shortest of the last round trips, milliseconds, from which the page computes the time that an image takes.
     Ping { n: u64, trip_ms: Option<f64> },
-    /// The image with this time has arrived: the next may be sent.
-    Got { ms: f64 },
+    /// The image with this time has arrived: the next may be sent. It is not used where a newer one came before it.
+    Got { ms: f64, overtaken: bool },
     /// The newest image that was tracked, as its time in the clock of the page that captured it, if it is from one. Every image,
     /// not only every status: by this the page knows how old what it hears is.
     Frame { ms: Option<f64> },

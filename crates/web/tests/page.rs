@@ -221,6 +221,7 @@ async fn page_is_served_over_tls_with_content_policy() {
         "/camera.js",
         "/senses.js",
         "/routes.js",
+        "/beside.js",
         "/buttons.js",
         "/view.js",
         "/map.js",
@@ -420,5 +421,70 @@ async fn page_that_takes_over_hears_of_its_own_images() {
     while let Ok(Some(message)) = tokio::time::timeout_at(until, second.from.recv()).await {
         let Message::Text(text) = message else { continue };
         assert!(!text.contains("\"frame\""), "{text} after {told} and {over}");
+    }
+}
+
+/// A connection beside the first: let in by token, id and secret, for the same page; what goes on both is taken once.
+#[tokio::test(flavor = "multi_thread", worker_threads = 1)]
+async fn page_has_a_second_connection_and_strangers_have_none() {
+    let server = server("beside", CameraSource::Page { rig: None });
+    let mut page = enter(&server, "one").await;
+    let id = next(&mut page, "hello").await["id"].clone();
+    let token = &server.invitation().token;
+    let beside = async |token: &str, id: &Value, secret: &str| {
+        let mut beside = Page::of(connect(&server).await);
+        send(&mut beside, json!({ "beside": { "token": token, "id": id, "secret": secret } })).await;
+        beside
+    };
+    for mut stranger in [
+        beside(&"0".repeat(32), &id, "one").await,
+        beside(token, &id, "two").await,
+        beside(token, &json!(99), "one").await,
+    ] {
+        let came = stranger.from.recv().await;
+        assert!(!matches!(came, Some(Message::Text(_))), "{came:?}");
+    }
+    let mut second = beside(token, &id, "one").await;
+    assert_eq!(next(&mut second, "beside").await, true);
+    // A command that comes on both is carried out once, one that comes before the one before it waits.
+    let copy = |number: u64, message: Value| json!({ "copy": [number, message] });
+    send(&mut second, copy(1, json!({ "command": "record" }))).await;
+    tokio::time::sleep(Duration::from_millis(50)).await;
+    for page in [&mut second, &mut page] {
+        send(page, copy(0, json!({ "take": true }))).await;
+    }
+    let refused = next(&mut page, "refused").await;
+    assert!(refused.as_str().unwrap().contains("no picture"), "{refused}: the walk was taken first");
+    // Both hear the same of what is said, with the same number.
+    let _other = enter(&server, "three").await;
+    let number = numbered(&mut page, &id).await;
+    assert!(number.is_u64());
+    while numbered(&mut second, &id).await != number {}
+    // An image that came after a newer one on the other connection is confirmed and not used; its time is no fault.
+    let picture = |ms: f64| Message::binary([&ms.to_le_bytes()[..], b"no jpeg"].concat());
+    second.to.send(picture(page_ms())).unwrap();
+    assert_eq!(next(&mut page, "got").await["overtaken"], false);
+    page.to.send(picture(page_ms() - 1000.0)).unwrap();
+    for page in [&mut page, &mut second] {
+        while next(page, "got").await["overtaken"] != true {}
+    }
+    // A third and a fourth: there are two places, and one that ends makes room.
+    let mut third = beside(token, &id, "one").await;
+    assert_eq!(next(&mut third, "beside").await, true);
+    assert!(!matches!(beside(token, &id, "one").await.from.recv().await, Some(Message::Text(_))));
+    drop(second);
+    drop(page);
+    let ends = async { while third.from.recv().await.is_some() {} };
+    tokio::time::timeout(Duration::from_secs(5), ends).await.expect("they end with the first");
+}
+
+/// The number of the next message that names this page as the walk's holder.
+async fn numbered(page: &mut Page, id: &Value) -> Value {
+    loop {
+        let Some(Message::Text(text)) = page.from.recv().await else { panic!("closed") };
+        let value: Value = serde_json::from_str(&text).unwrap();
+        if value["control"]["id"] == *id {
+            return value["no"].clone();
+        }
     }
 }

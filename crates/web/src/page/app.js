@@ -1,5 +1,6 @@
 // The page: its messages, the status on the screen, and the commands.
 import { MediaButtons } from './buttons.js';
+import { InOrder } from './beside.js';
 import { Camera } from './camera.js';
 import { Pace } from './pace.js';
 import { keep, kept, phone, secret } from './kept.js';
@@ -59,6 +60,8 @@ let downSaid = -Infinity;
 // The page's time of the newest image whose pose is known; whether it is too old, and since when it no longer is.
 let frameMs = null;
 let late = false;
+// What the server says on all connections.
+let ordered = new InOrder();
 let freshSince = null;
 
 // The page's clock: images are stamped with it, and pings answered.
@@ -68,10 +71,9 @@ const camera = new Camera($('video'), {
   pace,
   picture: (stamp, bytes) => {
     if (!controls || !link.isOpen) return;
-    pace.sent(performance.now(), stamp, bytes.length);
-    send(bytes);
+    link.sendOn(pace.sent(performance.now(), stamp, bytes.length), bytes);
   },
-  motion: (samples) => controls && send(JSON.stringify({ motion: samples })),
+  motion: (samples) => controls && link.sendCopies({ motion: samples }),
   clogged: () => link.isClogged,
 });
 
@@ -83,8 +85,12 @@ const link = new Link({
     },
   }),
   opened: want,
-  text: (text) => take(JSON.parse(text)),
+  text: (text) => {
+    const message = JSON.parse(text);
+    for (const due of message.no === undefined ? [message] : ordered.take(message.no, message)) take(due);
+  },
   bytes: takeBytes,
+  counted: (count) => pace.reset(count),
   ended,
 });
 
@@ -100,6 +106,7 @@ function ended() {
   if (me !== null || down !== null) lost('page-connection-lost');
   showLink(['page-trying-again']);
   me = null;
+  ordered = new InOrder();
   latest = null;
   control(null, held);
 }
@@ -127,8 +134,12 @@ function take(message) {
     hello, said, sound, did, status, trouble, doubt, refused, ping,
     ended: () => trouble(t('page-walk-ended')),
     control: (v) => control(v.id, v.held),
-    frame: ({ ms }) => { frameMs = ms; },
-    got: ({ ms }) => pace.got(performance.now(), ms),
+    // On another connection that of a newer image may have come before.
+    frame: ({ ms }) => { if (ms === null || frameMs === null || ms > frameMs) frameMs = ms; },
+    got: ({ ms }) => {
+      pace.got(performance.now(), ms);
+      link.widen(pace.hasRoom);
+    },
     view: (v) => map.walker(v.camera),
     routes: (v) => routes.take(v),
   };
@@ -142,7 +153,7 @@ function ping({ n, trip_ms }) {
 
 function hello({ id, camera: name }) {
   me = id;
-  link.greet();
+  link.greet(JSON.stringify({ beside: { token, id, secret } }));
   ownCamera = name === '';
   showLink([ownCamera ? 'page-connected' : 'page-connected-to', { camera: name }], ...(link.bySocket ? [] : [['page-trust-slow']]));
   const how = link.bySocket ? null : trust.refused();
@@ -151,7 +162,6 @@ function hello({ id, camera: name }) {
     $('state-now').dataset.text = 'page-no-picture-yet';
     $('state-now').textContent = t('page-no-picture-yet');
   }
-  pace.reset();
   // The server's new connection does not know which messages this page found late.
   late = false;
   if (down !== null) {
@@ -165,7 +175,7 @@ function control(id, isHeld) {
   const had = controls;
   controls = me !== null && id === me;
   held = isHeld;
-  if (controls !== had) pace.reset();
+  if (controls !== had) pace.reset(link.count);
   if (had && !controls && me !== null) {
     const text = t('page-taken-over');
     senses.say({ text, priority: 0 });
@@ -288,7 +298,7 @@ function becameLate() {
   freshSince = null;
   if (late) return;
   late = true;
-  send(JSON.stringify({ late: true }));
+  link.sendCopies({ late: true });
   const text = t('page-pictures-late');
   set('state-now', text);
   $('state-now').classList.add('urgent');
@@ -304,7 +314,7 @@ function becameFresh() {
   if (performance.now() - freshSince < BACK_MS) return;
   late = false;
   senses.drop('late');
-  send(JSON.stringify({ late: false }));
+  link.sendCopies({ late: false });
 }
 
 // When the server can no longer say something, the page says it itself, repeatedly while the reason lasts.
@@ -350,7 +360,7 @@ function command(line) {
     refused(t('page-other-holds'));
     return;
   }
-  send(JSON.stringify({ command: line }));
+  link.sendCopies({ command: line });
 }
 
 document.addEventListener('click', (event) => {
@@ -377,11 +387,11 @@ document.addEventListener('keydown', (event) => {
 $('take').addEventListener('click', () => {
   senses.wake();
   if (held) $('ask').showModal();
-  else send(JSON.stringify({ take: true }));
+  else link.sendCopies({ take: true });
 });
 $('over').addEventListener('click', () => {
   $('ask').close();
-  send(JSON.stringify({ takeover: true }));
+  link.sendCopies({ takeover: true });
 });
 $('leave').addEventListener('click', () => $('ask').close());
 
@@ -393,7 +403,7 @@ $('camera').addEventListener('click', async () => {
     did({ ok: false, text: t('page-camera-refused', { why: error.name }) });
     return;
   }
-  send(JSON.stringify({ take: true }));
+  link.sendCopies({ take: true });
   $('own').hidden = false;
   $('seen').hidden = true;
   $('camera').hidden = true;
@@ -418,7 +428,7 @@ for (const name of ['volume', 'sounds', 'vibrate', 'keys', 'media']) {
 function speakLikeThis() {
   const unit = $('unit').value === 'steps' ? `steps ${Number($('step').value) / 100}` : $('unit').value;
   const lines = [`language ${words.language}`, `unit ${unit}`, `directions ${$('directions').value}`, `speed ${$('speed').value}`];
-  send(JSON.stringify({ settings: { language: words.language, lines: lines.map((line) => `set ${line}`) } }));
+  link.sendCopies({ settings: { language: words.language, lines: lines.map((line) => `set ${line}`) } });
 }
 
 function showSpeaking() {

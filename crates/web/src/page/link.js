@@ -1,5 +1,6 @@
 // The connection to the server, opened again whenever it ends: a web socket, or plain requests where the browser refuses
 // that, as an iPhone does before it trusts the server's certificate.
+import { Beside } from './beside.js';
 import { Requests } from './requests.js';
 
 // After this time without a message the connection counts as lost, even if the browser has not noticed: the server sends
@@ -15,10 +16,12 @@ const [FIRST_REST_MS, LONGEST_REST_MS] = [300, 5000];
 const OPEN = 1;
 
 export class Link {
-  // `hello` gives the first message; `opened`, `text`, `bytes` and `ended` are called with what happens.
-  constructor({ hello, opened, text, bytes, ended }) {
-    Object.assign(this, { hello, opened, text, bytes, ended });
-    Object.assign(this, { socket: null, heard: 0, rest: FIRST_REST_MS, greeted: false, bySocket: true });
+  // `hello` gives the first message; `opened`, `text`, `bytes`, `counted` (the connections) and `ended` are called with what
+  // happens.
+  constructor({ hello, opened, text, bytes, counted, ended }) {
+    Object.assign(this, { hello, opened, text, bytes, counted, ended });
+    this.beside = new Beside({ came: (data) => this.text(data), changed: () => this.counted(this.count) });
+    Object.assign(this, { socket: null, heard: 0, rest: FIRST_REST_MS, greeted: false, bySocket: true, copies: 0, besideHello: null });
   }
 
   get isOpen() { return this.socket?.readyState === OPEN; }
@@ -28,9 +31,23 @@ export class Link {
   // Milliseconds since the last message.
   get silence() { return performance.now() - this.heard; }
 
-  // The server has answered: the next connection is tried soon again.
-  greet() {
-    [this.greeted, this.rest] = [true, FIRST_REST_MS];
+  // How many connections there are.
+  get count() { return 1 + this.beside.sockets.length; }
+
+  // The server has answered: the next connection is tried soon again. `beside` is the first message of those beside this one.
+  greet(beside) {
+    [this.greeted, this.rest, this.copies, this.besideHello] = [true, FIRST_REST_MS, 0, beside];
+    this.counted(this.count);
+  }
+
+  // Opens further connections where the link has room for them, and closes them where it no longer has.
+  widen(hasRoom) {
+    if (hasRoom === this.beside.isOpen || !this.greeted || !this.bySocket) return;
+    if (hasRoom) this.beside.open(this.besideHello);
+    else {
+      this.beside.close();
+      this.counted(this.count);
+    }
   }
 
   open() {
@@ -87,11 +104,30 @@ export class Link {
     if (this.isOpen) this.socket.send(data);
   }
 
+  // A message that a loss on one connection must not hold up: it is taken once, and in order.
+  sendCopies(message) {
+    if (!this.greeted) {
+      this.send(JSON.stringify(message));
+      return;
+    }
+    const text = JSON.stringify({ copy: [this.copies, message] });
+    this.copies += 1;
+    this.beside.copy(text);
+    this.send(text);
+  }
+
+  // An image on the nth connection.
+  sendOn(on, bytes) {
+    const socket = on === 0 ? this.socket : this.beside.sockets[on - 1];
+    if (socket?.readyState === OPEN) socket.send(bytes);
+  }
+
   // The connection has closed or fallen silent: another is tried at once, then at growing intervals.
   end() {
     this.socket.onclose = null;
     this.socket.close();
     this.socket = null;
+    this.beside.close();
     this.ended();
     setTimeout(() => this.open(), this.rest);
     this.rest = Math.min(2 * this.rest, LONGEST_REST_MS);

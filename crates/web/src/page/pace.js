@@ -1,9 +1,14 @@
-// Size, quality and rate of the images sent, chosen by the measured round trip: never more than one on its way to the
-// server, each small enough for its time on the link. The next one is captured when the last one was received, or should
-// have been by now; the server's word of it takes half a round trip more, and is waited for only when the word of the
-// image before has not come. So the greatest age of an image before the pose of the next one is known is about one and a
-// half round trips plus twice its time on the link, and half a second is too old: the longer the round trip, the smaller
-// the images.
+// Size, quality and rate of the images sent, and on which connection, chosen by the measured round trip.
+//
+// With one connection: never more than one image on its way to the server, each small enough for its time on the link. The next one
+// is captured when the last one was received, or should have been by now; the server's word of it takes half a round trip more, and
+// is waited for only when the word of the image before has not come. So the greatest age of an image before the pose of the next
+// one is known is about one and a half round trips plus twice its time on the link, and half a second is too old: the longer the
+// round trip, the smaller the images.
+//
+// With several connections: never more than one image on the link. The next one is captured when the last one should have left
+// it, and goes on the connection after that of the last. One whose image is not confirmed in time waits for what was lost:
+// images go on the others, so that a loss costs an image and not the time until it is repaired. While all wait none is sent.
 
 // The longer side in pixels, the JPEG quality, and the approximate number of bytes as a share of the first level's.
 export const LEVELS = [
@@ -17,51 +22,84 @@ const MOST_A_SECOND = 20;
 const PATIENCE = 10;
 // Starts at the middle level, so that the first image does not congest a slow link.
 const FIRST = 2;
+// An image that the server confirms later than this after it was expected to was lost on the way: milliseconds, and a share of
+// the round trip.
+const [OVERDUE_MS, OVERDUE_TRIPS] = [40, 0.25];
+
+// From this rate on, bytes a millisecond, a link has room for several connections, and no longer below this: copies of what must
+// not wait take 50 kbit/s, and an image is most of what a slow link carries in its time.
+const ROOM_RATES = [40, 30];
 
 export class Pace {
   constructor() {
-    Object.assign(this, { level: FIRST, trip: 0, rate: null, roomy: 0, last: -Infinity, free: -Infinity, unconfirmed: [] });
+    Object.assign(this, { level: FIRST, trip: 0, rate: null, sample: null, roomy: 0, free: -Infinity });
+    Object.assign(this, { last: -Infinity, lastOn: 0, connections: 1, newest: -Infinity, unconfirmed: [] });
   }
 
   get side() { return LEVELS[this.level][0]; }
 
   get quality() { return LEVELS[this.level][1]; }
 
+  // Whether the link is fast enough for several connections; one that has them keeps them a little longer.
+  get hasRoom() { return this.rate !== null && this.rate >= ROOM_RATES[this.connections > 1 ? 1 : 0]; }
+
   // Whether an image may be captured at this time, milliseconds.
   mayShoot(now) {
-    return now - this.last >= 900 / MOST_A_SECOND && this.hasArrived(now);
+    return now - this.last >= 900 / MOST_A_SECOND && this.connection(now) !== null;
   }
 
-  // Whether the image sent last is at the server by now.
-  hasArrived(now) {
-    if (this.unconfirmed.length === 0) return true;
-    if (this.unconfirmed.length > 1 || this.rate === null) return false;
-    const [{ now: sent, bytes }] = this.unconfirmed;
-    return now >= Math.max(sent, this.free) + bytes / this.rate + this.trip / 2;
+  // The connection on which an image may leave; none while the link is not free for it, and while all connections wait for one
+  // that was lost.
+  connection(now) {
+    if (this.rate === null) return this.unconfirmed.length === 0 ? 0 : null;
+    let free = this.free;
+    const waits = new Set();
+    for (const one of this.unconfirmed) {
+      free = Math.max(free, one.now) + one.bytes / this.rate;
+      if (now - free > this.trip * (1 + OVERDUE_TRIPS) + OVERDUE_MS) waits.add(one.on);
+    }
+    const count = this.unconfirmed.length;
+    if (this.connections === 1) return count === 0 || (count === 1 && now - free >= this.trip / 2) ? 0 : null;
+    if (count > 0 && now < free) return null;
+    for (let k = 1; k <= this.connections; k += 1) {
+      const on = (this.lastOn + k) % this.connections;
+      if (!waits.has(on)) return on;
+    }
+    return null;
   }
 
-  // An image with this time stamp has been sent.
+  // An image with this time stamp is sent: the connection on which it has to leave.
   sent(now, stamp, bytes) {
-    this.last = now;
-    this.unconfirmed.push({ now, stamp, bytes });
+    const on = this.connection(now) ?? (this.lastOn + 1) % this.connections;
+    [this.last, this.lastOn] = [now, on];
+    this.unconfirmed.push({ now, stamp, bytes, on });
+    return on;
   }
 
-  // The server has received the image with this time stamp. One before it that it has not named was overtaken.
+  // The server has received the image with this time stamp. One before it on the same connection that it has not named was
+  // overtaken.
   got(now, stamp) {
-    const image = this.unconfirmed.filter((one) => one.stamp <= stamp).pop();
+    const image = this.unconfirmed.find((one) => Math.abs(one.stamp - stamp) <= 1e-3);
     if (!image) return;
-    this.unconfirmed = this.unconfirmed.filter((one) => one.stamp > stamp);
+    this.unconfirmed = this.unconfirmed.filter((one) => one.stamp > image.stamp || one.on !== image.on);
+    // One that comes after a later one was lost on the way, and tells nothing of the link.
+    if (this.newest > stamp) return;
+    this.newest = stamp;
     // The link was this image's once the one before had left it.
     const took = now - this.trip - Math.max(image.now, this.free);
     this.free = now - this.trip;
     const rate = image.bytes / Math.max(took, 1);
-    this.rate = this.rate === null ? rate : 0.7 * this.rate + 0.3 * rate;
+    // Two that took much longer than the average: the link has become slow. One was held up.
+    const best = Math.max(rate, this.sample ?? rate);
+    this.sample = rate;
+    if (this.rate === null) this.rate = rate;
+    else this.rate = best < 0.5 * this.rate ? best : 0.7 * this.rate + 0.3 * rate;
     this.adapt(image.bytes);
   }
 
-  // The connection is new: images in flight are lost.
-  reset() {
-    this.unconfirmed = [];
+  // There are so many connections now, and what was on its way is lost.
+  reset(connections) {
+    Object.assign(this, { connections, lastOn: 0, newest: -Infinity, unconfirmed: [] });
   }
 
   adapt(bytes) {

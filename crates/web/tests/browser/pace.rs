@@ -14,29 +14,37 @@ fn page_paces_its_images_in_a_browser_as_in_the_other_tests() {
     let camera = CameraSource::Page { rig: None };
     let server = Server::start(ServeConfig { session, ..ServeConfig::new(camera) }).unwrap();
     let tab = browser.open(&server.invitation().urls[0], [390, 844]);
-    let network = |trip, rate| paced::Network { lasts: 8000, trip, rate };
+    let network =
+        |trip, rate| paced::Network { lasts: 8000, trip, rate, connections: 1, lost: 0, repair: 250.0 };
+    let several = |trip, rate, lost| paced::Network { connections: 3, lost, ..network(trip, rate) };
     let paced = paced::over(&[
         network(30, 500.0),
         network(200, 125.0),
         network(350, 60.0),
         network(100, 25.0),
         network(60, 250.0),
+        several(100, 125.0, 0),
+        several(200, 125.0, 7),
+        several(50, 25.0, 3),
+        several(350, 500.0, 5),
     ]);
     let script = r#"(async () => {
         const { Pace } = await import('/pace.js');
-        const [pace, decided] = [new Pace(), []];
-        const on = {
+        const [pace, decided, on] = [new Pace(), [], []];
+        const told = {
             trip: (trip) => { pace.trip = trip; },
-            sent: (now, stamp, bytes) => pace.sent(now, stamp, bytes),
+            sent: (now, stamp, bytes) => on.push(pace.sent(now, stamp, bytes)),
+            reset: (connections) => pace.reset(connections),
             got: (now, stamp) => pace.got(now, stamp),
             ask: (now) => decided.push([pace.mayShoot(now), pace.level]),
         };
-        for (const [name, ...values] of TOLD) on[name](...values);
-        return decided;
+        for (const [name, ...values] of TOLD) told[name](...values);
+        return [decided, on];
     })()"#;
     let decided =
         browser.eval(&tab, &script.replace("TOLD", &serde_json::Value::from(paced.told).to_string()));
-    assert_eq!(decided, serde_json::json!(paced.decided));
+    assert_eq!(decided, serde_json::json!([paced.decided, paced.on]));
+    assert!(paced.on.contains(&2), "all connections were used");
     assert!(paced.decided.iter().any(|(_, level)| *level > 4), "the links were slow");
 }
 

@@ -4,7 +4,8 @@
 //! `cargo test --release -p cairn-web --test network` walks a few legs.
 //! `cargo test --release -p cairn-web --test network -- --ignored --nocapture` walks two hundred and writes
 //! `docs/network.md`;
-//! `CAIRN_LEGS` sets another number, and then nothing is written.
+//! `CAIRN_LEGS` sets another number, and `CAIRN_NETS="1:100:0.01:0.03 ..."` names the networks (Mbit/s, round trip in ms, losses up and
+//! down); then nothing is written. `CAIRN_CONNECTIONS` sets how many connections the phone has.
 
 #[path = "../client/mod.rs"]
 mod client;
@@ -55,8 +56,8 @@ pub struct Trial {
     pub mbit_s: f64,
     /// Round trip of a small message.
     pub round_trip_ms: u64,
-    /// Share of segments that are lost once.
-    pub loss: f64,
+    /// Share of segments that are lost, up and down.
+    pub loss: [f64; 2],
     /// Start of a stall in seconds after the leg's begin, and its length.
     pub stall: Option<(f64, f64)>,
 }
@@ -196,11 +197,24 @@ fn trials(count: usize) -> Vec<Trial> {
             Trial {
                 mbit_s: [4.0, 2.0, 1.0, 0.5, 0.2][k % 5],
                 round_trip_ms: [50, 100, 200, 350, 500][(k / 5) % 5],
-                loss,
+                loss: [loss; 2],
                 stall,
             }
         })
         .collect()
+}
+
+/// The networks that were named: rate, round trip, losses up and down.
+fn named(nets: &str) -> Vec<Trial> {
+    let trial = |net: &str| {
+        let [mbit_s, round_trip_ms, up, down] =
+            net.split(':').map(|v| v.parse().unwrap()).collect::<Vec<f64>>()[..]
+        else {
+            panic!("{net}: not MBIT_S:ROUND_TRIP_MS:LOSS_UP:LOSS_DOWN")
+        };
+        Trial { mbit_s, round_trip_ms: round_trip_ms as u64, loss: [up, down], stall: None }
+    };
+    nets.split_whitespace().map(trial).collect()
 }
 
 /// Walks the trials on this many servers in parallel; `limit` is the time limit of a leg.
@@ -235,7 +249,8 @@ fn one_image_is_on_its_way_and_the_next_does_not_wait_to_hear_of_it() {
     for (trip, rate, each_second) in
         [(20, 500.0, 10.0), (100, 250.0, 7.0), (200, 125.0, 5.5), (350, 125.0, 3.5)]
     {
-        let sent = paced::over(&[paced::Network { lasts: 30_000, trip, rate }]).sent;
+        let link = paced::Network { lasts: 30_000, trip, rate, connections: 1, lost: 0, repair: 250.0 };
+        let sent = paced::over(&[link]).sent;
         let settled: Vec<_> = sent.iter().skip_while(|(when, _)| *when < 10_000).collect();
         for pair in settled.windows(2) {
             let (arrived, left) = (pair[0].1, pair[1].0 as f64);
@@ -249,9 +264,66 @@ fn one_image_is_on_its_way_and_the_next_does_not_wait_to_hear_of_it() {
     }
 }
 
+/// With three connections an image leaves when the one before has left the link, so that no two wait for it; and a lost one holds up no
+/// other.
+#[test]
+fn images_pass_a_lost_one_on_the_other_connections() {
+    for (trip, rate) in [(50, 125.0), (100, 60.0), (200, 125.0), (350, 125.0)] {
+        let steady = paced::Network { lasts: 30_000, trip, rate, connections: 3, lost: 0, repair: 250.0 };
+        let sent = paced::over(&[steady]).sent;
+        let settled: Vec<_> = sent.iter().skip_while(|(when, _)| *when < 10_000).collect();
+        for pair in settled.windows(2) {
+            let (left, next) = (pair[0].1 - 0.5 * f64::from(trip as u32), pair[1].0 as f64);
+            assert!(
+                next >= left - 2.0,
+                "round trip {trip} ms: sent at {next}, the one before left at {left}"
+            );
+        }
+        // The longest time without an image, which is one image longer than without losses.
+        let gap = |connections: usize, lost: usize| {
+            let sent = paced::over(&[paced::Network { connections, lost, ..steady }]).sent;
+            let mut there: Vec<f64> =
+                sent.iter().map(|(_, there)| *there).filter(|at| *at > 10_000.0).collect();
+            there.sort_by(f64::total_cmp);
+            there.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max)
+        };
+        let [one, three, none] = [gap(1, 11), gap(3, 11), gap(3, 0)];
+        println!(
+            "round trip {trip} ms: longest gap {one:.0} ms, {three:.0} over three connections, {none:.0} without losses"
+        );
+        assert!(
+            three <= 2.0 * none + 20.0,
+            "round trip {trip} ms: {three} ms after a loss, {none} without losses"
+        );
+    }
+    // While one waits for long, those images wait with it that left before it was known: two, or three.
+    let slow =
+        paced::Network { lasts: 30_000, trip: 50, rate: 125.0, connections: 3, lost: 29, repair: 1500.0 };
+    let sent = paced::over(&[slow]).sent;
+    let waited = |k: usize| sent[..k].iter().any(|(_, there)| *there == sent[k].1);
+    let held = (0..sent.len()).filter(|k| waited(*k)).count();
+    let lost = sent.len() as f64 / 29.0;
+    println!("{held} images waited with {lost:.0} lost ones");
+    assert!(held as f64 <= 2.5 * lost, "{held} images waited with {lost:.1} lost ones");
+}
+
+/// A link that becomes much slower is known for what it is after two images.
+#[test]
+fn images_become_small_soon_on_a_link_that_has_become_slow() {
+    for connections in [1, 3] {
+        let fast =
+            paced::Network { lasts: 8_000, trip: 20, rate: 2000.0, connections, lost: 0, repair: 250.0 };
+        let slow = paced::Network { lasts: 12_000, trip: 100, rate: 25.0, ..fast };
+        let sent = paced::over(&[fast, slow]).sent;
+        let found = sent.iter().filter(|(when, _)| *when >= 8_000).count();
+        println!("{connections} connections: {found} images in 12 s");
+        assert!(found >= 20, "{found} images");
+    }
+}
+
 #[test]
 fn old_pictures_guide_nobody_on_a_few_networks() {
-    let slow = Trial { mbit_s: 0.5, round_trip_ms: 200, loss: 0.0, stall: None };
+    let slow = Trial { mbit_s: 0.5, round_trip_ms: 200, loss: [0.0; 2], stall: None };
     let trials = [
         Trial { mbit_s: 20.0, round_trip_ms: 20, ..slow },
         Trial { mbit_s: 1.0, round_trip_ms: 50, stall: Some((1.5, 2.0)), ..slow },
@@ -271,10 +343,12 @@ fn old_pictures_guide_nobody_on_a_few_networks() {
 fn old_pictures_guide_nobody_in_two_hundred_legs() {
     let wanted = std::env::var("CAIRN_LEGS").ok().and_then(|n| n.parse().ok());
     let began = std::time::Instant::now();
-    let results = walk_all(&trials(wanted.unwrap_or(200)), 3, LEG);
+    let nets = std::env::var("CAIRN_NETS").ok();
+    let chosen = nets.as_deref().map_or_else(|| trials(wanted.unwrap_or(200)), named);
+    let results = walk_all(&chosen, 3, LEG);
     let text = table::page(&results, began.elapsed().as_secs_f64());
     print!("{text}{}", table::lines(&results));
-    if wanted.is_none() {
+    if wanted.is_none() && nets.is_none() {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/network.md");
         std::fs::write(path, text).unwrap();
     }

@@ -5,6 +5,7 @@
 use crate::walked::RATE_HZ;
 use cairn_sensor::GrayImage;
 use cairn_trial::{LEVELS, Lateness, Pace, PageClock, STALE_MS};
+use cairn_web::InOrder;
 use futures_util::{SinkExt, StreamExt};
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
@@ -13,6 +14,8 @@ use std::collections::HashMap;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::task::JoinHandle;
 use tokio_rustls::TlsConnector;
 use tokio_tungstenite::WebSocketStream;
 use tokio_tungstenite::tungstenite::Message;
@@ -23,6 +26,9 @@ pub type Socket = WebSocketStream<tokio_rustls::client::TlsStream<tokio::net::Tc
 const BACK: Duration = Duration::from_millis(1000);
 const GONE: Duration = Duration::from_secs(3);
 const OPEN: Duration = Duration::from_secs(10);
+/// Connections beside the first, and the pause before one that has failed is opened again.
+const BESIDE: usize = 2;
+const REOPEN: Duration = Duration::from_secs(2);
 /// Time from the exposure to the encoded image.
 const ENCODING: Duration = Duration::from_millis(30);
 
@@ -93,7 +99,17 @@ pub struct Phone {
     address: SocketAddr,
     token: String,
     socket: Option<Socket>,
+    beside: Vec<Beside>,
+    came: UnboundedReceiver<Came>,
+    tell: UnboundedSender<Came>,
+    /// Counts the times that connections were opened.
+    nth: usize,
+    /// Words, which come on all connections, and the number of the next command.
+    words: InOrder<Value>,
+    commands: u64,
+    /// When something came on the first connection, and on any.
     heard: Instant,
+    heard_any: Instant,
     me: Option<u64>,
     controls: bool,
     pace: Pace,
@@ -127,6 +143,7 @@ impl Phone {
         address: SocketAddr,
         token: String,
     ) -> Self {
+        let (tell, came) = unbounded_channel();
         Self {
             clock,
             album,
@@ -135,7 +152,14 @@ impl Phone {
             address,
             token,
             socket: None,
+            beside: Vec::new(),
+            came,
+            tell,
+            nth: 0,
+            words: InOrder::default(),
+            commands: 0,
             heard: Instant::now(),
+            heard_any: Instant::now(),
             me: None,
             controls: false,
             pace: Pace::default(),
@@ -153,22 +177,79 @@ impl Phone {
 
     pub async fn connect(&mut self) {
         (self.me, self.controls, self.socket) = (None, false, None);
-        self.pace.reset();
+        self.pace.reset(1);
+        self.beside.clear();
+        self.nth += 1;
+        (self.words, self.commands) = (InOrder::default(), 0);
         self.lateness = Lateness::default();
         self.leg.connections += 1;
-        let opening = async {
-            let stream = tokio::net::TcpStream::connect(self.address).await.ok()?;
-            let _ = stream.set_nodelay(true);
-            let name = "localhost".try_into().ok()?;
-            let stream = TlsConnector::from(self.tls.clone()).connect(name, stream).await.ok()?;
-            Some(tokio_tungstenite::client_async("wss://localhost/ws", stream).await.ok()?.0)
-        };
+        let opening = opened(self.address, self.tls.clone());
         self.socket = tokio::time::timeout(OPEN, opening).await.ok().flatten();
         self.heard = Instant::now();
         let hello =
             json!({ "hello": { "token": self.token, "walk": true, "secret": "the phone", "origin": 1 } });
         self.send(Message::text(hello.to_string())).await;
-        self.send(Message::text(json!({ "take": true }).to_string())).await;
+        self.send_copies(json!({ "take": true })).await;
+    }
+
+    /// Opens connections beside the first where the link has room for them, and closes them where it no longer has.
+    fn widen(&mut self) {
+        let has_room = self.pace.has_room();
+        match self.me {
+            Some(id) if has_room && self.beside.is_empty() => self.open_beside(id),
+            _ if !has_room && !self.beside.is_empty() => {
+                self.beside.clear();
+                self.nth += 1;
+                self.count_connections();
+            }
+            _ => {}
+        }
+    }
+
+    fn open_beside(&mut self, id: u64) {
+        let hello = json!({ "beside": { "token": self.token, "id": id, "secret": "the phone" } }).to_string();
+        let wanted = std::env::var("CAIRN_CONNECTIONS").ok().and_then(|n| n.parse::<usize>().ok());
+        for k in 0..wanted.map_or(BESIDE, |n| n - 1) {
+            let (to, out) = unbounded_channel();
+            let at = (self.nth, k);
+            let run = run_beside(at, self.address, self.tls.clone(), hello.clone(), out, self.tell.clone());
+            self.beside.push(Beside { to, open: false, task: tokio::spawn(run) });
+        }
+    }
+
+    /// What has come on a connection beside the first, or that it has ended.
+    async fn take_beside(&mut self, Came { at: (nth, k), message }: Came) {
+        if nth != self.nth {
+            return;
+        }
+        let Some(message) = message else {
+            self.beside[k].open = false;
+            self.count_connections();
+            return;
+        };
+        if matches!(&message, Message::Text(text) if text.starts_with("{\"beside\"")) {
+            self.beside[k].open = true;
+            self.count_connections();
+            return;
+        }
+        // Whether the first has fallen silent is another matter.
+        let heard = self.heard;
+        self.take(message).await;
+        self.heard = heard;
+    }
+
+    fn count_connections(&mut self) {
+        self.pace.reset(1 + self.beside.iter().filter(|b| b.open).count());
+    }
+
+    /// Sends a message on all connections.
+    async fn send_copies(&mut self, message: Value) {
+        let copy = json!({ "copy": [self.commands, message] }).to_string();
+        self.commands += 1;
+        for beside in self.beside.iter().filter(|b| b.open) {
+            let _ = beside.to.send(Message::text(copy.clone()));
+        }
+        self.send(Message::text(copy)).await;
     }
 
     async fn send(&mut self, message: Message) {
@@ -185,7 +266,7 @@ impl Phone {
     }
 
     pub async fn command(&mut self, line: &str) {
-        self.send(Message::text(json!({ "command": line }).to_string())).await;
+        self.send_copies(json!({ "command": line })).await;
     }
 
     /// Walks until the end of the way, or for this long.
@@ -208,6 +289,7 @@ impl Phone {
                     Some(message) => self.take(message).await,
                     None => self.connect().await,
                 },
+                Some(came) = self.came.recv() => self.take_beside(came).await,
                 _ = clock.tick() => {}
             }
             let passed = before.elapsed().as_secs_f64();
@@ -241,9 +323,15 @@ impl Phone {
             if let Some((_, ms, jpeg)) = exposed.take_if(|(at, ..)| at.elapsed() >= ENCODING) {
                 let mut bytes = ms.to_le_bytes().to_vec();
                 bytes.extend_from_slice(&jpeg);
-                self.pace.sent(Instant::now(), ms, bytes.len());
+                let on = self.pace.sent(Instant::now(), ms, bytes.len());
                 self.leg.pictures += 1;
-                self.send(Message::binary(bytes)).await;
+                match on.checked_sub(1) {
+                    None => self.send(Message::binary(bytes)).await,
+                    Some(k) => {
+                        let beside = self.beside.iter().filter(|b| b.open).nth(k);
+                        let _ = beside.map(|b| b.to.send(Message::binary(bytes)));
+                    }
+                }
             }
         }
         self.leg.took_s = began.elapsed().as_secs_f64();
@@ -256,7 +344,7 @@ impl Phone {
         state.is_string()
             && state != "stopped"
             && state != "waiting"
-            && self.heard.elapsed() < Duration::from_millis(600)
+            && self.heard_any.elapsed() < Duration::from_millis(600)
     }
 
     fn age_ms(&self) -> Option<f64> {
@@ -269,33 +357,46 @@ impl Phone {
         if self.me.is_some() && self.status["guiding"].is_object() && age > STALE_MS {
             self.became_late().await;
         } else if self.lateness.ends(Some(age), Instant::now()) {
-            self.send(Message::text(json!({ "late": false }).to_string())).await;
+            self.send_copies(json!({ "late": false })).await;
         }
     }
 
     async fn became_late(&mut self) {
         if self.lateness.begin() {
             (self.goes, self.leg.stops) = (false, self.leg.stops + 1);
-            self.send(Message::text(json!({ "late": true }).to_string())).await;
+            self.send_copies(json!({ "late": true })).await;
         }
     }
 
     async fn take(&mut self, message: Message) {
-        self.heard = Instant::now();
+        (self.heard, self.heard_any) = (Instant::now(), Instant::now());
         let Message::Text(text) = message else { return };
         let value: Value = serde_json::from_str(&text).unwrap();
+        let due = match value["no"].as_u64() {
+            Some(number) => self.words.take(number, value),
+            None => vec![value],
+        };
+        for value in due {
+            self.take_value(&value).await;
+        }
+    }
+
+    async fn take_value(&mut self, value: &Value) {
         if let Some(ping) = value.get("ping") {
             let pong = json!({ "pong": { "n": ping["n"], "ms": self.clock.ms() } });
             self.send(Message::text(pong.to_string())).await;
             self.pace.trip_ms = ping["trip_ms"].as_f64().unwrap_or(self.pace.trip_ms);
         } else if let Some(got) = value.get("got") {
             self.pace.got(Instant::now(), got["ms"].as_f64().unwrap());
+            self.widen();
         } else if let Some(hello) = value.get("hello") {
             self.me = hello["id"].as_u64();
         } else if let Some(control) = value.get("control") {
             self.controls = self.me.is_some() && control["id"].as_u64() == self.me;
         } else if let Some(frame) = value.get("frame") {
-            self.frame_ms = frame["ms"].as_f64();
+            // On another connection a newer one may have come before.
+            let ms = frame["ms"].as_f64();
+            self.frame_ms = ms.filter(|ms| self.frame_ms.is_none_or(|known| *ms > known)).or(self.frame_ms);
         } else if let Some(status) = value.get("status") {
             self.status = status.clone();
         } else if let Some(said) = value.get("said") {
@@ -334,5 +435,63 @@ async fn next(socket: &mut Option<Socket>) -> Option<Message> {
             tokio::time::sleep(Duration::from_millis(300)).await;
             None
         }
+    }
+}
+
+/// A connection beside the first.
+struct Beside {
+    to: UnboundedSender<Message>,
+    open: bool,
+    task: JoinHandle<()>,
+}
+
+impl Drop for Beside {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// What came on one, told by the number of the first connection and its own; no message at its end.
+struct Came {
+    at: (usize, usize),
+    message: Option<Message>,
+}
+
+async fn opened(address: SocketAddr, tls: Arc<rustls::ClientConfig>) -> Option<Socket> {
+    let stream = tokio::net::TcpStream::connect(address).await.ok()?;
+    let _ = stream.set_nodelay(true);
+    let name = "localhost".try_into().ok()?;
+    let stream = TlsConnector::from(tls).connect(name, stream).await.ok()?;
+    Some(tokio_tungstenite::client_async("wss://localhost/ws", stream).await.ok()?.0)
+}
+
+/// Opens it, and again when it ends.
+async fn run_beside(
+    at: (usize, usize),
+    address: SocketAddr,
+    tls: Arc<rustls::ClientConfig>,
+    hello: String,
+    mut out: UnboundedReceiver<Message>,
+    tell: UnboundedSender<Came>,
+) {
+    loop {
+        if let Some(mut socket) = opened(address, tls.clone()).await {
+            while out.try_recv().is_ok() {}
+            let mut good = socket.send(Message::text(hello.clone())).await.is_ok();
+            while good {
+                good = tokio::select! {
+                    message = out.recv() => match message {
+                        Some(message) => socket.send(message).await.is_ok(),
+                        None => return,
+                    },
+                    came = socket.next() => match came {
+                        Some(Ok(message)) => tell.send(Came { at, message: Some(message) }).is_ok(),
+                        _ => false,
+                    },
+                };
+            }
+        }
+        let _ = tell.send(Came { at, message: None });
+        tokio::time::sleep(REOPEN).await;
     }
 }

@@ -19,6 +19,11 @@ pub struct Network {
     pub trip: u64,
     /// Bytes a millisecond.
     pub rate: f64,
+    pub connections: usize,
+    /// Every how many images one is lost, 0 for none, and the time until it has been sent again, milliseconds: what follows on its
+    /// connection waits.
+    pub lost: usize,
+    pub repair: f64,
 }
 
 /// What a simulated page did.
@@ -29,20 +34,26 @@ pub struct Paced {
     pub decided: Vec<(bool, usize)>,
     /// Of every image sent: when, and when it was received.
     pub sent: Vec<(u64, f64)>,
+    /// And on which connection.
+    pub on: Vec<usize>,
 }
 
-/// Sends images over one link after another; the server does not confirm every seventeenth, which another overtook there. The
-/// pace learns of another round trip two seconds late.
+/// Sends images over one link after another; the server does not confirm every seventeenth, which another overtook there, as
+/// plain requests may (with one connection). The pace learns of another round trip two seconds late.
 pub fn over(networks: &[Network]) -> Paced {
     let began = Instant::now();
     let at = |ms: u64| began + Duration::from_millis(ms);
     let mut pace = Pace::default();
-    let mut out = Paced { told: Vec::new(), decided: Vec::new(), sent: Vec::new() };
+    let mut out = Paced { told: Vec::new(), decided: Vec::new(), sent: Vec::new(), on: Vec::new() };
     let (mut coded, mut confirmed) = (None::<(u64, u64, usize)>, Vec::<(u64, f64)>::new());
     let (mut free, mut now) = (0.0f64, 0);
     for network in networks {
         let ends = now + network.lasts;
         let known = now + 2000;
+        let mut clear = vec![0.0f64; network.connections];
+        pace.reset(network.connections);
+        confirmed.clear();
+        out.told.push(json!(["reset", network.connections]));
         while now < ends {
             if now == known {
                 pace.trip_ms = network.trip as f64;
@@ -55,12 +66,16 @@ pub fn over(networks: &[Network]) -> Paced {
             }
             if let Some((_, stamp, bytes)) = coded.take_if(|(ready, ..)| *ready <= now) {
                 free = free.max(now as f64) + bytes as f64 / network.rate;
-                let there = free + 0.5 * network.trip as f64;
-                pace.sent(at(now), stamp as f64, bytes);
+                let on = pace.sent(at(now), stamp as f64, bytes);
+                let lost = network.lost > 0 && out.sent.len() % network.lost == 1;
+                let there = free + 0.5 * network.trip as f64 + if lost { network.repair } else { 0.0 };
+                clear[on] = clear[on].max(there);
                 out.told.push(json!(["sent", now, stamp, bytes]));
-                out.sent.push((now, there));
-                if !out.sent.len().is_multiple_of(17) {
-                    confirmed.push(((there + 0.5 * network.trip as f64).ceil() as u64, stamp as f64));
+                out.on.push(on);
+                out.sent.push((now, clear[on]));
+                if network.connections > 1 || !out.sent.len().is_multiple_of(17) {
+                    confirmed.push(((clear[on] + 0.5 * network.trip as f64).ceil() as u64, stamp as f64));
+                    confirmed.sort_by_key(|(when, _)| *when);
                 }
             }
             if now.is_multiple_of(CAMERA) && coded.is_none() {

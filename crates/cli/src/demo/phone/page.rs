@@ -118,7 +118,7 @@ impl Page {
             }
             if let Ok(socket) = connected(&self.tls, self.address).await {
                 self.socket = socket;
-                self.pace.reset();
+                self.pace.reset(1);
                 if self.hello().await.is_ok() {
                     return Ok(());
                 }
@@ -142,7 +142,7 @@ impl Page {
     pub async fn picture(&mut self, ms: f64, jpeg: &[u8]) -> Result<(), PhoneError> {
         let mut bytes = ms.to_le_bytes().to_vec();
         bytes.extend_from_slice(jpeg);
-        self.pace.sent(Instant::now(), ms, bytes.len());
+        let _ = self.pace.sent(Instant::now(), ms, bytes.len());
         Ok(self.socket.send(Message::binary(bytes)).await?)
     }
 
