@@ -23,7 +23,10 @@ const OVERDUE: (f64, f64) = (40.0, 0.25);
 
 /// From this rate on, bytes a millisecond, a link has room for several connections, and no longer below this: copies of what must
 /// not wait take 50 kbit/s, and an image is most of what a slow link carries in its time.
-const ROOM_RATES: [f64; 2] = [40.0, 30.0];
+const ROOM_RATES: [f64; 2] = [32.0, 26.0];
+/// By how much the shortest round trip may grow from one image to the next. Round trips are long, too, while the page's own images
+/// wait, and a rate computed with them is far too large.
+const LONGER: f64 = 1.02;
 
 /// Decides about images by when the server has received those before.
 pub struct Pace {
@@ -35,6 +38,11 @@ pub struct Pace {
     rate: Option<f64>,
     /// The rate of the last image alone.
     sample: Option<f64>,
+    /// The rate that there is at least, that of the last image alone, and the shortest round trip, by which they are computed.
+    least: Option<f64>,
+    least_sample: Option<f64>,
+    shortest_ms: f64,
+    heard: Option<Instant>,
     roomy: usize,
     last: Option<Instant>,
     last_on: usize,
@@ -62,6 +70,10 @@ impl Default for Pace {
             connections: 1,
             rate: None,
             sample: None,
+            least: None,
+            least_sample: None,
+            shortest_ms: f64::INFINITY,
+            heard: None,
             roomy: 0,
             last: None,
             last_on: 0,
@@ -75,7 +87,7 @@ impl Default for Pace {
 impl Pace {
     /// Whether the link is fast enough for several connections; one that has them keeps them a little longer.
     pub fn has_room(&self) -> bool {
-        self.rate.is_some_and(|rate| rate >= ROOM_RATES[usize::from(self.connections > 1)])
+        self.least.is_some_and(|rate| rate >= ROOM_RATES[usize::from(self.connections > 1)])
     }
 
     /// Whether an image may be captured.
@@ -131,6 +143,7 @@ impl Pace {
             return;
         }
         self.newest_ms = Some(stamp_ms);
+        self.look_for_room(now, sent, bytes as f64);
         let began = self.free.map_or(sent, |free| free.max(sent));
         self.free = Some(left);
         let rate = bytes as f64 / (1e3 * left.saturating_duration_since(began).as_secs_f64()).max(1.0);
@@ -140,6 +153,20 @@ impl Pace {
         let rate = self.rate.map_or(rate, average);
         self.rate = Some(rate);
         self.adapt(bytes as f64, rate * (120.0 - 0.4 * self.trip_ms).clamp(20.0, 80.0));
+    }
+
+    /// An image that was sent then has been received: the rate of the link, as it is at least.
+    fn look_for_room(&mut self, now: Instant, sent: Instant, bytes: f64) {
+        let since = |then: Instant| 1e3 * now.saturating_duration_since(then).as_secs_f64();
+        let heard = self.heard.replace(now);
+        if self.trip_ms > 0.0 {
+            self.shortest_ms = (LONGER * self.shortest_ms).min(self.trip_ms);
+            let took = heard.map_or(f64::INFINITY, since).min(since(sent) - self.shortest_ms);
+            let sample = bytes / took.max(1.0);
+            // What was held up comes together with what came after it.
+            let least = self.least_sample.replace(sample).map_or(sample, |before| sample.min(before));
+            self.least = Some(self.least.map_or(least, |before| 0.7 * before + 0.3 * least));
+        }
     }
 
     /// There are so many connections now, and what was on its way is lost.

@@ -28,11 +28,14 @@ const [OVERDUE_MS, OVERDUE_TRIPS] = [40, 0.25];
 
 // From this rate on, bytes a millisecond, a link has room for several connections, and no longer below this: copies of what must
 // not wait take 50 kbit/s, and an image is most of what a slow link carries in its time.
-const ROOM_RATES = [40, 30];
+const ROOM_RATES = [32, 26];
+// By how much the shortest round trip may grow from one image to the next. Round trips are long, too, while the page's own images
+// wait, and a rate computed with them is far too large.
+const LONGER = 1.02;
 
 export class Pace {
   constructor() {
-    Object.assign(this, { level: FIRST, trip: 0, rate: null, sample: null, roomy: 0, free: -Infinity });
+    Object.assign(this, { level: FIRST, trip: 0, rate: null, sample: null, least: null, leastSample: null, shortest: Infinity, heard: -Infinity, roomy: 0, free: -Infinity });
     Object.assign(this, { last: -Infinity, lastOn: 0, connections: 1, newest: -Infinity, unconfirmed: [] });
   }
 
@@ -41,7 +44,7 @@ export class Pace {
   get quality() { return LEVELS[this.level][1]; }
 
   // Whether the link is fast enough for several connections; one that has them keeps them a little longer.
-  get hasRoom() { return this.rate !== null && this.rate >= ROOM_RATES[this.connections > 1 ? 1 : 0]; }
+  get hasRoom() { return this.least !== null && this.least >= ROOM_RATES[this.connections > 1 ? 1 : 0]; }
 
   // Whether an image may be captured at this time, milliseconds.
   mayShoot(now) {
@@ -85,6 +88,7 @@ export class Pace {
     // One that comes after a later one was lost on the way, and tells nothing of the link.
     if (this.newest > stamp) return;
     this.newest = stamp;
+    this.lookForRoom(now, image);
     // The link was this image's once the one before had left it.
     const took = now - this.trip - Math.max(image.now, this.free);
     this.free = now - this.trip;
@@ -95,6 +99,20 @@ export class Pace {
     if (this.rate === null) this.rate = rate;
     else this.rate = best < 0.5 * this.rate ? best : 0.7 * this.rate + 0.3 * rate;
     this.adapt(image.bytes);
+  }
+
+  // An image has been received: the rate of the link, as it is at least.
+  lookForRoom(now, image) {
+    if (this.trip > 0) {
+      this.shortest = Math.min(LONGER * this.shortest, this.trip);
+      const took = Math.min(now - this.heard, now - image.now - this.shortest);
+      const sample = image.bytes / Math.max(took, 1);
+      // What was held up comes together with what came after it.
+      const least = Math.min(sample, this.leastSample ?? sample);
+      this.leastSample = sample;
+      this.least = this.least === null ? least : 0.7 * this.least + 0.3 * least;
+    }
+    this.heard = now;
   }
 
   // There are so many connections now, and what was on its way is lost.
