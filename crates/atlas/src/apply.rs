@@ -422,7 +422,8 @@ impl Snapshot {
     }
 }
 
-fn distance(a: &Descriptor, b: &Descriptor) -> u32 {
+/// In how many bits two descriptors differ.
+pub(crate) fn distance(a: &Descriptor, b: &Descriptor) -> u32 {
     let words = |d: &Descriptor, i: usize| u64::from_ne_bytes(std::array::from_fn(|k| d[i * 8 + k]));
     (0..4).map(|i| (words(a, i) ^ words(b, i)).count_ones()).sum()
 }

@@ -194,3 +194,44 @@ impl Pace {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Images of half the time that is between them go over a link of this rate, whose round trip is 50 ms; the server tells `told`
+    /// milliseconds from the hundredth on.
+    fn over(rate: f64, told: f64) -> Pace {
+        let began = Instant::now();
+        let at = |ms: f64| began + Duration::from_secs_f64(1e-3 * ms);
+        let mut pace = Pace { trip_ms: 50.0, ..Pace::default() };
+        for k in 0..120 {
+            let (sent, took) = (500.0 * f64::from(k), 120.0);
+            pace.sent(at(sent), sent, (rate * took) as usize);
+            pace.trip_ms = if k < 100 { 50.0 } else { told };
+            pace.got(at(sent + took + 50.0), sent);
+        }
+        pace
+    }
+
+    #[test]
+    fn slow_link_has_no_room_whatever_its_round_trips_are_while_images_wait() {
+        for (rate, room) in [(25.0, false), (60.0, true), (500.0, true)] {
+            assert_eq!(over(rate, 50.0).has_room(), room, "{rate} bytes a millisecond");
+        }
+        let queued = over(25.0, 165.0);
+        assert!(queued.rate.unwrap() > 300.0, "round trips with the page's own images in them mislead");
+        assert!(!queued.has_room(), "{:?}", queued.least);
+    }
+
+    #[test]
+    fn room_that_there_is_is_not_taken_away_by_a_little_less() {
+        let began = Instant::now();
+        let mut pace = Pace { trip_ms: 50.0, least: Some(29.0), ..Pace::default() };
+        assert!(!pace.has_room());
+        pace.reset(3);
+        assert!(pace.has_room() && pace.connection(began).is_some());
+        pace.least = Some(25.0);
+        assert!(!pace.has_room());
+    }
+}

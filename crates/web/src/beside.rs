@@ -1,9 +1,9 @@
 //! Further connections of a page beside its first: a segment that is lost on one of them holds up nothing on the others.
 //!
-//! A page opens them once it has been greeted and the link is known to have room for them, with its id and secret. They belong to its task: what comes on them is handled as
-//! if it came on the first, and what must not wait goes to the page on all. Words and commands are numbered, so that
-//! each is taken once and in order (`InOrder`); of images and their times the newest counts. They end with the first connection,
-//! and a page whose further connections fail goes on without.
+//! A page opens them once it has been greeted and the link is known to have room for them, with its id and secret. They belong
+//! to its task: what comes on them is handled as if it came on the first, and what must not wait goes to the page on all. Words
+//! and commands are numbered, so that each is taken once and in order (`InOrder`); of images and their times the newest
+//! counts. They end with the first connection, and a page whose further connections fail goes on without.
 
 use crate::connection::Connection;
 use crate::doors::Door;

@@ -18,7 +18,7 @@ pub struct Member {
     wire: Wire,
     /// Who was heard on which link last.
     robots: BTreeMap<LinkId, RobotId>,
-    complaints: RefusalLog,
+    refusals: RefusalLog,
     next_tick: Instant,
     /// What waits so that no more than so much is sent in a second.
     limit: Option<SendLimit>,
@@ -31,9 +31,9 @@ impl Member {
     /// When the address cannot be listened on.
     pub fn open(peer: Peer, listen: impl ToSocketAddrs, dial: &[String]) -> io::Result<Self> {
         let wire = Wire::open(listen, dial)?;
-        let complaints = RefusalLog::default();
+        let refusals = RefusalLog::default();
         let next_tick = Instant::now();
-        Ok(Self { peer, wire, robots: BTreeMap::new(), complaints, next_tick, limit: None })
+        Ok(Self { peer, wire, robots: BTreeMap::new(), refusals, next_tick, limit: None })
     }
 
     /// Sends no more than so many bytes in a second, over all links together, as far as that is up to maps: their blocks wait until
@@ -65,7 +65,7 @@ impl Member {
 
     /// Messages that were refused so far.
     pub fn refused(&self) -> u64 {
-        self.complaints.count()
+        self.refusals.count()
     }
 
     /// Exchanges messages for about this long; returns what a user should know, a line each.
@@ -110,7 +110,7 @@ impl Member {
                 self.send(answers);
                 None
             }
-            Err(why) => self.complaints.line(&why),
+            Err(why) => self.refusals.line(&why),
         }
     }
 

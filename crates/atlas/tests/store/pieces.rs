@@ -154,8 +154,19 @@ fn what_moves_by_less_than_matters_is_not_sent_again() {
         );
         changed(&saved, vec![Change::MoveKeyFrame(last.id, to)])
     };
-    pieces.add(&by(1e-6)).unwrap();
-    assert_eq!(pieces.lengths().len(), 1, "a thousandth of a millimetre");
+    let all = |m: f64| {
+        let s = &saved.snapshot;
+        let aside = Vec3::new(m, 0.0, 0.0);
+        let to = |at: &Se3| Se3::new(at.rotation, at.translation + aside);
+        let key_frames = s.key_frames().map(|k| Change::MoveKeyFrame(k.id, to(&k.world_from_camera)));
+        let landmarks = s.landmarks().map(|l| Change::MoveLandmark(l.id, l.position + aside));
+        changed(&saved, key_frames.chain(landmarks).collect())
+    };
+    pieces.add(&all(4e-4)).unwrap();
+    assert_eq!(pieces.lengths().len(), 1, "less than half a millimetre");
+    let mut farther = pieces.clone();
+    farther.add(&all(6e-4)).unwrap();
+    assert_eq!(farther.lengths().len(), 2, "more than that");
     pieces.add(&by(1e-2)).unwrap();
     let new = pieces.lengths()[1];
     // Its pose, and the landmarks that it saw first.

@@ -11,6 +11,7 @@
 //! again. A route that no saved key frame carries is detached from the atlas: it can be listed, not walked. Until those
 //! files are rewritten, the atlas is not saved.
 
+use super::error::{KeepError, LibraryError};
 use super::folder::{numbered, replace};
 use super::{MOST_KEY_FRAMES, WallClock, WallTime};
 use crate::disk::OwnDisk;
@@ -33,37 +34,6 @@ use std::time::{Instant, SystemTime};
 const SAVE_EVERY_S: f64 = 10.0;
 /// Saving takes at most this share of the time.
 const SAVING_SHARE: f64 = 0.05;
-
-/// Why a folder of routes cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum LibraryError {
-    /// Another program uses it.
-    #[error("{0}: another program keeps its routes there")]
-    Busy(String),
-    /// The folder cannot be written.
-    #[error("{path}: {source}")]
-    Folder {
-        /// The folder.
-        path: String,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// The rig cannot serve the mode.
-    #[error(transparent)]
-    Rig(#[from] RigError),
-    /// What tracks cannot begin without a map either.
-    #[error("{0}")]
-    Slam(String),
-}
-
-impl From<OpenMapError> for LibraryError {
-    fn from(e: OpenMapError) -> Self {
-        match e {
-            OpenMapError::Rig(e) => e.into(),
-            other => Self::Slam(other.to_string()),
-        }
-    }
-}
 
 /// The camera of a session: which atlases of a folder it goes on with.
 #[derive(Clone, Debug)]
@@ -97,26 +67,6 @@ pub struct Kept<S = Engine> {
 
 /// A save on its thread: the bytes written or why not, and the seconds it took.
 type Saving = JoinHandle<(Result<u64, StoreError>, f64)>;
-
-/// Why the atlas is not on disk as it is.
-#[derive(Debug, thiserror::Error)]
-pub enum KeepError {
-    /// It has become too large to be kept.
-    #[error("the map has {0} key frames, at most {MOST_KEY_FRAMES} are kept")]
-    TooLarge(usize),
-    /// A route of it could not be written.
-    #[error("{0}")]
-    Route(#[source] io::Error),
-    /// Its file could not be written.
-    #[error(transparent)]
-    Map(#[from] StoreError),
-    /// No thread could be begun to write it.
-    #[error("{0}")]
-    Thread(#[source] io::Error),
-    /// The thread that wrote it panicked.
-    #[error("saving the map failed by an error of the program")]
-    Panicked,
-}
 
 /// The keeper of an atlas.
 pub struct MapKeeper {

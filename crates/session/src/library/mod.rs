@@ -4,6 +4,7 @@
 //! index that could contradict them: a name is part of its route's file.
 
 mod entry;
+mod error;
 mod folder;
 mod keeper;
 mod listed;
@@ -12,8 +13,9 @@ pub(crate) mod words;
 
 use cairn_guide::PhraseConfig;
 pub use entry::RouteEntry;
+pub use error::{KeepError, LibraryError};
 pub(crate) use folder::{RouteFolder, checked_name, latest, number_of};
-pub use keeper::{KeepError, Kept, LibraryCamera, LibraryError, MapKeeper, RoutesLock};
+pub use keeper::{Kept, LibraryCamera, MapKeeper, RoutesLock};
 pub use listed::RouteListed;
 pub use wall::{WallClock, WallTime};
 pub(crate) use words::SPOKEN;

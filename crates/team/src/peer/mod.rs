@@ -15,18 +15,18 @@
 //!
 //! There is no clock, no thread and no chance here; a driver calls [`Peer::tick`] about once a second.
 
-mod complaints;
 mod exchange;
 mod message;
 mod part;
 mod publish;
+mod refusal_log;
 mod seal;
 mod traffic;
 
-pub use complaints::RefusalLog;
 pub use message::{
     BLOCK_BYTES, MAX_PART_BYTES, MAX_PEER_MESSAGE_BYTES, MAX_WORDS_PART_BYTES, MapSubscription, PeerKind,
 };
+pub use refusal_log::RefusalLog;
 pub use seal::{Identity, IdentityError, TeamKey};
 pub use traffic::{Amount, Traffic};
 

@@ -195,11 +195,11 @@ fn a_robot_killed_without_its_file_gets_its_map_back_from_the_others() {
 
 #[test]
 fn refusals_are_said_once_then_ever_more_rarely() {
-    let mut complaints = RefusalLog::default();
-    let lines: Vec<String> = (0..1000).filter_map(|_| complaints.line(&Refused::Seal)).collect();
+    let mut refusals = RefusalLog::default();
+    let lines: Vec<String> = (0..1000).filter_map(|_| refusals.line(&Refused::Seal)).collect();
     assert_eq!(lines.len(), 4, "{lines:?}");
     assert!(lines[3].starts_with("1000 messages were refused"), "{lines:?}");
-    assert!(complaints.line(&Refused::OwnId).is_some());
+    assert!(refusals.line(&Refused::OwnId).is_some());
 }
 
 #[test]
@@ -283,7 +283,7 @@ fn loss_delay_a_minute_apart_garbage_replays_and_a_claimed_number_cost_nothing()
     for version in 0..9 {
         liar.publish(&map(7, version, 5000)).unwrap();
     }
-    let (mut complaints, mut said, mut noise) = (RefusalLog::default(), Vec::new(), Random::new(1));
+    let (mut refusals, mut said, mut noise) = (RefusalLog::default(), Vec::new(), Random::new(1));
     let mut played: Vec<Arc<Vec<u8>>> = Vec::new();
     let mut most = 0;
     for second in 0..90 {
@@ -301,7 +301,7 @@ fn loss_delay_a_minute_apart_garbage_replays_and_a_claimed_number_cost_nothing()
             attack.extend(liar.receive(&own[0].bytes).into_iter().flatten().map(|m| m.bytes));
             attack.extend(played.iter().filter(|_| robot == 3).cloned());
             for bytes in attack {
-                said.extend(peer.receive(&bytes).err().and_then(|why| complaints.line(&why)));
+                said.extend(peer.receive(&bytes).err().and_then(|why| refusals.line(&why)));
             }
             played.extend(own.into_iter().map(|m| m.bytes));
             most = most.max(peer.held_bytes());

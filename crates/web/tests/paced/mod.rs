@@ -30,8 +30,8 @@ pub struct Network {
 pub struct Paced {
     /// What happened to its pace, in order: `[name, ms, ...]`.
     pub told: Vec<Value>,
-    /// For every image of the camera: whether it might be captured, and the level.
-    pub decided: Vec<(bool, usize)>,
+    /// For every image of the camera: whether it might be captured, the level, and whether the link has room.
+    pub decided: Vec<(bool, usize, bool)>,
     /// Of every image sent: when, and when it was received.
     pub sent: Vec<(u64, f64)>,
     /// And on which connection.
@@ -81,7 +81,7 @@ pub fn over(networks: &[Network]) -> Paced {
             if now.is_multiple_of(CAMERA) && coded.is_none() {
                 let may = pace.may_shoot(at(now));
                 out.told.push(json!(["ask", now]));
-                out.decided.push((may, pace.level));
+                out.decided.push((may, pace.level, pace.has_room()));
                 if may {
                     coded = Some((now + CODING, now, (WHOLE * LEVELS[pace.level].2) as usize));
                 }

@@ -7,6 +7,7 @@ use super::super::about::{encode_camera, numbers, pose};
 use super::super::error::StoreError;
 use super::super::layout::MapFile;
 use super::super::wire::Encoder;
+use crate::apply::distance;
 use crate::{KeyFrame, KeyFrameId, Landmark, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_vision::{DESCRIPTOR_ID, Descriptor, Frame, RectifiedCamera};
@@ -26,7 +27,7 @@ pub(super) const TURN: f64 = 1_048_576.0;
 pub(super) const LOG_DEPTH: f64 = 2_048.0;
 /// A pose that moved less than this, in units of length and radians, is not sent again.
 const MOVED: [f64; 2] = [5e-4, 1e-4];
-/// Nor is a landmark that moved less than this in its first key frame: 1/4 pixel across, 1/2 % along.
+/// Nor is a landmark that moved less than this in its first key frame: 1/4 pixel across, 1/2 % along; without one, as a pose.
 const SEEN_ASIDE: i32 = 4;
 const SEEN_FURTHER: i32 = 10;
 /// Nor is a descriptor that differs in at most so many of 256 bits: two of one landmark differ in about thirty.
@@ -165,18 +166,21 @@ impl State {
             .or_else(|| l.observations.iter().find_map(|o| seen(o.key_frame)));
         let descriptor = known
             .map(|known| known.descriptor)
-            .filter(|d| bits_apart(d, &l.descriptor) <= ALIKE_BITS)
+            .filter(|d| distance(d, &l.descriptor) <= ALIKE_BITS)
             .unwrap_or(l.descriptor);
         let (anchor, at) = match now {
             Some((id, at)) => (id.raw(), at),
             None => (0, std::array::from_fn(|i| (l.position[i] as f32).to_bits().cast_signed())),
         };
         let near = |before: &[i32; 3]| {
+            if anchor == 0 {
+                return (position(before) - l.position).norm() <= MOVED[0];
+            }
             let off: [i32; 3] = std::array::from_fn(|i| (before[i].saturating_sub(at[i])).saturating_abs());
             off[0] <= SEEN_ASIDE && off[1] <= SEEN_ASIDE && off[2] <= SEEN_FURTHER
         };
         match known {
-            Some(known) if known.anchor == anchor && anchor != 0 && near(&known.at) => {
+            Some(known) if known.anchor == anchor && near(&known.at) => {
                 LandmarkState { descriptor, ..*known }
             }
             _ => LandmarkState { anchor, at, descriptor },
@@ -330,9 +334,4 @@ pub(super) fn similarity(all: &[f32; 8]) -> Option<Sim3> {
 /// The position of a landmark that tells it in floats.
 pub(super) fn position(at: &[i32; 3]) -> Vec3 {
     Vec3::from(at.map(|bits| f64::from(f32::from_bits(bits.cast_unsigned()))))
-}
-
-/// Hamming distance.
-fn bits_apart(a: &Descriptor, b: &Descriptor) -> u32 {
-    a.iter().zip(b).map(|(a, b)| (a ^ b).count_ones()).sum()
 }

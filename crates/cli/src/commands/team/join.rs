@@ -322,7 +322,7 @@ impl Robot {
         });
         match published {
             // Without the file all is sent again when this program is started again, no more.
-            Ok(_) => _ = std::fs::write(beside(&self.map, PIECES), self.pieces.bytes()),
+            Ok(_) => _ = cairn_eval::write_bytes_whole(&beside(&self.map, PIECES), self.pieces.bytes()),
             Err(why) => {
                 warn(&format!("{shown} is not shared: {why}; make it with cairn run --robot {robot}"))
             }
