@@ -2,6 +2,8 @@
 
 use crate::synthetic::{World, mono, off, pose, sideways, stereo};
 use crate::tests::{STEP_S, assert_pose, step, tracker_at_end};
+use crate::scale::ScaleSupport;
+use crate::state::anchored_at;
 use crate::{KeyFrameRequest, State};
 use cairn_atlas::{Change, MapId, MapPrior};
 use cairn_geometry::{Se3, Sim3};
@@ -169,4 +171,48 @@ fn a_camera_with_depth_looks_for_no_parallax() {
         step(&mut tracker, atlas.latest(), &view);
         assert!(!tracker.parallax.is_turning());
     }
+}
+
+/// The tracker of somebody who has turned on the spot since the last of six key frames, and sees their view again.
+#[test]
+fn scale_is_regained_where_the_view_from_before_the_turn_comes_back() {
+    let world = World::around(mono(), 63);
+    let (atlas, ids) = world.exact_map(&sideways(6, 0.2));
+    let (snapshot, truth) = (atlas.latest(), pose(0.98, 0.01, 0.0));
+    let lost = |since| {
+        let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
+        tracker.scale_support = ScaleSupport::lost_since(since);
+        let at = cairn_sensor::Stamp::from_seconds(from_s);
+        tracker.keep_unsupported(at, anchored_at(snapshot, ids[5], truth).unwrap());
+        (tracker, from_s)
+    };
+    let (mut tracker, from_s) = lost(snapshot.next_key_frame_id());
+    let view = |n: u32| world.see(&truth, from_s + STEP_S * f64::from(n));
+    // Carried through the turn by rotation alone: off by a degree and a half, and by some centimetres.
+    let carried = pose(1.02, 0.0, 0.026);
+    let (found, matches) = tracker.regain_scale(&view(1).frame, snapshot, &carried).expect("the view");
+    let (metres, radians) = off(&found, &truth);
+    assert!(metres < 2e-3 && radians < 1e-3, "{metres} m, {radians} rad");
+    let truly = world.matches(snapshot, &view(1));
+    let wrong = matches.landmarks.iter().zip(&truly).filter(|(found, truly)| found.is_some() && found != truly);
+    assert_eq!(wrong.count(), 0);
+    assert!(matches.count() * 10 > truly.iter().flatten().count() * 8, "{}", matches.count());
+    assert!(tracker.regain_scale(&view(2).frame, snapshot, &carried).is_none(), "not with every frame");
+    // With the frame's other stages, scale is supported from then on.
+    let (mut tracker, _) = lost(snapshot.next_key_frame_id());
+    let tracked = step(&mut tracker, snapshot, &view(1));
+    assert_pose(&tracked, &truth, 5e-3);
+    assert!(tracked.scale_supported);
+
+    // What turned farther than can have gone unnoticed is another room, and what has come since has no scale to give.
+    let (mut tracker, _) = lost(snapshot.next_key_frame_id());
+    let turned = pose(0.98, 0.01, 0.4);
+    assert!(tracker.regain_scale(&view(1).frame, snapshot, &turned).is_none());
+    let far = pose(9.0, 0.01, 0.0);
+    let (mut tracker, _) = lost(snapshot.next_key_frame_id());
+    assert!(tracker.regain_scale(&view(1).frame, snapshot, &far).is_none());
+    let (mut tracker, _) = lost(ids[0]);
+    assert!(tracker.regain_scale(&view(1).frame, snapshot, &carried).is_none());
+    let (mut supported, _) = tracker_at_end(&world, &atlas, &ids);
+    assert!(supported.regain_scale(&view(1).frame, snapshot, &carried).is_none(), "nothing to regain");
 }

@@ -150,6 +150,14 @@ impl PaceComparison {
 }
 
 #[cfg(test)]
+impl ScaleSupport {
+    /// Unsupported since the key frame with this id was the next one.
+    pub fn lost_since(id: KeyFrameId) -> Self {
+        Self { low_parallax_since: Some(id), few: FEW_FRAMES }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use cairn_atlas::{Change, ChangeSet, KeyFrame};

@@ -14,8 +14,8 @@ use std::collections::BTreeSet;
 
 /// Needed to relocalise: seed matches by appearance that agree, and the share of expected landmarks that
 /// agree in the end.
-const RECOGNISE_SEED: usize = 12;
-const RECOGNISE_SHARE: f64 = 0.4;
+pub(super) const RECOGNISE_SEED: usize = 12;
+pub(super) const RECOGNISE_SHARE: f64 = 0.4;
 
 impl Tracker {
     pub(super) fn locate(

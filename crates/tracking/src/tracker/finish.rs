@@ -141,7 +141,7 @@ impl Tracker {
         let need = match (prior, self.since_recovery < 30) {
             // The prior constrains the pose too: from the IMU, or that the camera turns on the spot.
             (Some(_), _) => self.need(frame).min(MIN_INLIERS_WITH_IMU),
-            (None, true) => self.config.min_inliers * 3 / 2,
+            (None, true) => self.recovered_need(),
             (None, false) => self.need(frame),
         };
         Found { located, matches, expected, matched, need }

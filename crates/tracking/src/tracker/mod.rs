@@ -5,6 +5,7 @@ mod find;
 mod finish;
 mod found;
 mod lost;
+mod regain_scale;
 mod scale;
 mod static_landmarks;
 #[cfg(test)]
@@ -112,6 +113,8 @@ pub struct Tracker {
     pub(crate) turned_until: Option<Stamp>,
     /// Poses since scale lost its support, for the frame with which a new map begins.
     pub(crate) unsupported: VecDeque<(Stamp, AnchoredPose)>,
+    /// When the places from before that were last looked for.
+    looked_for_scale: Option<Stamp>,
     /// The key frame to which the last pose was anchored, and its unit of length at that time.
     unit: Option<(KeyFrameId, f64)>,
     pub(crate) lost: bool,
@@ -162,6 +165,7 @@ impl Tracker {
             rotation_check: None,
             turned_until: None,
             unsupported: VecDeque::new(),
+            looked_for_scale: None,
             unit: None,
             lost: false,
             lost_frames: 0,
@@ -382,6 +386,10 @@ impl Tracker {
                 Err(inliers) => return self.miss(frame, snapshot, inliers, predicted, idle),
             },
         };
+        let (guess, matches, recovered) = match self.regain_scale(&frame, snapshot, &guess) {
+            Some((pose, matches)) => (pose, matches, true),
+            None => (guess, matches, recovered),
+        };
         if recovered {
             self.since_recovery = 0;
             self.velocity = None;
@@ -454,6 +462,11 @@ impl Tracker {
     pub(crate) fn need(&self, frame: &Frame) -> usize {
         let least = if self.camera.has_depth() { 10 } else { 15 };
         self.config.min_inliers.min((frame.len() / 4).max(least))
+    }
+
+    /// Inlier matches required where the place has just been found again.
+    pub(crate) fn recovered_need(&self) -> usize {
+        self.config.min_inliers * 3 / 2
     }
 
     /// Whether so little time has passed since the last pose that constant velocity still holds.

@@ -46,8 +46,8 @@ pub fn page(results: &[Result], took_s: f64) -> String {
          A simulated phone (a walk of 9 s with a corner at 480x360 and 15 pictures a second, a clock of its own with offset and \
          drift) is guided along it, there and back, by the server on the same machine, through a proxy: 4 to 0.2 Mbit/s each \
          way for all connections together, round trips of 50 to 500 ms, up to 3 % of the segments lost and sent again as TCP does \
-         (`crates/web/tests/network/proxy.rs` says how), on every third leg a stall of 1 to 10 s. It has three connections, as the \
-         page. Its walker stands when told to stop. A judge beside the server knows the phone's clock.\n\n\
+         (`crates/web/tests/network/proxy.rs` says how), on every third leg a stall of 1 to 10 s. It has up to three \
+         connections, as the page: more than one where the link has room for them. Its walker stands when told to stop. A judge beside the server knows the phone's clock.\n\n\
          - Directions that the server gave: {said}; the oldest pose that one was from: {:.0} ms, at most 500 ms and the judge's \
          own hearing are allowed.\n\
          - Directions that the phone passed on: {given}; the oldest pose when it was heard: {:.0} ms. Withheld by the phone, \
