@@ -174,6 +174,11 @@ impl Guide {
             }
     }
 
+    /// Metres along the route from the last good pose to the next thing to do: a maneuver or the end. `None` before the first.
+    pub fn metres_to_next(&self) -> Option<f64> {
+        Some(self.follower.next_at_m() - self.last_match?.along_m)
+    }
+
     /// Where the walker is led now: the next point of the route to go to, never past the next turn, and metres along the
     /// route to it. `None` before the first good pose.
     pub fn aim_point(&self) -> Option<(f64, Vec2)> {

@@ -6,7 +6,8 @@
 
 use crate::place::Place;
 use crate::reference_path::{self, Moved, ReferencePath};
-use cairn_atlas::Snapshot;
+use crate::scale_basis::OtherMap;
+use cairn_atlas::{MapId, Snapshot};
 use cairn_geometry::{Camera, Odom, Pose, Se3};
 use cairn_guide::{
     Anchor, Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, GuideState, Heading,
@@ -149,6 +150,26 @@ impl Guiding {
         match (self.walker(place), self.guide.place()) {
             (Some(walker), Some(at)) => wrap(walker.turn_to(at.heading)),
             _ => 0.0,
+        }
+    }
+
+    /// What is known of a map that is not the route's, in which the walker is.
+    pub fn other_map(&self, snapshot: &Snapshot, map: MapId, place: Option<&Place>) -> OtherMap {
+        let prior = snapshot.maps().find(|(id, _)| *id == map).and_then(|(_, prior)| prior.copied());
+        let root = snapshot.key_frames_of(map).next();
+        let metres_per_unit =
+            place.map(|p| self.reference_path.metres_per_unit() / p.world_from_odom.sim3.scale);
+        let began_within =
+            prior.zip(metres_per_unit).map(|(prior, metres)| [prior.sigma * metres, prior.sigma_rad]);
+        let walked_m = root.zip(place).zip(metres_per_unit).map(|((root, place), metres)| {
+            (place.world_from_camera.se3.translation - root.world_from_camera.translation).norm() * metres
+        });
+        OtherMap {
+            began_within: began_within.unwrap_or([f64::INFINITY; 2]),
+            walked_m: walked_m.unwrap_or(f64::INFINITY),
+            to_next_m: self.guide.metres_to_next().unwrap_or(0.0),
+            // On the way out again a camera that looks ahead does, on the way home one that looks back.
+            sees_way_out: (self.facing == Facing::Home) == self.again,
         }
     }
 

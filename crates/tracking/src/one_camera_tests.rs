@@ -1,9 +1,9 @@
 //! One camera without depth: rotation, parallax, and the scale that is lost and guessed.
 
-use crate::synthetic::{World, mono, off, pose, sideways, stereo};
-use crate::tests::{STEP_S, assert_pose, step, tracker_at_end};
 use crate::scale::ScaleSupport;
 use crate::state::anchored_at;
+use crate::synthetic::{World, mono, off, pose, sideways, stereo};
+use crate::tests::{STEP_S, assert_pose, step, tracker_at_end};
 use crate::{KeyFrameRequest, State};
 use cairn_atlas::{Change, MapId, MapPrior};
 use cairn_geometry::{Se3, Sim3};
@@ -194,7 +194,8 @@ fn scale_is_regained_where_the_view_from_before_the_turn_comes_back() {
     let (metres, radians) = off(&found, &truth);
     assert!(metres < 2e-3 && radians < 1e-3, "{metres} m, {radians} rad");
     let truly = world.matches(snapshot, &view(1));
-    let wrong = matches.landmarks.iter().zip(&truly).filter(|(found, truly)| found.is_some() && found != truly);
+    let wrong =
+        matches.landmarks.iter().zip(&truly).filter(|(found, truly)| found.is_some() && found != truly);
     assert_eq!(wrong.count(), 0);
     assert!(matches.count() * 10 > truly.iter().flatten().count() * 8, "{}", matches.count());
     assert!(tracker.regain_scale(&view(2).frame, snapshot, &carried).is_none(), "not with every frame");

@@ -13,8 +13,11 @@ use cairn_vision::{Frame, RectifiedCamera};
 /// Half of the search window around the position predicted by the previous rotation, pixels; the second where that
 /// finds too little.
 const RADII: [f32; 2] = [30.0, 90.0];
-/// Matches that must agree, and the share of all that must.
+/// Matches that must agree; of the few features of a view that is nearly blank at least so many, and this share of the features.
 const NEED: usize = 30;
+const NEED_BLANK: usize = 12;
+const BLANK_SHARE: f64 = 0.2;
+/// The share of all matches that must agree.
 pub(crate) const SHARE: f64 = 0.6;
 /// Pixels within which a match agrees: covers corners of the fine levels, and the parallax of a camera held off the
 /// rotation axis.
@@ -40,6 +43,8 @@ pub(crate) fn rotation_between(
     guess: &So3,
     share: f64,
 ) -> Between {
+    let features = first.len().min(second.len());
+    let need = NEED.min(NEED_BLANK.max((BLANK_SHARE * features as f64) as usize));
     let back = guess.inverse();
     let expected: Vec<Option<[f32; 2]>> = (first.px.iter())
         .map(|px| {
@@ -50,18 +55,18 @@ pub(crate) fn rotation_between(
     let mut matches = Vec::new();
     for radius in RADII {
         matches = match_around(first, second, &expected, radius);
-        if matches.len() >= 2 * NEED {
+        if matches.len() >= 2 * need {
             break;
         }
     }
-    if matches.len() < NEED {
+    if matches.len() < need {
         return Between::TooFew;
     }
     let bearing = |px: [f32; 2]| camera.unproject(px, 1.0).normalize();
     let pairs: Vec<(Vec3, Vec3)> =
         matches.iter().map(|(i, j)| (bearing(first.px[*i]), bearing(second.px[*j]))).collect();
     match ransac(&pairs, AGREE_PX / camera.fx, second.stamp.0 as u64) {
-        Some((rotation, inliers)) if inliers >= NEED && inliers as f64 >= share * pairs.len() as f64 => {
+        Some((rotation, inliers)) if inliers >= need && inliers as f64 >= share * pairs.len() as f64 => {
             Between::Rotation { rotation, inliers, matched: pairs.len() }
         }
         _ => Between::Parallax,

@@ -7,6 +7,7 @@
 
 use cairn_adjust::has_parallax;
 use cairn_atlas::{KeyFrameId, LandmarkId, MapId, Snapshot};
+use cairn_geometry::Vec3;
 use std::collections::VecDeque;
 
 /// Scale is unsupported when fewer tracked landmarks than this have parallax,
@@ -61,6 +62,8 @@ impl ScaleSupport {
 
 /// Number of frames whose speeds are stored: half a minute at 20 Hz.
 const KEPT: usize = 600;
+/// Number of frames over which a speed is measured: the pose of somebody who stands trembles to and fro, and goes nowhere.
+const OVER: usize = 5;
 /// The walking speed is not estimated from fewer frames than this,
 pub(crate) const LEAST: usize = 10;
 /// but a map whose unit was guessed is corrected after these first few.
@@ -70,10 +73,28 @@ const FIRST_FEW: usize = 5;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pace {
     speeds: VecDeque<f64>,
+    /// The last motions from frame to frame, and the seconds that each took.
+    moved: VecDeque<(Vec3, f64)>,
 }
 
 impl Pace {
-    /// Adds the speed of one frame.
+    /// Adds a frame: how far the camera has moved since the one before it, in the map's unit and axes, and in which time.
+    pub fn moved(&mut self, moved: Vec3, elapsed_s: f64) {
+        if self.moved.len() == OVER {
+            self.moved.pop_front();
+        }
+        self.moved.push_back((moved, elapsed_s));
+        let far: Vec3 = self.moved.iter().map(|(moved, _)| moved).sum();
+        let in_s: f64 = self.moved.iter().map(|(_, elapsed_s)| elapsed_s).sum();
+        self.push(far.norm() / in_s);
+    }
+
+    /// The next frame does not follow the last one: what was between them is not known.
+    pub fn interrupt(&mut self) {
+        self.moved.clear();
+    }
+
+    /// Adds a speed.
     pub fn push(&mut self, speed: f64) {
         if self.speeds.len() == KEPT {
             self.speeds.pop_front();
@@ -84,6 +105,7 @@ impl Pace {
     /// Converts to a new unit: all lengths were multiplied by this factor.
     pub fn rescale(&mut self, factor: f64) {
         self.speeds.iter_mut().for_each(|s| *s *= factor);
+        self.moved.iter_mut().for_each(|(moved, _)| *moved *= factor);
     }
 
     /// The median speed over the frames in which the walker was walking, and the number of these frames. Standing and
@@ -280,6 +302,27 @@ mod tests {
             assert_eq!(found.len(), compared, "{found:?}");
             assert!(found.iter().all(|(factor, _)| (factor - 1.25).abs() < 1e-9), "{found:?}");
         }
+    }
+
+    #[test]
+    fn who_trembles_on_the_spot_is_slower_than_who_walks_as_fast() {
+        let speed = |walks: bool| {
+            let mut pace = Pace::default();
+            // A centimetre from frame to frame, on and on or to and fro.
+            let step = |k: i32| Vec3::x() * if walks || k % 2 == 0 { 0.01 } else { -0.01 };
+            (0..40).for_each(|k| pace.moved(step(k), 0.05));
+            pace.rescale(2.0);
+            (0..40).for_each(|k| pace.moved(2.0 * step(k), 0.05));
+            pace.walking(LEAST).unwrap().0
+        };
+        assert!((speed(true) - 0.4).abs() < 1e-9, "{}", speed(true));
+        assert!(speed(false) < 0.09, "{}", speed(false));
+        // Over a gap nothing is known.
+        let mut pace = Pace::default();
+        (0..4).for_each(|_| pace.moved(Vec3::x() * 0.05, 0.05));
+        pace.interrupt();
+        pace.moved(Vec3::y() * 0.02, 0.05);
+        assert!((pace.speeds[4] - 0.4).abs() < 1e-12 && (pace.speeds[3] - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -84,9 +84,11 @@ impl<S: Slam> Session<S> {
     pub(super) fn scale_hazard(&self) -> Option<StopReason> {
         let (scale, guiding) = (self.scale.filter(|s| !s.metric)?, self.guiding.as_ref()?);
         let held = self.route.as_ref()?;
+        let map = self.engine.snapshot();
+        let is_other = !guiding.reference_path.is_in(&map, &held.route, scale.map);
         let basis = ScaleBasis {
             state: guiding.guide.state(),
-            other_map: !guiding.reference_path.is_in(&self.engine.snapshot(), &held.route, scale.map),
+            other_map: is_other.then(|| guiding.other_map(&map, scale.map, self.place.as_ref())),
             unsupported_s: self.unsupported.map(|since| self.now - since.max(guiding.asked)),
         };
         basis.rules_out_directions().then_some(StopReason::ScaleUncertain)

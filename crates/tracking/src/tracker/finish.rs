@@ -195,14 +195,15 @@ impl Tracker {
     /// Takes over the pose: velocity, walking speed, unit of length.
     fn settle(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot, matches: &Matches, anchored: AnchoredPose) {
         let world_from_camera = &anchored.world_from_camera;
-        self.velocity = match &self.last {
-            Some(last) if self.recent(frame, BRIDGE_S) && frame.stamp > last.frame.stamp => Some(
-                last.anchored.world_from_camera.local(world_from_camera) / (frame.stamp - last.frame.stamp),
-            ),
-            _ => None,
-        };
-        if let Some(v) = self.velocity.filter(|_| !self.scale_support.is_lost()) {
-            self.pace.push(v.fixed_rows::<3>(0).norm());
+        let before =
+            self.last.as_ref().filter(|last| self.recent(frame, BRIDGE_S) && frame.stamp > last.frame.stamp);
+        let since = before.map(|last| (last.anchored.world_from_camera, frame.stamp - last.frame.stamp));
+        self.velocity = since.map(|(before, elapsed_s)| before.local(world_from_camera) / elapsed_s);
+        match since.filter(|_| !self.scale_support.is_lost()) {
+            Some((before, elapsed_s)) => {
+                self.pace.moved(world_from_camera.translation - before.translation, elapsed_s);
+            }
+            None => self.pace.interrupt(),
         }
         self.unit = snapshot.world_from_here(anchored.reference).map(|here| (anchored.reference, here.scale));
         self.watch_scale(frame, snapshot, matches, anchored);

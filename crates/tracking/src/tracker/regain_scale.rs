@@ -5,8 +5,8 @@
 //! than the search around their projections bridges, and somebody who stands still asks for no key frame with
 //! which loop closing could look.
 
-use super::find::{RECOGNISE_SEED, RECOGNISE_SHARE};
 use super::Tracker;
+use super::find::{RECOGNISE_SEED, RECOGNISE_SHARE};
 use crate::match_last::Matches;
 use cairn_adjust::{RecogniseConfig, View, recognise};
 use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
@@ -49,7 +49,10 @@ impl Tracker {
         let distance = |at: &Se3| (at.translation - guess.translation).norm();
         let may_show = |k: &KeyFrame| {
             let (axis, ahead) = (k.world_from_camera.rotation * Vec3::z(), guess.rotation * Vec3::z());
-            k.id < since && k.map == map && axis.dot(&ahead) > FACING && distance(&k.world_from_camera) < reach
+            k.id < since
+                && k.map == map
+                && axis.dot(&ahead) > FACING
+                && distance(&k.world_from_camera) < reach
         };
         let bag = Vocabulary::current().bag(&frame.descriptors);
         let places = snapshot
