@@ -1,12 +1,13 @@
 //! One camera without depth: rotation, parallax, and the scale that is lost and guessed.
 
+use crate::rotation::{Between, SHARE, rotation_between};
 use crate::scale::ScaleSupport;
 use crate::state::anchored_at;
 use crate::synthetic::{World, mono, off, pose, sideways, stereo};
 use crate::tests::{STEP_S, assert_pose, step, tracker_at_end};
 use crate::{KeyFrameRequest, State};
 use cairn_atlas::{Change, MapId, MapPrior};
-use cairn_geometry::{Se3, Sim3};
+use cairn_geometry::{Se3, Sim3, So3};
 
 #[test]
 fn a_turn_without_matches_to_the_map_is_tracked_by_rotation_only() {
@@ -30,6 +31,28 @@ fn a_turn_without_matches_to_the_map_is_tracked_by_rotation_only() {
     }
     assert_eq!(states[0], State::Tracking);
     assert!(matches!(states[49], State::RotationOnly { .. }), "{:?}", states[49]);
+}
+
+#[test]
+fn rotation_is_seen_past_a_nearly_blank_wall_by_the_few_features_that_it_has() {
+    let few = |step: usize| {
+        let mut world = World::around(mono(), 64);
+        world.keep(&(0..world.points.len()).step_by(step).collect::<Vec<_>>());
+        world
+    };
+    let between = |world: &World, second: Se3| {
+        let (first, second) = (world.see(&pose(0.0, 0.0, 0.0), 0.0), world.see(&second, 0.05));
+        let features = first.points.len().min(second.points.len());
+        (features, rotation_between(&world.camera, &first.frame, &second.frame, &So3::identity(), SHARE))
+    };
+    let turned = pose(0.0, 0.0, 0.03);
+    let (features, found) = between(&few(12), turned);
+    let Between::Rotation { rotation, inliers, .. } = found else { panic!("{features} features") };
+    assert!((rotation.inverse() * turned.rotation).angle() < 2e-3);
+    assert!(inliers < 30 && features < 30, "{inliers} of {features}");
+    assert!(matches!(between(&few(12), pose(0.6, 0.0, 0.03)).1, Between::Parallax), "it has moved");
+    let (features, found) = between(&few(40), turned);
+    assert!(matches!(found, Between::TooFew), "{features} features");
 }
 
 #[test]
