@@ -87,14 +87,18 @@ fn one_camera_after_a_turn_stops_with_the_reason_and_misleads_nobody() {
     std::fs::remove_dir_all(out).unwrap();
 }
 
+/// By seed 6 the walker stood forever after his turn, before scale was regained where the old view comes back.
 #[test]
-fn one_camera_leads_home_backwards_and_with_an_imu_facing_home() {
+fn one_camera_leads_home_backwards_or_looking_back_and_with_an_imu_facing_home() {
     if too_slow() {
         return;
     }
-    for [sensor, facing] in [["mono", "backwards"], ["mono-imu", "home"]] {
-        let out = folder(&format!("demo-{sensor}"));
-        let args = ["demo", "--sensor", sensor, "--facing", facing, "--metres", "14", "--json"];
+    for [sensor, facing, metres, seed] in
+        [["mono", "backwards", "14", "1"], ["mono", "back", "10", "6"], ["mono-imu", "home", "14", "1"]]
+    {
+        let out = folder(&format!("demo-{sensor}-{facing}"));
+        let args = ["--sensor", sensor, "--facing", facing, "--metres", metres, "--seed", seed, "--json"];
+        let args = [&["demo"], &args[..]].concat();
         let output = cairn(&[&args[..], &["--out", out.to_str().unwrap()]].concat());
         assert_eq!(output.status.code(), Some(0), "{sensor}: {}", stderr(&output));
         let result = json(&output);
