@@ -1,7 +1,8 @@
 //! Motions that other sensors measured between key frames (the wheels of a robot), as factors of a window.
 //!
 //! Someone who passes close to the camera fills the view, and key frames made then see little else than him. Their observations agree
-//! with each other and would turn these key frames along with him; what the wheels measured holds them.
+//! with each other and would turn these key frames along with him; what the wheels measured holds them. A key frame whose pose was carried
+//! there, by the wheels or by the shape of what a depth camera sees, shares no landmark with the one before it: only the motion relates the two.
 
 use crate::subproblem::Subproblem;
 use cairn_atlas::{KeyFrameId, Snapshot};
@@ -174,13 +175,26 @@ impl Link {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MotionFactors {
     links: Vec<Link>,
+    /// Poses that come to contradict a motion are not put back.
+    may_give_way: bool,
 }
 
 impl MotionFactors {
+    /// Those between key frames that no landmark relates. Poses need not agree with them afterwards: where observations relate their
+    /// ends along a way around, they decide by their weight.
+    pub fn of_unrelated(mut self, snapshot: &Snapshot, key_frames: &[KeyFrameId]) -> Self {
+        let is_related = |l: &Link| {
+            let to = snapshot.key_frame(key_frames[l.to]);
+            to.is_some_and(|k| k.covisible.iter().any(|(id, _)| *id == key_frames[l.from]))
+        };
+        self.links.retain(|l| !is_related(l));
+        Self { may_give_way: true, ..self }
+    }
+
     /// Whether poses contradict a motion that they agreed with before.
     pub fn newly_contradicted(&self, before: &[Se3], after: &[Se3]) -> bool {
         let agrees = |l: &Link, poses: &[Se3]| l.motion.agrees(&l.between(poses));
-        self.links.iter().any(|l| agrees(l, before) && !agrees(l, after))
+        !self.may_give_way && self.links.iter().any(|l| agrees(l, before) && !agrees(l, after))
     }
 
     /// Without those that touch only poses that do not move.

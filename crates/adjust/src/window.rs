@@ -92,14 +92,28 @@ impl Window {
         let covisible = snapshot.key_frame(centre)?.covisible.iter().map(|(id, _)| *id);
         let mut moving = vec![centre];
         moving.extend(covisible.take(config.key_frames.saturating_sub(1)));
-        let subproblem = Subproblem::of(snapshot, &moving, config.anchors);
-        Some(Self::visual(snapshot, camera, subproblem, links))
+        let mut subproblem = Subproblem::of(snapshot, &moving, config.anchors);
+        let motion = links.factors(snapshot, &mut subproblem);
+        Some(Self::visual(snapshot, camera, subproblem, motion))
     }
 
     /// The window in which every key frame of a map moves but its root.
     pub fn whole(snapshot: &Snapshot, camera: &RectifiedCamera, map: MapId) -> Self {
+        Self::linked_whole(snapshot, camera, map, &MotionLinks::default())
+    }
+
+    /// As [`Window::whole`], with the motions that other sensors measured between key frames which no landmark relates.
+    pub fn linked_whole(
+        snapshot: &Snapshot,
+        camera: &RectifiedCamera,
+        map: MapId,
+        links: &MotionLinks,
+    ) -> Self {
         let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
-        Self::visual(snapshot, camera, Subproblem::of(snapshot, &all, 0), &MotionLinks::default())
+        let mut subproblem = Subproblem::of(snapshot, &all, 0);
+        let motion = links.factors(snapshot, &mut subproblem);
+        let motion = motion.of_unrelated(snapshot, &subproblem.key_frames);
+        Self::visual(snapshot, camera, subproblem, motion)
     }
 
     /// The window with IMU factors around a key frame of a gravity-aligned map: the last `chain` key frames up to it, one
@@ -173,9 +187,8 @@ impl Window {
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         mut subproblem: Subproblem,
-        links: &MotionLinks,
+        mut motion: MotionFactors,
     ) -> Self {
-        let mut motion = links.factors(snapshot, &mut subproblem);
         let key_frames = &subproblem.key_frames;
         let root = key_frames.first().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map.root());
         let stays = |i: usize| i >= subproblem.moving || Some(key_frames[i]) == root;

@@ -84,3 +84,25 @@ fn poor_wheels_do_not_move_what_is_seen_well() {
     let worst = ids.iter().zip(&path).map(|(id, truth)| off(&at(&atlas, *id), truth).0).fold(0.0, f64::max);
     assert!(worst < 0.005, "{worst} m");
 }
+
+#[test]
+fn in_a_whole_map_motions_count_between_key_frames_that_no_landmark_relates() {
+    let path = sideways(5, 0.15);
+    let error = SVector::from([0.3, -0.2, 0.1, 0.2, -0.4, 0.1]);
+    let worst_off = |world: &World, measured: &[Se3], moved: Option<&SVector<f64, 6>>| {
+        let (mut atlas, ids) = world.exact_map(&path);
+        atlas.commit(moved.map(|by| Change::MoveKeyFrame(ids[4], path[4].retract(by))).into_iter().collect());
+        let config = WindowConfig { iterations: [20, 20], tolerance: 1e-12, ..WindowConfig::default() };
+        let map = atlas.latest().key_frame(ids[0]).expect("a key frame").map;
+        let links = links(measured, &ids, SIGMA);
+        let whole = Window::linked_whole(atlas.latest(), &world.camera, map, &links);
+        atlas.commit(whole.solve(&config, || false).changes.changes);
+        ids.iter().zip(&path).map(|(id, truth)| off(&at(&atlas, *id), truth).0).fold(0.0, f64::max)
+    };
+    let worst = worst_off(&World::empty(stereo()), &path, Some(&error));
+    assert!(worst < 1e-6, "nothing but the motions relates them: {worst} m");
+    // Each step 10 cm off, which what is seen contradicts.
+    let wrong: Vec<Se3> = (0..5).map(|n| path[n] * pose(0.1 * n as f64, 0.0, 0.0)).collect();
+    let worst = worst_off(&World::around(stereo(), 9), &wrong, None);
+    assert!(worst < 1e-3, "what is seen relates them: {worst} m");
+}

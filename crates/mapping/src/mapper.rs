@@ -365,8 +365,8 @@ impl Mapper {
             let window = WindowConfig { iterations: [40, 20], tolerance: 1e-6, ..self.config.window };
             let imu =
                 self.inertial.as_ref().and_then(|i| i.whole(snapshot, &self.camera, map, &window, &mut stop));
-            let result =
-                imu.unwrap_or_else(|| Window::whole(snapshot, &self.camera, map).solve(&window, &mut stop));
+            let visual = || Window::linked_whole(snapshot, &self.camera, map, &self.links);
+            let result = imu.unwrap_or_else(|| visual().solve(&window, &mut stop));
             if stop() {
                 return;
             }

@@ -2,7 +2,7 @@
 //! depth has found a lost camera.
 
 use crate::dense::{DenseAligner, Placement, Prediction};
-use crate::state::{AnchoredPose, State, anchored_at};
+use crate::state::{AnchoredPose, KeyFrameRequest, State, anchored_at};
 use crate::synthetic::{FEATURES, RATE_HZ, World, off, pose, sideways, stereo};
 use crate::tests::{STEP_S, step, tracker_at_end};
 use crate::{DepthPlaced, FoundByDepth, MotionSource, Tracker, TrackerConfig};
@@ -314,4 +314,33 @@ fn a_bare_wall_is_crossed_by_depth_and_the_way_back_to_features_is_smooth() {
             assert_eq!(tracker.odometry().expect("odometry").source, MotionSource::Measured, "frame {n}");
         }
     }
+}
+
+/// Features that the map does not know give key frames, whose poses depth carries.
+#[test]
+fn a_key_frame_carried_by_depth_knows_the_motion_since_the_one_before() {
+    let (world, unknown) = (World::around(stereo(), 86), World::around(stereo(), 87));
+    let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
+    let mut tracker = Tracker::new(world.camera, FEATURES, RATE_HZ, TrackerConfig::default())
+        .with_depth(&sensor(), Se3::identity());
+    tracker.map_created(atlas.latest(), ids[3]);
+    let (mut before, mut related) = (None, 0);
+    for n in 0..30 {
+        let seen = if n < 10 { &world } else { &unknown };
+        tracker.depth_seen(Some(room(&at(n), RIGHT)), None);
+        let tracked = step(&mut tracker, atlas.latest(), &seen.see(&at(n), 1.5 + STEP_S * (n + 1) as f64));
+        let Some(KeyFrameRequest::Next { motion, .. }) = tracked.request else { continue };
+        let is_carried = matches!(tracked.state, State::Coasting { .. });
+        match (motion, before.replace((n, tracked.stamp))) {
+            (Some(motion), Some((m, stamp))) if is_carried => {
+                assert_eq!(motion.stamp, stamp);
+                let (metres, radians) = off(&motion.since_from_now, &(at(m).inverse() * at(n)));
+                assert!(metres < 0.03 && radians < 0.015, "frame {n}: {metres} m, {radians} rad");
+                assert!(motion.variance.iter().all(|v| *v > 0.0 && *v < 0.01), "{:?}", motion.variance);
+                related += 1;
+            }
+            (motion, before) => assert!(motion.is_none() && !(is_carried && before.is_some()), "frame {n}"),
+        }
+    }
+    assert!(related > 0, "no key frame was asked for while depth carried the pose");
 }

@@ -206,7 +206,8 @@ impl Closer {
         correct::fuse(&mut draft, &self.camera, here.id, place);
         let config =
             WindowConfig { key_frames: 2 * self.window.key_frames, right_offset_sigma: 0.0, ..self.window };
-        if let Some(window) = Window::around(draft.snapshot(), &self.camera, here.id, &config) {
+        let around = draft.snapshot();
+        if let Some(window) = Window::linked_around(around, &self.camera, here.id, &config, &self.links) {
             draft.push(window.solve(&config, || false).changes.changes);
         }
         let accepted = Accepted {
@@ -242,7 +243,10 @@ impl Closer {
         let imu = imu.map(|(imu, _)| Window::inertial_whole(snapshot, &self.camera, &imu, map));
         let result = match imu.filter(|w| w.links() > 0) {
             Some(imu) => imu.solve(&window, stop_requested),
-            None => Window::whole(snapshot, &self.camera, map).solve(&window, stop_requested),
+            None => {
+                let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links);
+                whole.solve(&window, stop_requested)
+            }
         };
         if stopped { Vec::new() } else { result.changes.changes }
     }

@@ -6,6 +6,7 @@ use crate::match_last::Matches;
 use crate::odometry::MotionSource;
 use crate::reckoning::Reckoned;
 use crate::state::{AnchoredPose, State, Tracked};
+use cairn_adjust::MotionSince;
 use cairn_atlas::Snapshot;
 use cairn_geometry::Se3;
 use cairn_inertial::NavEstimate;
@@ -67,6 +68,18 @@ impl Tracker {
     pub(super) fn aligned_motion(&self) -> Option<(Se3, MotionSource)> {
         let aligned = self.dense.as_ref()?.aligned()?;
         Some((aligned.last_from_now, MotionSource::Measured))
+    }
+
+    /// The motion since the key frame that was asked for last, where depth alone has carried the pose from there on: no landmark will
+    /// relate the two.
+    pub(super) fn carried_by_depth(&self, snapshot: &Snapshot, tracked: &Tracked) -> Option<MotionSince> {
+        let aligned =
+            self.dense.as_ref()?.aligned().filter(|_| matches!(tracked.state, State::Coasting { .. }))?;
+        let (stamp, at) = self.requested_at?;
+        let before = snapshot.resolve(at.reference, &at.reference_from_camera)?;
+        let since_from_now = before.inverse() * tracked.pose?.world_from_camera;
+        let variance = aligned.reckoned.sigma().map(|s| s * s);
+        Some(MotionSince { stamp, since_from_now, variance })
     }
 
     /// Remembers the depth of a frame with its pose.

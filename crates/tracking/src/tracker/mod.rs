@@ -134,7 +134,7 @@ pub struct Tracker {
     /// Motion that is measured by other means than the camera and the IMU.
     pub(crate) reckoning: DeadReckoning,
     /// The pose at which a key frame was asked for last.
-    requested_at: Option<AnchoredPose>,
+    requested_at: Option<(Stamp, AnchoredPose)>,
     /// Aligns depth images where features do not suffice.
     pub(crate) dense: Option<DenseAligner>,
     /// Where a search by depth has found the camera, for the next frame.
@@ -294,7 +294,7 @@ impl Tracker {
             self.starter = Starter::default();
         }
         tracked.earlier = earlier;
-        self.restart_motion_at(&mut tracked);
+        self.restart_motion_at(snapshot, &mut tracked);
         tracked
     }
 
@@ -306,7 +306,8 @@ impl Tracker {
     }
 
     /// Gives a key frame that is asked for the motion measured since the one before it, which counts from there on.
-    fn restart_motion_at(&mut self, tracked: &mut Tracked) {
+    fn restart_motion_at(&mut self, snapshot: &Snapshot, tracked: &mut Tracked) {
+        let carried = self.carried_by_depth(snapshot, tracked);
         let Some(request) = &mut tracked.request else { return };
         let stamp = match request {
             KeyFrameRequest::First { frame, .. } | KeyFrameRequest::Next { frame, .. } => frame.stamp,
@@ -314,8 +315,8 @@ impl Tracker {
         };
         let since = self.reckoning.restart_at_key_frame(stamp);
         if let KeyFrameRequest::Next { anchored, motion, .. } = request {
-            *motion = since;
-            self.requested_at = Some(*anchored);
+            *motion = since.or(carried);
+            self.requested_at = Some((stamp, *anchored));
         } else {
             self.requested_at = None;
         }
@@ -324,7 +325,7 @@ impl Tracker {
     /// Whether the pose can be reached by the motion measured since the last key frame was asked for: from frame to frame tracking may
     /// creep along with what moves, by less than its noise.
     fn agrees_since_request(&self, snapshot: &Snapshot, world_from_camera: &Se3) -> bool {
-        let (Some(at), Some(motion)) = (self.requested_at, self.reckoning.since_key_frame()) else {
+        let (Some((_, at)), Some(motion)) = (self.requested_at, self.reckoning.since_key_frame()) else {
             return true;
         };
         let before = snapshot.resolve(at.reference, &at.reference_from_camera);
