@@ -44,7 +44,8 @@ fn saves(robot: RobotId, options: &str) -> Vec<Vec<u8>> {
         let moved = |pose: &Se3| turn.transform_pose(pose);
         let key_frames = s.key_frames().map(|k| Change::MoveKeyFrame(k.id, moved(&k.world_from_camera)));
         let landmarks = s.landmarks().map(|l| Change::MoveLandmark(l.id, turn * l.position));
-        let culled = s.key_frames().filter(|k| MapId(k.id) != k.map).nth(5).map(|k| Change::RemoveKeyFrame(k.id));
+        let culled =
+            s.key_frames().filter(|k| MapId(k.id) != k.map).nth(5).map(|k| Change::RemoveKeyFrame(k.id));
         let changes = key_frames.chain(landmarks).chain(culled).collect();
         file.snapshot = s.apply(&ChangeSet { base: s.version(), changes }).0;
         pieces.add(&file).expect("in memory");

@@ -43,7 +43,8 @@ pub(super) fn fuse(draft: &mut Draft, camera: &RectifiedCamera, seen: &[(KeyFram
     let places: BTreeMap<KeyFrameId, Vec<LandmarkId>> =
         seen.iter().map(|(_, place)| (place.old, landmarks_around(draft.snapshot(), place.old))).collect();
     for (id, near) in searched(draft.snapshot(), seen) {
-        let mut theirs: Vec<LandmarkId> = near.iter().filter_map(|old| places.get(old)).flatten().copied().collect();
+        let mut theirs: Vec<LandmarkId> =
+            near.iter().filter_map(|old| places.get(old)).flatten().copied().collect();
         theirs.sort_unstable();
         theirs.dedup();
         let found = draft.snapshot().key_frame(id).map(|k| fuse_into(draft.snapshot(), camera, &theirs, k));

@@ -83,7 +83,7 @@ const STEP: Duration = Duration::from_millis(500);
 const LAST: Duration = Duration::from_secs(20);
 
 /// A map is not fetched again for so many seconds: what local mapping moves at each save is then sent more rarely.
-const REFRESH_S: usize = cairn::team_scale::RENEW_S as usize;
+pub(super) const REFRESH_S: usize = 8;
 
 /// Shares until interrupted or the time is over.
 ///
