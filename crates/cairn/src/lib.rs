@@ -85,7 +85,7 @@ pub use merge::{
     Attempt, FileComparison, MapOfFile, MergeError, MergedMaps, compare_files, merge_maps, merge_maps_where,
 };
 pub use reach::{MapWords, WordsError, in_reach, words_of_map};
-pub use shared::{OwnMapError, SharedAtlas, own_map, own_part, shared_atlas};
+pub use shared::{OwnMapError, SharedAtlas, TeamAtlas, own_map, own_part, shared_atlas};
 pub use slam::Slam;
 
 #[doc(no_inline)]

@@ -2,15 +2,19 @@
 
 use crate::ROUTE_PREFIX;
 use cairn_atlas::store::{MapFile, StoreError};
-use cairn_atlas::{Atlas, CombineError, MapId, RobotId, Shift};
+use cairn_atlas::{CombineError, MapId, RobotId, Shift, Snapshot};
 use cairn_engine::Config;
 use cairn_guide::{Route, RouteError};
-use cairn_mapping::{Agreement, Closer, MapComparison, MapJoin};
+use cairn_mapping::{Agreement, Closer, CloserConfig, MapComparison, MapJoin};
 use cairn_vision::SensorMode;
 use std::collections::BTreeMap;
 
 /// Largest difference of the disparity corrections of two stereo maps that needs no note, pixels.
 const RIGHT_OFFSET_PX: f64 = 0.05;
+
+/// Nobody waits for the next frame while maps are joined: they are adjusted as a whole up to so many key frames, which is faster than
+/// around each place where they meet.
+pub(crate) const WHOLE_KEY_FRAMES: usize = 10_000;
 
 /// Why maps cannot be put into one file.
 #[derive(Debug, thiserror::Error)]
@@ -184,7 +188,10 @@ fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeEr
 
 impl MergedMaps {
     fn closer(&self, config: &Config) -> Closer {
-        Closer::new(self.file.about.camera, config.closer, config.mapper.window)
+        let whole = config.closer.whole_key_frames;
+        let whole_key_frames = if whole > 0 { whole.max(WHOLE_KEY_FRAMES) } else { 0 };
+        let closer = CloserConfig { whole_key_frames, ..config.closer };
+        Closer::new(self.file.about.camera, closer, config.mapper.window)
     }
 
     /// See [`FileComparison::overlap_m`].
@@ -281,7 +288,7 @@ impl MergedMaps {
     /// Tries every two maps that may share a place, until no more of them become one.
     fn join(&mut self, config: &Config, may: &impl Fn(&MapOfFile, &MapOfFile) -> bool) {
         let closer = self.closer(config);
-        let mut atlas = Atlas::new(self.file.snapshot.clone());
+        let mut snapshot: Snapshot = self.file.snapshot.clone();
         let mut again = true;
         while again {
             again = false;
@@ -291,18 +298,19 @@ impl MergedMaps {
                     if !self.maps.contains_key(into) || !self.may(*from, *into, may) {
                         continue;
                     }
-                    let mut join = closer.join_maps(atlas.latest(), *into, *from);
-                    atlas.commit(std::mem::take(&mut join.changes));
-                    let joined = join.result.is_ok();
+                    let mut join = closer.join_maps(&snapshot, *into, *from);
+                    join.changes.clear();
+                    let joined = join.joined.take();
                     self.note(join);
-                    if joined {
+                    if let Some(joined) = joined {
+                        snapshot = joined;
                         again = true;
                         break;
                     }
                 }
             }
         }
-        self.file.snapshot = (**atlas.latest()).clone();
+        self.file.snapshot = snapshot;
     }
 
     fn note(&mut self, join: MapJoin) {

@@ -15,35 +15,66 @@ pub struct SharedAtlas {
     pub left_out: BTreeMap<RobotId, String>,
 }
 
-/// Puts the maps of the robots of a team into one atlas. The same maps always give the same atlas, so that robots which
-/// have the same maps need not exchange what came of them. `None` when no map can be used.
-///
-/// Robots may have different cameras. Left out are maps that are damaged, or that hold key frames of another robot than the one
-/// that published them.
-pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Option<SharedAtlas> {
-    let mut left_out = BTreeMap::new();
-    let mut files: BTreeMap<RobotId, MapFile> = BTreeMap::new();
-    for (robot, bytes) in parts {
-        match own_map(*robot, bytes) {
-            Ok(file) => drop(files.insert(*robot, file)),
-            Err(why) => drop(left_out.insert(*robot, why.to_string())),
+/// The atlas of a team, made again each time that maps have changed; those that have not are not read again. It is the same, to the
+/// last byte, as one that is made from nothing.
+#[derive(Clone, Debug)]
+pub struct TeamAtlas {
+    config: Config,
+    /// The maps as they were read last, or why they cannot be used.
+    read: BTreeMap<RobotId, (Vec<u8>, Result<MapFile, String>)>,
+}
+
+impl TeamAtlas {
+    /// Nothing is known yet.
+    pub fn new(config: &Config) -> Self {
+        Self { config: config.clone(), read: BTreeMap::new() }
+    }
+
+    /// Puts the maps of the robots of a team into one atlas. The same maps always give the same atlas, whatever came before, so that
+    /// robots which have the same maps need not exchange what came of them. `None` when no map can be used.
+    ///
+    /// Robots may have different cameras. Left out are maps that are damaged, or that hold key frames of another robot than the one
+    /// that published them.
+    pub fn update(&mut self, parts: &BTreeMap<RobotId, Vec<u8>>) -> Option<SharedAtlas> {
+        self.read(parts);
+        let mut left_out = BTreeMap::new();
+        let mut files: BTreeMap<RobotId, MapFile> = BTreeMap::new();
+        for (robot, (_, map)) in &self.read {
+            match map {
+                Ok(file) => drop(files.insert(*robot, file.clone())),
+                Err(why) => drop(left_out.insert(*robot, why.clone())),
+            }
+        }
+        loop {
+            let named = files.iter().map(|(robot, file)| (format!("robot {robot}"), file.clone())).collect();
+            let (name, why) = match merge_maps(named, &self.config) {
+                Ok(merged) => return Some(SharedAtlas { merged, left_out }),
+                Err(MergeError::Empty) => return None,
+                Err(MergeError::CombineError { name, why }) => {
+                    (name, format!("it does not fit the first map: {why}"))
+                }
+                Err(MergeError::Route { name, route, source }) => (name, format!("route {route}: {source}")),
+                Err(MergeError::Depth { name, source }) => (name, source.to_string()),
+            };
+            let robot = files.keys().copied().find(|robot| name == format!("robot {robot}"))?;
+            files.remove(&robot);
+            left_out.insert(robot, why);
         }
     }
-    loop {
-        let named = files.iter().map(|(robot, file)| (format!("robot {robot}"), file.clone())).collect();
-        let (name, why) = match merge_maps(named, config) {
-            Ok(merged) => return Some(SharedAtlas { merged, left_out }),
-            Err(MergeError::Empty) => return None,
-            Err(MergeError::CombineError { name, why }) => {
-                (name, format!("it does not fit the first map: {why}"))
-            }
-            Err(MergeError::Route { name, route, source }) => (name, format!("route {route}: {source}")),
-            Err(MergeError::Depth { name, source }) => (name, source.to_string()),
-        };
-        let robot = files.keys().copied().find(|robot| name == format!("robot {robot}"))?;
-        files.remove(&robot);
-        left_out.insert(robot, why);
+
+    /// Reads what changed.
+    fn read(&mut self, parts: &BTreeMap<RobotId, Vec<u8>>) {
+        self.read.retain(|robot, (bytes, _)| parts.get(robot) == Some(bytes));
+        for (robot, bytes) in parts {
+            let read = || (bytes.clone(), own_map(*robot, bytes).map_err(|why| why.to_string()));
+            self.read.entry(*robot).or_insert_with(read);
+        }
     }
+}
+
+/// The same once: see [`TeamAtlas::update`].
+pub fn shared_atlas(parts: &BTreeMap<RobotId, Vec<u8>>, config: &Config) -> Option<SharedAtlas> {
+    TeamAtlas::new(config).update(parts)
 }
 
 /// Why a map is not one that a robot made by itself.

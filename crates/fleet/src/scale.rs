@@ -214,7 +214,8 @@ impl City {
         let joins = (2..=self.together as usize).map(|k| {
             let size = own * k as f64;
             let whole = size <= costs.adjusted_as_a_whole as f64;
-            own * costs.join_s + costs.relax_s.at(size) + if whole { size * costs.adjust_s } else { 0.0 }
+            let adjust = if whole { size * costs.adjust_s } else { own * costs.around_s };
+            own * costs.join_s + costs.relax_s.at(size) + adjust
         });
         joins.sum()
     }
@@ -262,6 +263,7 @@ mod tests {
             query_s: Straight { at_zero: 0.0, each: 0.0 },
             compare_s: 1e-7,
             join_s: 1e-2,
+            around_s: 5e-3,
             adjust_s: 1e-3,
             adjusted_as_a_whole: 1000,
             edges: 4.0,

@@ -70,8 +70,10 @@ pub struct Costs {
     pub query_s: Straight,
     /// Seconds to compare the words of two key frames of two robots.
     pub compare_s: f64,
-    /// Seconds to read a map and to join it with another one, for each of its key frames.
+    /// Seconds to read a map and to join it with another one, for each of its key frames, without adjusting anything.
     pub join_s: f64,
+    /// Seconds to adjust around the places where they meet, for each of its key frames.
+    pub around_s: f64,
     /// Seconds to adjust a map as a whole, for each of its key frames.
     pub adjust_s: f64,
     /// Key frames up to which a map is adjusted as a whole.

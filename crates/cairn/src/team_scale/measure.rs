@@ -2,6 +2,7 @@
 //! long what robots do with their maps takes. Half a minute at most.
 
 use super::costs::{Costs, Power, Straight};
+use crate::merge::WHOLE_KEY_FRAMES;
 use crate::reach::{MapWords, words_of_map};
 use crate::{Config, Error, Slam, map_file, open, shared_atlas};
 use cairn_atlas::store::pieces::{self, Pieces};
@@ -92,7 +93,7 @@ pub fn measure_costs(config: &Config, mut said: impl FnMut(&str)) -> Result<Cost
     let query = INDEX.map(|n| (n as f64, query_s(&bags, n)));
     let compare_s = compare_s(&bags);
     said("joining, adjusting, relaxing");
-    let (join_s, adjust_s) = join_s(&walks, config)?;
+    let Joins { join_s, around_s, adjust_s } = joins(&walks, config)?;
     let edges = edges(walks.iter().flat_map(|w| w.file.snapshot.key_frames()));
     let relax = GRAPHS.map(|n| (n as f64, relax_s(n, edges.round() as usize)));
     Ok(Costs {
@@ -107,8 +108,9 @@ pub fn measure_costs(config: &Config, mut said: impl FnMut(&str)) -> Result<Cost
         query_s: Straight::through(query[0], query[1]),
         compare_s,
         join_s,
+        around_s,
         adjust_s,
-        adjusted_as_a_whole: config.closer.whole_key_frames,
+        adjusted_as_a_whole: WHOLE_KEY_FRAMES,
         edges,
         relax_s: Power::through(relax[0], relax[1]),
     })
@@ -242,22 +244,36 @@ fn compare_s(bags: &[BagOfWords]) -> f64 {
     seconds / (COMPARED * COMPARED) as f64
 }
 
-/// Seconds to read the maps of both and to join the second with the first, for each key frame of the second, without an adjustment
-/// of the whole; and seconds of that, for each key frame of both.
-fn join_s(walks: &[Walk; 2], config: &Config) -> Result<(f64, f64), MeasureError> {
+/// What joining maps costs: as in [`Costs`].
+struct Joins {
+    join_s: f64,
+    around_s: f64,
+    adjust_s: f64,
+}
+
+/// Joins the maps of both, adjusted as a whole and around the places where they meet; and adjusts the whole once more.
+fn joins(walks: &[Walk; 2], config: &Config) -> Result<Joins, MeasureError> {
     let mut around = config.clone();
     around.closer.whole_key_frames = 0;
     let parts: BTreeMap<RobotId, Vec<u8>> =
         (1..).zip(walks).map(|(robot, w)| (robot, w.pieces.bytes().to_vec())).collect();
-    let atlas = shared_atlas(&parts, &around).ok_or(MeasureError::Apart)?;
-    let join = least(|| drop(black_box(shared_atlas(&parts, &around))));
-    let join = join / walks[1].file.snapshot.key_frame_count() as f64;
+    let atlas = shared_atlas(&parts, config).ok_or(MeasureError::Apart)?;
+    let whole_s = least(|| drop(black_box(shared_atlas(&parts, config))));
+    let around_s = least(|| drop(black_box(shared_atlas(&parts, &around))));
     let snapshot = &atlas.merged.file.snapshot;
     let mut maps = snapshot.maps();
     let (Some((map, _)), None) = (maps.next(), maps.next()) else { return Err(MeasureError::Apart) };
     let closer = Closer::new(atlas.merged.file.about.camera, config.closer, config.mapper.window);
-    let adjust = least(|| drop(black_box(closer.adjust_whole(snapshot, map, || false))));
-    Ok((join, adjust / snapshot.key_frame_count() as f64))
+    // Before it was adjusted: afterwards there is less to do.
+    let apart = shared_atlas(&parts, &around).ok_or(MeasureError::Apart)?.merged.file.snapshot;
+    let adjust_s = least(|| drop(black_box(closer.adjust_whole(&apart, map, || false))));
+    let joined = walks[1].file.snapshot.key_frame_count() as f64;
+    let join_s = (whole_s - adjust_s).max(0.0);
+    Ok(Joins {
+        join_s: join_s / joined,
+        around_s: (around_s - join_s).max(0.0) / joined,
+        adjust_s: adjust_s / snapshot.key_frame_count() as f64,
+    })
 }
 
 /// Earlier key frames that share many landmarks with one, in the mean.

@@ -81,7 +81,8 @@ impl Team {
         let joins = (2..=near as usize).map(|k| {
             let size = own * k as f64;
             let whole = size <= costs.adjusted_as_a_whole as f64;
-            own * costs.join_s + costs.relax_s.at(size) + if whole { size * costs.adjust_s } else { 0.0 }
+            let adjust = if whole { size * costs.adjust_s } else { own * costs.around_s };
+            own * costs.join_s + costs.relax_s.at(size) + adjust
         });
         Load {
             bandwidth: maps + words + have,
@@ -167,6 +168,7 @@ mod tests {
             query_s: Straight { at_zero: 1e-4, each: 2e-7 },
             compare_s: 1e-7,
             join_s: 4e-3,
+            around_s: 5e-3,
             adjust_s: 2e-3,
             adjusted_as_a_whole: 1000,
             edges: 4.0,

@@ -6,6 +6,7 @@ use cairn_adjust::Recognised;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::Sim3;
 use cairn_vision::RectifiedCamera;
+use std::collections::BTreeMap;
 
 /// Neighbours of a key frame in which the landmarks of the earlier visit are searched.
 const FUSED: usize = 12;
@@ -31,25 +32,53 @@ pub(super) fn merge(draft: &mut Draft, here: &KeyFrame, old: KeyFrameId, there_f
     draft.push(vec![Change::Merge { from, into, into_from, parent }, Change::Link(here.id, old)]);
 }
 
-/// Fuses the landmarks seen again: those of the key frame are fused into the earlier ones, and the earlier ones are
-/// searched in the key frames around it.
-pub(super) fn fuse(draft: &mut Draft, camera: &RectifiedCamera, here: KeyFrameId, place: &Recognised) {
-    let same = place.landmarks.iter().enumerate().filter_map(|(i, l)| Some((i, (*l)?)));
-    let fused = fuse_matches(draft.snapshot(), here, same);
-    draft.push(fused);
-    let mut theirs: Vec<LandmarkId> = std::iter::once(place.old)
-        .chain(around(draft.snapshot(), place.old, FUSED / 2))
-        .filter_map(|id| draft.snapshot().key_frame(id))
-        .flat_map(|k| k.landmarks.iter().flatten().copied())
-        .collect();
-    theirs.sort_unstable();
-    theirs.dedup();
-    let near: Vec<KeyFrameId> =
-        std::iter::once(here).chain(around(draft.snapshot(), here, FUSED / 2)).take(FUSED + 1).collect();
-    for id in near {
+/// Fuses the landmarks seen again: those of each key frame into the earlier ones of the place that was recognised in it; then the
+/// earlier ones are searched in the key frames around it, in each once for all places.
+pub(super) fn fuse(draft: &mut Draft, camera: &RectifiedCamera, seen: &[(KeyFrameId, &Recognised)]) {
+    for (here, place) in seen {
+        let same = place.landmarks.iter().enumerate().filter_map(|(i, l)| Some((i, (*l)?)));
+        let fused = fuse_matches(draft.snapshot(), *here, same);
+        draft.push(fused);
+    }
+    let places: BTreeMap<KeyFrameId, Vec<LandmarkId>> =
+        seen.iter().map(|(_, place)| (place.old, landmarks_around(draft.snapshot(), place.old))).collect();
+    for (id, near) in searched(draft.snapshot(), seen) {
+        let mut theirs: Vec<LandmarkId> =
+            near.iter().filter_map(|old| places.get(old)).flatten().copied().collect();
+        theirs.sort_unstable();
+        theirs.dedup();
         let found = draft.snapshot().key_frame(id).map(|k| fuse_into(draft.snapshot(), camera, &theirs, k));
         draft.push(found.unwrap_or_default());
     }
+}
+
+/// The key frames around those in which places were recognised, each with these places.
+fn searched(snapshot: &Snapshot, seen: &[(KeyFrameId, &Recognised)]) -> Vec<(KeyFrameId, Vec<KeyFrameId>)> {
+    let mut all: Vec<(KeyFrameId, Vec<KeyFrameId>)> = Vec::new();
+    let mut slots: BTreeMap<KeyFrameId, usize> = BTreeMap::new();
+    for (here, place) in seen {
+        let near = std::iter::once(*here).chain(around(snapshot, *here, FUSED / 2)).take(FUSED + 1);
+        for id in near {
+            let slot = *slots.entry(id).or_insert(all.len());
+            if slot == all.len() {
+                all.push((id, Vec::new()));
+            }
+            all[slot].1.push(place.old);
+        }
+    }
+    all
+}
+
+/// The landmarks of a place: of the key frames around one.
+fn landmarks_around(snapshot: &Snapshot, old: KeyFrameId) -> Vec<LandmarkId> {
+    let mut all: Vec<LandmarkId> = std::iter::once(old)
+        .chain(around(snapshot, old, FUSED / 2))
+        .filter_map(|id| snapshot.key_frame(id))
+        .flat_map(|k| k.landmarks.iter().flatten().copied())
+        .collect();
+    all.sort_unstable();
+    all.dedup();
+    all
 }
 
 fn fuse_matches(

@@ -30,4 +30,9 @@ impl Draft {
     pub fn into_changes(self) -> Vec<Change> {
         self.changes
     }
+
+    /// The snapshot with all changes, and these.
+    pub fn into_parts(self) -> (Snapshot, Vec<Change>) {
+        (self.snapshot, self.changes)
+    }
 }

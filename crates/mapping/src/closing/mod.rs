@@ -203,7 +203,7 @@ impl Closer {
             correct::merge(&mut draft, here, place.old, &shift);
             Joined::Merge { from, into }
         };
-        correct::fuse(&mut draft, &self.camera, here.id, place);
+        correct::fuse(&mut draft, &self.camera, &[(here.id, place)]);
         let config =
             WindowConfig { key_frames: 2 * self.window.key_frames, right_offset_sigma: 0.0, ..self.window };
         let around = draft.snapshot();

@@ -12,7 +12,7 @@ use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use cairn::team::RobotId;
 use cairn::team::peer::{Identity, MapSubscription, Peer, TeamKey};
-use cairn::{Config, SharedAtlas, in_reach, own_part, shared_atlas, words_of_map};
+use cairn::{Config, SharedAtlas, TeamAtlas, in_reach, own_part, words_of_map};
 use cairn_atlas::store::pieces::Pieces;
 use cairn_files::MIB;
 use cairn_wire::Member;
@@ -212,8 +212,10 @@ struct Robot {
     /// What became of the maps, and of which (by the digest).
     atlas: Option<Shown>,
     digest: [u8; 8],
+    /// What is kept from one atlas to the next; away while maps are being joined.
+    team_atlas: Option<TeamAtlas>,
     /// The maps being joined, on a thread of their own: the others go on being heard.
-    work: Option<JoinHandle<([u8; 8], Option<SharedAtlas>)>>,
+    work: Option<JoinHandle<([u8; 8], TeamAtlas, Option<SharedAtlas>)>>,
     /// The version of each robot's map, as it was said last.
     heard: BTreeMap<RobotId, u32>,
     /// Who shares places with whom; `None` where the maps of all are wanted.
@@ -247,6 +249,7 @@ impl Robot {
             seen: None,
             atlas: None,
             digest: [0; 8],
+            team_atlas: None,
             work: None,
             heard: BTreeMap::new(),
             overlaps: (!all).then(MapOverlaps::default),
@@ -337,16 +340,21 @@ impl Robot {
             return;
         }
         let parts: BTreeMap<RobotId, Vec<u8>> = peer.parts().map(|(h, bytes)| (h.robot, bytes)).collect();
-        let join = move || (digest, shared_atlas(&parts, &Config::default()));
+        let mut team_atlas = self.team_atlas.take().unwrap_or_else(|| TeamAtlas::new(&Config::default()));
+        let join = move || {
+            let atlas = team_atlas.update(&parts);
+            (digest, team_atlas, atlas)
+        };
         self.work = std::thread::Builder::new().name("team-join".into()).spawn(join).ok();
     }
 
     /// Writes the atlas that was made.
     fn take_over(&mut self) -> Result<(), Failure> {
-        let Some(Ok((digest, atlas))) = self.work.take().map(JoinHandle::join) else {
+        let Some(Ok((digest, team_atlas, atlas))) = self.work.take().map(JoinHandle::join) else {
             return Err(Failure::new("the atlas", "joining the maps failed", "see the lines above"));
         };
         self.digest = digest;
+        self.team_atlas = Some(team_atlas);
         let Some(atlas) = atlas else { return Ok(()) };
         atlas.merged.file.save(&self.out).map_err(|e| failed(&self.out, &e))?;
         let shown = Shown::of(&atlas, digest);

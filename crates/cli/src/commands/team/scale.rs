@@ -212,7 +212,8 @@ fn text(r: &Report) -> String {
          every s   to each other robot {:.0} B and {:.0} B for each of the team\n\
          query     {:.3} ms and {:.3} ms for each 1000 key frames\n\
          words     {:.0} ns to compare two key frames\n\
-         atlas     {:.1} ms a key frame to join, and {:.1} ms to adjust all up to {} key frames\n\
+         atlas     {:.1} ms a key frame to join, and {:.1} ms to adjust all up to {} key frames, or {:.1} ms around the places where maps \
+         meet\n\
          relax     {:.2} s for 10^4 key frames of {:.1} edges each, growing with their power {:.2}",
         c.key_frames,
         c.walked_s,
@@ -229,6 +230,7 @@ fn text(r: &Report) -> String {
         c.join_s * 1e3,
         c.adjust_s * 1e3,
         c.adjusted_as_a_whole,
+        c.around_s * 1e3,
         c.relax_s.at(1e4),
         c.edges,
         c.relax_s.exponent

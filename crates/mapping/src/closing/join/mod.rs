@@ -119,6 +119,8 @@ pub struct MapJoin {
     pub result: Result<Junction, Apart>,
     /// The changes to commit on the given snapshot; none where the maps stay apart.
     pub changes: Vec<Change>,
+    /// The snapshot with these changes; `None` where there are none.
+    pub joined: Option<Snapshot>,
 }
 
 /// What two maps say of each other before anything is changed.
@@ -173,15 +175,17 @@ impl Closer {
     pub fn join_maps(&self, snapshot: &Snapshot, a: MapId, b: MapId) -> MapJoin {
         let (into, from) = (a.min(b), a.max(b));
         let (compared, found) = self.seams(snapshot, from, into);
-        let (result, changes) = match self.decide(snapshot, from, into, &found) {
+        match self.decide(snapshot, from, into, &found) {
             Ok((chosen, support)) => {
-                let (mut junction, changes) = self.stitch(snapshot, from, into, &found, &chosen);
+                let (mut junction, draft) = self.stitch(snapshot, from, into, &found, &chosen);
                 junction.support = support;
-                (Ok(junction), changes)
+                let (joined, changes) = draft.into_parts();
+                MapJoin { from, into, compared, result: Ok(junction), changes, joined: Some(joined) }
             }
-            Err(apart) => (Err(apart), Vec::new()),
-        };
-        MapJoin { from, into, compared, result, changes }
+            Err(apart) => {
+                MapJoin { from, into, compared, result: Err(apart), changes: Vec::new(), joined: None }
+            }
+        }
     }
 
     /// The seams that are believed, as indices.

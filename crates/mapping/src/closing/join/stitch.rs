@@ -21,7 +21,7 @@ impl Closer {
         into: MapId,
         found: &[Found],
         chosen: &[usize],
-    ) -> (Junction, Vec<Change>) {
+    ) -> (Junction, Draft) {
         let chosen: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
         let middle = middle(snapshot, &chosen);
         let mut draft = Draft::new(snapshot);
@@ -60,9 +60,8 @@ impl Closer {
             })
             .collect();
         self.relax_along(&mut draft, middle, &placed, from, &held);
-        for f in &chosen {
-            correct::fuse(&mut draft, &self.camera, f.seam.key_frame, &f.place);
-        }
+        let seen: Vec<_> = chosen.iter().map(|f| (f.seam.key_frame, &f.place)).collect();
+        correct::fuse(&mut draft, &self.camera, &seen);
         let fused = landmarks.saturating_sub(draft.snapshot().landmark_count());
         self.adjust_along(&mut draft, into, &chosen);
         let after = draft.snapshot();
@@ -77,7 +76,7 @@ impl Closer {
             older_moved: moved(&merged, after, older.iter().copied()),
             fused,
         };
-        (junction, draft.into_changes())
+        (junction, draft)
     }
 
     /// Relaxes the pose graph of the merged map under all seams; `held` stay: the map that alone has metres.

@@ -39,6 +39,13 @@ fn join(atlas: &mut Atlas, camera: RectifiedCamera) -> MapJoin {
     let mut join = closer(camera).join_maps(atlas.latest(), maps[0], maps[1]);
     let applied = atlas.commit(std::mem::take(&mut join.changes));
     assert_eq!(applied.dropped, 0);
+    if let Some(joined) = join.joined.take() {
+        let all = |s: &Snapshot| -> String {
+            let key_frames = s.key_frames().map(|k| format!("{:?} {:?}", k.world_from_camera, k.landmarks));
+            key_frames.chain(s.landmarks().map(|l| format!("{l:?}"))).collect()
+        };
+        assert!(all(&joined) == all(atlas.latest()), "the changes lead to another snapshot");
+    }
     atlas.latest().check().expect("a sound map");
     join
 }
