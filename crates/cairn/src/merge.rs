@@ -184,7 +184,8 @@ fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeEr
 
 impl MergedMaps {
     fn closer(&self, config: &Config) -> Closer {
-        Closer::new(self.file.about.camera, config.closer, config.mapper.window)
+        let closer = Closer::new(self.file.about.camera, config.closer, config.mapper.window);
+        closer.with_imu_of(&self.file.snapshot, config.inertial)
     }
 
     /// See [`FileComparison::overlap_m`].
