@@ -11,9 +11,9 @@ mod stitch;
 #[cfg(test)]
 mod tests;
 
+use super::Closer;
 use super::scales::{FusedScales, ScaleConflict, ScaleMatch, fuse_scales};
 use super::visits::metre_in_map_units;
-use super::Closer;
 use cairn_atlas::{Change, KeyFrame, MapId, Snapshot};
 use cairn_geometry::{Sim3, Vec3};
 use consistency::{agreeing, rivals};
@@ -229,10 +229,15 @@ impl Closer {
         chosen: &[usize],
     ) -> Result<FusedScales, ScaleConflict> {
         let known = maps.map(|map| snapshot.scale_of(map, &self.camera));
-        let told = chosen.iter().copied().filter(|k| found[*k].depth_ratio.points >= self.config.need / 4);
-        let told: Vec<usize> = told.collect();
-        let logs = told.iter().map(|k| found[*k].depth_ratio.log).collect();
-        fuse_scales(known, ScaleMatch::of_places(logs, self.independent(snapshot, found, &told)))
+        let pair = |k: &usize| {
+            let here = snapshot.key_frame(found[*k].seam.key_frame)?.world_from_camera.translation;
+            Some([found[*k].world_from_here.translation, here])
+        };
+        let pairs: Vec<[Vec3; 2]> = chosen.iter().filter_map(pair).collect();
+        let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
+        let turn = stitch::middle(snapshot, &agreeing).seam.into_from.rotation;
+        let independent = self.independent(snapshot, found, chosen);
+        fuse_scales(known, ScaleMatch::of_positions(&pairs, &turn, independent))
     }
 
     /// How many of these seams are far enough from each other, at least: counted from the first on.
