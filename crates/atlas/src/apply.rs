@@ -2,6 +2,7 @@
 
 use crate::change::scaling_about;
 use crate::covisible::{self, Shared};
+use crate::scale::is_sound_sigma;
 use crate::{
     Applied, Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId,
     Observation, Snapshot,
@@ -123,6 +124,10 @@ impl Snapshot {
                 self.maps.contains_key(map).then_some(())?;
                 self.transform_map(*map, *map, &by, dirty)?;
                 *Arc::make_mut(&mut self.rescalings).entry(*map).or_insert(0) += 1;
+            }
+            Change::ScaleSigma(map, sigma_log) => {
+                (self.maps.contains_key(map) && is_sound_sigma(*sigma_log)).then_some(())?;
+                Arc::make_mut(&mut self.scale_sigmas).insert(*map, *sigma_log);
             }
             Change::MoveLandmark(id, position) => {
                 let l = finite(position).then(|| self.landmarks.get_mut(id.index()))??;
@@ -288,6 +293,7 @@ impl Snapshot {
         self.key_frames.get_mut(from.root().index())?.parent = Some(parent);
         Arc::make_mut(&mut self.maps).remove(&from);
         Arc::make_mut(&mut self.gravity_alignments).remove(&from);
+        Arc::make_mut(&mut self.scale_sigmas).remove(&from);
         self.made_by.merge(from, into);
         Some(())
     }

@@ -30,11 +30,15 @@ impl Snapshot {
 
     /// Whether lengths in one map are metres, by the depth of some of its key frames, or by gravity.
     pub fn is_metric_in(&self, map: MapId, camera: &RectifiedCamera) -> bool {
-        self.is_gravity_aligned(map)
-            || match self.other_cameras.is_empty() {
-                true => camera.has_depth(),
-                false => self.made_by.has_depth(map, camera),
-            }
+        self.is_gravity_aligned(map) || self.has_depth_in(map, camera)
+    }
+
+    /// Whether some key frames of a map may have depth; `camera` is that of the atlas.
+    pub(crate) fn has_depth_in(&self, map: MapId, camera: &RectifiedCamera) -> bool {
+        match self.other_cameras.is_empty() {
+            true => camera.has_depth(),
+            false => self.made_by.has_depth(map, camera),
+        }
     }
 
     /// Whether lengths in all maps are metres.
@@ -78,6 +82,7 @@ impl Snapshot {
             }
         }
         snapshot.right_offset = right_offset;
+        snapshot.imu_from_camera = None;
         snapshot.other_cameras = Arc::new(others);
         snapshot.made_by = MadeBy::of(snapshot.key_frames());
         snapshot

@@ -30,6 +30,8 @@ pub enum Change {
     /// Lengths in a map are multiplied by this about its root: its unit of length is better known than it was.
     /// The map does not become metric by it.
     Rescale(MapId, f64),
+    /// States how well the unit of length of a map is known: the standard deviation of the natural logarithm of metres in a unit.
+    ScaleSigma(MapId, f64),
     /// Sets the position of a landmark.
     MoveLandmark(LandmarkId, Vec3),
     /// Adds an observation: a feature of a key frame shows this landmark (and no other).

@@ -55,7 +55,8 @@ pub enum CombineError {
 impl Snapshot {
     /// This snapshot with all maps of another added, unaligned: what the other holds keeps its order and gets
     /// ids after those of this one; names stay, except of a robot that both have. The disparity correction stays that
-    /// of this snapshot, and so does the camera of the atlas: the other one must be in an atlas of that camera, too.
+    /// of this snapshot, and so does the camera of the atlas: the other one must be in an atlas of that camera, too. Of two mounts of that
+    /// camera on an IMU the first stays; what an IMU measured that is mounted otherwise, or nobody knows how, is left out.
     ///
     /// # Errors
     /// [`CombineError`].
@@ -65,7 +66,11 @@ impl Snapshot {
         }
         let robots = self.renamed_robots(other).ok_or(CombineError::Robots)?;
         let shift = Shift { key_frames: self.next_key_frame, landmarks: self.next_landmark, robots };
-        let snapshot = self.combined(other, &shift).ok_or(CombineError::Ids)?;
+        let snapshot = match self.imu_from_camera.or(other.imu_from_camera) {
+            Some(mount) => self.of_mount(mount).combined(&other.of_mount(mount), &shift),
+            None => self.combined(other, &shift),
+        };
+        let snapshot = snapshot.ok_or(CombineError::Ids)?;
         Ok((snapshot, shift))
     }
 
@@ -124,6 +129,10 @@ impl Snapshot {
         let gravity_alignments = Arc::make_mut(&mut snapshot.gravity_alignments);
         for (map, times) in other.gravity_alignments.iter() {
             gravity_alignments.insert(shift.map(*map)?, *times);
+        }
+        let scale_sigmas = Arc::make_mut(&mut snapshot.scale_sigmas);
+        for (map, sigma_log) in other.scale_sigmas.iter() {
+            scale_sigmas.insert(shift.map(*map)?, *sigma_log);
         }
         let cameras = Arc::make_mut(&mut snapshot.other_cameras);
         for camera in other.other_cameras.iter() {

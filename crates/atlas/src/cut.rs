@@ -26,6 +26,7 @@ impl Snapshot {
             other_cameras: Arc::clone(&self.other_cameras),
             right_offset: self.right_offset,
             imu_offset: self.imu_offset,
+            imu_from_camera: self.imu_from_camera,
             readout: self.readout,
             next_key_frame: self.next_key_frame,
             next_landmark: self.next_landmark,
@@ -37,6 +38,9 @@ impl Snapshot {
         }
         if let Some(times) = self.rescalings.get(&first.map) {
             Arc::make_mut(&mut piece.rescalings).insert(map, *times);
+        }
+        if let Some(sigma_log) = self.scale_sigmas.get(&first.map) {
+            Arc::make_mut(&mut piece.scale_sigmas).insert(map, *sigma_log);
         }
         let within = |id: &KeyFrameId| keep.contains(id) && self.key_frame(*id).is_some();
         for k in kept() {
@@ -108,6 +112,7 @@ impl Snapshot {
         for of_maps in [&mut rest.gravity_alignments, &mut rest.rescalings] {
             Arc::make_mut(of_maps).retain(|map, _| !out.contains(map));
         }
+        Arc::make_mut(&mut rest.scale_sigmas).retain(|map, _| !out.contains(map));
         rest
     }
 

@@ -18,7 +18,7 @@ pub struct InertialState {
     /// The IMU's biases.
     pub bias: Bias,
     /// Where the camera is known not to move (it stands, or turns on the spot) although it sees no landmarks: the standard
-    /// deviation of that, m/s. `None` after the map was saved.
+    /// deviation of that, m/s.
     pub still_sigma: Option<f64>,
     /// The IMU factor to an earlier key frame; `None` where readings are missing.
     pub imu_factor: Option<ImuFactor>,

@@ -33,6 +33,7 @@ impl Snapshot {
             other_cameras: Arc::clone(&self.other_cameras),
             right_offset: self.right_offset,
             imu_offset: self.imu_offset,
+            imu_from_camera: self.imu_from_camera,
             readout: self.readout,
             next_key_frame: key_frames.next,
             next_landmark: landmarks.next,
@@ -95,6 +96,9 @@ impl Snapshot {
         for (map, _) in piece.maps() {
             let root = MapId(key_frame(map.root())?);
             Arc::make_mut(&mut self.maps).insert(root, None);
+            if let Some(sigma_log) = piece.scale_sigmas.get(&map) {
+                Arc::make_mut(&mut self.scale_sigmas).insert(root, *sigma_log);
+            }
             let times = [
                 (&mut self.gravity_alignments, &piece.gravity_alignments),
                 (&mut self.rescalings, &piece.rescalings),

@@ -191,7 +191,8 @@ impl MergedMaps {
         let whole = config.closer.whole_key_frames;
         let whole_key_frames = if whole > 0 { whole.max(WHOLE_KEY_FRAMES) } else { 0 };
         let closer = CloserConfig { whole_key_frames, ..config.closer };
-        Closer::new(self.file.about.camera, closer, config.mapper.window)
+        let closer = Closer::new(self.file.about.camera, closer, config.mapper.window);
+        closer.with_imu_of(&self.file.snapshot, config.inertial)
     }
 
     /// See [`FileComparison::overlap_m`].

@@ -36,6 +36,22 @@ fn merge(walks: &[&Walk]) -> MergedMaps {
 
 /// Root mean square error of the positions of all key frames, or only those of one walk, aligned by SE3.
 fn ate(file: &MapFile, walks: &[&Walk], only: Option<usize>) -> f64 {
+    compared(file, walks, only, false).0
+}
+
+/// Metres in a metre of the map, by the truth of all key frames.
+fn scale(file: &MapFile, walks: &[&Walk]) -> f64 {
+    compared(file, walks, None, true).1
+}
+
+/// The standard deviation of that which the first map states.
+fn sigma(file: &MapFile) -> Option<f64> {
+    let (map, _) = file.snapshot.maps().next()?;
+    file.snapshot.scale_of(map, &file.about.camera).metric_sigma()
+}
+
+/// Root mean square error and scale of the alignment, with scale or without.
+fn compared(file: &MapFile, walks: &[&Walk], only: Option<usize>, with_scale: bool) -> (f64, f64) {
     let (mut estimated, mut true_ones) = (Vec::new(), Vec::new());
     let mut first = 0;
     for (n, w) in walks.iter().enumerate() {
@@ -48,10 +64,10 @@ fn ate(file: &MapFile, walks: &[&Walk], only: Option<usize>) -> f64 {
         }
         first = next;
     }
-    let fit = umeyama(&true_ones, &estimated, false).expect("a walk is not a straight line");
+    let fit = umeyama(&true_ones, &estimated, with_scale).expect("a walk is not a straight line");
     let squares: f64 =
         estimated.iter().zip(&true_ones).map(|(e, t): (&Vec3, &Vec3)| (fit * *e - *t).norm_squared()).sum();
-    (squares / estimated.len() as f64).sqrt()
+    ((squares / estimated.len() as f64).sqrt(), fit.scale)
 }
 
 #[test]
@@ -79,6 +95,44 @@ fn two_walks_of_one_house_become_one_map_and_get_no_worse() {
         assert!(both <= ceiling_m, "seed {seed}: {both} of {own:?}");
         assert!((0..2).all(|n| parts[n] <= 1.2 * own[n]), "seed {seed}: {parts:?} of {own:?}");
     }
+}
+
+/// Two parts of a walk with one camera and an IMU that were mapped apart. Files keep what the IMU measured between key frames and how
+/// the camera is mounted on it, so that the joined map is adjusted with it.
+#[test]
+fn maps_of_one_camera_with_imu_are_joined_with_what_it_measured() {
+    let sensor = "sensor=mono-imu&resolution=480x360&focal=270&rate=20";
+    let mut sums = [0.0; 2];
+    for seed in [5, 6, 9] {
+        let common = format!("seed={seed}&{sensor}");
+        let parts = [
+            walk("demo", &format!("{common}&duration=22")),
+            walk("demo", &format!("{common}&start=9&duration=20")),
+        ];
+        let saved = parts.each_ref().map(|w| {
+            let file = MapFile::read(&w.file.write().expect("in memory")).expect("what was written");
+            Walk { file, truth: w.truth.clone() }
+        });
+        let bare = saved.each_ref().map(|w| {
+            let snapshot = w.file.snapshot.without_imu_factors();
+            Walk { file: MapFile { snapshot, ..w.file.clone() }, truth: w.truth.clone() }
+        });
+        let errors = [&bare, &saved].map(|walks| {
+            let walks = walks.each_ref();
+            let merged = merge(&walks);
+            let [attempt] = &merged.attempts[..] else { panic!("{:?}", merged.attempts) };
+            let junction =
+                attempt.join.result.as_ref().unwrap_or_else(|apart| panic!("seed {seed}: {apart}"));
+            let (both, scale) = (ate(&merged.file, &walks, None), scale(&merged.file, &walks));
+            println!("seed {seed}: ATE {both:.4} m, scale {scale:.4}, {:?}", junction.scales);
+            (both, scale)
+        });
+        let alone =
+            saved.each_ref().map(|w| (ate(&w.file, &[w], None), scale(&w.file, &[w]), sigma(&w.file)));
+        println!("seed {seed}: alone (ATE, scale, sigma) {alone:.4?}");
+        (0..2).for_each(|n| sums[n] += errors[n].0);
+    }
+    println!("sum of ATE without what the IMU measured {:.4} m, with it {:.4} m", sums[0], sums[1]);
 }
 
 #[test]

@@ -73,7 +73,7 @@ impl Engine {
         config: &Config,
     ) -> Self {
         let model = *front_end.model();
-        let snapshot = snapshot.continued_by(config.robot);
+        let mut snapshot = snapshot.continued_by(config.robot);
         // Opened and checked before the first image rather than at it.
         cairn_vision::bow::Vocabulary::current();
         let size = rig.cameras.first().map_or([0; 2], |c| [c.camera.width, c.camera.height]);
@@ -102,6 +102,7 @@ impl Engine {
             tracker = tracker.with_imu(imu, imu_from_camera, inertial.noise_times);
             mapper = mapper.with_imu(imu, imu_from_camera, inertial);
             closer = closer.with_imu(imu, imu_from_camera, inertial);
+            snapshot = snapshot.with_imu_from_camera(imu_from_camera);
         }
         let header = Header::of(mode, rate_hz, rig, config);
         let mapping = Mapping::new(runner, mapper, closer, snapshot);

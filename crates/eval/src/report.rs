@@ -45,6 +45,9 @@ pub struct ScaleReport {
     pub metric: bool,
     /// Standard deviation of the logarithm of its scale against the first map.
     pub sigma_log: f64,
+    /// Where lengths are metres: the standard deviation of the logarithm of metres in a unit, as its map states it at the end.
+    #[serde(default)]
+    pub metres_sigma_log: Option<f64>,
     /// False where for a part of it the unit of length rested on nothing: a turn on the spot with one camera.
     pub supported: bool,
     /// ATE (RMSE) of this stretch alone, metres: aligned by SE3 where metric, else by Sim3. `None` without ground truth.

@@ -7,7 +7,7 @@
 
 use crate::clocks::Clocks;
 use crate::gravity_refinement::{Due, Refined, differs_from_map, estimated_gravity, realigned};
-use crate::initialisation::{CameraAndImu, INITIALISATION_S};
+use crate::initialisation::{CameraAndImu, INITIALISATION_S, better_scale};
 use crate::scale_check::{ScaleCheck, ScaleWatch};
 use cairn_adjust::{ImuModel, Window, WindowConfig, WindowResult};
 use cairn_atlas::{Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrameId, MapId, Snapshot};
@@ -38,9 +38,9 @@ pub struct InertialConfig {
 }
 
 impl InertialConfig {
-    /// The IMU with the noise that adjustments of mapping and of closing begin with.
-    pub(crate) fn model(&self, sensor: &ImuSensor, imu_from_camera: Se3) -> ImuModel {
-        ImuModel { imu_from_camera, noise: of_data_sheet(&sensor.noise).times([self.noise_times; 2]) }
+    /// The IMU, by the noise that is stated for it, with that which adjustments of mapping and of closing begin with.
+    pub(crate) fn model(&self, noise: &ImuNoise, imu_from_camera: Se3) -> ImuModel {
+        ImuModel { imu_from_camera, noise: of_data_sheet(noise).times([self.noise_times; 2]) }
     }
 }
 
@@ -65,7 +65,7 @@ pub(crate) struct Inertial {
 impl Inertial {
     pub fn new(sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
         let data_sheet = of_data_sheet(&sensor.noise);
-        let imu = config.model(sensor, imu_from_camera);
+        let imu = config.model(&sensor.noise, imu_from_camera);
         let clocks = Clocks::new(&ImuSensor { noise: data_sheet, ..sensor.clone() });
         let scale_watch = ScaleWatch::default();
         Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), scale_watch }
@@ -176,12 +176,14 @@ impl Inertial {
         let (map, seconds) = (last.map, last.frame.stamp - first.frame.stamp);
         let centre_point = snapshot.world_from_camera(map.root())?.translation;
         let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
-        let mut attempt_made = None;
+        let (mut attempt_made, mut better_sigma) = (None, None);
         if snapshot.is_gravity_aligned(map) {
             let refined = self.refined.entry(map).or_default();
             let due = refined.due(last, seconds)?;
             let told = estimated_gravity(&of, &snapshot, chain);
             refined.looked(last, told.is_some());
+            better_sigma =
+                told.as_ref().filter(|_| !camera.has_depth()).and_then(|f| better_scale(&snapshot, map, f));
             let better = told.filter(differs_from_map);
             if due == Due::IfGravityDiffers && better.is_none() {
                 return None;
@@ -208,11 +210,15 @@ impl Inertial {
             self.imu.noise = self.data_sheet.times(noise_times);
             atlas.commit(self.settle_clocks(&snapshot, chain, &found));
             atlas.commit(self.align_gravity(&snapshot, map, chain, &found, camera.has_depth(), centre_point));
+            if !camera.has_depth() {
+                atlas.commit(vec![Change::ScaleSigma(map, found.scale_sigma)]);
+            }
             self.refined.insert(map, Refined::of_age(seconds));
         }
         let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
         if let Some(result) = self.whole(atlas.latest(), camera, map, &config, || false) {
             atlas.commit(result.changes.changes);
+            atlas.commit(better_sigma.into_iter().collect());
         }
         attempt_made
     }

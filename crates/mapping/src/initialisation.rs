@@ -1,17 +1,15 @@
 //! The inertial initialisation ([`cairn_inertial::initialise`]) of the last seconds of a chain of key frames: what it is
-//! given of the map.
+//! given of the map, and what it tells of its scale later.
 
 use crate::triangulation::median_depth;
 use cairn_adjust::ImuModel;
-use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
-use cairn_inertial::{Attempt, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose, initialise};
+use cairn_atlas::{Change, DEPTH_SCALE_SIGMA, KeyFrame, KeyFrameId, MapId, Snapshot};
+use cairn_inertial::{Attempt, Initial, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose, initialise};
 use cairn_vision::RectifiedCamera;
 
 /// Standard deviation of a key frame's orientation in an adjusted map, as an angle in pixels; its position
 /// uncertainty is this angle at the median depth.
 const SEEN_PIXELS: f64 = 0.5;
-/// Relative standard deviation of the scale of cameras with depth.
-const DEPTH_SCALE_SIGMA: f64 = 0.003;
 /// Seconds of key frames, up to the newest, used by the initialisation.
 pub(crate) const INITIALISATION_S: f64 = 20.0;
 /// Below this speed the camera counts as stationary, m/s.
@@ -66,6 +64,15 @@ pub fn initialise_key_frames(
         ..InitialiseConfig::default()
     };
     Some(initialise(&seen, links, &of.imu.imu_from_camera, scale, &config))
+}
+
+/// The change that states how well the scale of a metric map is known once it is adjusted as a whole, where what the readings of the last
+/// seconds say of it agrees with the map and is known better than was stated. It is not added to what earlier readings said: the error
+/// of the accelerometer's sensitivity is common to both.
+pub(crate) fn better_scale(snapshot: &Snapshot, map: MapId, found: &Initial) -> Option<Change> {
+    let stated = snapshot.stated_scale_sigma(map)?;
+    let agrees = found.scale.ln().abs() < 2.0 * found.scale_sigma;
+    (agrees && found.scale_sigma < stated).then_some(Change::ScaleSigma(map, found.scale_sigma))
 }
 
 #[cfg(test)]

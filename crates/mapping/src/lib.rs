@@ -25,8 +25,8 @@ mod tests;
 mod triangulation;
 
 pub use closing::{
-    Accepted, Agreement, Apart, Closed, Closer, CloserConfig, Joined, Junction, MapComparison, MapJoin,
-    Refusal, Seam, Support, Verdict,
+    Accepted, Agreement, Apart, Closed, Closer, CloserConfig, FusedScales, Joined, Junction, MapComparison,
+    MapJoin, Refusal, ScaleConflict, Seam, Support, Verdict,
 };
 pub use inertial::InertialConfig;
 pub use initialisation::{CameraAndImu, initialise_key_frames};

@@ -221,7 +221,8 @@ fn rescaled(snapshot: &Snapshot, chain: &[KeyFrameId], found: &Initial) -> Vec<C
         return scaled(snapshot, since, chain, found);
     }
     let map = chain.last().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map);
-    let mut changes: Vec<Change> = map.map(|map| Change::Rescale(map, found.scale)).into_iter().collect();
+    let of_map = |map| [Change::Rescale(map, found.scale), Change::ScaleSigma(map, found.scale_sigma)];
+    let mut changes: Vec<Change> = map.map(of_map).into_iter().flatten().collect();
     changes.extend(velocities(snapshot, chain, found));
     changes
 }

@@ -87,6 +87,12 @@ impl World {
         Self { camera, points: Vec::new(), descriptors: Vec::new() }
     }
 
+    /// The same world, moved.
+    pub fn transformed(mut self, by: &Sim3) -> Self {
+        self.points.iter_mut().for_each(|point| *point = *by * *point);
+        self
+    }
+
     /// Leaves these points, by their numbers, and no others.
     pub fn keep(&mut self, points: &[usize]) {
         self.descriptors = points.iter().map(|n| self.descriptors[*n]).collect();

@@ -105,6 +105,11 @@ fn encode_change(e: &mut Encoder, change: &Change) {
             e.u32(map.root().raw());
             e.f64(*factor);
         }
+        Change::ScaleSigma(map, sigma_log) => {
+            e.u8(19);
+            e.u32(map.root().raw());
+            e.f64(*sigma_log);
+        }
         Change::MoveLandmark(id, to) => position(e, 8, id.raw(), to),
         Change::Observe(l, k, feature) => {
             pair(e, 9, l.raw(), k.raw());
@@ -175,6 +180,7 @@ fn decode_change(d: &mut Decoder, camera: &RectifiedCamera, octaves: Octaves) ->
         },
         17 => Change::RemoveKeyFrame(key_frame_id(d)?),
         18 => Change::Readout(Readout { seconds: d.f64()?, sigma_s: d.f64()? }),
+        19 => Change::ScaleSigma(MapId(key_frame_id(d)?), d.f64()?),
         other => return Err(d.wrong(format!("a change of kind {other} is unknown"))),
     })
 }

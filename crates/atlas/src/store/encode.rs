@@ -6,8 +6,8 @@ use super::error::StoreError;
 use super::layout::{
     ATTACHED, CAMERAS, CHUNK, DESCRIPTORS, FEATURES, MapFile, NO_PICK, ONE_CAMERA, READINGS, SHOWN,
 };
-use super::readings;
 use super::wire::Encoder;
+use super::{readings, scales};
 use crate::paged::ReadBackError;
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::DESCRIPTOR_ID;
@@ -52,6 +52,8 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
             .into();
     let mixed = snapshot.other_cameras().next().is_some();
     names.extend(mixed.then(|| CAMERAS.to_owned()));
+    let scales = scales::encode(snapshot, |id| rows.key_frame(id));
+    names.extend(scales.iter().map(|(name, _)| (*name).to_owned()));
     let readings: Vec<(String, Vec<u8>)> = key_frames
         .chunks(CHUNK)
         .enumerate()
@@ -76,6 +78,9 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     parts.put(&DESCRIPTOR_ID.to_le_bytes())?;
     if mixed {
         parts.put(&cameras(snapshot, &key_frames)?)?;
+    }
+    for (_, bytes) in &scales {
+        parts.put(bytes)?;
     }
     for (_, bytes) in &readings {
         parts.put(bytes)?;
@@ -148,7 +153,7 @@ fn key_frame_columns(key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     e.0
 }
 
-/// IMU factors are not saved: the next session has readings of its own.
+/// Velocities and biases; IMU factors are in parts of their own (`readings.rs`).
 fn motion(snapshot: &Snapshot, key_frames: &[&KeyFrame], rows: &Rows) -> Vec<u8> {
     let mut e = Encoder::default();
     e.u32(snapshot.gravity_alignments.len() as u32);

@@ -16,6 +16,8 @@
 //! | robots | since version 4: which robot created which key frames and landmarks |
 //! | cameras | in version 5: the cameras of key frames that are not the atlas's; which key frame has which |
 //! | descriptors | which descriptors the features have; in files without it, those of the first release |
+//! | scales | how well the unit of length of maps is known (`scales.rs`); only where that was stated |
+//! | imu | how the camera is mounted on the IMU of the readings, and which key frames stand still (`scales.rs`); only where the first is known |
 //! | readings 0, 1, .. | IMU readings between key frames (`readings.rs`); only where there are any |
 //! | shown | what of the features is needed before they are read: the landmarks that they show; level, angle and descriptor of each
 //! landmark. A file without it, of an earlier program, is read whole |
@@ -43,6 +45,10 @@ pub(super) const ATTACHED: &str = "attached/";
 pub(super) const DESCRIPTORS: &str = "descriptors";
 /// The part that makes it possible to leave features in the file.
 pub(super) const SHOWN: &str = "shown";
+/// The part that tells how well units of length are known.
+pub(super) const SCALES: &str = "scales";
+/// The part that tells how the camera is mounted on the IMU.
+pub(super) const IMU: &str = "imu";
 /// Beginning of the names of the parts of features.
 pub(super) const FEATURES: &str = "features ";
 /// Beginning of the names of the parts of IMU readings.

@@ -13,3 +13,4 @@ mod pieces;
 mod round_trip;
 mod salvage;
 mod saving;
+mod scales;

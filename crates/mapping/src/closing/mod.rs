@@ -10,6 +10,7 @@ mod hypothesis;
 mod join;
 mod relax;
 mod relocation_prior;
+mod scales;
 #[cfg(test)]
 mod tests;
 mod verdict;
@@ -30,6 +31,7 @@ use hypothesis::Hypothesis;
 pub use join::{Agreement, Apart, Junction, MapComparison, MapJoin, Seam, Support};
 use relax::{Freedom, Loop, relax};
 use relocation_prior::{prior_displacement, prior_rotation};
+pub use scales::{FusedScales, ScaleConflict};
 use std::collections::BTreeSet;
 pub use verdict::{Accepted, Closed, Joined, Refusal, Verdict};
 use visits::{Visits, metre_in_map_units, with_gravity_of};
@@ -80,7 +82,15 @@ impl Closer {
 
     /// Adds an IMU; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
-        Self { imu: Some((config.model(sensor, imu_from_camera), config.whole_key_frames)), ..self }
+        Self { imu: Some((config.model(&sensor.noise, imu_from_camera), config.whole_key_frames)), ..self }
+    }
+
+    /// Adds the IMU whose readings a snapshot holds, where it is known how the camera is mounted on it.
+    pub fn with_imu_of(self, snapshot: &Snapshot, config: InertialConfig) -> Self {
+        let mut factors = snapshot.key_frames().filter_map(|k| k.motion.as_ref()?.imu_factor.as_ref());
+        let of = factors.next().zip(snapshot.imu_from_camera());
+        let model = of.map(|(factor, mount)| config.model(factor.sum.noise(), *mount));
+        Self { imu: model.map(|model| (model, config.whole_key_frames)), ..self }
     }
 
     /// Adds the motions that other sensors measured between key frames.
@@ -96,8 +106,8 @@ impl Closer {
         {
             let judged = self.judge(snapshot, here, old);
             let result = match judged {
-                Ok((place, world_from_here)) => {
-                    let (changes, accepted) = self.join(snapshot, here, &place, &world_from_here);
+                Ok((place, world_from_here, scales)) => {
+                    let (changes, accepted) = self.join(snapshot, here, &place, &world_from_here, scales);
                     closed.changes = changes;
                     closed.joined = Some(id);
                     Ok(accepted)
@@ -112,13 +122,14 @@ impl Closer {
         closed
     }
 
-    /// Runs all checks of one candidate; returns the recognised place and the pose of the key frame there.
+    /// Runs all checks of one candidate; returns the recognised place, the pose of the key frame there, and how the scales of two maps
+    /// with metres fit.
     fn judge(
         &mut self,
         snapshot: &Snapshot,
         here: &KeyFrame,
         old: KeyFrameId,
-    ) -> Result<(Recognised, Sim3), Refusal> {
+    ) -> Result<(Recognised, Sim3, Option<FusedScales>), Refusal> {
         let known: BTreeSet<_> = here.landmarks.iter().flatten().copied().collect();
         let config = RecogniseConfig { seed: self.config.need / 2, need: self.config.need, share: 0.5 };
         let seed = here.id.index() as u64;
@@ -126,6 +137,8 @@ impl Closer {
         let place = recognise(snapshot, &view, old, &known, &config, seed).map_err(Refusal::MatchFailure)?;
         let visits = self.visits(snapshot, here, old);
         let scale = visits.scale(&place, self.config.need)?;
+        let scales = visits.fused_scales(&place, self.config.need)?;
+        let scale = scales.map_or(scale, |scales| scales.ratio());
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
         if visits.freedom() == Freedom::AlignGravity {
@@ -160,7 +173,7 @@ impl Closer {
             return Err(Refusal::Alone);
         }
         self.pending = None;
-        Ok((place, world_from_here))
+        Ok((place, world_from_here, scales))
     }
 
     /// A key frame and an earlier one.
@@ -184,6 +197,7 @@ impl Closer {
         here: &KeyFrame,
         place: &Recognised,
         world_from_here: &Sim3,
+        scales: Option<FusedScales>,
     ) -> (Vec<Change>, Accepted) {
         let mut draft = Draft::new(snapshot);
         let before = Sim3::from(here.world_from_camera);
@@ -201,6 +215,10 @@ impl Closer {
         } else {
             let (from, into) = (here.map.max(there), here.map.min(there));
             correct::merge(&mut draft, here, place.old, &shift);
+            if let Some(scales) = scales {
+                let unit = if into == there { scales.there } else { scales.here };
+                draft.push(scales.after_merge(snapshot, [there, here.map], into, unit));
+            }
             Joined::Merge { from, into }
         };
         correct::fuse(&mut draft, &self.camera, &[(here.id, place)]);

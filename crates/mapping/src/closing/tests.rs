@@ -231,6 +231,49 @@ fn two_maps_are_merged_by_one_similarity() {
     }
 }
 
+/// One place tells the scale between two maps to two percent, and so does each map its own: each moves by a third.
+#[test]
+fn a_merge_of_two_metric_maps_weighs_their_scales() {
+    let up = So3::exp(&(Vec3::x() * -std::f64::consts::FRAC_PI_2));
+    for (metres, sigma, is_refused) in [(1.04, 0.02, false), (1.12, 0.005, true)] {
+        let world = World::around(mono(), 76);
+        let map_from_world = Sim3::new(So3::exp(&(Vec3::z() * 2.0)), Vec3::new(7.0, -1.0, 3.0), metres);
+        let upright = Sim3 { rotation: up, ..Sim3::identity() };
+        let path: Vec<Se3> = sideways(5, 0.2).iter().map(|pose| upright.transform_pose(pose)).collect();
+        let mut atlas = Atlas::new(Snapshot::new());
+        let world = world.transformed(&upright);
+        let [older, younger] =
+            [(0.0, Sim3::identity()), (20.0, map_from_world)].map(|(from_s, map_from_world)| {
+                let views = world.walk(&path, from_s, 0.5);
+                world.map(&mut atlas, &views, &path, None, |_| map_from_world)
+            });
+        let maps = [MapId(older[0]), MapId(younger[0])];
+        let state = |map| [Change::AlignGravity(map, Sim3::identity()), Change::ScaleSigma(map, sigma)];
+        atlas.commit(maps.map(state).concat());
+        let mut closer = closer(mono());
+        let closed = [3, 4].map(|n| closer.step(atlas.latest(), younger[n]));
+        if is_refused {
+            let refused = |v: &Verdict| matches!(v.result, Err(Refusal::MetricScale(_)));
+            assert!(closed.iter().flat_map(|c| &c.verdicts).any(refused), "{:?}", closed[1].verdicts);
+            assert!(closed.iter().all(|c| c.changes.is_empty()));
+            continue;
+        }
+        let [_, closed] = closed;
+        assert!(closed.joined.is_some(), "{:?}", closed.verdicts);
+        let before = atlas.latest().clone();
+        assert_eq!(atlas.commit(closed.changes).dropped, 0);
+        atlas.latest().check().expect("a sound map");
+        let known = atlas.latest().stated_scale_sigma(maps[0]).expect("it was stated");
+        assert!((known / (sigma * (2.0f64 / 3.0).sqrt()) - 1.0).abs() < 0.02, "{known}");
+        // What the window moves after that leaves the units as they are.
+        let unit = |s: &Snapshot, ids: &[KeyFrameId]| s.key_frame(ids[0]).expect("there").unit;
+        for (ids, share) in [(&older, 1.0 / 3.0), (&younger, -1.0 / 3.0)] {
+            let log = (unit(atlas.latest(), ids) / unit(&before, ids)).ln();
+            assert!((log - share * f64::ln(metres)).abs() < 1e-3, "{log} of {share}");
+        }
+    }
+}
+
 #[test]
 fn maps_without_a_common_scale_are_refused_with_the_number_of_points() {
     let world = World::around(mono(), 77);

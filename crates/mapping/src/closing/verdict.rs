@@ -1,5 +1,6 @@
 //! What came of each candidate for a loop or a merge, with its numbers.
 
+use super::scales::ScaleConflict;
 use cairn_adjust::MatchFailure;
 use cairn_atlas::{Change, KeyFrameId, MapId};
 use std::fmt;
@@ -18,6 +19,8 @@ pub enum Refusal {
         /// Its spread: median absolute deviation of the logarithm.
         spread: f64,
     },
+    /// Both maps have metres, and their lengths differ by more than what is known of both allows.
+    MetricScale(ScaleConflict),
     /// Both maps are gravity-aligned, and their gravity directions disagree.
     Tilt {
         /// Angle between them, radians.
@@ -60,6 +63,7 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::MatchFailure(why) => why.fmt(f),
+            Self::MetricScale(why) => why.fmt(f),
             Self::Scale { points, median, spread } => {
                 write!(f, "{points} points give a scale of {median:.3} with a spread of {spread:.3}")
             }

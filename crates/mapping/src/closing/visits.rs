@@ -1,6 +1,7 @@
 //! Two visits of what may be one place: whether scale, gravity, the drift between them and the motion measured meanwhile allow it.
 
 use super::relax::Freedom;
+use super::scales::{DepthRatio, FusedScales, ScaleMatch, fuse_scales};
 use super::verdict::Refusal;
 use crate::triangulation::median_depth;
 use cairn_adjust::{MotionLinks, Recognised, has_parallax};
@@ -38,9 +39,8 @@ impl Visits<'_> {
         }
     }
 
-    /// Scale (length in the earlier map for each length here), by the depths of the points known in both; `need`: inlier
-    /// matches needed to accept a place.
-    pub(super) fn scale(&self, place: &Recognised, need: usize) -> Result<f64, Refusal> {
+    /// What the depths of the points known in both say of the scale.
+    pub(super) fn depth_ratio(&self, place: &Recognised) -> DepthRatio {
         let (snapshot, here) = (self.snapshot, self.here);
         let (camera_from_here, camera_from_there) =
             (here.world_from_camera.inverse(), place.world_from_camera.inverse());
@@ -54,9 +54,31 @@ impl Visits<'_> {
             let theirs = camera_from_there * seen(theirs)?.position;
             (mine.z > 0.0 && theirs.z > 0.0).then(|| (theirs.z / mine.z).ln())
         });
-        let mut logs: Vec<f64> = both.collect();
-        let points = logs.len();
-        let (median, spread) = median_and_spread(&mut logs);
+        DepthRatio::of(both.collect())
+    }
+
+    /// The scales of two maps that have metres, weighed by a place recognised between them; `None` for visits of one map, or where
+    /// one has no metres. `need` as for [`Self::scale`].
+    pub(super) fn fused_scales(
+        &self,
+        place: &Recognised,
+        need: usize,
+    ) -> Result<Option<FusedScales>, Refusal> {
+        let there = self.snapshot.key_frame(self.old).map(|k| k.map);
+        let Some(there) = there.filter(|there| *there != self.here.map) else { return Ok(None) };
+        if self.freedom() == Freedom::Similar {
+            return Ok(None);
+        }
+        let known = [there, self.here.map].map(|map| self.snapshot.scale_of(map, self.camera));
+        let measured = ScaleMatch::of_place(&self.depth_ratio(place), need / 4);
+        fuse_scales(known, measured).map(Some).map_err(Refusal::MetricScale)
+    }
+
+    /// Scale (length in the earlier map for each length here), by the depths of the points known in both; `need`: inlier
+    /// matches needed to accept a place.
+    pub(super) fn scale(&self, place: &Recognised, need: usize) -> Result<f64, Refusal> {
+        let (snapshot, here, metric) = (self.snapshot, self.here, self.freedom() != Freedom::Similar);
+        let DepthRatio { log: median, spread, points } = self.depth_ratio(place);
         let merging = snapshot.key_frame(self.old).is_some_and(|k| k.map != here.map);
         let most = MAX_LOG_SCALE[usize::from(merging)];
         let refusal = Refusal::Scale { points, median: median.exp(), spread };
@@ -126,15 +148,4 @@ pub(super) fn metre_in_map_units(snapshot: &Snapshot, here: &KeyFrame, freedom: 
         Freedom::Similar => 0.25 * median_depth(snapshot, here).unwrap_or(0.0),
         _ => 1.0,
     }
-}
-
-/// Median and median absolute deviation; zeros for an empty slice.
-fn median_and_spread(values: &mut [f64]) -> (f64, f64) {
-    if values.is_empty() {
-        return (0.0, 0.0);
-    }
-    let middle = values.len() / 2;
-    let median = *values.select_nth_unstable_by(middle, f64::total_cmp).1;
-    values.iter_mut().for_each(|v| *v = (*v - median).abs());
-    (median, *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

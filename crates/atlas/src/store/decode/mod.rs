@@ -78,6 +78,8 @@ pub(super) fn read(
     damage.or(readings, "what the IMU measured between key frames is forgotten", || {
         key_frames.iter_mut().filter_map(|k| k.motion.as_mut()).for_each(|m| m.imu_factor = None);
     })?;
+    let scales = super::scales::read(parts, &mut snapshot, &mut key_frames);
+    damage.or(scales, "how well lengths are known and how the IMU is mounted is forgotten", || ())?;
     if parts.version >= 4 {
         let robots = read_robots(parts, &mut snapshot);
         damage.or(robots, "which robot created what is forgotten", || ())?;

@@ -24,7 +24,7 @@ use state::State;
 /// First bytes of a map in pieces, before its format, a digit.
 const PREFIX: &[u8] = b"\x8ccairn/";
 /// The format that is written and read.
-const FORMAT: u8 = b'2';
+const FORMAT: u8 = b'3';
 /// A piece may unpack to at most so many times its bytes, and all pieces together to so many bytes.
 const MAX_RATIO: usize = 64;
 const MAX_PLAIN_BYTES: usize = 1 << 30;

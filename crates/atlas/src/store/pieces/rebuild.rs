@@ -11,6 +11,7 @@ use super::state::{
 };
 use crate::made_by::MadeBy;
 use crate::names::{Names, Stretch, Stretches};
+use crate::scale::is_sound_sigma;
 use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, OtherCamera, PlaceIndex, Snapshot};
 use cairn_geometry::Vec3;
 use cairn_sensor::Stamp;
@@ -192,10 +193,10 @@ fn place(
 }
 
 fn maps(state: &State, snapshot: &mut Snapshot, key_frames: &[KeyFrame]) -> Result<(), StoreError> {
-    let (mut maps, mut aligned) = (BTreeMap::new(), BTreeMap::new());
-    for (root, prior, times) in &state.head.maps {
-        let root = KeyFrameId::from_raw(*root).map(MapId).ok_or_else(|| wrong("a map has no root"))?;
-        let prior = match prior {
+    let (mut maps, mut aligned, mut sigmas) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
+    for map in &state.head.maps {
+        let root = KeyFrameId::from_raw(map.root).map(MapId).ok_or_else(|| wrong("a map has no root"))?;
+        let prior = match &map.prior {
             None => None,
             Some(p) => {
                 let [sigma, sigma_rad, sigma_log_scale] = p.sigmas;
@@ -208,8 +209,12 @@ fn maps(state: &State, snapshot: &mut Snapshot, key_frames: &[KeyFrame]) -> Resu
         if maps.insert(root, prior).is_some() {
             return Err(wrong("a map is listed twice"));
         }
-        if *times > 0 {
-            aligned.insert(root, *times);
+        if map.aligned > 0 {
+            aligned.insert(root, map.aligned);
+        }
+        if let Some(sigma_log) = map.scale_sigma {
+            let sound = is_sound_sigma(sigma_log).then_some(sigma_log);
+            sigmas.insert(root, sound.ok_or_else(|| wrong("a scale has no standard deviation"))?);
         }
     }
     if let Some(k) = key_frames.iter().find(|k| !maps.contains_key(&k.map)) {
@@ -217,6 +222,7 @@ fn maps(state: &State, snapshot: &mut Snapshot, key_frames: &[KeyFrame]) -> Resu
     }
     snapshot.maps = Arc::new(maps);
     snapshot.gravity_alignments = Arc::new(aligned);
+    snapshot.scale_sigmas = Arc::new(sigmas);
     Ok(())
 }
 

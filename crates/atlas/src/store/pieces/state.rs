@@ -45,8 +45,17 @@ pub(super) struct Head {
     pub other_cameras: Vec<Vec<u8>>,
     /// First index, robot and number there.
     pub names: [Vec<(u32, u16, u32)>; 2],
-    /// Root, prior, and how often each map was aligned with gravity.
-    pub maps: Vec<(u32, Option<Prior>, u32)>,
+    pub maps: Vec<MapHead>,
+}
+
+/// A map by its root: its prior, how often it was aligned with gravity, and the standard deviation of the logarithm of its scale,
+/// where it was stated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct MapHead {
+    pub root: u32,
+    pub prior: Option<Prior>,
+    pub aligned: u32,
+    pub scale_sigma: Option<f64>,
 }
 
 /// A prior of a map.
@@ -308,7 +317,8 @@ fn head(file: &MapFile) -> Head {
             to_from_root: numbers(&prior.to_from_root),
             sigmas: [prior.sigma, prior.sigma_rad, prior.sigma_log_scale],
         });
-        (map.root().raw(), prior, s.gravity_alignments.get(&map).copied().unwrap_or(0))
+        let aligned = s.gravity_alignments.get(&map).copied().unwrap_or(0);
+        MapHead { root: map.root().raw(), prior, aligned, scale_sigma: s.stated_scale_sigma(map) }
     };
     let names = [&s.names.key_frames, &s.names.landmarks];
     Head {

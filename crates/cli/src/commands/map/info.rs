@@ -5,7 +5,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use cairn::{Map, routes_of};
 use cairn_atlas::store::{DEPTH_PREFIX, MapFile, StoreError, Table, sensor_name};
-use cairn_atlas::{MapId, Snapshot};
+use cairn_atlas::{MapId, MapScale, Snapshot};
 use cairn_guide::{CleanConfig, Route, RouteError, survey};
 use cairn_vision::RectifiedCamera;
 use serde::Serialize;
@@ -95,8 +95,32 @@ struct MapReport {
     /// Seconds of the first and the last key frame, in the clock of the source.
     from_s: f64,
     to_s: f64,
+    /// What is known of its unit of length.
+    scale: ScaleReport,
     #[serde(skip_serializing_if = "Option::is_none")]
     map_prior: Option<MapPriorReport>,
+}
+
+/// What is known of a map's unit of length.
+#[derive(Serialize)]
+#[serde(rename_all = "snake_case", tag = "known")]
+enum ScaleReport {
+    /// Nothing.
+    Unknown,
+    /// It was guessed by the walking pace against an earlier map: standard deviation of the logarithm of the scale between both.
+    Guessed { sigma_log: f64 },
+    /// It is a metre: standard deviation of the logarithm of metres in it.
+    Metric { sigma_log: f64 },
+}
+
+impl From<MapScale> for ScaleReport {
+    fn from(scale: MapScale) -> Self {
+        match scale {
+            MapScale::Unknown => Self::Unknown,
+            MapScale::Guessed { sigma_log } => Self::Guessed { sigma_log },
+            MapScale::Metric { sigma_log } => Self::Metric { sigma_log },
+        }
+    }
 }
 
 /// The prior on a map's pose relative to an earlier one, until they are merged.
@@ -205,6 +229,7 @@ fn map(all: &Map, id: MapId) -> MapReport {
         bounds,
         from_s: span[0],
         to_s: span[1],
+        scale: snapshot.scale_of(id, all.camera()).into(),
         map_prior: prior.map(|prior| MapPriorReport {
             key_frame: prior.to.index(),
             sigma: prior.sigma,
@@ -279,6 +304,15 @@ fn text(i: &Info) -> String {
             a[2],
             b[2]
         );
+        let _ = match m.scale {
+            ScaleReport::Unknown => writeln!(text, "          lengths in a unit that is not known"),
+            ScaleReport::Guessed { sigma_log } => {
+                writeln!(text, "          lengths guessed by the walking pace, to {:.0} %", 100.0 * sigma_log)
+            }
+            ScaleReport::Metric { sigma_log } => {
+                writeln!(text, "          metres, with a standard deviation of {:.2} %", 100.0 * sigma_log)
+            }
+        };
         if let Some(prior) = &m.map_prior {
             let _ = writeln!(
                 text,

@@ -71,6 +71,11 @@ struct JoinedReport {
     rms_after: f64,
     /// Length in the older map for each length in the younger.
     scale: f64,
+    /// By what the lengths of the older and of the younger map were multiplied where both had metres, and the standard deviation of
+    /// the logarithm of metres in a unit of the joined map.
+    rescaled: [f64; 2],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scale_sigma_log: Option<f64>,
     /// Rotation from the younger to the older, degrees, and translation.
     rotation_deg: f64,
     translation: [f64; 3],
@@ -166,6 +171,8 @@ fn joined_report(attempt: &Attempt, j: &Junction) -> JoinedReport {
         rms: j.rms,
         rms_after: j.rms_after,
         scale: j.into_from.scale,
+        rescaled: [j.scales.there, j.scales.here],
+        scale_sigma_log: j.scales.sigma_log,
         rotation_deg: j.into_from.rotation.angle().to_degrees(),
         translation: j.into_from.translation.into(),
         moved: j.moved,
@@ -209,6 +216,14 @@ fn text(m: &Merged) -> String {
             "          moved by {:.3} in the mean, {:.3} at most; the older map by {:.3}, {:.3}",
             j.moved[0], j.moved[1], j.older_moved[0], j.older_moved[1]
         );
+        if let Some(sigma) = j.scale_sigma_log {
+            let [older, younger] = j.rescaled.map(|factor| 100.0 * (factor - 1.0));
+            let _ = writeln!(
+                text,
+                "          metres with a standard deviation of {:.2} %; lengths of the older map changed by {older:+.2} %, of the other by {younger:+.2} %",
+                100.0 * sigma
+            );
+        }
     }
     for a in &m.apart {
         let _ = writeln!(

@@ -4,7 +4,7 @@
 use super::history::{History, Tracking};
 use super::outcome::Outcome;
 use super::picture;
-use super::tally::{Tally, plural};
+use super::tally::{Tally, metres, plural};
 use cairn_atlas::Snapshot;
 use cairn_eval::{Page, RunReport, error_over_time, times_histogram, times_over_frames};
 use cairn_geometry::Se3;
@@ -155,7 +155,7 @@ fn scale(page: &mut Page, r: &RunReport) {
     }
     page.heading("Unit of length");
     let known = |s: &cairn_eval::ScaleReport| match (s.metric, s.sigma_log) {
-        (true, _) => "metres".to_owned(),
+        (true, _) => metres(s.metres_sigma_log),
         (false, sigma) if sigma > 0.0 => format!("its own, known to {:.0} %", 100.0 * sigma),
         (false, _) => "its own".to_owned(),
     };

@@ -193,6 +193,7 @@ pub fn live(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<LiveReport> {
 pub fn scale(truth: &[(Stamp, Se3)], engine: &Engine) -> Vec<ScaleReport> {
     let reference = trajectory(&engine.comparable(truth));
     let poses = engine.trajectory();
+    let (snapshot, camera) = (engine.snapshot(), engine.front_end().model());
     let report = |s: ScaleStretch| {
         let own: Vec<(Stamp, Se3)> =
             poses.iter().filter(|(t, _)| (s.from..=s.to).contains(t)).copied().collect();
@@ -207,12 +208,18 @@ pub fn scale(truth: &[(Stamp, Se3)], engine: &Engine) -> Vec<ScaleReport> {
             poses: s.poses,
             metric: s.scale.metric,
             sigma_log: s.scale.sigma_log,
+            metres_sigma_log: snapshot.scale_of(s.scale.map, camera).metric_sigma(),
             supported: s.scale.supported,
             ate_m: ate_m.as_ref().map(|e| e.ate_m.rmse),
             metres_per_unit: sim3.map(|e| e.scale),
         }
     };
     engine.scale_stretches().into_iter().map(report).collect()
+}
+
+/// Metres, and how well they are known.
+pub fn metres(sigma_log: Option<f64>) -> String {
+    sigma_log.map_or_else(|| "metres".to_owned(), |sigma| format!("metres, to {:.1} %", 100.0 * sigma))
 }
 
 /// The name of one or several of a kind.
@@ -292,7 +299,7 @@ pub fn text(ended: &Outcome, realtime: bool) -> String {
     }
     for s in r.scale.iter().filter(|_| r.scale.len() > 1 || r.scale.iter().any(|s| !s.metric)) {
         let known = match (s.metric, s.sigma_log) {
-            (true, _) => "metres".to_owned(),
+            (true, _) => metres(s.metres_sigma_log),
             (false, sigma) if sigma > 0.0 => {
                 format!("unit of its own, known to {:.0} % by the pace", 100.0 * sigma)
             }

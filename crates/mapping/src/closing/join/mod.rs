@@ -12,6 +12,7 @@ mod stitch;
 mod tests;
 
 use super::Closer;
+use super::scales::{FusedScales, ScaleConflict, ScaleMatch, fuse_scales};
 use super::visits::metre_in_map_units;
 use cairn_atlas::{Change, KeyFrame, MapId, Snapshot};
 use cairn_geometry::{Sim3, Vec3};
@@ -44,6 +45,8 @@ pub struct Junction {
     pub support: Support,
     /// From the younger map to the older one, as agreed.
     pub into_from: Sim3,
+    /// By what the lengths of the older map (`there`) and of the younger (`here`) were multiplied, and how well the joined map's are known.
+    pub scales: FusedScales,
     /// Root mean square distance between where each seam puts its key frame and where `into_from` does, in units of
     /// the older map: what both maps have drifted between the seams.
     pub rms: f64,
@@ -80,6 +83,8 @@ pub enum Apart {
         /// Places that agree on something else.
         rival: usize,
     },
+    /// Both maps have metres, and by the places that agree these differ by more than what is known of both allows.
+    MetricScale(ScaleConflict),
     /// Key frames that would stand in the other map, by the places that agree, do not show it.
     Unsupported(Support),
 }
@@ -98,6 +103,7 @@ impl fmt::Display for Apart {
                     "{agree} recognised places agree, but {rival} agree on something else: parts look alike"
                 )
             }
+            Self::MetricScale(why) => why.fmt(f),
             Self::Unsupported(Support { shown, expected }) => write!(
                 f,
                 "of {expected} key frames that would stand in the other map only {shown} show it: parts look alike"
@@ -153,8 +159,8 @@ impl Closer {
     /// Compares two maps of a snapshot as [`Closer::join_maps`] does, and stops before joining them.
     pub fn compare_maps(&self, snapshot: &Snapshot, a: MapId, b: MapId) -> MapComparison {
         let (into, from) = (a.min(b), a.max(b));
-        let (compared, found) = self.seams(snapshot, from, into);
-        let result = self.decide(snapshot, from, into, &found).map(|(chosen, support)| {
+        let (compared, mut found) = self.seams(snapshot, from, into);
+        let result = self.decide(snapshot, from, into, &mut found).map(|(chosen, support, _)| {
             let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
             Agreement {
                 seams: chosen.len(),
@@ -174,10 +180,10 @@ impl Closer {
     /// [`super::CloserConfig::whole_key_frames`], else around the seams.
     pub fn join_maps(&self, snapshot: &Snapshot, a: MapId, b: MapId) -> MapJoin {
         let (into, from) = (a.min(b), a.max(b));
-        let (compared, found) = self.seams(snapshot, from, into);
-        match self.decide(snapshot, from, into, &found) {
-            Ok((chosen, support)) => {
-                let (mut junction, draft) = self.stitch(snapshot, from, into, &found, &chosen);
+        let (compared, mut found) = self.seams(snapshot, from, into);
+        match self.decide(snapshot, from, into, &mut found) {
+            Ok((chosen, support, scales)) => {
+                let (mut junction, draft) = self.stitch(snapshot, [from, into], &found, &chosen, scales);
                 junction.support = support;
                 let (joined, changes) = draft.into_parts();
                 MapJoin { from, into, compared, result: Ok(junction), changes, joined: Some(joined) }
@@ -188,14 +194,14 @@ impl Closer {
         }
     }
 
-    /// The seams that are believed, as indices.
+    /// The seams that are believed, as indices, and how the scales of both maps fit; all seams then have the scale between both.
     fn decide(
         &self,
         snapshot: &Snapshot,
         from: MapId,
         into: MapId,
-        found: &[Found],
-    ) -> Result<(Vec<usize>, Support), Apart> {
+        found: &mut [Found],
+    ) -> Result<(Vec<usize>, Support, FusedScales), Apart> {
         if found.is_empty() {
             return Err(Apart::NoPlace);
         }
@@ -213,7 +219,29 @@ impl Closer {
         if support.shown < NEED || (support.shown as f64) < SUPPORT * support.expected as f64 {
             return Err(Apart::Unsupported(support));
         }
-        Ok((chosen, support))
+        let scales = self.fused_scales(snapshot, [into, from], found, &chosen).map_err(Apart::MetricScale)?;
+        found.iter_mut().for_each(|f| f.scale(snapshot, scales.ratio()));
+        Ok((chosen, support, scales))
+    }
+
+    /// The scales of two maps (the older one first), weighed by the seams chosen.
+    fn fused_scales(
+        &self,
+        snapshot: &Snapshot,
+        maps: [MapId; 2],
+        found: &[Found],
+        chosen: &[usize],
+    ) -> Result<FusedScales, ScaleConflict> {
+        let known = maps.map(|map| snapshot.scale_of(map, &self.camera));
+        let pair = |k: &usize| {
+            let here = snapshot.key_frame(found[*k].seam.key_frame)?.world_from_camera.translation;
+            Some([found[*k].world_from_here.translation, here])
+        };
+        let pairs: Vec<[Vec3; 2]> = chosen.iter().filter_map(pair).collect();
+        let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
+        let turn = stitch::middle(snapshot, &agreeing).seam.into_from.rotation;
+        let independent = self.independent(snapshot, found, chosen);
+        fuse_scales(known, ScaleMatch::of_positions(&pairs, &turn, independent))
     }
 
     /// How many of these seams are far enough from each other, at least: counted from the first on.

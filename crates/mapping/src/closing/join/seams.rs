@@ -36,6 +36,16 @@ pub(super) struct Found {
     pub freedom: Freedom,
 }
 
+impl Found {
+    /// The same where the younger map's lengths are multiplied by this first: the pose of the key frame in the older map is seen there,
+    /// and stays.
+    pub fn scale(&mut self, snapshot: &Snapshot, factor: f64) {
+        let Some(here) = snapshot.key_frame(self.seam.key_frame) else { return };
+        self.world_from_here.scale *= factor;
+        self.seam.into_from = self.world_from_here * Sim3::from(here.world_from_camera).inverse();
+    }
+}
+
 impl Closer {
     /// All seams between two maps, in the order of their key frames, and the number of key frames compared.
     pub(super) fn seams(&self, snapshot: &Snapshot, from: MapId, into: MapId) -> (usize, Vec<Found>) {
@@ -65,10 +75,11 @@ impl Closer {
             view = View { frame, camera, ..view };
         }
         let place = recognise(snapshot, &view, old, &known, &config, seed).ok()?;
-        let scale = self.visits(snapshot, here, old).scale(&place, self.config.need).ok()?;
+        let visits = self.visits(snapshot, here, old);
+        let scale = visits.scale(&place, self.config.need).ok()?;
+        let freedom = visits.freedom();
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
-        let freedom = self.visits(snapshot, here, old).freedom();
         if freedom == Freedom::AlignGravity {
             world_from_here = with_gravity_of(here, &world_from_here).ok()?;
         }

@@ -2,7 +2,7 @@
 //! landmarks fused, the result adjusted.
 
 use super::seams::Found;
-use super::{Junction, Seam, Support};
+use super::{FusedScales, Junction, Seam, Support};
 use crate::closing::draft::Draft;
 use crate::closing::relax::{Loop, relax};
 use crate::closing::visits::metre_in_map_units;
@@ -17,10 +17,10 @@ impl Closer {
     pub(super) fn stitch(
         &self,
         snapshot: &Snapshot,
-        from: MapId,
-        into: MapId,
+        [from, into]: [MapId; 2],
         found: &[Found],
         chosen: &[usize],
+        scales: FusedScales,
     ) -> (Junction, Draft) {
         let chosen: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
         let middle = middle(snapshot, &chosen);
@@ -29,7 +29,7 @@ impl Closer {
         let older: BTreeSet<KeyFrameId> = snapshot.key_frames_of(into).map(|k| k.id).collect();
         let younger: Vec<KeyFrameId> = snapshot.key_frames_of(from).map(|k| k.id).collect();
         // Metres and the direction of gravity are kept, whichever of the maps has them.
-        let mut aligned_from_into = Sim3::identity();
+        let (mut aligned_from_into, mut unit) = (Sim3::identity(), scales.there);
         let metric = |map| snapshot.is_metric_in(map, &self.camera);
         let held = match (metric(into), metric(from)) {
             (true, false) => older.clone(),
@@ -39,17 +39,20 @@ impl Closer {
         if snapshot.is_gravity_aligned(from) && !snapshot.is_gravity_aligned(into) {
             aligned_from_into = into_from.inverse();
             into_from = Sim3::identity();
+            unit = scales.here;
             draft.push(vec![Change::AlignGravity(into, aligned_from_into)]);
         } else if metric(from) && !metric(into) {
             let factor = 1.0 / into_from.scale;
-            let root = snapshot.world_from_camera(into.root()).unwrap_or(Se3::identity()).translation;
-            aligned_from_into = Sim3::new(So3::identity(), root * (1.0 - factor), factor);
+            aligned_from_into = scaling_about_root(snapshot, into, factor);
             into_from = aligned_from_into * into_from;
             draft.push(vec![Change::Rescale(into, factor)]);
         }
         if let Some(here) = snapshot.key_frame(middle.seam.key_frame) {
             correct::merge(&mut draft, here, middle.seam.place, &into_from);
         }
+        let scaled = scaling_about_root(draft.snapshot(), into, unit);
+        (aligned_from_into, into_from) = (scaled * aligned_from_into, scaled * into_from);
+        draft.push(scales.after_merge(snapshot, [into, from], into, unit));
         let merged = draft.snapshot().clone();
         let landmarks = merged.landmark_count();
         let placed: Vec<Loop> = (chosen.iter())
@@ -70,6 +73,7 @@ impl Closer {
             left_out: found.len() - chosen.len(),
             support: Support::default(),
             into_from: aligned_from_into.inverse() * into_from,
+            scales,
             rms: rms(&merged, &placed),
             rms_after: rms(after, &relative_to(after, &merged, &placed)),
             moved: moved(&merged, after, younger.iter().copied()),
@@ -119,6 +123,12 @@ impl Closer {
             }
         }
     }
+}
+
+/// What [`Change::Rescale`] does to a map.
+fn scaling_about_root(snapshot: &Snapshot, map: MapId, factor: f64) -> Sim3 {
+    let root = snapshot.world_from_camera(map.root()).unwrap_or(Se3::identity()).translation;
+    Sim3::new(So3::identity(), root * (1.0 - factor), factor)
 }
 
 /// The seam that differs least from all others at the places of these.

@@ -4,7 +4,7 @@ use super::*;
 use crate::synthetic::{World, mono, off, pose, stereo};
 use crate::{CloserConfig, MapJoin};
 use cairn_adjust::WindowConfig;
-use cairn_atlas::{Atlas, KeyFrameId};
+use cairn_atlas::{Atlas, InertialState, KeyFrameId};
 use cairn_geometry::{Se3, So3};
 use cairn_vision::RectifiedCamera;
 use std::f64::consts::TAU;
@@ -203,4 +203,105 @@ fn key_frames_that_should_show_the_other_map_and_do_not_are_counted() {
         panic!("{:?}", join.result)
     };
     assert!(shown <= 14 && expected >= 40, "{shown} of {expected}");
+}
+
+/// Two maps with metres and z up, in which a metre is so long, and which say so of their standard deviations. With their key frames and
+/// true poses.
+fn metric_maps(
+    world: &World,
+    metres: [f64; 2],
+    sigmas: [f64; 2],
+) -> (Atlas, [Vec<KeyFrameId>; 2], [Vec<Se3>; 2]) {
+    let mut atlas = Atlas::new(Snapshot::new());
+    let paths = [arc(0, 24), arc(10, 34)];
+    let up = So3::exp(&(Vec3::x() * -TAU / 4.0));
+    let upright = [
+        Sim3::new(up, Vec3::zeros(), metres[0]),
+        Sim3::new(So3::exp(&(Vec3::z() * 0.7)) * up, Vec3::new(7.0, -1.0, 3.0), metres[1]),
+    ];
+    let ids = [0, 1].map(|n| add(&mut atlas, world, &paths[n], |_| upright[n]));
+    let states = |n: usize| {
+        let map = MapId(ids[n][0]);
+        [Change::AlignGravity(map, Sim3::identity()), Change::ScaleSigma(map, sigmas[n])]
+    };
+    assert_eq!(atlas.commit([states(0), states(1)].concat()).dropped, 0);
+    (atlas, ids, paths)
+}
+
+#[test]
+fn two_metric_maps_become_one_with_the_scale_that_both_tell_whichever_is_older() {
+    let world = World::around(mono(), 101);
+    let (metres, sigmas) = ([1.03f64, 0.995], [0.02, 0.01]);
+    let weights = sigmas.map(|sigma: f64| sigma.powi(-2));
+    let log = (weights[0] * metres[0].ln() + weights[1] * metres[1].ln()) / (weights[0] + weights[1]);
+    let sigma = (weights[0] + weights[1]).sqrt().recip();
+    let mut lengths = Vec::new();
+    for order in [[0, 1], [1, 0]] {
+        let of = |values: [f64; 2]| order.map(|n| values[n]);
+        let (mut atlas, ids, paths) = metric_maps(&world, of(metres), of(sigmas));
+        let into = MapId(ids[0][0]);
+        let junction = join(&mut atlas, mono()).result.unwrap_or_else(|apart| panic!("{apart}"));
+        let [a, b] = of(metres);
+        assert!((junction.into_from.scale * b / a - 1.0).abs() < 2e-3, "{junction:?}");
+        let snapshot = atlas.latest();
+        let at = |id: &KeyFrameId| snapshot.key_frame(*id).expect("there").world_from_camera.translation;
+        for (ids, path) in ids.iter().zip(&paths) {
+            let truth = (path[20].translation - path[0].translation).norm();
+            let length = (at(&ids[20]) - at(&ids[0])).norm() / truth;
+            assert!((length.ln() - log).abs() < 1e-3, "{length} where {} is right", log.exp());
+            lengths.push(length);
+        }
+        let known = snapshot.scale_of(into, &mono()).metric_sigma().expect("metres");
+        assert!((known / sigma - 1.0).abs() < 0.03, "{known} of {sigma}");
+        assert_eq!(junction.scales.sigma_log, Some(known));
+        assert!(snapshot.is_gravity_aligned(into));
+    }
+    // The first map of one order is the second of the other.
+    assert!((lengths[0] - lengths[3]).abs() < 5e-4 && (lengths[1] - lengths[2]).abs() < 5e-4, "{lengths:?}");
+}
+
+#[test]
+fn velocities_are_scaled_with_their_map() {
+    let world = World::around(mono(), 102);
+    let (mut atlas, ids, _) = metric_maps(&world, [1.03, 1.0], [0.01, 0.01]);
+    let bias = cairn_inertial::Bias::default();
+    let motion = InertialState { velocity: Vec3::x(), bias, still_sigma: None, imu_factor: None };
+    let last = |ids: &[KeyFrameId]| *ids.last().expect("some");
+    // A key frame of each map that moves, which sees nothing.
+    let new: Vec<KeyFrameId> = ids
+        .iter()
+        .map(|ids| {
+            let id = atlas.latest().next_key_frame_id();
+            let k = atlas.latest().key_frame(last(ids)).expect("there").clone();
+            let empty = std::sync::Arc::new(cairn_vision::Frame::default());
+            let mut k = KeyFrame::new(id, empty, k.world_from_camera, Some(last(ids)));
+            k.motion = Some(motion.clone());
+            atlas.commit(vec![Change::AddKeyFrame(Box::new(k))]);
+            id
+        })
+        .collect();
+    let junction = join(&mut atlas, mono()).result.unwrap_or_else(|apart| panic!("{apart}"));
+    let speed =
+        |id: &KeyFrameId| atlas.latest().key_frame(*id).unwrap().motion.as_ref().unwrap().velocity.norm();
+    assert!(junction.scales.there < 0.99 && junction.scales.here > 1.01, "{:?}", junction.scales);
+    assert!((speed(&new[0]) - junction.scales.there).abs() < 1e-9);
+    assert!((speed(&new[1]) - junction.scales.here).abs() < 1e-9);
+}
+
+#[test]
+fn a_match_whose_scale_contradicts_both_maps_is_refused() {
+    let world = World::around(mono(), 103);
+    for (sigma, is_refused) in [(0.01, true), (0.03, false)] {
+        let (mut atlas, ids, _) = metric_maps(&world, [1.0, 1.08], [sigma; 2]);
+        let join = join(&mut atlas, mono());
+        match join.result {
+            Err(Apart::MetricScale(conflict)) => {
+                assert!(is_refused && (conflict.ratio * 1.08 - 1.0).abs() < 5e-3, "{conflict}");
+                assert!(conflict.to_string().starts_with("a metre of one map would be 0.92"), "{conflict}");
+                assert_eq!(atlas.latest().maps().count(), 2);
+                assert_eq!(atlas.latest().stated_scale_sigma(MapId(ids[1][0])), Some(sigma));
+            }
+            other => assert!(!is_refused && other.is_ok(), "{sigma}: {other:?}"),
+        }
+    }
 }
