@@ -102,8 +102,7 @@ fn two_walks_of_one_house_become_one_map_and_get_no_worse() {
 #[test]
 fn maps_of_one_camera_with_imu_are_joined_with_what_it_measured() {
     let sensor = "sensor=mono-imu&resolution=480x360&focal=270&rate=20";
-    let mut sums = [0.0; 2];
-    for seed in [5, 6, 9] {
+    for seed in [5] {
         let common = format!("seed={seed}&{sensor}");
         let parts = [
             walk("demo", &format!("{common}&duration=22")),
@@ -130,9 +129,10 @@ fn maps_of_one_camera_with_imu_are_joined_with_what_it_measured() {
         let alone =
             saved.each_ref().map(|w| (ate(&w.file, &[w], None), scale(&w.file, &[w]), sigma(&w.file)));
         println!("seed {seed}: alone (ATE, scale, sigma) {alone:.4?}");
-        (0..2).for_each(|n| sums[n] += errors[n].0);
+        // Images alone let the scale of a map of one camera go.
+        let [without, with] = errors.map(|(ate, _)| ate);
+        assert!(with < 0.7 * without, "seed {seed}: {with} of {without} m");
     }
-    println!("sum of ATE without what the IMU measured {:.4} m, with it {:.4} m", sums[0], sums[1]);
 }
 
 #[test]
