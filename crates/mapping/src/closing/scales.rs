@@ -8,7 +8,6 @@
 //! section 5.3; with one measurement) gives, for an exact match, the mean of both scales weighted by information.
 
 use cairn_atlas::{Change, MapId, MapScale, Snapshot};
-use cairn_geometry::{So3, Vec3};
 use std::fmt;
 
 /// Chi-square of one degree of freedom that is exceeded by one right match in ten thousand: 3.9 standard deviations.
@@ -18,7 +17,7 @@ const NEGLIGIBLE: f64 = 0.1;
 /// Standard deviation of the logarithm of scale as one place tells it, beyond the scatter of its points: the error of the recognised
 /// pose along the view, as a share of the median depth.
 const ONE_PLACE: f64 = 0.02;
-/// Several places tell it no better than this, however well they agree: what they have in common does not average out.
+/// Several places tell no better than this, however well they agree: what they have in common does not average out.
 const LEAST: f64 = 1e-3;
 /// From a median absolute deviation to a standard deviation, for Gaussian errors.
 const MAD_TO_SIGMA: f64 = 1.4826;
@@ -59,26 +58,14 @@ impl ScaleMatch {
         (ratio.points >= need).then(|| Self { log_ratio: ratio.log, sigma: scatter.hypot(ONE_PLACE) })
     }
 
-    /// By where key frames are in both maps, of which so many are independent: pairs of positions (there, here), and the rotation from
-    /// here to there. The depths of landmarks are not asked: what is wrong with the recognised pose along the view is the same for
-    /// all, and would be taken for scale. `None` for fewer than three, or where they do not go along with each other.
-    pub fn of_positions(pairs: &[[Vec3; 2]], there_from_here: &So3, independent: usize) -> Option<Self> {
-        if pairs.len().min(independent) < 3 {
+    /// By the logarithms that several places tell, of which so many are independent; `None` for fewer than three.
+    pub fn of_places(mut logs: Vec<f64>, independent: usize) -> Option<Self> {
+        if logs.len().min(independent) < 3 {
             return None;
         }
-        let mean = |n: usize| pairs.iter().map(|pair| pair[n]).sum::<Vec3>() / pairs.len() as f64;
-        let [there, here] = [mean(0), mean(1)];
-        let offsets: Vec<[Vec3; 2]> =
-            pairs.iter().map(|[p, q]| [p - there, *there_from_here * (q - here)]).collect();
-        let square: f64 = offsets.iter().map(|[_, q]| q.norm_squared()).sum();
-        let ratio = offsets.iter().map(|[p, q]| p.dot(q)).sum::<f64>() / square;
-        let residual: f64 = offsets.iter().map(|[p, q]| (p - q * ratio).norm_squared()).sum();
-        let variance = residual / (3.0 * pairs.len() as f64);
-        // Neighbours share their errors.
-        let repeated = pairs.len() as f64 / independent as f64;
-        let sigma = (variance * repeated / square).sqrt() / ratio;
-        let told = ratio.is_finite() && ratio > 0.0 && sigma.is_finite();
-        told.then(|| Self { log_ratio: ratio.ln(), sigma: sigma.hypot(LEAST) })
+        let (log_ratio, spread) = median_and_spread(&mut logs);
+        let sigma = MAD_TO_SIGMA * spread / (independent as f64).sqrt();
+        Some(Self { log_ratio, sigma: sigma.hypot(LEAST) })
     }
 }
 
@@ -279,34 +266,14 @@ mod tests {
     }
 
     #[test]
-    fn one_place_tells_the_scale_to_two_percent() {
+    fn many_places_tell_the_scale_better_than_one() {
         let ratio = DepthRatio { log: 0.01, spread: 0.02, points: 100 };
         let one = ScaleMatch::of_place(&ratio, 10).unwrap();
         assert!(one.sigma > 0.02 && one.sigma < 0.021);
         assert_eq!(ScaleMatch::of_place(&ratio, 101), None);
-    }
-
-    /// Positions along a way of ten metres, each two centimetres off: the scale is as uncertain as is said.
-    #[test]
-    fn positions_tell_the_scale_as_well_as_they_say() {
-        let mut random = Random::new(11);
-        let turn = So3::exp(&Vec3::new(0.3, -1.0, 0.2));
-        let (runs, mut nees, mut stated) = (400, 0.0, 0.0);
-        for _ in 0..runs {
-            let pair = |n: usize| {
-                let here = Vec3::new(0.5 * n as f64, (0.4 * n as f64).sin(), 0.0);
-                let off = Vec3::from_fn(|_, _| random.normal(0.0, 0.02));
-                [turn * here * 1.05 + Vec3::new(5.0, 1.0, -2.0) + off, here]
-            };
-            let pairs: Vec<[Vec3; 2]> = (0..20).map(pair).collect();
-            let told = ScaleMatch::of_positions(&pairs, &turn, 20).unwrap();
-            nees +=
-                (told.log_ratio - f64::ln(1.05)).powi(2) / (told.sigma.powi(2) - LEAST.powi(2)) / runs as f64;
-            stated += told.sigma / runs as f64;
-            assert!(ScaleMatch::of_positions(&pairs, &turn, 5).unwrap().sigma > 1.5 * told.sigma);
-            assert_eq!(ScaleMatch::of_positions(&pairs, &turn, 2), None);
-        }
-        println!("NEES {nees}, sigma {stated}");
-        assert!((0.8..1.4).contains(&nees) && stated < 0.003, "{nees} {stated}");
+        let logs = vec![0.008, 0.011, 0.010, 0.012, 0.009];
+        let many = ScaleMatch::of_places(logs.clone(), 5).unwrap();
+        assert!((many.log_ratio - 0.010).abs() < 1e-12 && many.sigma < 0.0015, "{many:?}");
+        assert_eq!(ScaleMatch::of_places(logs, 2), None);
     }
 }

@@ -233,15 +233,10 @@ impl Closer {
         chosen: &[usize],
     ) -> Result<FusedScales, ScaleConflict> {
         let known = maps.map(|map| snapshot.scale_of(map, &self.camera));
-        let pair = |k: &usize| {
-            let here = snapshot.key_frame(found[*k].seam.key_frame)?.world_from_camera.translation;
-            Some([found[*k].world_from_here.translation, here])
-        };
-        let pairs: Vec<[Vec3; 2]> = chosen.iter().filter_map(pair).collect();
-        let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
-        let turn = stitch::middle(snapshot, &agreeing).seam.into_from.rotation;
-        let independent = self.independent(snapshot, found, chosen);
-        fuse_scales(known, ScaleMatch::of_positions(&pairs, &turn, independent))
+        let told = chosen.iter().copied().filter(|k| found[*k].depth_ratio.points >= self.config.need / 4);
+        let told: Vec<usize> = told.collect();
+        let logs = told.iter().map(|k| found[*k].depth_ratio.log).collect();
+        fuse_scales(known, ScaleMatch::of_places(logs, self.independent(snapshot, found, &told)))
     }
 
     /// How many of these seams are far enough from each other, at least: counted from the first on.

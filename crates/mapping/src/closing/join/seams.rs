@@ -1,5 +1,6 @@
 //! Seams: key frames of one map in which places of another are recognised, by words first and then by geometry.
 
+use crate::closing::scales::DepthRatio;
 use crate::closing::visits::with_gravity_of;
 use crate::closing::{Closer, Freedom};
 use cairn_adjust::{RecogniseConfig, Recognised, View, recognise};
@@ -34,6 +35,8 @@ pub(super) struct Found {
     /// Pose of the key frame in the older map; the scale is length there for each length here.
     pub world_from_here: Sim3,
     pub freedom: Freedom,
+    /// What the points known in both maps say of the scale between them.
+    pub depth_ratio: DepthRatio,
 }
 
 impl Found {
@@ -77,7 +80,7 @@ impl Closer {
         let place = recognise(snapshot, &view, old, &known, &config, seed).ok()?;
         let visits = self.visits(snapshot, here, old);
         let scale = visits.scale(&place, self.config.need).ok()?;
-        let freedom = visits.freedom();
+        let (freedom, depth_ratio) = (visits.freedom(), visits.depth_ratio(&place));
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
         if freedom == Freedom::AlignGravity {
@@ -90,7 +93,7 @@ impl Closer {
             expected: place.expected,
             into_from: world_from_here * Sim3::from(here.world_from_camera).inverse(),
         };
-        Some(Found { seam, place, world_from_here, freedom })
+        Some(Found { seam, place, world_from_here, freedom, depth_ratio })
     }
 }
 
