@@ -200,6 +200,9 @@ fn earlier_pieces(map: &Path) -> Pieces {
     bytes.and_then(|bytes| Pieces::open(&bytes).ok()).unwrap_or_default()
 }
 
+/// The digest of the maps that were joined, what is kept for the next time, and what became of them; `None` where nothing could.
+type Work = ([u8; 8], TeamAtlas, Option<SharedAtlas>);
+
 /// This robot with its files.
 struct Robot {
     member: Member,
@@ -215,7 +218,7 @@ struct Robot {
     /// What is kept from one atlas to the next; away while maps are being joined.
     team_atlas: Option<TeamAtlas>,
     /// The maps being joined, on a thread of their own: the others go on being heard.
-    work: Option<JoinHandle<([u8; 8], TeamAtlas, Option<SharedAtlas>)>>,
+    work: Option<JoinHandle<Work>>,
     /// The version of each robot's map, as it was said last.
     heard: BTreeMap<RobotId, u32>,
     /// Who shares places with whom; `None` where the maps of all are wanted.
