@@ -62,7 +62,7 @@ impl ScaleSupport {
 
 /// Number of frames whose speeds are stored: half a minute at 20 Hz.
 const KEPT: usize = 600;
-/// Number of frames over which a speed is measured: the pose of somebody who stands trembles to and fro, and goes nowhere.
+/// Number of frames over which a walker must get on: the pose of somebody who stands trembles to and fro, and goes nowhere.
 const OVER: usize = 5;
 /// The walking speed is not estimated from fewer frames than this,
 pub(crate) const LEAST: usize = 10;
@@ -73,6 +73,8 @@ const FIRST_FEW: usize = 5;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pace {
     speeds: VecDeque<f64>,
+    /// The speeds at which the walker got on over the last few frames, as many.
+    net_speeds: VecDeque<f64>,
     /// The last motions from frame to frame, and the seconds that each took.
     moved: VecDeque<(Vec3, f64)>,
 }
@@ -86,7 +88,7 @@ impl Pace {
         self.moved.push_back((moved, elapsed_s));
         let far: Vec3 = self.moved.iter().map(|(moved, _)| moved).sum();
         let in_s: f64 = self.moved.iter().map(|(_, elapsed_s)| elapsed_s).sum();
-        self.push(far.norm() / in_s);
+        self.add(moved.norm() / elapsed_s, far.norm() / in_s);
     }
 
     /// The next frame does not follow the last one: what was between them is not known.
@@ -94,17 +96,24 @@ impl Pace {
         self.moved.clear();
     }
 
-    /// Adds a speed.
-    pub fn push(&mut self, speed: f64) {
+    fn add(&mut self, speed: f64, net_speed: f64) {
         if self.speeds.len() == KEPT {
             self.speeds.pop_front();
+            self.net_speeds.pop_front();
         }
         self.speeds.push_back(speed);
+        self.net_speeds.push_back(net_speed);
+    }
+
+    /// Adds the speed of a frame in which the walker gets on at that speed.
+    #[cfg(test)]
+    pub fn push(&mut self, speed: f64) {
+        self.add(speed, speed);
     }
 
     /// Converts to a new unit: all lengths were multiplied by this factor.
     pub fn rescale(&mut self, factor: f64) {
-        self.speeds.iter_mut().for_each(|s| *s *= factor);
+        self.speeds.iter_mut().chain(&mut self.net_speeds).for_each(|s| *s *= factor);
         self.moved.iter_mut().for_each(|(moved, _)| *moved *= factor);
     }
 
@@ -113,16 +122,25 @@ impl Pace {
     /// where that is more, so that a few steps and a long stop after them do not make the stop the walk. `None` for
     /// fewer than `least` frames.
     pub fn walking(&self, least: usize) -> Option<(f64, usize)> {
-        let mut sorted: Vec<f64> = self.speeds.iter().copied().filter(|s| s.is_finite()).collect();
-        if sorted.len() < least {
-            return None;
-        }
-        sorted.sort_unstable_by(f64::total_cmp);
-        let fast = sorted[(sorted.len() * 9 / 10).max(sorted.len() - least)];
-        let walked = &sorted[sorted.partition_point(|s| *s <= 0.5 * fast)..];
-        let median = walked.get(walked.len() / 2).copied()?;
-        (walked.len() >= least && median > 0.0).then_some((median, walked.len()))
+        usual(&self.speeds, least)
     }
+
+    /// The same of the speeds at which the walker got on.
+    pub fn getting_on(&self, least: usize) -> Option<(f64, usize)> {
+        usual(&self.net_speeds, least)
+    }
+}
+
+fn usual(speeds: &VecDeque<f64>, least: usize) -> Option<(f64, usize)> {
+    let mut sorted: Vec<f64> = speeds.iter().copied().filter(|s| s.is_finite()).collect();
+    if sorted.len() < least {
+        return None;
+    }
+    sorted.sort_unstable_by(f64::total_cmp);
+    let fast = sorted[(sorted.len() * 9 / 10).max(sorted.len() - least)];
+    let walked = &sorted[sorted.partition_point(|s| *s <= 0.5 * fast)..];
+    let median = walked.get(walked.len() / 2).copied()?;
+    (walked.len() >= least && median > 0.0).then_some((median, walked.len()))
 }
 
 /// Seconds of walking in a map after which its unit of length is set from the walking speed, and set again: first
@@ -150,17 +168,18 @@ pub(crate) struct PaceComparison {
 
 impl PaceComparison {
     /// The factor by which lengths in the map have to change, and the standard deviation of the logarithm of scale
-    /// after that; `None` until the walk was long enough. One that is far slower than believed is no walk: there the
+    /// after that; `None` until the walk was long enough. One that gets on far more slowly than believed is no walk: there the
     /// poses of somebody who stands still tremble.
     pub fn due(&mut self, pace: &Pace, rate_hz: f64) -> Option<(f64, f64)> {
         let (now, frames) = pace.walking(FIRST_FEW)?;
         if (frames as f64) < COMPARED_S.get(self.done)? * rate_hz {
             return None;
         }
-        let factor = self.pace / now;
-        if factor.ln() > (3.0 * PACE_SIGMA[self.done]).min(STANDING_LOG) {
+        let (net, _) = pace.getting_on(FIRST_FEW)?;
+        if (self.pace / net.min(now)).ln() > (3.0 * PACE_SIGMA[self.done]).min(STANDING_LOG) {
             return None;
         }
+        let factor = self.pace / now;
         self.done += 1;
         Some((factor, PACE_SIGMA[self.done]))
     }
@@ -305,24 +324,32 @@ mod tests {
     }
 
     #[test]
-    fn who_trembles_on_the_spot_is_slower_than_who_walks_as_fast() {
-        let speed = |walks: bool| {
+    fn who_trembles_on_the_spot_does_not_get_on() {
+        let paces = |walks: bool| {
             let mut pace = Pace::default();
             // A centimetre from frame to frame, on and on or to and fro.
             let step = |k: i32| Vec3::x() * if walks || k % 2 == 0 { 0.01 } else { -0.01 };
             (0..40).for_each(|k| pace.moved(step(k), 0.05));
             pace.rescale(2.0);
             (0..40).for_each(|k| pace.moved(2.0 * step(k), 0.05));
-            pace.walking(LEAST).unwrap().0
+            pace
         };
-        assert!((speed(true) - 0.4).abs() < 1e-9, "{}", speed(true));
-        assert!(speed(false) < 0.09, "{}", speed(false));
+        for walks in [true, false] {
+            let speed = paces(walks).walking(LEAST).unwrap().0;
+            assert!((speed - 0.4).abs() < 1e-9, "{speed}");
+            let net = paces(walks).getting_on(LEAST).unwrap().0;
+            assert!(if walks { (net - 0.4).abs() < 1e-9 } else { net < 0.09 }, "{net}");
+            // The unit of a map that was begun with a pace ten times as fast is put right by a walk alone.
+            let map = MapId(KeyFrameId::FIRST);
+            let mut comparison = PaceComparison { map, pace: 4.0, done: 0 };
+            assert_eq!(comparison.due(&paces(walks), 20.0).is_some(), walks);
+        }
         // Over a gap nothing is known.
         let mut pace = Pace::default();
         (0..4).for_each(|_| pace.moved(Vec3::x() * 0.05, 0.05));
         pace.interrupt();
         pace.moved(Vec3::y() * 0.02, 0.05);
-        assert!((pace.speeds[4] - 0.4).abs() < 1e-12 && (pace.speeds[3] - 1.0).abs() < 1e-12);
+        assert!((pace.net_speeds[4] - 0.4).abs() < 1e-12 && (pace.net_speeds[3] - 1.0).abs() < 1e-12);
     }
 
     #[test]
@@ -350,8 +377,9 @@ mod tests {
             }
             // In the new unit the walker continues at the same speed.
             let factor: f64 = found.iter().map(|(f, _)| f).product();
-            let last = pace.speeds.back_mut().unwrap();
-            *last = 0.4 * factor;
+            for last in [&mut pace.speeds, &mut pace.net_speeds] {
+                *last.back_mut().unwrap() = 0.4 * factor;
+            }
         }
         assert_eq!(found.len(), COMPARED_S.len(), "{found:?}");
         assert!((found[0].0 - 3.0).abs() < 1e-9, "{found:?}");
