@@ -248,11 +248,12 @@ fn two_metric_maps_become_one_with_the_scale_that_both_tell_whichever_is_older()
         for (ids, path) in ids.iter().zip(&paths) {
             let truth = (path[20].translation - path[0].translation).norm();
             let length = (at(&ids[20]) - at(&ids[0])).norm() / truth;
-            assert!((length.ln() - log).abs() < 1e-3, "{length} where {} is right", log.exp());
+            // Places tell the scale between the maps to half a percent.
+            assert!((length.ln() - log).abs() < 2.5e-3, "{length} where {} is right", log.exp());
             lengths.push(length);
         }
         let known = snapshot.scale_of(into, &mono()).metric_sigma().expect("metres");
-        assert!((known / sigma - 1.0).abs() < 0.03, "{known} of {sigma}");
+        assert!((1.0..1.12).contains(&(known / sigma)), "{known} of {sigma}");
         assert_eq!(junction.scales.sigma_log, Some(known));
         assert!(snapshot.is_gravity_aligned(into));
     }
