@@ -257,8 +257,10 @@ fn two_metric_maps_become_one_with_the_scale_that_both_tell_whichever_is_older()
         assert_eq!(junction.scales.sigma_log, Some(known));
         assert!(snapshot.is_gravity_aligned(into));
     }
-    // The first map of one order is the second of the other.
-    assert!((lengths[0] - lengths[3]).abs() < 5e-4 && (lengths[1] - lengths[2]).abs() < 5e-4, "{lengths:?}");
+    // The first map of one order is the second of the other. What the places leave open between both lengths, a tenth of a
+    // standard deviation, is as the older map has it.
+    let apart = [lengths[0] - lengths[3], lengths[1] - lengths[2]];
+    assert!(apart.iter().all(|apart| apart.abs() < 0.15 * sigma), "{lengths:?}");
 }
 
 #[test]
