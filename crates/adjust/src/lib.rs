@@ -1,7 +1,9 @@
 #![doc = include_str!("../README.md")]
 
+mod aligned;
 mod camera;
 mod imu;
+mod links;
 mod locate;
 mod motion;
 mod parallax;
@@ -9,6 +11,7 @@ mod recognise;
 mod subproblem;
 mod window;
 
+pub use aligned::RelativePose;
 pub use camera::{depth, pinhole, pixel, weight};
 pub use imu::ImuModel;
 pub use locate::{Located, locate};

@@ -1,8 +1,10 @@
 //! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes: visual, or with IMU
 //! factors in a gravity-aligned map.
 
+use crate::aligned::{AlignedFactors, RelativePose};
 use crate::imu::{self, ImuModel};
-use crate::motion::{MotionFactors, MotionLinks};
+use crate::links::LinkFactors;
+use crate::motion::MotionLinks;
 use crate::pinhole;
 use crate::subproblem::Subproblem;
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, MapId, Readout, Snapshot};
@@ -49,7 +51,7 @@ pub struct Window {
     subproblem: Subproblem,
     bundle: Bundle,
     imu: Option<ImuFactors>,
-    motion: MotionFactors,
+    link_factors: LinkFactors,
     /// The readout time of the rows as the map has it.
     readout: Readout,
 }
@@ -94,26 +96,30 @@ impl Window {
         moving.extend(covisible.take(config.key_frames.saturating_sub(1)));
         let mut subproblem = Subproblem::of(snapshot, &moving, config.anchors);
         let motion = links.factors(snapshot, &mut subproblem);
-        Some(Self::visual(snapshot, camera, subproblem, motion))
+        let links = LinkFactors { motion, ..LinkFactors::default() };
+        Some(Self::visual(snapshot, camera, subproblem, links))
     }
 
     /// The window in which every key frame of a map moves but its root.
     pub fn whole(snapshot: &Snapshot, camera: &RectifiedCamera, map: MapId) -> Self {
-        Self::linked_whole(snapshot, camera, map, &MotionLinks::default())
+        Self::linked_whole(snapshot, camera, map, &MotionLinks::default(), &[])
     }
 
-    /// As [`Window::whole`], with the motions that other sensors measured between key frames which no landmark relates.
+    /// As [`Window::whole`], with the motions that other sensors measured between key frames which no landmark relates, and with
+    /// poses of key frames relative to others.
     pub fn linked_whole(
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         map: MapId,
         links: &MotionLinks,
+        aligned: &[RelativePose],
     ) -> Self {
         let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
         let mut subproblem = Subproblem::of(snapshot, &all, 0);
         let motion = links.factors(snapshot, &mut subproblem);
         let motion = motion.of_unrelated(snapshot, &subproblem.key_frames);
-        Self::visual(snapshot, camera, subproblem, motion)
+        let aligned = AlignedFactors::of(aligned, &subproblem);
+        Self::visual(snapshot, camera, subproblem, LinkFactors { motion, aligned })
     }
 
     /// The window with IMU factors around a key frame of a gravity-aligned map: the last `chain` key frames up to it, one
@@ -187,7 +193,7 @@ impl Window {
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         mut subproblem: Subproblem,
-        mut motion: MotionFactors,
+        mut link_factors: LinkFactors,
     ) -> Self {
         let key_frames = &subproblem.key_frames;
         let root = key_frames.first().and_then(|id| snapshot.key_frame(*id)).map(|k| k.map.root());
@@ -199,9 +205,9 @@ impl Window {
         {
             freedom[oldest] = Freedom::Fixed;
         }
-        motion.keep_free(&freedom);
+        link_factors.keep_free(&freedom);
         let bundle = bundle(snapshot, camera, &mut subproblem, freedom);
-        Self { subproblem, bundle, imu: None, motion, readout: snapshot.readout() }
+        Self { subproblem, bundle, imu: None, link_factors, readout: snapshot.readout() }
     }
 
     fn inertial(
@@ -219,8 +225,8 @@ impl Window {
             subproblem.key_frames.iter().enumerate().map(of).unzip();
         let imu = imu::factors(snapshot, model, &subproblem, &poses, &motions);
         let bundle = bundle(snapshot, camera, &mut subproblem, poses);
-        let motion = MotionFactors::default();
-        Self { subproblem, bundle, imu: Some(imu), motion, readout: snapshot.readout() }
+        let link_factors = LinkFactors::default();
+        Self { subproblem, bundle, imu: Some(imu), link_factors, readout: snapshot.readout() }
     }
 
     /// Solves the window: robustly, then without the outliers. `stop` is asked before each step.
@@ -236,18 +242,18 @@ impl Window {
             let sigma = self.readout.sigma_s.hypot(READOUT_WALK_S).min(Readout::default().sigma_s);
             self.bundle.calibration_error = CalibrationError { sigma, ..CalibrationError::default() };
         }
-        let before = (!self.motion.is_empty()).then(|| self.bundle.clone());
+        let before = (!self.link_factors.motion.is_empty()).then(|| self.bundle.clone());
         let mut report = self.adjust(config, &mut stop);
         // Observations of something that moves outvoted the measured motion: the poses were right, and landmarks follow.
         if let Some(before) = before
-            && self.motion.newly_contradicted(&before.poses, &self.bundle.poses)
+            && self.link_factors.motion.newly_contradicted(&before.poses, &self.bundle.poses)
         {
             self.bundle = before;
             self.bundle.freedom.fill(Freedom::Fixed);
-            self.motion = MotionFactors::default();
+            self.link_factors = LinkFactors::default();
             report = self.adjust(config, &mut stop);
         }
-        let cost = match self.imu.is_none() && self.motion.is_empty() {
+        let cost = match self.imu.is_none() && self.link_factors.is_empty() {
             true => report.cost_after,
             false => self.bundle.observation_cost(true),
         };
@@ -287,7 +293,7 @@ impl Window {
         let config = BundleConfig { iterations, robust: true, tolerance: config.tolerance, first_damping };
         match &mut self.imu {
             Some(imu) => self.bundle.solve_with(imu, &config, stop),
-            None => self.bundle.solve_with(&mut self.motion, &config, stop),
+            None => self.bundle.solve_with(&mut self.link_factors, &config, stop),
         }
     }
 
@@ -298,6 +304,7 @@ impl Window {
                 self.bundle.observations[i].weight = 0.0;
             }
         }
+        self.link_factors.aligned.leave_out_outliers(&self.bundle.poses);
     }
 
     fn changes(&self) -> Vec<Change> {

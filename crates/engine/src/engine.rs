@@ -12,7 +12,7 @@ use crate::sensors::has_colours;
 use crate::status::{FrameResult, Status, StatusTracker};
 use cairn_atlas::{KeyFrameId, Readout, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, World};
-use cairn_mapping::{Closer, Mapper, ScaleVerdict};
+use cairn_mapping::{Closer, DepthViews, Mapper, ScaleVerdict};
 use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, MeasuredMotion, State, Tracked, Tracker};
 use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
@@ -41,6 +41,8 @@ pub struct Engine {
     stage_failed: Option<String>,
     /// Where a search by depth finds a lost camera, if a dense mapper looks for it.
     depth_link: Option<Link>,
+    /// Takes the depth of key frames, where there is a depth sensor.
+    depth_views: Option<DepthViews>,
     pub(crate) find_by_depth_s: f64,
 }
 
@@ -79,10 +81,10 @@ impl Engine {
         let size = rig.cameras.first().map_or([0; 2], |c| [c.camera.width, c.camera.height]);
         let features = config.front_end_for(rig).orb.features;
         let tracker = Tracker::new(model, features, rate_hz, config.tracker).with_size(size);
-        let tracker = match rig.depth.as_ref().filter(|_| mode == SensorMode::Rgbd) {
-            Some(sensor) => {
-                tracker.with_depth(sensor, model.body_from_camera.inverse() * sensor.body_from_depth)
-            }
+        let depth = rig.depth.as_ref().filter(|_| mode == SensorMode::Rgbd);
+        let depth = depth.map(|sensor| (sensor, model.body_from_camera.inverse() * sensor.body_from_depth));
+        let tracker = match depth {
+            Some((sensor, camera_from_depth)) => tracker.with_depth(sensor, camera_from_depth),
             None => tracker,
         };
         let mut mapper = config.mapper;
@@ -93,6 +95,12 @@ impl Engine {
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper) = (tracker, Mapper::new(model, mapper));
         let mut closer = closer.with_motion_links(mapper.motion_links());
+        let depth_views =
+            depth.and_then(|(sensor, camera_from_depth)| DepthViews::new(sensor, camera_from_depth));
+        if let Some(views) = &depth_views {
+            mapper = mapper.with_depth_views(views.clone());
+            closer = closer.with_depth_views(views.clone());
+        }
         let imu = rig.imu.as_ref().filter(|_| config.inertial.enabled);
         let status_tracker =
             StatusTracker::new(model.has_depth(), imu.map(|imu| 1.0 / imu.rate_hz), &snapshot);
@@ -119,6 +127,7 @@ impl Engine {
             scale_contradicted: false,
             stage_failed: None,
             depth_link: None,
+            depth_views,
             find_by_depth_s: config.tracker.find_by_depth_s,
         }
     }
@@ -214,6 +223,11 @@ impl Engine {
             self.log.amend(stamp, anchored);
         }
         let key_frame_requested = tracked.request.is_some() && !self.localize_only;
+        if let (Some(views), Some(depth)) = (&self.depth_views, &packet.depth)
+            && key_frame_requested
+        {
+            views.offer(packet.stamp, depth.clone());
+        }
         let map_created = self.submit(&mut tracked, &mut done);
         digest.state(tracked.state);
         digest.anchored(tracked.pose.as_ref());

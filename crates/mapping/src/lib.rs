@@ -3,6 +3,7 @@
 mod clocks;
 mod closing;
 mod cull;
+mod depth_views;
 mod disparity;
 mod fuse;
 mod gravity_refinement;
@@ -28,6 +29,7 @@ pub use closing::{
     Accepted, Agreement, Apart, Closed, Closer, CloserConfig, FusedScales, Joined, Junction, MapComparison,
     MapJoin, Refusal, ScaleConflict, Seam, Support, Verdict,
 };
+pub use depth_views::DepthViews;
 pub use inertial::InertialConfig;
 pub use initialisation::{CameraAndImu, initialise_key_frames};
 pub use mapper::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};

@@ -2,6 +2,7 @@
 //! and culls.
 
 use crate::cull::{RecentLandmarks, redundant};
+use crate::depth_views::DepthViews;
 use crate::disparity::DisparityError;
 use crate::fuse::{around, fuse_into};
 use crate::inertial::{Inertial, InertialConfig};
@@ -127,6 +128,7 @@ pub struct Mapper {
     /// The key frame that was added last, with its time, and motions measured from one to the next.
     last: Option<(KeyFrameId, Stamp)>,
     links: MotionLinks,
+    depth_views: Option<DepthViews>,
 }
 
 impl Mapper {
@@ -141,12 +143,18 @@ impl Mapper {
             disparity,
             last: None,
             links: MotionLinks::default(),
+            depth_views: None,
         }
     }
 
     /// Adds an IMU; `imu_from_camera` in metres.
     pub fn with_imu(self, sensor: &ImuSensor, imu_from_camera: Se3, config: InertialConfig) -> Self {
         Self { inertial: Some(Inertial::new(sensor, imu_from_camera, config)), ..self }
+    }
+
+    /// Adds the depth of key frames, which it keeps from now on.
+    pub fn with_depth_views(self, depth_views: DepthViews) -> Self {
+        Self { depth_views: Some(depth_views), ..self }
     }
 
     /// The motions that other sensors measured between its key frames.
@@ -173,6 +181,7 @@ impl Mapper {
         changes.extend(start.map_prior.map(|map_prior| Change::MapPrior(MapId(id), map_prior)));
         changes.extend(start.gravity_aligned.then(|| Change::AlignGravity(MapId(id), Sim3::identity())));
         changes.extend(points_from_depth(snapshot, &self.camera, &entry, frame.len(), &mut new_landmarks));
+        self.keep_depth(id, frame.stamp);
         atlas.commit(changes);
         self.last = Some((id, frame.stamp));
         id
@@ -271,6 +280,7 @@ impl Mapper {
             let least = self.config.depth_points;
             changes.extend(points_from_depth(&snapshot, &self.camera, &entry, least, &mut new_landmarks));
         }
+        self.keep_depth(id, frame.stamp);
         atlas.commit(changes);
         if let (Some(motion), Some((last, stamp))) = (input.motion, self.last)
             && motion.stamp == stamp
@@ -365,12 +375,27 @@ impl Mapper {
             let window = WindowConfig { iterations: [40, 20], tolerance: 1e-6, ..self.config.window };
             let imu =
                 self.inertial.as_ref().and_then(|i| i.whole(snapshot, &self.camera, map, &window, &mut stop));
-            let visual = || Window::linked_whole(snapshot, &self.camera, map, &self.links);
-            let result = imu.unwrap_or_else(|| visual().solve(&window, &mut stop));
+            let result = match imu {
+                Some(result) => result,
+                None => {
+                    let views = self.depth_views.as_ref().filter(|_| !window.hold_poses);
+                    let aligned = views.map(|v| v.relative_poses(snapshot, map, &mut stop));
+                    let aligned = aligned.unwrap_or_default();
+                    let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links, &aligned);
+                    whole.solve(&window, &mut stop)
+                }
+            };
             if stop() {
                 return;
             }
             atlas.commit(result.changes.changes);
+        }
+    }
+
+    /// Keeps the depth of a key frame, before it is in any snapshot.
+    fn keep_depth(&self, id: KeyFrameId, stamp: Stamp) {
+        if let Some(views) = &self.depth_views {
+            views.keep(id, stamp);
         }
     }
 

@@ -16,6 +16,7 @@ mod tests;
 mod verdict;
 mod visits;
 
+use crate::depth_views::DepthViews;
 use crate::inertial::InertialConfig;
 use crate::triangulation::median_depth;
 use cairn_adjust::{
@@ -67,6 +68,7 @@ pub struct Closer {
     imu: Option<(ImuModel, usize)>,
     pending: Option<Hypothesis>,
     links: MotionLinks,
+    depth_views: Option<DepthViews>,
 }
 
 /// By how much the pose of features may differ from that of depth, metres and radians: where depth was not registered to the
@@ -77,7 +79,8 @@ const HELD_RAD: f64 = 0.1;
 impl Closer {
     /// A closer for a camera; `window` is the configuration of mapping's windows.
     pub fn new(camera: RectifiedCamera, config: CloserConfig, window: WindowConfig) -> Self {
-        Self { camera, config, window, imu: None, pending: None, links: MotionLinks::default() }
+        let links = MotionLinks::default();
+        Self { camera, config, window, imu: None, pending: None, links, depth_views: None }
     }
 
     /// Adds an IMU; `imu_from_camera` in metres.
@@ -98,9 +101,17 @@ impl Closer {
         Self { links, ..self }
     }
 
+    /// Adds the depth of key frames: adjustments of a whole map align it.
+    pub fn with_depth_views(self, depth_views: DepthViews) -> Self {
+        Self { depth_views: Some(depth_views), ..self }
+    }
+
     /// Checks whether a key frame shows a place seen before, and closes the loop or merges the maps if so.
     pub fn step(&mut self, snapshot: &Snapshot, id: KeyFrameId) -> Closed {
         let mut closed = Closed::default();
+        if let Some(views) = &self.depth_views {
+            views.drop_removed(snapshot);
+        }
         let Some(here) = snapshot.key_frame(id).filter(|_| self.config.enabled) else { return closed };
         for old in candidates::candidates(snapshot, here, self.reach(snapshot, here), self.config.candidates)
         {
@@ -253,7 +264,7 @@ impl Closer {
         }
         let window = WindowConfig { iterations: [10, 10], ..self.window };
         let mut stopped = false;
-        let stop_requested = || {
+        let mut stop_requested = || {
             stopped |= stop();
             stopped
         };
@@ -262,7 +273,10 @@ impl Closer {
         let result = match imu.filter(|w| w.links() > 0) {
             Some(imu) => imu.solve(&window, stop_requested),
             None => {
-                let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links);
+                let views = self.depth_views.as_ref().filter(|_| !window.hold_poses);
+                let aligned = views.map(|v| v.relative_poses(snapshot, map, &mut stop_requested));
+                let aligned = aligned.unwrap_or_default();
+                let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links, &aligned);
                 whole.solve(&window, stop_requested)
             }
         };

@@ -1,0 +1,210 @@
+//! Poses of key frames relative to each other by the depth that both have of one surface, as factors of a window.
+//!
+//! Two visits of a place from other viewpoints share few landmarks or none: then nothing but the surface relates them.
+
+use crate::subproblem::Subproblem;
+use cairn_atlas::KeyFrameId;
+use cairn_geometry::{LieGroup, Se3};
+use cairn_solve::{CHI2_95, Equations, Factors, Freedom, Variable};
+use nalgebra::{Matrix6, SMatrix, SymmetricEigen, Vector6};
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Chi-square of six degrees of freedom, 99.9 %: what is farther off after a first adjustment is wrong.
+const GATE: f64 = 22.46;
+
+/// Information that keeps directions of which nothing is known from running away on rounding errors: a standard deviation of 10 m or rad.
+const LEAST_INFORMATION: f64 = 0.01;
+
+/// The pose of one key frame relative to another, measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RelativePose {
+    /// The key frame in whose camera frame it is.
+    pub from: KeyFrameId,
+    /// The key frame whose pose it is.
+    pub to: KeyFrameId,
+    /// The pose; metres.
+    pub from_from_to: Se3,
+    /// Information on its right perturbation (translation, rotation), 1/m^2 and 1/rad^2; none along directions that the surface leaves free.
+    pub information: Matrix6<f64>,
+}
+
+impl RelativePose {
+    /// How far two poses in the world are from it, in coordinates of its right perturbation.
+    fn off(&self, world_from_from: &Se3, world_from_to: &Se3) -> Vector6<f64> {
+        (self.from_from_to.inverse() * world_from_from.inverse() * *world_from_to).coordinates()
+    }
+
+    /// The same as a chi-square, of as many degrees of freedom as there are directions with information.
+    pub fn chi2(&self, world_from_from: &Se3, world_from_to: &Se3) -> f64 {
+        let off = self.off(world_from_from, world_from_to);
+        off.dot(&(self.information * off))
+    }
+
+    /// Whether two poses in the world may be so (chi-square, 99.9 %).
+    pub fn agrees(&self, world_from_from: &Se3, world_from_to: &Se3) -> bool {
+        self.chi2(world_from_from, world_from_to) <= GATE
+    }
+}
+
+/// One between two poses of a window.
+#[derive(Clone, Debug)]
+struct Link {
+    from: usize,
+    to: usize,
+    measured: RelativePose,
+    /// What whitens a residual: its square is the information.
+    root: Matrix6<f64>,
+    is_used: bool,
+}
+
+impl Link {
+    fn chi2(&self, poses: &[Se3]) -> f64 {
+        self.measured.chi2(&poses[self.from], &poses[self.to])
+    }
+
+    /// Whitened residual and its derivative by right perturbations of both ends, as of a measured motion (`motion.rs`).
+    fn linear(&self, poses: &[Se3]) -> (Vector6<f64>, SMatrix<f64, 6, 12>) {
+        let between = poses[self.from].inverse() * poses[self.to];
+        let off = self.measured.from_from_to.inverse() * between;
+        let by_to = self.root * off.coordinates_jacobian();
+        let mut jacobian = SMatrix::<f64, 6, 12>::zeros();
+        jacobian.fixed_columns_mut::<6>(0).copy_from(&(-by_to * between.inverse().adjoint()));
+        jacobian.fixed_columns_mut::<6>(6).copy_from(&by_to);
+        (self.root * off.coordinates(), jacobian)
+    }
+}
+
+/// Huber's loss of a chi-square of six degrees of freedom, and the weight of its residual.
+fn huber(chi2: f64) -> (f64, f64) {
+    let bound = CHI2_95[5];
+    if chi2 <= bound {
+        (0.5 * chi2, 1.0)
+    } else {
+        ((bound * chi2).sqrt() - 0.5 * bound, (bound / chi2).sqrt())
+    }
+}
+
+/// The relative poses between the key frames of a window.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct AlignedFactors {
+    links: Vec<Link>,
+}
+
+impl AlignedFactors {
+    /// Those of which a window has both ends.
+    pub fn of(measured: &[RelativePose], subproblem: &Subproblem) -> Self {
+        let slots: BTreeMap<KeyFrameId, usize> =
+            subproblem.key_frames.iter().enumerate().map(|(slot, id)| (*id, slot)).collect();
+        let link = |measured: &RelativePose| {
+            let (from, to) = (*slots.get(&measured.from)?, *slots.get(&measured.to)?);
+            let information = measured.information + Matrix6::identity() * LEAST_INFORMATION;
+            let measured = RelativePose { information, ..*measured };
+            Some(Link { from, to, measured, root: root(&information), is_used: true })
+        };
+        Self { links: measured.iter().filter_map(link).collect() }
+    }
+
+    /// Without those that touch only poses that do not move.
+    pub fn keep_free(&mut self, freedom: &[Freedom]) {
+        self.links.retain(|l| [l.from, l.to].iter().any(|slot| freedom[*slot] != Freedom::Fixed));
+    }
+
+    /// Those that the poses contradict count no more.
+    pub fn leave_out_outliers(&mut self, poses: &[Se3]) {
+        for link in &mut self.links {
+            link.is_used &= link.measured.agrees(&poses[link.from], &poses[link.to]);
+        }
+    }
+}
+
+/// The symmetric root of an information.
+fn root(information: &Matrix6<f64>) -> Matrix6<f64> {
+    let eigen = SymmetricEigen::new((information + information.transpose()) * 0.5);
+    let values = Matrix6::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
+    eigen.eigenvectors * values * eigen.eigenvectors.transpose()
+}
+
+impl Factors for AlignedFactors {
+    fn sizes(&self) -> Vec<usize> {
+        Vec::new()
+    }
+    fn held(&self) -> Vec<(usize, Range<usize>)> {
+        Vec::new()
+    }
+    fn is_empty(&self) -> bool {
+        self.links.is_empty()
+    }
+    fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
+        self.links.iter().for_each(|l| visit(&[Variable::Pose(l.from), Variable::Pose(l.to)]));
+    }
+    fn linearise(&mut self, poses: &[Se3], equations: &mut Equations) -> Option<()> {
+        for l in self.links.iter().filter(|l| l.is_used) {
+            let (residual, jacobian) = l.linear(poses);
+            let weight = huber(l.chi2(poses)).1.sqrt();
+            let parts = [(Some(Variable::Pose(l.from)), 0..6), (Some(Variable::Pose(l.to)), 6..12)];
+            equations.add(&(residual * weight), &(jacobian * weight), &parts);
+        }
+        Some(())
+    }
+    fn attempt(&mut self, poses: &[Se3], _: &[f64]) -> f64 {
+        self.links.iter().filter(|l| l.is_used).map(|l| huber(l.chi2(poses)).0).sum()
+    }
+    fn accept(&mut self) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_geometry::{Manifold, So3, Vec3};
+
+    fn pose(k: f64) -> Se3 {
+        Se3::new(
+            So3::exp(&(Vec3::new((1.1 * k).sin(), (2.3 * k).sin(), (3.7 * k).sin()) * 0.6)),
+            Vec3::new((1.7 * k).cos(), (0.9 * k).cos(), (2.9 * k).cos()),
+        )
+    }
+
+    fn link(free: usize) -> Link {
+        let [from, to] = [0, 1].map(|i| KeyFrameId::from_index(i).expect("a number"));
+        let mixed = SMatrix::<f64, 6, 6>::from_fn(|i, j| (1.3 * i as f64 + 2.1 * j as f64).sin());
+        let mut scales = Vector6::new(900.0, 40.0, 7.0, 300.0, 80.0, 20.0);
+        scales.iter_mut().take(free).for_each(|s| *s = 0.0);
+        let axes = SymmetricEigen::new(mixed + mixed.transpose()).eigenvectors;
+        let information = axes * Matrix6::from_diagonal(&scales) * axes.transpose();
+        let measured = RelativePose { from, to, from_from_to: pose(3.0), information };
+        Link { from: 1, to: 0, measured, root: root(&information), is_used: true }
+    }
+
+    #[test]
+    fn the_jacobian_is_that_of_the_residual_and_its_square_the_chi_square() {
+        let (link, poses) = (link(0), [pose(1.0), pose(2.0)]);
+        let (residual, jacobian) = link.linear(&poses);
+        assert!((residual.norm_squared() / link.chi2(&poses) - 1.0).abs() < 1e-9);
+        for column in 0..12 {
+            let moved = |by: f64| {
+                let mut moved = poses;
+                let end = if column < 6 { link.from } else { link.to };
+                let mut step = Vector6::zeros();
+                step[column % 6] = by;
+                moved[end] = moved[end].retract(&step);
+                link.linear(&moved).0
+            };
+            let numeric = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+            assert!((numeric - jacobian.column(column)).norm() < 1e-4, "column {column}");
+        }
+    }
+
+    #[test]
+    fn a_direction_without_information_costs_nothing() {
+        let link = link(1);
+        let free = SymmetricEigen::new(link.measured.information);
+        let (at, _) = free.eigenvalues.argmin();
+        let along = free.eigenvectors.column(at) * 0.02;
+        let poses = |step: Vector6<f64>| [link.measured.from_from_to.retract(&step), Se3::identity()];
+        assert!(link.chi2(&poses(along)) < 1e-6);
+        let (at, _) = free.eigenvalues.argmax();
+        let across = poses(free.eigenvectors.column(at) * 0.4);
+        assert!(link.chi2(&across) > GATE && !link.measured.agrees(&across[1], &across[0]));
+    }
+}

@@ -1,0 +1,176 @@
+//! The depth of one key frame aligned with that of another.
+
+use super::pairs::Pair;
+use super::view::View;
+use cairn_adjust::RelativePose;
+use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_dense::{DenseTracked, DepthConfig, DepthPreparer, TrackConfig, TsdfConfig, TsdfVolume, track};
+use cairn_geometry::Se3;
+use cairn_sensor::Camera;
+use nalgebra::Matrix6;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The field of one image. Its band is as far as two poses may be apart along the surface's normal.
+const FIELD: TsdfConfig = TsdfConfig { voxel_m: 0.025, band_voxels: 6.0, colour: false };
+/// Points of the image that is aligned, about, at first and at last.
+const POINTS: [usize; 2] = [800, 3000];
+/// A direction counts where the surface gives it with this standard deviation, metres: half the points of a frame that is tracked, so 5 mm times the root of two.
+const FIXED_M: f64 = 0.007;
+/// Greatest root mean square distance of the points to the surface, metres.
+const MOST_RMS_M: f64 = 0.03;
+/// An alignment that leads farther away than this from where the map has it found something else, metres and radians.
+const MOST_OFF: [f64; 2] = [0.25, 0.15];
+/// Directions that a surface may leave free: along a wall, and about its normal.
+const MOST_FREE: usize = 3;
+/// No relative pose counts as more exact, metres and radians.
+const FLOOR: f64 = 0.002;
+/// Pairs that share so many landmarks lie well to each other by these alone: depth is compared with them.
+const RELATED: u32 = 50;
+/// Fewer such pairs tell nothing.
+const LEAST_RELATED: usize = 8;
+/// Median of chi-square with six degrees of freedom.
+const MEDIAN: f64 = 5.35;
+
+/// Aligns pairs, and remembers what it found.
+#[derive(Debug)]
+pub(super) struct Aligner {
+    camera_from_depth: Se3,
+    preparer: DepthPreparer,
+    config: TrackConfig,
+    found: BTreeMap<[KeyFrameId; 2], RelativePose>,
+    /// By how much variances are larger than the noise model says, 1 or more.
+    variance: f64,
+}
+
+impl Aligner {
+    pub fn new(camera: Camera, metres_per_unit: f64, camera_from_depth: Se3) -> Option<Self> {
+        Some(Self {
+            camera_from_depth,
+            preparer: DepthPreparer::new(DepthConfig::default(), camera, metres_per_unit).ok()?,
+            config: TrackConfig { points: POINTS, fixed_m: FIXED_M, ..TrackConfig::default() },
+            found: BTreeMap::new(),
+            variance: 1.0,
+        })
+    }
+
+    /// The relative poses of pairs, as far as `stop` lets it come.
+    pub fn align(
+        &mut self,
+        snapshot: &Snapshot,
+        views: &BTreeMap<KeyFrameId, Arc<View>>,
+        pairs: &[Pair],
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Vec<RelativePose> {
+        self.found.retain(|pair, _| pair.iter().all(|id| views.contains_key(id)));
+        let mut missing: BTreeMap<KeyFrameId, Vec<KeyFrameId>> = BTreeMap::new();
+        for pair in pairs {
+            let known = self.found.get(&[pair.from, pair.to]).map(|z| self.weighed(z));
+            if known.is_none_or(|z| !agrees(snapshot, &z)) {
+                missing.entry(pair.from).or_default().push(pair.to);
+            }
+        }
+        for (from, all) in missing {
+            if stop() {
+                break;
+            }
+            self.align_with(snapshot, views, from, &all);
+        }
+        self.compare(snapshot, pairs);
+        let of = |pair: &Pair| self.found.get(&[pair.from, pair.to]);
+        let known = pairs.iter().filter_map(of);
+        known.map(|z| self.weighed(z)).collect()
+    }
+
+    /// With the variance that depth was found to have.
+    fn weighed(&self, z: &RelativePose) -> RelativePose {
+        RelativePose { information: z.information / self.variance, ..*z }
+    }
+
+    /// Aligns key frames with the surface that another sees.
+    fn align_with(
+        &mut self,
+        snapshot: &Snapshot,
+        views: &BTreeMap<KeyFrameId, Arc<View>>,
+        from: KeyFrameId,
+        all: &[KeyFrameId],
+    ) {
+        let Some(field) = views.get(&from).and_then(|view| self.field(view)) else { return };
+        let pose = |id| Some(snapshot.key_frame(id)?.world_from_camera * self.camera_from_depth);
+        for to in all {
+            let (Some(view), Some(here), Some(there)) = (views.get(to), pose(from), pose(*to)) else {
+                continue;
+            };
+            let guess = here.inverse() * there;
+            let Ok(frame) = self.preparer.prepare_packed(&view.image) else { continue };
+            let tracked = track(&field, frame, &guess, &self.config);
+            let fits = tracked.ok().filter(|tracked| fits(tracked, &guess));
+            if let Some(tracked) = fits {
+                self.found.insert([from, *to], self.in_camera(from, *to, &tracked));
+            }
+        }
+    }
+
+    /// The field of one image, in its own frame.
+    fn field(&mut self, view: &View) -> Option<TsdfVolume> {
+        let frame = self.preparer.prepare_packed(&view.image).ok()?;
+        let mut field = TsdfVolume::new(FIELD).ok()?;
+        field.integrate(frame, None, &Se3::identity()).ok()?;
+        Some(field)
+    }
+
+    /// From the depth sensor's pose to the camera's.
+    fn in_camera(&self, from: KeyFrameId, to: KeyFrameId, tracked: &DenseTracked) -> RelativePose {
+        let depth_from_camera = self.camera_from_depth.inverse();
+        let mut kept = Matrix6::identity();
+        tracked.free.iter().for_each(|free| kept -= free * free.transpose());
+        let covariance = (tracked.covariance + tracked.covariance.transpose()) * 0.5;
+        let information = (covariance + Matrix6::identity() * FLOOR * FLOOR).try_inverse();
+        let information = kept * information.unwrap_or_default() * kept;
+        // A perturbation of the camera is one of the sensor through the adjoint.
+        let turn = depth_from_camera.adjoint();
+        RelativePose {
+            from,
+            to,
+            from_from_to: self.camera_from_depth * tracked.volume_from_camera * depth_from_camera,
+            information: turn.transpose() * information * turn,
+        }
+    }
+
+    /// Compares depth with landmarks where these are many: where the two differ by more than both can be off (a depth that is not registered to
+    /// the picture, a lens that is not known well), depth counts for less. What it was found to be off stays: later the map follows it.
+    fn compare(&mut self, snapshot: &Snapshot, pairs: &[Pair]) {
+        let off = |pair: &Pair| {
+            let z = self.found.get(&[pair.from, pair.to])?;
+            let [from, to] = ends(snapshot, z)?;
+            Some(z.chi2(&from, &to))
+        };
+        let mut all: Vec<f64> = pairs.iter().filter(|p| p.shared >= RELATED).filter_map(off).collect();
+        if all.len() >= LEAST_RELATED {
+            let middle = all.len() / 2;
+            let median = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
+            self.variance = self.variance.max(median / MEDIAN);
+        }
+    }
+}
+
+/// The poses of both ends in the world.
+fn ends(snapshot: &Snapshot, z: &RelativePose) -> Option<[Se3; 2]> {
+    let pose = |id| Some(snapshot.key_frame(id)?.world_from_camera);
+    Some([pose(z.from)?, pose(z.to)?])
+}
+
+/// Whether key frames lie as they were aligned.
+fn agrees(snapshot: &Snapshot, z: &RelativePose) -> bool {
+    ends(snapshot, z).is_some_and(|[from, to]| z.agrees(&from, &to))
+}
+
+/// Whether an alignment found the surface that was looked for.
+fn fits(tracked: &DenseTracked, guess: &Se3) -> bool {
+    let off = guess.inverse() * tracked.volume_from_camera;
+    tracked.converged
+        && tracked.rms_m <= MOST_RMS_M
+        && tracked.free.len() <= MOST_FREE
+        && off.translation.norm() <= MOST_OFF[0]
+        && off.rotation.angle() <= MOST_OFF[1]
+}

@@ -1,0 +1,110 @@
+//! Poses of key frames relative to each other by the depth that both have of one surface, for adjustments of whole maps.
+//!
+//! In: the depth images of key frames, and a map. Out: [`RelativePose`]s between pairs that look at one surface, near in time or not,
+//! whether they share landmarks or none. Each comes from a point-to-surface alignment with its covariance (`cairn_dense::track`);
+//! directions that the surface leaves free carry no information.
+//!
+//! Images are kept small: 6,000 points tell a pose to a millimetre, and a map has many key frames. Which images there are when a map is
+//! adjusted, and what was aligned before, depends on the key frames and the order of the adjustments alone, so that a replay finds the same.
+
+mod align;
+mod pairs;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use align::Aligner;
+use cairn_adjust::RelativePose;
+use cairn_atlas::{KeyFrameId, MapId, Snapshot};
+use cairn_geometry::Se3;
+use cairn_sensor::{DepthImage, DepthSensor, Stamp};
+use pairs::pairs;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use view::{Shrink, View};
+
+/// Images of frames that wait to become key frames, at most; the oldest are dropped.
+const MOST_OFFERED: usize = 48;
+
+/// The depth of key frames. The engine offers it, mapping keeps that of key frames, and adjustments of whole maps align it: clones share it.
+#[derive(Clone, Debug)]
+pub struct DepthViews(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
+    shrink: Shrink,
+    metres_per_unit: f64,
+    camera_from_depth: Se3,
+    kept: Mutex<Kept>,
+    /// Held as long as a map is aligned: mapping does not wait for that.
+    aligner: Mutex<Aligner>,
+}
+
+#[derive(Debug, Default)]
+struct Kept {
+    offered: BTreeMap<Stamp, Arc<DepthImage>>,
+    views: BTreeMap<KeyFrameId, Arc<View>>,
+}
+
+impl DepthViews {
+    /// For a depth sensor mounted at `camera_from_depth` on the camera whose poses key frames have (metres); `None` for a sensor
+    /// that cannot be used.
+    pub fn new(sensor: &DepthSensor, camera_from_depth: Se3) -> Option<Self> {
+        let shrink = Shrink::of(&sensor.camera);
+        let aligner = Aligner::new(shrink.camera, sensor.metres_per_unit, camera_from_depth)?;
+        Some(Self(Arc::new(Shared {
+            shrink,
+            metres_per_unit: sensor.metres_per_unit,
+            camera_from_depth,
+            kept: Mutex::default(),
+            aligner: Mutex::new(aligner),
+        })))
+    }
+
+    /// Takes the depth of a frame that may become a key frame.
+    pub fn offer(&self, stamp: Stamp, depth: Arc<DepthImage>) {
+        let mut kept = self.kept();
+        kept.offered.insert(stamp, depth);
+        if kept.offered.len() > MOST_OFFERED {
+            kept.offered.pop_first();
+        }
+    }
+
+    /// The frame of this stamp is this key frame now; those before it will be none.
+    pub(crate) fn keep(&self, id: KeyFrameId, stamp: Stamp) {
+        let mut kept = self.kept();
+        let later = kept.offered.split_off(&stamp);
+        kept.offered = later;
+        let Some(depth) = kept.offered.remove(&stamp) else { return };
+        drop(kept);
+        let Some(view) = self.0.shrink.view(&depth, self.0.metres_per_unit) else { return };
+        self.kept().views.insert(id, Arc::new(view));
+    }
+
+    /// Drops the images of key frames that are no more. Called with the snapshots of closing, one after the other.
+    pub(crate) fn drop_removed(&self, snapshot: &Snapshot) {
+        let next = snapshot.next_key_frame_id();
+        self.kept().views.retain(|id, _| *id >= next || snapshot.key_frame(*id).is_some());
+    }
+
+    /// The relative poses of a map's key frames. `stop` is asked between alignments; once it has returned true, those so far are
+    /// returned. What was aligned before and agrees with the map is not aligned again.
+    pub(crate) fn relative_poses(
+        &self,
+        snapshot: &Snapshot,
+        map: MapId,
+        stop: &mut dyn FnMut() -> bool,
+    ) -> Vec<RelativePose> {
+        let all = self.kept().views.clone();
+        let pairs = pairs(snapshot, map, &all, &self.0.shrink, &self.0.camera_from_depth);
+        self.aligner().align(snapshot, &all, &pairs, stop)
+    }
+
+    fn kept(&self) -> MutexGuard<'_, Kept> {
+        self.0.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn aligner(&self) -> MutexGuard<'_, Aligner> {
+        self.0.aligner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
