@@ -14,7 +14,7 @@ use nalgebra::SVector;
 use synthetic::{mono, off};
 
 fn model() -> ImuModel {
-    ImuModel { imu_from_camera: Se3::identity(), noise: NOISE }
+    ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 }
 }
 
 fn config() -> WindowConfig {
