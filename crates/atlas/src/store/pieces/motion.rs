@@ -148,6 +148,10 @@ impl Readings {
         let noise = head.noises.iter().position(|n| *n == numbers(factor.sum.noise()))? as u32;
         let us = |s: &ImuSample| (s.stamp.0 + 500).div_euclid(1_000);
         let samples = factor.sum.samples();
+        let is_finite = |s: &ImuSample| s.gyro.iter().chain(&s.accel).all(|v| v.is_finite());
+        if !samples.iter().all(is_finite) {
+            return None;
+        }
         let begins = us(samples.first()?);
         let mut of = Self {
             since: factor.since.raw(),
