@@ -134,12 +134,12 @@ fn columns_that_do_not_fit_each_other_are_refused() {
     delta.clone().apply(&mut to).expect("fits");
     assert_eq!(to, a);
     let spoils: [fn(&mut MotionDelta); 7] = [
-        |d| drop(d.steps.pop()),
+        |d| d.steps.truncate(9),
         |d| d.steps.push(0),
-        |d| drop(d.values[3].pop()),
+        |d| d.values[3].truncate(9),
         |d| d.values[5].push(1),
-        |d| d.heads[0].0 = 9,
-        |d| d.heads[0].4 = u32::MAX,
+        |d| d.heads[0].key_frame = 9,
+        |d| d.heads[0].count = u32::MAX,
         |d| d.gone.push(1),
     ];
     for (n, spoil) in spoils.into_iter().enumerate() {
