@@ -5,6 +5,7 @@ use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{
     Bias, BiasPrior, Gravity, ImuFactors, ImuLink, MotionFreedom, Preintegrated, SpeedAndBias, ZeroVelocity,
+    of_data_sheet,
 };
 use cairn_sensor::ImuNoise;
 use cairn_solve::Freedom;
@@ -22,6 +23,18 @@ pub struct ImuModel {
     pub imu_from_camera: Se3,
     /// Its noise as it is in this motion, often several times that of its data sheet.
     pub noise: ImuNoise,
+    /// Of IMUs of other rigs, whose factors state their noise: by what their white noise is multiplied.
+    pub others_times: f64,
+}
+
+impl ImuModel {
+    /// The IMU of the rig that made a key frame, with the noise of its factors; `None` where it is not known how it is mounted.
+    fn of(&self, k: &KeyFrame) -> Option<Self> {
+        let Some(other) = &k.other_camera else { return Some(*self) };
+        let stated = k.motion.as_ref().and_then(|m| m.imu_factor.as_ref()).map(|f| f.sum.noise());
+        let noise = stated.map_or(self.noise, |n| of_data_sheet(n).times([self.others_times; 2]));
+        Some(Self { imu_from_camera: other.imu_from_camera?, noise, ..*self })
+    }
 }
 
 /// The key frame from which another's readings were preintegrated.
@@ -61,16 +74,24 @@ pub fn factors(
             (state.velocity, state.bias) = (k.world_from_camera.rotation * motion.velocity, motion.bias);
             let factor = motion.imu_factor.as_ref();
             let linked = factor.and_then(|f| Some((f, *slots.get(&f.since)?)));
-            if let Some((factor, from)) = linked.filter(|(_, from)| counts(*from, to)) {
-                let sum = Preintegrated::of(model.noise, motion.bias, factor.sum.samples().to_vec());
+            let linked = linked.filter(|(f, from)| counts(*from, to) && is_of_one_rig(snapshot, k, f.since));
+            if let Some(((factor, from), of)) = linked.zip(model.of(k)) {
+                let sum = Preintegrated::of(of.noise, motion.bias, factor.sum.samples().to_vec());
                 imu.links.push(ImuLink { from, to, sum });
             }
+            let other = k.other_camera.as_ref().and_then(|other| other.imu_from_camera);
+            imu.other_mounts.extend(other.map(|mount| (to, mount)));
         }
         imu.motions.push(state);
     }
     imu.bias_priors = bias_priors(&imu);
     imu.zero_velocities = zero_velocities(snapshot, subproblem, &imu);
     imu
+}
+
+/// Whether one camera made two key frames.
+fn is_of_one_rig(snapshot: &Snapshot, k: &KeyFrame, other: KeyFrameId) -> bool {
+    snapshot.key_frame(other).is_some_and(|other| other.other_camera == k.other_camera)
 }
 
 /// Key frames of links at which the camera is known not to move. Without that, a chain of links that sees no landmarks ends where

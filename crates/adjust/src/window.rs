@@ -178,7 +178,8 @@ impl Window {
         Self::inertial(snapshot, camera, model, subproblem, |_, k| match linked.contains(&k.id) {
             true if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Free),
             true => (Freedom::Free, MotionFreedom::Free),
-            false if k.id == map.root() => (Freedom::Fixed, MotionFreedom::Fixed),
+            // Links elsewhere tell which way is up.
+            false if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Fixed),
             false => (Freedom::Free, MotionFreedom::Fixed),
         })
     }

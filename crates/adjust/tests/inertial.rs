@@ -7,14 +7,17 @@ mod imu_walk;
 mod synthetic;
 
 use cairn_adjust::{ImuModel, Window, WindowConfig};
+use cairn_atlas::store::{About, MapFile};
 use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, Snapshot};
-use cairn_geometry::{Manifold, Se3, Sim3, Vec3};
+use cairn_geometry::{Manifold, Se3, Sim3, So3, Vec3};
+use cairn_vision::{RectifiedCamera, SensorMode};
 use imu_walk::{NOISE, ToAndFro};
 use nalgebra::SVector;
+use std::collections::BTreeMap;
 use synthetic::{mono, off};
 
 fn model() -> ImuModel {
-    ImuModel { imu_from_camera: Se3::identity(), noise: NOISE }
+    ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 }
 }
 
 fn config() -> WindowConfig {
@@ -101,6 +104,47 @@ fn inertial_whole_finds_the_scale_and_the_level_of_a_map() {
     assert!((scale(atlas.latest()) - 1.0).abs() < 3e-3, "{}", scale(atlas.latest()));
     let root = atlas.latest().key_frame(ids[0]).unwrap().world_from_camera.translation;
     assert_eq!(root, walk(0.01, 1.03).0.latest().key_frame(ids[0]).unwrap().world_from_camera.translation);
+}
+
+/// In the atlas of another camera key frames keep what their IMU measured, and how their own camera is mounted on it.
+#[test]
+fn readings_of_another_rig_count_by_its_own_mount() {
+    let (atlas, ids) = walk(0.0, 1.03);
+    let about = About { program: "a test".into(), sensor: SensorMode::Mono, camera: mono() };
+    let snapshot = atlas.latest().with_imu_from_camera(Se3::identity());
+    let file = MapFile { snapshot, about, attached: BTreeMap::new() };
+    let camera = RectifiedCamera { fx: 1.5 * mono().fx, ..mono() };
+    let first = MapFile {
+        snapshot: Snapshot::with_octaves(file.snapshot.octaves()),
+        about: About { camera, ..file.about.clone() },
+        attached: BTreeMap::new(),
+    };
+    let beside = file.in_atlas_of(&first).unwrap().snapshot;
+    let metre = |s: &Snapshot| {
+        let at = |n: usize| s.key_frame(ids[n]).unwrap().world_from_camera.translation;
+        (at(8) - at(0)).norm()
+    };
+    let right = metre(walk(0.0, 1.0).0.latest());
+    assert!((metre(&beside) / right - 1.03).abs() < 1e-9);
+    // The atlas's camera is mounted otherwise, on an IMU that is much noisier.
+    let mount = Se3::new(So3::exp(&Vec3::new(1.0, 2.0, 0.3)), Vec3::new(3.0, -2.0, 1.0));
+    let other = ImuModel { imu_from_camera: mount, noise: NOISE.times([100.0; 2]), others_times: 1.0 };
+    let window = Window::inertial_whole(&beside, &camera, &other, MapId(ids[0]));
+    assert_eq!(window.links(), ids.len() - 1);
+    let result = window.solve(&config(), || false);
+    let (adjusted, applied) = beside.apply(&result.changes);
+    assert_eq!(applied.dropped, 0);
+    assert!((metre(&adjusted) / right - 1.0).abs() < 3e-3, "{}", metre(&adjusted) / right);
+    // Nothing of it stays in what is saved, nor in the map that another camera continues.
+    for bare in [adjusted.without_other_imus(), file.in_atlas_with(SensorMode::Mono, &camera, 0.0).snapshot] {
+        assert!(bare.key_frames().all(|k| k.motion.is_none()));
+        assert!(bare.other_cameras().all(|other| other.imu_from_camera.is_none()));
+        assert_eq!((bare.other_cameras().count(), bare.check()), (1, Ok(())));
+    }
+    // Without its mount there is none.
+    let unmounted =
+        MapFile { snapshot: Snapshot::clone(atlas.latest()), ..file }.in_atlas_of(&first).unwrap().snapshot;
+    assert_eq!(Window::inertial_whole(&unmounted, &camera, &other, MapId(ids[0])).links(), 0);
 }
 
 #[test]

@@ -7,6 +7,7 @@
 use crate::made_by::MadeBy;
 use crate::store::{About, MapFile};
 use crate::{CombineError, KeyFrame, MapId, OtherCamera, Snapshot};
+use cairn_geometry::Se3;
 use cairn_vision::{Frame, RectifiedCamera, SensorMode};
 use std::sync::Arc;
 
@@ -49,32 +50,63 @@ impl Snapshot {
         }
     }
 
+    /// The same snapshot without what IMUs of other cameras than the atlas's measured, and how these are mounted.
+    pub fn without_other_imus(&self) -> Self {
+        let without = |of: &OtherCamera| OtherCamera { imu_from_camera: None, ..*of };
+        let mut others: Vec<Arc<OtherCamera>> = Vec::new();
+        for of in self.other_cameras().map(without) {
+            if !others.iter().any(|o| **o == of) {
+                others.push(Arc::new(of));
+            }
+        }
+        let mut snapshot = self.clone();
+        for (id, of) in
+            self.key_frames.iter().filter_map(|(id, k)| Some((id, without(k.other_camera.as_deref()?))))
+        {
+            if let Some(k) = snapshot.key_frames.get_mut(id) {
+                (k.other_camera, k.motion) = (others.iter().find(|o| ***o == of).cloned(), None);
+            }
+        }
+        snapshot.other_cameras = Arc::new(others);
+        snapshot
+    }
+
     /// The same maps in an atlas of another camera, `now`: the key frames of `was`, that of this atlas, carry it from now on,
     /// and so do all others theirs; those of `now` need not. What is measured with a right image is stated as if it had the disparity error
-    /// `right_offset`, so that one correction serves all. Velocities and biases are left out: they are of another IMU.
-    pub(crate) fn in_atlas_of(
+    /// `right_offset`, so that one correction serves all. With `with_imu`, key frames of other cameras keep what their IMU measured where it
+    /// is known how it is mounted; all else of IMUs is left out.
+    fn in_atlas_of(
         &self,
         was: (SensorMode, RectifiedCamera),
         now: (SensorMode, RectifiedCamera),
         right_offset: f64,
+        with_imu: bool,
     ) -> Self {
         let mut snapshot = self.clone();
+        let mounted = |of: Option<Se3>| of.filter(|_| with_imu);
         let correction = self.right_offset - right_offset;
         let mut others: Vec<Arc<OtherCamera>> = Vec::new();
         for id in self.key_frames.iter().map(|(id, _)| id) {
             let Some(k) = snapshot.key_frames.get_mut(id) else { continue };
             let of = k.other_camera.as_ref().map_or(was, |other| (other.sensor, other.camera));
+            let mount = k.other_camera.as_ref().map_or(self.imu_from_camera, |other| other.imu_from_camera);
+            let mount = mounted(mount);
             if correction != 0.0 && of.1.has_depth() {
                 k.frame.change(|frame| shift_disparities(frame, &of.1, correction));
             }
-            let known = others.iter().find(|o| (o.sensor, o.camera) == of).cloned();
+            let is_it =
+                |o: &&Arc<OtherCamera>| (o.sensor, o.camera, o.imu_from_camera) == (of.0, of.1, mount);
+            let known = others.iter().find(is_it).cloned();
             let other = known.or_else(|| {
-                let stated = OtherCamera { sensor: of.0, camera: of.1, focal_ratio: of.1.fx / now.1.fx };
+                let (sensor, camera) = of;
+                let focal_ratio = camera.fx / now.1.fx;
+                let stated = OtherCamera { sensor, camera, focal_ratio, imu_from_camera: mount };
                 (of != now).then(|| Arc::new(stated))
             });
             let is_new = |other: &&Arc<OtherCamera>| !others.iter().any(|o| Arc::ptr_eq(o, other));
             others.extend(other.as_ref().filter(is_new).cloned());
-            (k.other_camera, k.motion) = (other, None);
+            k.motion = k.motion.take().filter(|_| other.is_some() && mount.is_some());
+            k.other_camera = other;
         }
         for (id, l) in self.landmarks.iter() {
             if let (Some(seen), Some(l)) = (snapshot.visibility(l), snapshot.landmarks.get_mut(id)) {
@@ -91,7 +123,7 @@ impl Snapshot {
 
 impl MapFile {
     /// This map, ready to be put beside those of another one's atlas, whose camera may be any other: its key frames carry
-    /// their camera along.
+    /// their camera along, and what an IMU measured.
     ///
     /// # Errors
     /// [`CombineError::Octaves`].
@@ -101,7 +133,7 @@ impl MapFile {
             return Err(CombineError::Octaves(octaves[0], octaves[1]));
         }
         let about = &other.about;
-        Ok(self.in_atlas_with(about.sensor, &about.camera, other.snapshot.right_offset()))
+        Ok(self.in_atlas(about.sensor, &about.camera, other.snapshot.right_offset(), true))
     }
 
     /// Whether some of its key frames may be of this camera.
@@ -116,10 +148,20 @@ impl MapFile {
         fits(&self.about) || self.snapshot.other_cameras().any(|other| fits(&of(other)))
     }
 
-    /// This map in an atlas of any camera, whose right x have this error.
+    /// This map in an atlas of any camera, whose right x have this error. Velocities and biases are left out: they are of another IMU.
     pub fn in_atlas_with(&self, sensor: SensorMode, camera: &RectifiedCamera, right_offset: f64) -> Self {
+        self.in_atlas(sensor, camera, right_offset, false)
+    }
+
+    fn in_atlas(
+        &self,
+        sensor: SensorMode,
+        camera: &RectifiedCamera,
+        right_offset: f64,
+        with_imu: bool,
+    ) -> Self {
         let was = (self.about.sensor, self.about.camera);
-        let snapshot = self.snapshot.in_atlas_of(was, (sensor, *camera), right_offset);
+        let snapshot = self.snapshot.in_atlas_of(was, (sensor, *camera), right_offset, with_imu);
         let about = About { program: self.about.program.clone(), sensor, camera: *camera };
         Self { snapshot, about, attached: self.attached.clone() }
     }

@@ -52,9 +52,14 @@ impl Snapshot {
 
     /// The same snapshot without what an IMU measured between key frames.
     pub fn without_imu_factors(&self) -> Snapshot {
+        self.without_imu_factors_where(|_| true)
+    }
+
+    /// The same without those of some key frames.
+    pub(crate) fn without_imu_factors_where(&self, is_left_out: impl Fn(&KeyFrame) -> bool) -> Snapshot {
         let mut without = self.clone();
         let with_factor = |k: &&KeyFrame| k.motion.as_ref().is_some_and(|m| m.imu_factor.is_some());
-        for id in self.key_frames().filter(with_factor).map(|k| k.id) {
+        for id in self.key_frames().filter(with_factor).filter(|k| is_left_out(k)).map(|k| k.id) {
             let k = without.key_frames.get_mut(id.index());
             if let Some(motion) = k.and_then(|k| k.motion.as_mut()) {
                 motion.imu_factor = None;

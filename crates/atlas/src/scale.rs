@@ -68,7 +68,10 @@ impl Snapshot {
     /// The same snapshot with this pose of the camera on the IMU. Readings of an IMU that was mounted otherwise are left out.
     pub fn with_imu_from_camera(&self, imu_from_camera: Se3) -> Self {
         let other = self.imu_from_camera.is_some_and(|was| !is_same_mount(&was, &imu_from_camera));
-        let snapshot = if other { self.without_imu_factors() } else { self.clone() };
+        let snapshot = match other {
+            true => self.without_imu_factors_where(|k| k.other_camera.is_none()),
+            false => self.clone(),
+        };
         Self { imu_from_camera: Some(imu_from_camera), ..snapshot }
     }
 
@@ -76,7 +79,10 @@ impl Snapshot {
     pub(crate) fn of_mount(&self, imu_from_camera: Se3) -> Self {
         match self.imu_from_camera {
             Some(_) => self.with_imu_from_camera(imu_from_camera),
-            None => self.without_imu_factors().with_imu_from_camera(imu_from_camera),
+            None => {
+                let without = self.without_imu_factors_where(|k| k.other_camera.is_none());
+                without.with_imu_from_camera(imu_from_camera)
+            }
         }
     }
 }

@@ -157,6 +157,7 @@ fn by_images(name: &str, source: &mut dyn Source) -> Result<Vec<Row>, MeasureErr
     let imu = ImuModel {
         imu_from_camera: sensor.body_from_imu.inverse() * model.body_from_camera,
         noise: sensor.noise,
+        others_times: 1.0,
     };
     let of = CameraAndImu { camera: &model, imu: &imu, offset_sigma_s: OFFSET_SIGMA_S };
     let largest = snapshot.maps().map(|(m, _)| m).max_by_key(|m| snapshot.key_frames_of(*m).count());

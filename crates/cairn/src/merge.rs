@@ -311,7 +311,8 @@ impl MergedMaps {
                 }
             }
         }
-        self.file.snapshot = snapshot;
+        // A file tells how the atlas's camera is mounted on an IMU, and no other one.
+        self.file.snapshot = snapshot.without_other_imus();
     }
 
     fn note(&mut self, join: MapJoin) {

@@ -4,6 +4,8 @@ use cairn::geometry::{Se3, Vec3, umeyama};
 use cairn::sensor::Stamp;
 use cairn::{Config, MergedMaps, Slam, map_file, merge_maps, open};
 use cairn_atlas::store::MapFile;
+use cairn_atlas::store::pieces::{self, Pieces};
+use cairn_atlas::{Change, ChangeSet, KeyFrame};
 use std::collections::BTreeMap;
 
 /// Small images, so that a walk takes a second or two.
@@ -97,6 +99,36 @@ fn two_walks_of_one_house_become_one_map_and_get_no_worse() {
     }
 }
 
+fn without_readings(walk: &Walk) -> Walk {
+    let snapshot = walk.file.snapshot.without_imu_factors();
+    Walk { file: MapFile { snapshot, ..walk.file.clone() }, truth: walk.truth.clone() }
+}
+
+/// The map as the robots of a team send it.
+fn sent(walk: &Walk) -> Walk {
+    let mut pieces = Pieces::default();
+    pieces.add(&walk.file).expect("in memory");
+    let n = walk.file.snapshot.key_frame_count();
+    let [all, imu] = [pieces.bytes().len(), pieces.parts().expect("whole").imu].map(|bytes| bytes / n);
+    println!("{all} B a key frame sent; before packing {imu} B of the IMU");
+    assert!(imu < 1_000, "{imu} B a key frame");
+    Walk { file: pieces::read(pieces.bytes()).expect("whole pieces"), truth: walk.truth.clone() }
+}
+
+/// The same map with the motions and readings of another file of it.
+fn with_readings_of(walk: &Walk, other: &MapFile) -> Walk {
+    let of = |k: &KeyFrame| {
+        let motion = k.motion.as_ref()?;
+        let readings = motion.imu_factor.clone().map(|f| Change::ImuFactor(k.id, f));
+        let state = Change::InertialState(k.id, motion.velocity, motion.bias);
+        Some([Some(state), readings].into_iter().flatten())
+    };
+    let changes = other.snapshot.key_frames().filter_map(of).flatten().collect();
+    let base = walk.file.snapshot.version();
+    let snapshot = walk.file.snapshot.apply(&ChangeSet { base, changes }).0;
+    Walk { file: MapFile { snapshot, ..walk.file.clone() }, truth: walk.truth.clone() }
+}
+
 /// Two parts of a walk with one camera and an IMU that were mapped apart. Files keep what the IMU measured between key frames and how
 /// the camera is mounted on it, so that the joined map is adjusted with it.
 #[test]
@@ -112,11 +144,17 @@ fn maps_of_one_camera_with_imu_are_joined_with_what_it_measured() {
         let file = MapFile::read(&w.file.write().expect("in memory")).expect("what was written");
         Walk { file, truth: w.truth.clone() }
     });
-    let bare = saved.each_ref().map(|w| {
-        let snapshot = w.file.snapshot.without_imu_factors();
-        Walk { file: MapFile { snapshot, ..w.file.clone() }, truth: w.truth.clone() }
-    });
-    let errors = [&bare, &saved].map(|walks| {
+    let bare = saved.each_ref().map(without_readings);
+    let sent = saved.each_ref().map(sent);
+    let links = |w: &Walk| {
+        let with_factor = |k: &&KeyFrame| k.motion.as_ref().is_some_and(|m| m.imu_factor.is_some());
+        w.file.snapshot.key_frames().filter(with_factor).count()
+    };
+    assert_eq!(sent.each_ref().map(links), saved.each_ref().map(links));
+    assert!(sent.iter().all(|w| links(w) > 20));
+    let of_sent = [0, 1].map(|n| with_readings_of(&saved[n], &sent[n].file));
+    let bare_sent = sent.each_ref().map(without_readings);
+    let errors = [&bare, &saved, &of_sent, &bare_sent, &sent].map(|walks| {
         let walks = walks.each_ref();
         let merged = merge(&walks);
         let [attempt] = &merged.attempts[..] else { panic!("{:?}", merged.attempts) };
@@ -128,8 +166,11 @@ fn maps_of_one_camera_with_imu_are_joined_with_what_it_measured() {
     let alone = saved.each_ref().map(|w| (ate(&w.file, &[w], None), scale(&w.file, &[w]), sigma(&w.file)));
     println!("seed {seed}: alone (ATE, scale, sigma) {alone:.4?}");
     // Images alone let the scale of a map of one camera go.
-    let [without, with] = errors.map(|(ate, _)| ate);
+    let [without, with, of_sent, without_sent, with_sent] = errors.map(|(ate, _)| ate);
     assert!(with < 0.7 * without, "seed {seed}: {with} of {without} m");
+    // Readings that robots send do the same, also with what else they send.
+    assert!((of_sent / with - 1.0).abs() < 0.05, "seed {seed}: {of_sent} of {with} m");
+    assert!(with_sent < 0.7 * without_sent, "seed {seed}: {with_sent} of {without_sent} m");
 }
 
 #[test]

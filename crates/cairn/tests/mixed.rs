@@ -48,8 +48,19 @@ fn sent(file: &MapFile) -> MapFile {
 }
 
 fn merge_as(walks: &[&Walk], what: impl Fn(&MapFile) -> MapFile) -> MergedMaps {
+    merge_by(walks, what, &Config::default())
+}
+
+/// Joined by images alone.
+fn merge_by_images(walks: &[&Walk]) -> MergedMaps {
+    let mut config = Config::default();
+    config.inertial.whole_key_frames = 0;
+    merge_by(walks, MapFile::clone, &config)
+}
+
+fn merge_by(walks: &[&Walk], what: impl Fn(&MapFile) -> MapFile, config: &Config) -> MergedMaps {
     let files = walks.iter().map(|w| (format!("robot {}", w.robot), what(&w.file))).collect();
-    let merged = merge_maps(files, &Config::default()).expect("they fit");
+    let merged = merge_maps(files, config).expect("they fit");
     merged.file.snapshot.check().expect("a sound map");
     merged
 }
@@ -99,6 +110,22 @@ impl Joint {
     }
 }
 
+/// Prints what a robot sends of its map, and how much of that is what an IMU measured.
+fn bytes_of(walk: &Walk) {
+    let (mut with, mut without) = (Pieces::default(), Pieces::default());
+    with.add(&walk.file).expect("in memory");
+    let snapshot = walk.file.snapshot.without_imu_factors();
+    without.add(&MapFile { snapshot, ..walk.file.clone() }).expect("in memory");
+    let n = walk.file.snapshot.key_frame_count();
+    println!(
+        "  robot {}: {n} key frames, {} B each sent, {} without readings; before packing {} B of the IMU",
+        walk.robot,
+        with.bytes().len() / n,
+        without.bytes().len() / n,
+        with.parts().expect("whole").imu / n
+    );
+}
+
 /// Merges the walks of a house and prints what came of it.
 fn merged(seed: u64, walks: &[Walk]) -> Joint {
     let all: Vec<&Walk> = walks.iter().collect();
@@ -119,6 +146,7 @@ fn merged(seed: u64, walks: &[Walk]) -> Joint {
         1 + file.snapshot.other_cameras().count(),
         both / best
     );
+    walks.iter().for_each(bytes_of);
     let of_sent = merge_as(&all, sent).file;
     let sent_both = ate(&of_sent, &all, None, false).0;
     println!(
@@ -353,24 +381,26 @@ fn rooms_that_look_alike_are_never_joined_wrongly() {
 #[ignore = "a table for docs/team.md: ten minutes"]
 fn table() {
     for (name, sensors) in [
-        ("rgbd, stereo, mono-imu", [RGBD, STEREO, MONO_IMU]),
-        ("rgbd, stereo-imu, mono", [RGBD, STEREO_IMU, MONO]),
-        ("mono-imu, rgbd, stereo", [MONO_IMU, RGBD, STEREO]),
+        ("RGB-D, stereo-imu, mono", [RGBD, STEREO_IMU, MONO]),
+        ("RGB-D, stereo, mono-imu", [RGBD, STEREO, MONO_IMU]),
+        ("mono-imu, RGB-D, stereo", [MONO_IMU, RGBD, STEREO]),
     ] {
         let rows = (1..=9).map(|seed| {
-            let joint = merged(seed, &house(seed, sensors));
+            let walks = house(seed, sensors);
+            let joint = merged(seed, &walks);
+            let images = merge_by_images(&walks.iter().collect::<Vec<_>>()).file;
+            let images = ate(&images, &walks.iter().collect::<Vec<_>>(), None, false).0;
             let alone: Vec<String> = joint.alone.iter().map(|m| format!("{m:.3}")).collect();
-            let (whole, sent, best) = (joint.all, joint.all_of_sent, joint.best());
-            format!(
-                "| {seed} | {} | {whole:.3} | {:.2} | {sent:.3} | {:.2} |",
-                alone.join(", "),
-                whole / best,
-                sent / best
-            )
+            let all = [images, joint.all, joint.all_of_sent];
+            let all = all.map(|m| format!("{m:.3} | {:.2}", m / joint.best()));
+            let row = format!("| {seed} | {} | {} |", alone.join(", "), all.join(" | "));
+            println!("{row}");
+            row
         });
         let rows: Vec<String> = rows.collect();
         println!(
-            "\n| seed | {name} alone, m | of whole maps, m | times | as sent, m | times |\n|---|---|---|---|---|---|\n{}\n",
+            "\n| seed | {name} alone, m | by images, m | times | with readings, m | times | as sent, m | times |\n\
+             |---|---|---|---|---|---|---|---|\n{}\n",
             rows.join("\n")
         );
     }

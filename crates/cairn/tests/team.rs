@@ -313,7 +313,7 @@ fn bytes_of(walks: &BTreeMap<RobotId, Walk>) {
     let part = |part: &dyn Fn(PartBytes) -> usize| of(&|pieces| part(pieces.parts().expect("whole")));
     println!(
         "a key frame: {} B of the file, {} B sent; before packing {} B of features, {} of which landmarks they show, {} of \
-         positions and {} of descriptors of landmarks, {} of key frames, {} of all else",
+         positions and {} of descriptors of landmarks, {} of key frames, {} of an IMU, {} of all else",
         walks.values().map(|w| w.map.len()).sum::<usize>() / n,
         of(&|pieces| pieces.bytes().len()),
         part(&|p| p.features),
@@ -321,6 +321,7 @@ fn bytes_of(walks: &BTreeMap<RobotId, Walk>) {
         part(&|p| p.landmarks),
         part(&|p| p.descriptors),
         part(&|p| p.key_frames),
+        part(&|p| p.imu),
         part(&|p| p.other)
     );
 }

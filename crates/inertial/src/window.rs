@@ -12,6 +12,7 @@ use crate::{Bias, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Se3, Vec3};
 use cairn_solve::{Equations, Factors, Variable};
 use nalgebra::{SMatrix, SVector};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Unknowns of a motion: velocity, gyro bias, accel bias.
@@ -103,6 +104,8 @@ impl ZeroVelocity {
 pub struct ImuFactors {
     /// Pose of the camera on the IMU, metres.
     pub imu_from_camera: Se3,
+    /// The same of key frames that other rigs made, by their index.
+    pub other_mounts: BTreeMap<usize, Se3>,
     /// Gravity in the world.
     pub gravity: Gravity,
     /// One for each pose of the bundle.
@@ -121,6 +124,7 @@ impl ImuFactors {
     pub fn new(imu_from_camera: Se3, gravity: Gravity, motions: Vec<SpeedAndBias>) -> Self {
         Self {
             imu_from_camera,
+            other_mounts: BTreeMap::new(),
             gravity,
             trial: motions.clone(),
             motions,
@@ -137,9 +141,14 @@ impl ImuFactors {
         self.links.iter().map(|l| whitened(l).map_or(f64::INFINITY, |r| r.norm_squared())).collect()
     }
 
+    /// Pose of the camera of a key frame on the IMU.
+    fn mount(&self, frame: usize) -> &Se3 {
+        self.other_mounts.get(&frame).unwrap_or(&self.imu_from_camera)
+    }
+
     /// State of the IMU at a key frame.
     fn nav(&self, frame: usize, poses: &[Se3], motions: &[SpeedAndBias]) -> NavState {
-        let world_from_imu = poses[frame] * self.imu_from_camera.inverse();
+        let world_from_imu = poses[frame] * self.mount(frame).inverse();
         NavState { world_from_imu, velocity: motions[frame].velocity, bias: motions[frame].bias }
     }
 
@@ -193,11 +202,10 @@ impl ImuFactors {
         let nav = |i: usize| self.nav(i, poses, &self.motions);
         let l = link.sum.linearise(&nav(link.from), &nav(link.to), &self.gravity);
         let white = link.sum.whitening()?;
-        let adjoint = self.imu_from_camera.adjoint();
         let mut jacobian = SMatrix::<f64, ROWS, COLUMNS>::zeros();
-        for (at, by) in [(0, &l.by_from), (15, &l.by_to)] {
+        for (at, frame, by) in [(0, link.from, &l.by_from), (15, link.to, &l.by_to)] {
             let by_pose: SMatrix<f64, ROWS, 6> = by.fixed_view::<ROWS, 6>(0, 0).into();
-            jacobian.fixed_view_mut::<ROWS, 6>(0, at).copy_from(&(by_pose * adjoint));
+            jacobian.fixed_view_mut::<ROWS, 6>(0, at).copy_from(&(by_pose * self.mount(frame).adjoint()));
             let by_motion = by.fixed_view::<ROWS, MOTION>(0, 6);
             jacobian.fixed_view_mut::<ROWS, MOTION>(0, at + 6).copy_from(&by_motion);
         }
@@ -298,7 +306,10 @@ mod tests {
             bias: Bias { gyro: Vec3::new(0.001, 0.0, 0.002 * k), accel: Vec3::new(0.02, 0.01 * k, 0.0) },
             freedom: MotionFreedom::Free,
         };
-        let factors = ImuFactors::new(camera, Gravity::level(), vec![motion(0.3), motion(0.5)]);
+        let mut factors = ImuFactors::new(camera, Gravity::level(), vec![motion(0.3), motion(0.5)]);
+        // One end is of another rig.
+        let other = Se3::new(So3::exp(&Vec3::new(-0.4, 0.2, 1.0)), Vec3::new(0.2, 0.1, -0.1));
+        factors.other_mounts.insert(1, other);
         let link = ImuLink { from: 0, to: 1, sum };
         let (_, jacobian) = factors.link(&link, &poses).expect("readings");
         for column in 0..COLUMNS {

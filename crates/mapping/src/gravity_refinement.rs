@@ -194,7 +194,7 @@ mod tests {
     /// What the readings tell of a map that was made so far from level.
     fn told(tilt_rad: f64) -> (Atlas, Vec<KeyFrameId>, Option<Initial>) {
         let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad, factor: 1.0 }.map(60);
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
         let found = estimated_gravity(&of, atlas.latest(), &ids);
         (atlas, ids, found)

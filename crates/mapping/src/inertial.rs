@@ -40,7 +40,8 @@ pub struct InertialConfig {
 impl InertialConfig {
     /// The IMU, by the noise that is stated for it, with that which adjustments of mapping and of closing begin with.
     pub(crate) fn model(&self, noise: &ImuNoise, imu_from_camera: Se3) -> ImuModel {
-        ImuModel { imu_from_camera, noise: of_data_sheet(noise).times([self.noise_times; 2]) }
+        let noise = of_data_sheet(noise).times([self.noise_times; 2]);
+        ImuModel { imu_from_camera, noise, others_times: self.noise_times }
     }
 }
 

@@ -85,7 +85,7 @@ mod tests {
     #[test]
     fn attempt_finds_scale_and_gravity_of_a_map_with_a_unit_of_its_own() {
         let (atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.1, factor: 0.5 }.map(48);
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
         let attempt = of.attempt(atlas.latest(), &ids, INITIALISATION_S).expect("an attempt");
         let found = attempt.found.as_ref().expect("an estimate");

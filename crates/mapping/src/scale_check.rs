@@ -262,7 +262,7 @@ mod tests {
     fn checked(factor: f64) -> (Option<f64>, Option<f64>, f64) {
         let count = 33;
         let (mut atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor }.map(count);
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let camera = mono();
         let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
         let mut watch = ScaleWatch::default();
@@ -319,7 +319,7 @@ mod tests {
         changes.extend(new.map(|l| Change::MoveLandmark(l.id, doubled(l.position))));
         atlas.commit(changes);
         let before = place(&atlas, 30) - place(&atlas, 0);
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let camera = mono();
         let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
         let long = measured_over(atlas.latest(), &of, &ids, LONG_S).expect("ten seconds tell the scale");
@@ -337,7 +337,7 @@ mod tests {
     /// While nothing is seen the readings carry the pose: what they say of the scale says nothing of the map before.
     #[test]
     fn check_says_nothing_while_the_newest_key_frame_sees_nothing() {
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let (camera, count) = (mono(), 40);
         let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
         for unseen in [None, Some(count - 1)] {
@@ -360,7 +360,7 @@ mod tests {
     /// A map in which a metre has so many units, and what the readings of its last seconds say.
     fn measured(factor: f64) -> (Atlas, Vec<KeyFrameId>, Initial) {
         let (atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor }.map(33);
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
         let found = measured_over(atlas.latest(), &of, &ids, CHECK_S).expect("a scale");
         (atlas, ids, found)
@@ -417,7 +417,7 @@ mod tests {
     #[test]
     fn adjust_recent_puts_a_late_key_frame_back_and_leaves_early_ones_alone() {
         let (mut atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.0 }.map(70);
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE };
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
         let truth = atlas.latest().clone();
         let aside = |id: KeyFrameId| {

@@ -10,6 +10,7 @@ mod history;
 mod own;
 mod paging;
 mod pieces;
+mod pieces_imu;
 mod round_trip;
 mod salvage;
 mod saving;

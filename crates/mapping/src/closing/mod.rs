@@ -88,11 +88,19 @@ impl Closer {
         Self { imu: Some((config.model(&sensor.noise, imu_from_camera), config.whole_key_frames)), ..self }
     }
 
-    /// Adds the IMU whose readings a snapshot holds, where it is known how the camera is mounted on it.
+    /// Adds the IMUs whose readings a snapshot holds, where it is known how cameras are mounted on them.
     pub fn with_imu_of(self, snapshot: &Snapshot, config: InertialConfig) -> Self {
-        let mut factors = snapshot.key_frames().filter_map(|k| k.motion.as_ref()?.imu_factor.as_ref());
-        let of = factors.next().zip(snapshot.imu_from_camera());
-        let model = of.map(|(factor, mount)| config.model(factor.sum.noise(), *mount));
+        let noise = |k: &KeyFrame| Some(*k.motion.as_ref()?.imu_factor.as_ref()?.sum.noise());
+        let mut of_atlas = snapshot.key_frames().filter(|k| k.other_camera.is_none()).filter_map(noise);
+        let mut of_others = snapshot
+            .key_frames()
+            .filter_map(|k| noise(k).zip(k.other_camera.as_ref().and_then(|other| other.imu_from_camera)));
+        // Where the atlas's camera has none, its place in the model is that of another one, and nothing refers to it.
+        let of = match of_atlas.next() {
+            Some(noise) => snapshot.imu_from_camera().map(|mount| (noise, *mount)),
+            None => of_others.next(),
+        };
+        let model = of.map(|(noise, mount)| config.model(&noise, mount));
         Self { imu: model.map(|model| (model, config.whole_key_frames)), ..self }
     }
 

@@ -199,7 +199,7 @@ pub(super) fn read_cameras(
         if !(focal_ratio.is_finite() && focal_ratio > 0.0) {
             return Err(d.wrong("a focal length is beyond all measure"));
         }
-        others.push(Arc::new(OtherCamera { sensor, camera: other, focal_ratio }));
+        others.push(Arc::new(OtherCamera { sensor, camera: other, focal_ratio, imu_from_camera: None }));
     }
     for k in key_frames {
         if let Some(n) = usize::from(d.u8()?).checked_sub(1) {

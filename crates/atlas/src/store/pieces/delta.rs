@@ -2,6 +2,7 @@
 //! stands together, which packs better.
 
 use super::PartBytes;
+use super::motion::MotionDelta;
 use super::state::{Feature, Head, KeyFrameState, LandmarkState, Pose, Row, State};
 use cairn_vision::Descriptor;
 use serde::{Deserialize, Serialize};
@@ -40,6 +41,7 @@ pub(super) struct Delta {
     at: [Vec<i32>; 3],
     descriptor_steps: Vec<u32>,
     descriptors: Vec<Descriptor>,
+    motion: MotionDelta,
     attached: Vec<(String, Option<Vec<u8>>)>,
 }
 
@@ -66,6 +68,7 @@ impl Delta {
         let forgotten = a.removed.keys().filter(|id| !b.removed.contains_key(id));
         delta.removed.extend(forgotten.map(|id| (*id, (0, [0.0; 8]))));
         delta.landmarks(a, b);
+        delta.motion = MotionDelta::between(a, b, |id| dropped.contains(&id));
         let attached = b.attached.iter().filter(|(name, bytes)| a.attached.get(*name) != Some(bytes));
         delta.attached = attached.map(|(name, bytes)| (name.clone(), Some(bytes.clone()))).collect();
         let gone = a.attached.keys().filter(|name| !b.attached.contains_key(*name));
@@ -130,6 +133,7 @@ impl Delta {
         if let Some(head) = self.head {
             to.head = head;
         }
+        self.motion.join(to)?;
         for id in &self.dropped {
             to.key_frames.remove(id)?;
         }
@@ -145,8 +149,7 @@ impl Delta {
                 Some(k) => k.row = row,
                 None => {
                     let pose = poses.remove(&id)?;
-                    let k = KeyFrameState { row, pose, features: Vec::new(), shown: Vec::new() };
-                    to.key_frames.insert(id, k);
+                    to.key_frames.insert(id, KeyFrameState::new(row, pose));
                 }
             }
         }
@@ -166,6 +169,7 @@ impl Delta {
         if shown.next().is_some() {
             return None;
         }
+        self.motion.apply(to)?;
         let ids = sums(&self.landmark_steps);
         let [x, y, z] = &self.at;
         let lengths = [self.anchors.len(), x.len(), y.len(), z.len()];
@@ -201,6 +205,7 @@ impl Delta {
         parts.shown += bytes(&|| postcard::to_stdvec(&(&self.shown, &self.changed)));
         parts.landmarks += bytes(&|| postcard::to_stdvec(&(&self.landmark_steps, &self.anchors, &self.at)));
         parts.descriptors += bytes(&|| postcard::to_stdvec(&(&self.descriptor_steps, &self.descriptors)));
+        parts.imu += bytes(&|| postcard::to_stdvec(&self.motion));
         parts.key_frames += bytes(&|| postcard::to_stdvec(&(&self.rows, &self.poses)));
         let other = (self.version, self.next, &self.head, &self.dropped, &self.removed, &self.attached);
         parts.other += bytes(&|| postcard::to_stdvec(&other));

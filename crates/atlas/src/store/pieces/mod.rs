@@ -1,9 +1,9 @@
 //! A map as a robot sends it to its team: what joining needs of it, in pieces of which each save adds one.
 //!
 //! Of a map go the features that show landmarks, in parts of a pixel (`state.rs`), one descriptor for each landmark, landmarks
-//! by where their first key frame sees them, and the poses of key frames. What local mapping moves by less than can matter is
-//! not sent again, and a landmark moves along with its key frame. IMU states, words, and features without landmarks stay; words
-//! are computed again.
+//! by where their first key frame sees them, the poses of key frames, and what an IMU measured between them (`motion.rs`). What local
+//! mapping moves by less than can matter is not sent again, and a landmark moves along with its key frame. Words and features without
+//! landmarks stay; words are computed again.
 //!
 //! ```text
 //! magic 8 | piece | piece | ..      piece: bytes u32 | postcard of what changed since the pieces before
@@ -12,6 +12,7 @@
 //! So all pieces but the last stay the same from one save to the next, byte for byte.
 
 mod delta;
+mod motion;
 mod rebuild;
 mod state;
 
@@ -24,7 +25,7 @@ use state::State;
 /// First bytes of a map in pieces, before its format, a digit.
 const PREFIX: &[u8] = b"\x8ccairn/";
 /// The format that is written and read.
-const FORMAT: u8 = b'3';
+const FORMAT: u8 = b'4';
 /// A piece may unpack to at most so many times its bytes, and all pieces together to so many bytes.
 const MAX_RATIO: usize = 64;
 const MAX_PLAIN_BYTES: usize = 1 << 30;
@@ -48,6 +49,8 @@ pub struct PartBytes {
     pub descriptors: usize,
     /// Key frames: time, pose, parent, loops.
     pub key_frames: usize,
+    /// Readings of an IMU, velocities and biases.
+    pub imu: usize,
     /// Cameras, maps, removed key frames, what is attached.
     pub other: usize,
 }

@@ -5,6 +5,7 @@ use super::super::decode::{Damage, check_priors, derive_all, observe};
 use super::super::error::StoreError;
 use super::super::layout::{MapFile, NO_PICK};
 use super::super::wire::Decoder;
+use super::motion;
 use super::state::{
     ANGLES, DISPARITY, Feature, KeyFrameState, LOG_DEPTH, LandmarkState, NO_DEPTH, PX, State, position,
     similarity,
@@ -42,6 +43,8 @@ pub(super) fn map_of(state: &State) -> Result<MapFile, StoreError> {
         let features = k.shown.iter().filter(|landmark| **landmark != 0);
         shown.extend(features.map(|landmark| rows.get(landmark).copied().unwrap_or(u32::MAX)));
     }
+    motion::give(state, &mut key_frames)
+        .map_err(|id| wrong(format!("what an IMU measured before {id:?} is invalid")))?;
     snapshot.other_cameras = Arc::new(others);
     maps(state, &mut snapshot, &key_frames)?;
     let mut landmarks = Vec::with_capacity(state.landmarks.len());
@@ -99,6 +102,11 @@ fn begun(state: &State) -> Result<Snapshot, StoreError> {
     let mut snapshot = Snapshot::with_octaves(octaves);
     snapshot.right_offset = state.head.right_offset;
     snapshot.version = state.version;
+    if let Some(imu) = &state.head.imu {
+        let mount = pose(imu.imu_from_camera);
+        snapshot.imu_from_camera =
+            Some(mount.ok_or_else(|| wrong("the pose of the camera on the IMU is invalid"))?);
+    }
     [snapshot.next_key_frame, snapshot.next_landmark] = state.next.map(|next| next as usize);
     let stretch =
         |(first, robot, seq): &(u32, u16, u32)| Stretch { first: *first as usize, robot: *robot, seq: *seq };
@@ -118,7 +126,7 @@ fn other_cameras(state: &State, camera: &RectifiedCamera) -> Result<Vec<Arc<Othe
         d.end()?;
         let focal_ratio = other.fx / camera.fx;
         let sound = focal_ratio.is_finite() && focal_ratio > 0.0;
-        let of = OtherCamera { sensor, camera: other, focal_ratio };
+        let of = OtherCamera { sensor, camera: other, focal_ratio, imu_from_camera: None };
         sound.then(|| Arc::new(of)).ok_or_else(|| wrong("a focal length is beyond all measure"))
     };
     state.head.other_cameras.iter().map(read).collect()

@@ -7,6 +7,7 @@ use super::super::about::{encode_camera, numbers, pose};
 use super::super::error::StoreError;
 use super::super::layout::MapFile;
 use super::super::wire::Encoder;
+use super::motion::{ImuHead, Motion, Readings};
 use crate::apply::distance;
 use crate::{KeyFrame, KeyFrameId, Landmark, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3};
@@ -46,6 +47,7 @@ pub(super) struct Head {
     /// First index, robot and number there.
     pub names: [Vec<(u32, u16, u32)>; 2],
     pub maps: Vec<MapHead>,
+    pub imu: Option<ImuHead>,
 }
 
 /// A map by its root: its prior, how often it was aligned with gravity, and the standard deviation of the logarithm of its scale,
@@ -107,6 +109,8 @@ pub(super) struct KeyFrameState {
     pub features: Vec<Feature>,
     /// The landmark that each shows.
     pub shown: Vec<u32>,
+    pub motion: Option<Motion>,
+    pub readings: Option<Readings>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,6 +151,7 @@ impl State {
             let known = before.key_frames.get(&k.id.raw());
             state.key_frames.insert(k.id.raw(), key_frame(s, k, camera, known)?);
         }
+        state.measure(s, before);
         for (index, (parent, it)) in s.removed.iter() {
             let rigid = numbers(&Se3::new(it.rotation, it.translation));
             let all: [f32; 8] = std::array::from_fn(|i| rigid.get(i).map_or(it.scale, |v| *v) as f32);
@@ -220,6 +225,11 @@ impl State {
 }
 
 impl KeyFrameState {
+    /// Without features, and without anything of an IMU.
+    pub fn new(row: Row, pose: Pose) -> Self {
+        Self { row, pose, features: Vec::new(), shown: Vec::new(), motion: None, readings: None }
+    }
+
     /// The feature that shows a landmark.
     pub fn feature_of(&self, landmark: u32) -> Option<&Feature> {
         self.features.get(self.shown.iter().position(|shown| *shown == landmark)?)
@@ -227,7 +237,7 @@ impl KeyFrameState {
 }
 
 impl Pose {
-    fn of(pose: &Se3) -> Self {
+    pub fn of(pose: &Se3) -> Self {
         let q = pose.rotation.quaternion();
         let sign = if q.w < 0.0 { -TURN } else { TURN };
         Self {
@@ -299,7 +309,7 @@ fn key_frame(
         })
     };
     let pose = known.map(|known| known.pose).filter(near).unwrap_or(now);
-    Ok(KeyFrameState { row, pose, features, shown })
+    Ok(KeyFrameState { features, shown, ..KeyFrameState::new(row, pose) })
 }
 
 fn head(file: &MapFile) -> Head {
@@ -329,6 +339,7 @@ fn head(file: &MapFile) -> Head {
         other_cameras: s.other_cameras().map(other).collect(),
         names: names.map(|names| names.0.iter().map(|s| (s.first as u32, s.robot, s.seq)).collect()),
         maps: s.maps().map(map).collect(),
+        imu: ImuHead::of(s),
     }
 }
 
