@@ -3,6 +3,7 @@
 mod anchor;
 mod announcer;
 mod blind;
+mod carry_over;
 mod clean;
 mod config;
 mod correction;

@@ -145,6 +145,15 @@ pub struct PlacedPoint {
     pub anchored: bool,
 }
 
+impl RoutePoint {
+    /// The pose of a camera beside this point in the key frame that it is anchored to: `here_from_other` is in the unit of the recorded
+    /// poses, of which a unit of that key frame is so many.
+    pub(crate) fn beside(&self, here_from_other: &Se3, unit: f64) -> Se3 {
+        let there = Se3::new(here_from_other.rotation, here_from_other.translation / unit);
+        self.anchor_from_camera * there
+    }
+}
+
 impl Route {
     /// A route without points.
     pub fn new(header: RouteHeader) -> Self {
@@ -164,25 +173,29 @@ impl Route {
     /// Re-anchors points whose keyframe is unknown to the keyframe of the nearest earlier point that has a known one
     /// (for the first points: later), at their recorded relative pose. Returns how many; `None` when no keyframe is
     /// known. Notes are re-anchored likewise, to the nearest point in time.
-    pub fn reanchor(&mut self, known: impl Fn(Anchor) -> bool) -> Option<usize> {
-        let first = *self.points.iter().find(|p| known(p.anchor))?;
+    ///
+    /// `unit` is the length of a known keyframe's unit in that of the recorded poses.
+    pub fn reanchor(&mut self, unit: impl Fn(Anchor) -> Option<f64>) -> Option<usize> {
+        let known = |p: &RoutePoint| Some((*p, unit(p.anchor)?));
+        let first = self.points.iter().find_map(known)?;
         let near_in_time = |stamp: Stamp, points: &[RoutePoint]| {
             let later = points.partition_point(|p| p.stamp < stamp);
-            points[..later].iter().rev().chain(&points[later..]).find(|p| known(p.anchor)).copied()
+            points[..later].iter().rev().chain(&points[later..]).find_map(known)
         };
-        for note in self.notes.iter_mut().filter(|n| !known(n.anchor)) {
-            let near = near_in_time(note.stamp, &self.points).unwrap_or(first);
+        for note in self.notes.iter_mut().filter(|n| unit(n.anchor).is_none()) {
+            let (near, unit) = near_in_time(note.stamp, &self.points).unwrap_or(first);
             let near_from_here = near.odom_from_camera.inverse() * note.odom_from_camera;
-            (note.anchor, note.anchor_from_camera) = (near.anchor, near.anchor_from_camera * near_from_here);
+            (note.anchor, note.anchor_from_camera) = (near.anchor, near.beside(&near_from_here, unit));
         }
         let (mut near, mut count) = (first, 0);
         for p in &mut self.points {
-            if known(p.anchor) {
-                near = *p;
+            if let Some(unit) = unit(p.anchor) {
+                near = (*p, unit);
                 continue;
             }
+            let (near, unit) = near;
             let near_from_here = near.odom_from_camera.inverse() * p.odom_from_camera;
-            (p.anchor, p.anchor_from_camera) = (near.anchor, near.anchor_from_camera * near_from_here);
+            (p.anchor, p.anchor_from_camera) = (near.anchor, near.beside(&near_from_here, unit));
             count += 1;
         }
         Some(count)
@@ -283,14 +296,14 @@ mod tests {
         let before = places(&route(), &|_| true);
         for known in [0, 1] {
             let mut route = route();
-            assert_eq!(route.reanchor(|a| a.seq == known), Some(5));
+            assert_eq!(route.reanchor(|a| (a.seq == known).then_some(1.0)), Some(5));
             for (a, b) in places(&route, &|seq| seq == known).iter().zip(&before) {
                 assert!((a - b).norm() < 1e-12, "{a} {b}");
             }
-            assert_eq!(route.reanchor(|a| a.seq == known), Some(0));
+            assert_eq!(route.reanchor(|a| (a.seq == known).then_some(1.0)), Some(0));
         }
         let mut nowhere = route();
-        assert_eq!(nowhere.reanchor(|_| false), None);
+        assert_eq!(nowhere.reanchor(|_| None), None);
         assert_eq!(nowhere, route());
     }
 

@@ -21,6 +21,7 @@ mod recording;
 mod reference_path;
 mod refused;
 mod route_guide;
+mod route_metres;
 mod route_recorder;
 mod scale_basis;
 mod script;
@@ -51,7 +52,7 @@ pub use library::{
     RouteEntry, RouteListed, RoutesLock, WallClock, WallTime, routes_in,
 };
 pub use ready::{landmarks_in_view, readiness};
-pub use reference_path::{ReferencePath, anchor_in_map};
+pub use reference_path::{ReferencePath, anchor_in_map, unit_of};
 pub use refused::Refused;
 pub use route_guide::{RouteGuide, TrackedPlace};
 pub use route_recorder::RouteRecorder;

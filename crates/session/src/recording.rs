@@ -3,7 +3,8 @@
 use crate::disk::{Disk, PatientFile, Trouble};
 use crate::dwell::{Dwell, Warnings};
 use crate::place::Place;
-use crate::reference_path::anchor_in_map;
+use crate::reference_path::{key_frame_of, map_of};
+use crate::route_metres::length_in_map;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Pose, Se3, Sim3, So3, Vec3};
 use cairn_guide::{
@@ -226,10 +227,7 @@ impl Recording {
             Sim3::new(So3::identity(), Vec3::zeros(), unit / std::mem::replace(&mut self.unit, unit));
         // The patient file keeps what it could not write.
         let _ = self.recorder.found_scale(carried, &ground_of(map, place));
-        let at: Vec<Vec3> = (self.route().resolve(|a| anchor_in_map(map, a)).iter())
-            .map(|p| p.frame_from_camera.translation)
-            .collect();
-        self.length = at.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
+        self.length = length_in_map(map, self.route());
         self.last = self.last.map(|(stamp, last)| (stamp, carried * last));
     }
 
@@ -274,7 +272,9 @@ impl Recording {
 /// The ground plane of the following poses, in the odometry frame: from gravity where the map is aligned, else from
 /// the first camera's axes.
 fn ground_of(map: &Snapshot, place: Option<&Place>) -> Ground {
-    let in_world = if map.is_gravity_aligned_throughout() { Ground::z_up() } else { Ground::first_camera() };
+    let of = place.and_then(|place| map_of(map, key_frame_of(map, place.anchor)?));
+    let is_level = of.map_or_else(|| map.is_gravity_aligned_throughout(), |of| map.is_gravity_aligned(of));
+    let in_world = if is_level { Ground::z_up() } else { Ground::first_camera() };
     place.map_or(in_world, |place| in_world.rotated(&place.world_from_odom.sim3.rotation.inverse()))
 }
 

@@ -143,10 +143,7 @@ impl ReferencePath {
 
     /// Whether a map holds any of a route's points: then poses in it are in the route's unit of length.
     pub fn is_in(&self, snapshot: &Snapshot, route: &Route, map: MapId) -> bool {
-        let anchors: BTreeSet<Anchor> = route.points.iter().map(|p| p.anchor).collect();
-        let key_frames = anchors.into_iter().filter_map(|anchor| key_frame_of(snapshot, anchor));
-        let mut alive = key_frames.filter_map(|id| snapshot.surviving_ancestor(id));
-        alive.any(|(id, _)| snapshot.key_frame(id).is_some_and(|k| k.map == map))
+        maps_of(snapshot, route).contains(&map)
     }
 
     /// The scale of the map was initialised: lengths are rebuilt from it at the next check.
@@ -243,7 +240,8 @@ impl ReferencePath {
 
 /// The ground plane of a walk, in the map's frame.
 pub(crate) fn ground_of(map: &Snapshot, route: &Route, in_world: &[PlacedPoint]) -> Ground {
-    if map.is_gravity_aligned_throughout() {
+    let maps = maps_of(map, route);
+    if !maps.is_empty() && maps.into_iter().all(|of| map.is_gravity_aligned(of)) {
         return Ground::z_up();
     }
     let poses = in_world.iter().map(|p| &p.frame_from_camera);
@@ -255,27 +253,38 @@ pub fn anchor_in_map(map: &Snapshot, anchor: Anchor) -> Option<Sim3> {
     map.world_from_here(key_frame_of(map, anchor)?)
 }
 
+/// The length of a key frame's unit in that of the map; `None` for one that the map does not hold.
+pub fn unit_of(map: &Snapshot, anchor: Anchor) -> Option<f64> {
+    anchor_in_map(map, anchor).map(|world_from_here| world_from_here.scale)
+}
+
+/// The maps that a route leads through.
+fn maps_of(map: &Snapshot, route: &Route) -> BTreeSet<MapId> {
+    let anchors: BTreeSet<Anchor> = route.points.iter().map(|p| p.anchor).collect();
+    anchors.into_iter().filter_map(|anchor| map_of(map, key_frame_of(map, anchor)?)).collect()
+}
+
+/// The map of a key frame, which may be removed.
+pub(crate) fn map_of(map: &Snapshot, id: KeyFrameId) -> Option<MapId> {
+    let (alive, _) = map.surviving_ancestor(id)?;
+    Some(map.key_frame(alive)?.map)
+}
+
 /// The key frame that a route point is anchored to, by its lasting name; perhaps a removed one.
-fn key_frame_of(map: &Snapshot, anchor: Anchor) -> Option<KeyFrameId> {
+pub(crate) fn key_frame_of(map: &Snapshot, anchor: Anchor) -> Option<KeyFrameId> {
     map.key_frame_named(KeyFrameName { robot: anchor.robot, seq: anchor.seq })
 }
 
 /// Whether a route lies in the map of this key frame, or in one whose place relative to it is known: maps that were begun
 /// one from the other. The frames of other maps have nothing in common.
 pub(crate) fn is_reachable(snapshot: &Snapshot, route: &Route, from: Anchor) -> bool {
-    let map_of = |anchor: Anchor| {
-        let (id, _) = snapshot.surviving_ancestor(KeyFrameId::from_index(anchor.seq as usize)?)?;
-        snapshot.key_frame(id).map(|k| k.map)
-    };
     let former = |map: MapId| {
         let (_, prior) = snapshot.maps().find(|(id, _)| *id == map)?;
-        let to = prior?.to.index();
-        map_of(Anchor { robot: 0, seq: u32::try_from(to).ok()? }).filter(|former| *former < map)
+        map_of(snapshot, prior?.to).filter(|former| *former < map)
     };
     let first = |map: MapId| std::iter::successors(Some(map), |map| former(*map)).last();
-    let Some(here) = map_of(from).and_then(first) else { return false };
-    let anchors: BTreeSet<u32> = route.points.iter().map(|p| p.anchor.seq).collect();
-    let maps: BTreeSet<MapId> =
-        anchors.into_iter().filter_map(|seq| map_of(Anchor { robot: 0, seq })).collect();
+    let here = key_frame_of(snapshot, from).and_then(|id| map_of(snapshot, id));
+    let Some(here) = here.and_then(first) else { return false };
+    let maps = maps_of(snapshot, route);
     maps.into_iter().any(|map| first(map) == Some(here))
 }

@@ -4,10 +4,11 @@
 //! known. A recorder that takes the place of one that died goes on in its file, without a gap where it is given the frames
 //! since the last point.
 
-use crate::disk::OwnDisk;
+use crate::disk::{Disk, OwnDisk};
 use crate::place::Place;
 use crate::recording::{About, Recording};
 use crate::route_guide::TrackedPlace;
+use crate::route_metres::{carry_over_astray, may_have_metres};
 use crate::session::NotSaved;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Pose, Se3};
@@ -75,7 +76,10 @@ impl RouteRecorder {
             return None;
         }
         self.place = place.map(TrackedPlace::place).or(self.place);
-        if place.is_some_and(|p| p.metric) && map.is_metric(camera) && !self.route().header.metric {
+        if place.is_some_and(|p| p.metric)
+            && !self.route().header.metric
+            && may_have_metres(map, camera, self.route())
+        {
             self.recording.found_scale(map, self.place.as_ref());
         }
         let input = match place {
@@ -101,12 +105,17 @@ impl RouteRecorder {
         self.recording.observe(&input, self.place.as_ref())
     }
 
-    /// Ends the recording: how many points it has.
+    /// Ends the recording in the last map, where there is one: how many points it has. Those that went astray are placed
+    /// ([`Route::carry_over`]).
     ///
     /// # Errors
     /// [`NotSaved::Route`] when the file does not hold all of them.
-    pub fn finish(self) -> Result<usize, NotSaved> {
-        let (route, _, whole) = self.recording.finish();
+    pub fn finish(self, last: Option<(&Snapshot, &RectifiedCamera)>) -> Result<usize, NotSaved> {
+        let (mut route, path, mut whole) = self.recording.finish();
+        if let (Ok(()), Some((map, camera))) = (&whole, last) {
+            let file = path.as_deref().map(|path| (&OwnDisk as &dyn Disk, path));
+            whole = carry_over_astray(map, camera, &mut route, file).map(|_| ());
+        }
         let points = route.points.len();
         whole.map(|()| points).map_err(|e| NotSaved::Route(format!("{e}; {points} points were recorded")))
     }

@@ -24,6 +24,7 @@ use crate::library::{MapKeeper, RouteFolder, WallClock, WallTime};
 use crate::obstacles::ObstacleMonitor;
 use crate::place::Place;
 use crate::recording::{Recording, tracked};
+use crate::route_metres::may_have_metres;
 use crate::slam::{NotTracked, Slam};
 use crate::speech::{Clock, Speech};
 use crate::status::SessionStatus;
@@ -243,7 +244,7 @@ impl<S: Slam> Session<S> {
         self.update_status(&output);
         if output.anchored.is_some() {
             // The pose of the frame that initialises the scale is still in the previous unit.
-            self.update_metric(output.metric && self.engine.is_metric());
+            self.update_metric(output.metric && self.routes_may_have_metres());
         }
         self.tell_lens();
         self.record(&seen);
@@ -358,6 +359,18 @@ impl<S: Slam> Session<S> {
         recorded?;
         let trouble = self.keeper.as_ref().and_then(MapKeeper::trouble);
         trouble.map_or(Ok(()), |why| Err(NotSaved::Map(why.to_string())))
+    }
+
+    /// Whether the routes at hand lie in maps with metres, but for a few seconds.
+    fn routes_may_have_metres(&self) -> bool {
+        let recorded = self.recording.as_ref().map(Recording::route);
+        let held = self.route.as_ref().filter(|held| held.here).map(|held| &held.route);
+        let mut without = recorded.into_iter().chain(held).filter(|route| !route.header.metric).peekable();
+        if without.peek().is_none() {
+            return true;
+        }
+        let map = self.engine.snapshot();
+        without.all(|route| may_have_metres(&map, self.engine.camera(), route))
     }
 
     /// Updates whether lengths in the map are metres; the recording and the guidance in progress follow.

@@ -2,8 +2,8 @@
 
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_guide::{Facing, Route};
-use cairn_sensor::Source;
-use cairn_session::{Command, Event, Session, SessionConfig};
+use cairn_sensor::{FramePacket, Source};
+use cairn_session::{Command, Event, Session, SessionConfig, anchor_in_map};
 use cairn_sim::SimSource;
 
 const HALL: &str =
@@ -66,5 +66,66 @@ fn recording_becomes_metric_with_late_scale() {
     }
     assert!(said.iter().any(|words| words.contains("I can measure distances now.")), "{said:?}");
     assert!(said.iter().any(|words| words.contains("metres")), "{said:?}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// The packets of a world with all times later by so many seconds.
+fn packets(world: &str, later_s: f64) -> Vec<FramePacket> {
+    let mut source = SimSource::open(world).unwrap();
+    let mut all = Vec::new();
+    while let Some(mut packet) = source.next_packet().unwrap() {
+        packet.stamp = packet.stamp.plus_seconds(later_s);
+        packet.imu.iter_mut().for_each(|reading| reading.stamp = reading.stamp.plus_seconds(later_s));
+        all.push(packet);
+    }
+    all
+}
+
+/// A phone that is put away and taken out again elsewhere: a moment in another map, whose place and unit of length are guesses, while a
+/// recording begins. What is said in metres, and the route, are as if that had not been.
+#[test]
+fn moment_in_another_map_takes_no_metres_away() {
+    let walked = packets(HALL, 0.0);
+    let away = packets(&HALL.replace("seed=4", "seed=9"), 30.0);
+    let again = packets(HALL, 40.0);
+    let mut config = Config::default();
+    config.inertial.enabled = true;
+    let source = SimSource::open(HALL).unwrap();
+    let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
+    let engine = Engine::new(&rig, SensorMode::Mono, rate_hz, Runner::Lockstep, &config).unwrap();
+    let folder = std::env::temp_dir().join(format!("cairn-session-astray-{}", std::process::id()));
+    let config = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
+    let mut session = Session::new(engine, config);
+    walked.iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    assert!(session.status().metric);
+    away[..14].iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    session.command(&Command::Record).unwrap();
+    away[14..30].iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    assert!(session.engine().snapshot().maps().count() > 1, "the other room has no map");
+    assert!(!session.status().metric);
+    let mut known = None;
+    for (k, packet) in again.iter().enumerate() {
+        session.on_packet(packet).unwrap();
+        known = known.or_else(|| session.status().metric.then_some(k));
+    }
+    // The map of the moment is still there, without metres.
+    assert!(!session.engine().is_metric());
+    let known = known.expect("metres are known again");
+    assert!(known < 45 && session.status().metric, "after {known} frames");
+    let spoken = session.command(&Command::Stop).unwrap();
+    let route = session.route().unwrap();
+    assert!(route.header.metric);
+    let truth = &source.info().truth;
+    let length: f64 =
+        truth.windows(15).step_by(14).map(|w| (w[14].1.translation - w[0].1.translation).norm()).sum();
+    let map = session.engine().snapshot();
+    let placed = route.resolve(|anchor| anchor_in_map(&map, anchor));
+    let steps = placed
+        .windows(2)
+        .map(|w| (w[1].frame_from_camera.translation - w[0].frame_from_camera.translation).norm());
+    let recorded: f64 = steps.sum();
+    println!("{spoken} {length} m walked, {recorded} m recorded, metres after {known} frames");
+    // A second of the way in the other room, no faster than the walk, lies before it.
+    assert!((length - 0.5..length + 2.0).contains(&recorded), "{length} m walked, {recorded} m recorded");
     std::fs::remove_dir_all(folder).unwrap();
 }

@@ -10,7 +10,7 @@ use cairn_atlas::Snapshot;
 use cairn_guide::{Earcon, RecorderConfig, StopReason};
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
-use cairn_session::{Event, Refused, RouteGuide, RouteRecorder};
+use cairn_session::{Event, NotSaved, Refused, RouteGuide, RouteRecorder};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -94,13 +94,19 @@ impl Recording {
                 Ok(Some(Order::Missed(frame))) => drop(self.tracked(&frame)?),
                 Ok(Some(Order::Ping)) => reports.push(Report::Pong),
                 Ok(Some(Order::End)) => {
-                    let ended = self.recorder.take().map_or(Ok(0), RouteRecorder::finish);
-                    reports.push(Report::Recorded(ended));
+                    reports.push(Report::Recorded(self.finish()));
                 }
                 Ok(Some(_)) => {}
                 Ok(None) | Err(_) => return Ok(()),
             }
         }
+    }
+
+    /// Ends the recording: how many points it has.
+    fn finish(&mut self) -> Result<usize, NotSaved> {
+        let Some(recorder) = self.recorder.take() else { return Ok(0) };
+        let last = self.tail.as_ref().map(|tail| (tail.map(), tail.file().about.camera));
+        recorder.finish(last.as_ref().map(|(map, camera)| (*map, camera)))
     }
 
     fn tracked(&mut self, frame: &Tracked) -> Result<Option<Report>, Failure> {

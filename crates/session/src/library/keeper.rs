@@ -15,11 +15,12 @@ use super::error::{KeepError, LibraryError};
 use super::folder::{numbered, replace};
 use super::{MOST_KEY_FRAMES, WallClock, WallTime};
 use crate::disk::OwnDisk;
+use crate::reference_path::unit_of;
 use crate::slam::Slam;
 use cairn_atlas::store::{MapFile, StoreError};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
-use cairn_guide::{Anchor, Route};
+use cairn_guide::Route;
 use cairn_sensor::{Rig, RigError, Stamp};
 use cairn_vision::{FrontEnd, RectifiedCamera};
 use std::collections::{BTreeMap, BTreeSet};
@@ -280,15 +281,12 @@ impl MapKeeper {
 
     /// Anchors the routes of the atlas to key frames that it holds.
     fn reanchor(&mut self, map: &Snapshot) {
-        let known = |a: Anchor| {
-            KeyFrameId::from_index(a.seq as usize).is_some_and(|id| map.surviving_ancestor(id).is_some())
-        };
         for (_, path) in numbered(&self.folder) {
             let Ok(mut route) = Route::load(&path) else { continue };
             if route.header.atlas.as_deref() != Some(&self.id) {
                 continue;
             }
-            match route.reanchor(known) {
+            match route.reanchor(|anchor| unit_of(map, anchor)) {
                 Some(0) => continue,
                 Some(_) => {}
                 None => {

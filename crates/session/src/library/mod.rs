@@ -14,7 +14,7 @@ pub(crate) mod words;
 use cairn_guide::PhraseConfig;
 pub use entry::RouteEntry;
 pub use error::{KeepError, LibraryError};
-pub(crate) use folder::{RouteFolder, checked_name, latest, number_of};
+pub(crate) use folder::{RouteFolder, checked_name, latest, number_of, replace};
 pub use keeper::{Kept, LibraryCamera, MapKeeper, RoutesLock};
 pub use listed::RouteListed;
 pub use wall::{WallClock, WallTime};

@@ -6,9 +6,11 @@ use crate::library::words;
 use crate::place::Place;
 use crate::recording::{About, Recording};
 use crate::refused::Refused;
+use crate::route_metres::carry_over_astray;
 use crate::slam::Slam;
 use cairn_guide::{Confidence, PhraseConfig, Priority, RecordInput, Recorder, Route, Side};
 use cairn_phrases::Arg;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// A route of fewer points, three metres, leads nowhere.
@@ -17,6 +19,16 @@ const SHORT_POINTS: usize = 60;
 const MARKED_S: f64 = 120.0;
 /// So long a recording that begins by itself waits for a lens that is not known yet, seconds.
 const LENS_PATIENCE_S: f64 = 60.0;
+
+/// A recording that has ended.
+struct Finished {
+    route: Route,
+    path: Option<PathBuf>,
+    /// An error when the file does not hold all of the route.
+    whole: io::Result<()>,
+    /// In metres, or units of the map.
+    length: f64,
+}
 
 impl<S: Slam> Session<S> {
     /// Every route recorded in this session, including the one in progress, with its file.
@@ -116,28 +128,40 @@ impl<S: Slam> Session<S> {
 
     pub(super) fn end_recording(&mut self) -> Result<String, Refused> {
         let recording = self.recording.take().ok_or_else(|| self.speech.refuse("walk-not-recording"))?;
-        let length = recording.length();
-        let (route, path, whole) = recording.finish();
+        let Finished { route, path, whole, length } = self.finish(recording);
         if route.points.len() < 2 {
             self.folder.refresh(None);
             return Err(self.speech.refuse("walk-nothing-recorded"));
         }
         self.add_recorded(&path, &route, whole.is_ok());
+        let metric = route.header.metric;
         self.route = Some(RouteAtHand { route, path, here: true });
         whole.map_err(|e| self.speech.refuse_because("walk-file-incomplete", e))?;
-        let phrases = PhraseConfig { metric: self.engine.is_metric(), ..*self.speech.phrases() };
+        let phrases = PhraseConfig { metric, ..*self.speech.phrases() };
         Ok(phrases.measured(["walk-recorded", "walk-recorded-unmeasured"], length, &[]))
     }
 
     pub(super) fn close_recording(&mut self) -> Result<(), NotSaved> {
         self.drop_unasked();
         let Some(recording) = self.recording.take() else { return Ok(()) };
-        let (route, path, whole) = recording.finish();
+        let Finished { route, path, whole, .. } = self.finish(recording);
         let name = path.as_ref().map_or_else(|| "the route".to_owned(), |p| p.display().to_string());
         let points = route.points.len();
         self.add_recorded(&path, &route, whole.is_ok());
         self.route = Some(RouteAtHand { route, path, here: true });
         whole.map_err(|e| NotSaved::Route(format!("{name}: {e}; {points} points were recorded")))
+    }
+
+    /// Ends a recording; what went astray of it is placed.
+    fn finish(&self, recording: Recording) -> Finished {
+        let length = recording.length();
+        let (mut route, path, whole) = recording.finish();
+        let file = path.as_deref().filter(|_| whole.is_ok()).map(|path| (&*self.disk, path));
+        let carried = carry_over_astray(&self.engine.snapshot(), self.engine.camera(), &mut route, file);
+        match carried {
+            Ok(carried) => Finished { route, path, whole, length: carried.unwrap_or(length) },
+            Err(e) => Finished { route, path, whole: whole.and(Err(e)), length },
+        }
     }
 
     pub(super) fn add_recorded(&mut self, path: &Option<PathBuf>, route: &Route, is_on_disk: bool) {

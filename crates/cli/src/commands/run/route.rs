@@ -3,7 +3,8 @@
 use crate::failure::Failure;
 use cairn_atlas::store::MapFile;
 use cairn_eval::write_whole;
-use cairn_guide::{Anchor, Recorder, RecorderConfig, Route, RouteError, RouteWriter};
+use cairn_guide::{Recorder, RecorderConfig, Route, RouteError, RouteWriter};
+use cairn_session::unit_of;
 use std::path::Path;
 
 /// Checks before anything is opened that the route of --guide can be read.
@@ -30,12 +31,8 @@ pub fn resume(path: &Path, map: &MapFile, config: RecorderConfig) -> Result<Reco
     let failed =
         |e: RouteError| Failure::new(&shown, e.to_string(), "give another name to record a new route");
     let mut route = Route::load(path).map_err(failed)?;
-    let known = |anchor: Anchor| {
-        let name = cairn_atlas::KeyFrameName { robot: anchor.robot, seq: anchor.seq };
-        (map.snapshot.key_frame_named(name)).is_some_and(|id| map.snapshot.surviving_ancestor(id).is_some())
-    };
     // After a crash the route is newer than the map: its last points are anchored to key frames that were not saved.
-    match route.reanchor(known) {
+    match route.reanchor(|anchor| unit_of(&map.snapshot, anchor)) {
         Some(0) => {}
         Some(_) => {
             let bytes = route.to_bytes().map_err(|e| {
