@@ -5,7 +5,7 @@ use crate::{PoseId, RobotId};
 use cairn_geometry::{LieGroup, Se2, Se3};
 use cairn_solve::TextError;
 use cairn_solve::g2o::{self, Graph, Named};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A team in 2D or 3D.
 #[derive(Clone, Debug)]
@@ -15,6 +15,18 @@ pub enum TeamGraphs {
     /// SE(3) poses.
     Space(Vec<RobotGraph<Se3, 6>>),
 }
+
+/// The graph of one robot in 2D or 3D.
+#[derive(Clone, Debug)]
+pub enum OwnGraph {
+    /// SE(2) poses.
+    Plane(RobotGraph<Se2, 3>),
+    /// SE(3) poses.
+    Space(RobotGraph<Se3, 6>),
+}
+
+/// Bits of a vertex id that are the number of the pose; those above are the robot, as in the symbols of GTSAM.
+const SEQ_BITS: u32 = 56;
 
 /// Why texts do not describe a team.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -32,6 +44,14 @@ pub enum ReadError {
     /// A vertex is used by an edge but is in no text.
     #[error("vertex {0} is in none of the texts")]
     Nobody(u64),
+    /// A vertex id that names no robot and pose.
+    #[error(
+        "vertex {0} does not name its robot: its upper byte is the robot (a letter in GTSAM), the rest the number of the pose, below 2^32"
+    )]
+    Key(u64),
+    /// A vertex of another robot.
+    #[error("vertex {0} is of another robot than the first one, of robot {1}")]
+    OtherRobot(u64, RobotId),
     /// There is no text, or there are more texts than robot ids.
     #[error("{0} texts are not a team")]
     Count(usize),
@@ -68,6 +88,76 @@ pub fn read(texts: &[&str]) -> Result<TeamGraphs, ReadError> {
     match &file.graph {
         Graph::Plane(named) => Ok(TeamGraphs::Plane(divide(named, texts.len(), &owners, &from)?)),
         Graph::Space(named) => Ok(TeamGraphs::Space(divide(named, texts.len(), &owners, &from)?)),
+    }
+}
+
+/// Reads the g2o text of one robot of a team whose other graphs are elsewhere: vertices are its own, edges lead to them or to vertices
+/// of others, which the text does not have. The upper byte of a vertex id is its robot (97 for `a`, as in the symbols of GTSAM), the
+/// rest the number of the pose.
+///
+/// # Errors
+/// When the text is invalid, has no vertex or those of several robots, or an id names no robot and pose.
+pub fn read_own(text: &str) -> Result<OwnGraph, ReadError> {
+    let own: BTreeSet<u64> = text.lines().filter_map(vertex_of).collect();
+    let Some(first) = own.first() else {
+        let reason = "the text has no vertex, so its robot has no pose".to_owned();
+        return Err(ReadError::Text { text: 0, line: 1, reason });
+    };
+    let robot = pose_of(*first)?.robot;
+    if let Some(other) = own.iter().find(|id| pose_of(**id).map(|p| p.robot) != Ok(robot)) {
+        pose_of(*other)?;
+        return Err(ReadError::OtherRobot(*other, robot));
+    }
+    let others: BTreeSet<u64> = text.lines().flat_map(ends_of).filter(|id| !own.contains(id)).collect();
+    // The reader wants a vertex at both ends of an edge.
+    let mut whole = format!("{}\n", text.trim_end_matches('\n'));
+    let zeros =
+        if text.contains("EDGE_SE2") { "VERTEX_SE2 {} 0 0 0" } else { "VERTEX_SE3:QUAT {} 0 0 0 0 0 0 1" };
+    others.iter().for_each(|id| whole += &format!("{}\n", zeros.replace("{}", &id.to_string())));
+    let file =
+        g2o::read(&whole).map_err(|TextError { line, reason }| ReadError::Text { text: 0, line, reason })?;
+    match &file.graph {
+        Graph::Plane(named) => Ok(OwnGraph::Plane(own_graph(named, robot, &own)?)),
+        Graph::Space(named) => Ok(OwnGraph::Space(own_graph(named, robot, &own)?)),
+    }
+}
+
+/// The pose that a vertex id names.
+fn pose_of(id: u64) -> Result<PoseId, ReadError> {
+    let seq = u32::try_from(id & ((1 << SEQ_BITS) - 1)).map_err(|_| ReadError::Key(id))?;
+    match (id >> SEQ_BITS) as RobotId {
+        0 => Err(ReadError::Key(id)),
+        robot => Ok(PoseId { robot, seq }),
+    }
+}
+
+/// The vertex id of a pose, as [`read_own`] reads it.
+pub fn vertex_id(pose: PoseId) -> u64 {
+    u64::from(pose.robot) << SEQ_BITS | u64::from(pose.seq)
+}
+
+fn own_graph<G: LieGroup<D>, const D: usize>(
+    named: &Named<G, D>,
+    robot: RobotId,
+    own: &BTreeSet<u64>,
+) -> Result<RobotGraph<G, D>, ReadError> {
+    let ids = named.ids.iter().map(|id| pose_of(*id)).collect::<Result<Vec<_>, _>>()?;
+    let values = named.ids.iter().zip(&ids).zip(named.graph.values());
+    let poses = values.filter(|((id, _), _)| own.contains(id)).map(|((_, pose), value)| (pose.seq, *value));
+    let poses = poses.collect();
+    let edges = named.graph.edges().iter();
+    let measurements = edges
+        .map(|e| Measurement { a: ids[e.a], b: ids[e.b], a_from_b: e.a_from_b, information: e.information })
+        .collect();
+    Ok(RobotGraph { robot, poses, measurements })
+}
+
+/// The ids of an edge line.
+fn ends_of(line: &str) -> Vec<u64> {
+    let mut words = line.split_whitespace();
+    match words.next() {
+        Some(tag) if tag.starts_with("EDGE_SE") => words.take(2).filter_map(|w| w.parse().ok()).collect(),
+        _ => Vec::new(),
     }
 }
 

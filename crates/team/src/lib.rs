@@ -5,6 +5,7 @@ mod digest;
 mod envelope;
 mod exchange;
 pub mod files;
+mod graph_peer;
 mod graphs;
 mod ids;
 mod joint;
@@ -21,6 +22,7 @@ pub const MAX_ROBOTS: usize = 256;
 
 pub use envelope::{Refused, VERSION};
 pub use exchange::{Exchange, Round};
+pub use graph_peer::{GraphPeer, Update};
 pub use graphs::{CentralGraph, GraphsError, Measurement, RobotGraph, split};
 pub use ids::{LoopId, PoseId, RobotId};
 pub use judge::{JudgeConfig, Judgement, Verdict};

@@ -71,6 +71,17 @@ impl Message {
         (bytes.len() <= MAX_BYTES).then_some(bytes)
     }
 
+    /// The same bytes with the lengths of three pieces that they are made of: who sends the message, what it shares, and its estimate.
+    /// The second one stays the same from message to message as long as the epoch does.
+    pub fn encode_pieces(&self) -> Option<(Vec<u8>, [usize; 3])> {
+        let bytes = self.encode()?;
+        let shared = postcard::to_stdvec(&self.shared).ok()?.len();
+        let estimate = postcard::to_stdvec(&(&self.estimate, &self.rejected)).ok()?.len();
+        // Fields follow each other, without anything between them.
+        let first = bytes.len().checked_sub(shared + estimate)?;
+        Some((bytes, [first, shared, estimate]))
+    }
+
     /// Decodes a message and checks that its parts are consistent.
     ///
     /// # Errors

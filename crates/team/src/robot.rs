@@ -135,6 +135,13 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         Ok(robot)
     }
 
+    /// Numbers its messages and epochs from here on: above all that it sent before it was started again, or others take its messages
+    /// for old ones.
+    #[must_use]
+    pub fn starting_at(self, number: u32) -> Self {
+        Self { number, epoch: self.epoch.saturating_add(number), ..self }
+    }
+
     /// Its id.
     pub fn id(&self) -> RobotId {
         self.id
@@ -161,19 +168,31 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
     /// # Errors
     /// When it would be too long.
     pub fn message(&mut self) -> Result<Vec<u8>, RobotError> {
-        self.number += 1;
-        let message = Message {
+        let says_shared = std::mem::take(&mut self.says_shared);
+        self.next_message(says_shared).encode().ok_or(RobotError::TooMuch(self.id))
+    }
+
+    /// The next message with all that it shares, for a channel on which only the newest one counts, and the lengths of its pieces
+    /// ([`Message::encode_pieces`]).
+    ///
+    /// # Errors
+    /// When it would be too long.
+    pub fn whole_message(&mut self) -> Result<(Vec<u8>, [usize; 3]), RobotError> {
+        self.next_message(true).encode_pieces().ok_or(RobotError::TooMuch(self.id))
+    }
+
+    fn next_message(&mut self, says_shared: bool) -> Message {
+        self.number = self.number.saturating_add(1);
+        Message {
             dimension: D as u8,
             robot: self.id,
             number: self.number,
             epoch: self.epoch,
             requests: self.missing(),
-            shared: self.says_shared.then(|| self.own.0.clone()),
+            shared: says_shared.then(|| self.own.0.clone()),
             estimate: self.own.1.clone(),
             rejected: self.rejected(),
-        };
-        self.says_shared = false;
-        message.encode().ok_or(RobotError::TooMuch(self.id))
+        }
     }
 
     /// Robots whose [`Shared`] is missing or outdated here.
@@ -281,8 +300,13 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         said().unwrap_or_else(own)
     }
 
+    /// Increases whenever what it shares changes.
+    pub(crate) fn epoch(&self) -> u32 {
+        self.epoch
+    }
+
     /// The own loops that it rejects, as indices of what it shares.
-    fn rejected(&self) -> Option<Vec<u32>> {
+    pub(crate) fn rejected(&self) -> Option<Vec<u32>> {
         self.judge.filter(|_| !self.judged.is_empty())?;
         let places = self.loops.keys().enumerate().filter(|(_, id)| self.rejects(id));
         Some(places.map(|(k, _)| k as u32).collect())

@@ -34,6 +34,85 @@ fn a_graph_is_split_and_agreed_on() {
     assert!(text.starts_with("team        3 robots, 25 poses in the plane"), "{text}");
 }
 
+/// The block of 25 poses as three robots know it, with the robot in the upper byte of each id.
+fn shared_block() -> [String; 3] {
+    let id = |k: u64| ((u64::from(b'a') + k / 9) << 56) | k;
+    let mut texts = [0, 1, 2].map(|_| String::new());
+    for k in 0..25 {
+        texts[k as usize / 9] += &format!("VERTEX_SE2 {} 0 0 0\n", id(k));
+    }
+    for line in block().lines() {
+        let words: Vec<&str> = line.split(' ').collect();
+        let ends = [1, 2].map(|at| words[at].parse::<u64>().unwrap());
+        let edge = format!("EDGE_SE2 {} {} {}\n", id(ends[0]), id(ends[1]), words[3..].join(" "));
+        let robots = ends.map(|k| k as usize / 9);
+        texts[robots[0]] += &edge;
+        if robots[1] != robots[0] {
+            texts[robots[1]] += &edge;
+        }
+    }
+    texts
+}
+
+#[test]
+fn three_processes_agree_on_a_graph_that_none_of_them_knows_whole() {
+    let folder = folder("team-agree");
+    let path = |name: String| folder.join(name).to_str().unwrap().to_owned();
+    let texts = shared_block();
+    let hub = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let mut running = Vec::new();
+    for (n, text) in texts.iter().enumerate() {
+        let (own, out) = (path(format!("{n}.g2o")), path(format!("agreed-{n}.g2o")));
+        std::fs::write(&own, text).unwrap();
+        let mut agree = Command::new(env!("CARGO_BIN_EXE_cairn"));
+        agree.args(["team", "agree", &own, "--out", &out, "--believe-all", "--json", "--for", "12"]);
+        // All know the address of the first one only.
+        let address = if n == 0 {
+            ["--listen", &hub].map(str::to_owned).to_vec()
+        } else {
+            ["--listen", "127.0.0.1:0", "--peer", &hub].map(str::to_owned).to_vec()
+        };
+        agree.args(address).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        running.push(agree.spawn().expect("the binary starts"));
+    }
+    for (n, process) in running.into_iter().enumerate() {
+        let agreed = json(&process.wait_with_output().unwrap());
+        assert_eq!(agreed["agreed_with"].as_array().unwrap().len(), 2, "{n}: {agreed}");
+        assert_eq!(
+            (&agreed["settled"], &agreed["refused"]),
+            (&Value::Bool(true), &0.into()),
+            "{n}: {agreed}"
+        );
+        assert!(agreed["sent_bytes"].as_u64().unwrap() < 50_000, "{n}: {agreed}");
+    }
+    // The poses as agreed with all measurements: one solver finds nothing to improve.
+    let vertices = (0..3).map(|n| std::fs::read_to_string(path(format!("agreed-{n}.g2o"))).unwrap());
+    let vertices: Vec<String> = vertices
+        .flat_map(|text| {
+            text.lines().filter(|l| l.starts_with("VERTEX")).map(str::to_owned).collect::<Vec<_>>()
+        })
+        .collect();
+    assert_eq!(vertices.len(), 25);
+    let mut edges: Vec<&str> =
+        texts.iter().flat_map(|t| t.lines()).filter(|l| l.starts_with("EDGE")).collect();
+    edges.sort_unstable();
+    edges.dedup();
+    let whole = path("whole.g2o".into());
+    std::fs::write(&whole, format!("{}\n{}\n", vertices.join("\n"), edges.join("\n"))).unwrap();
+    let solved = json(&cairn(&["solve", "graph", &whole, "--init", "file", "--json"]));
+    let [before, after] =
+        ["chi2_before", "chi2_after"].map(|key| solved[key].as_f64().unwrap_or_else(|| panic!("{solved}")));
+    assert!(before / after - 1.0 < 1e-6, "{before} as agreed, {after} at the optimum");
+    // A graph whose ids name no robot is refused.
+    let plain = path("plain.g2o".into());
+    std::fs::write(&plain, "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 0 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n")
+        .unwrap();
+    fails(
+        &["team", "agree", &plain, "--out", &path("never.g2o".into())],
+        &["plain.g2o", "does not name its robot"],
+    );
+}
+
 #[test]
 fn what_is_no_team_is_said_in_one_line() {
     let folder = folder("team-wrong");

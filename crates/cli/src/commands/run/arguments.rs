@@ -2,7 +2,7 @@
 
 use super::say::Say;
 use super::sensor::sensors;
-use crate::commands::team::join::Reach;
+use crate::commands::team::member::Reach;
 use crate::number::between;
 use crate::speaking::Speaking;
 use cairn_engine::Sensors;

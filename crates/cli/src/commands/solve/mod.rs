@@ -37,7 +37,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
 const MAX_BYTES: u64 = 2048 * cairn_files::MIB;
 
 /// Reads a text file.
-pub(super) fn text_of(path: &Path, form: &str) -> Result<String, Failure> {
+pub(in crate::commands) fn text_of(path: &Path, form: &str) -> Result<String, Failure> {
     let name = path.display().to_string();
     cairn_files::read_text(path, MAX_BYTES)
         .map_err(|e| Failure::new(&name, e.to_string(), format!("give a file in {form} format")))

@@ -1,5 +1,6 @@
 //! `cairn team join`: shares a saved map, as it grows, with other robots, and keeps the atlas of all of them.
 
+use super::member::{Reach, identity, team_key};
 use super::overlaps::MapOverlaps;
 use super::paths::beside;
 use super::status::{Shown, TeamStatus};
@@ -11,10 +12,9 @@ use crate::number::number;
 use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use cairn::team::RobotId;
-use cairn::team::peer::{Identity, MapSubscription, Peer, TeamKey};
+use cairn::team::peer::{MapSubscription, Peer};
 use cairn::{Config, SharedAtlas, TeamAtlas, in_reach, own_part, words_of_map};
 use cairn_atlas::store::pieces::Pieces;
-use cairn_files::MIB;
 use cairn_wire::Member;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -54,27 +54,6 @@ pub struct Arguments {
     #[arg(long = "for", value_name = "S", value_parser = number(0.0..=1e9, "a number of seconds"))]
     time: Option<f64>,
 }
-
-/// How the other robots are reached.
-#[derive(clap::Args, Clone)]
-pub struct Reach {
-    /// A file with a secret that only the robots of the team have; without it anybody who knows the name of the team can
-    /// take part, and read what is sent.
-    #[arg(help_heading = "Team", long, value_name = "FILE")]
-    pub secret: Option<PathBuf>,
-    /// The address at which other robots reach this one [default: 0.0.0.0:7450].
-    #[arg(help_heading = "Team", long, value_name = "HOST:PORT")]
-    pub listen: Option<String>,
-    /// The address of another robot; may be repeated. One that is away is tried again twice a second.
-    #[arg(help_heading = "Team", long, value_name = "HOST:PORT")]
-    pub peer: Vec<String>,
-    /// At most so many kB are sent in a second, in the mean and to all robots together: maps wait for their turn [default: 100].
-    #[arg(help_heading = "Team", long, value_name = "KB", value_parser = number(1.0..=1e9, "a number of kilobytes from 1"))]
-    pub send_limit: Option<f64>,
-}
-
-/// What a robot may send in a second: three that share a way stay below it (docs/team.md).
-const SEND_LIMIT_KB: f64 = 100.0;
 
 /// How long messages are exchanged before files are looked at again.
 const STEP: Duration = Duration::from_millis(500);
@@ -147,49 +126,6 @@ impl Sharing {
     }
 }
 
-/// The identity of a robot: its key is in a file beside the map, made the first time.
-fn identity(robot: RobotId, map: &Path) -> Result<Identity, Failure> {
-    let path = beside(map, "robot-key");
-    let shown = path.display().to_string();
-    let fail = |why: String| {
-        Failure::new(&shown, why, "give the file back that was there, or remove it and take a new --robot")
-    };
-    let seed = if path.exists() {
-        let bytes = cairn_files::read(&path, 32).map_err(|e| fail(e.to_string()))?;
-        <[u8; 32]>::try_from(bytes).map_err(|b| fail(format!("a key has 32 bytes, it has {}", b.len())))?
-    } else {
-        let seed = Identity::new_seed().map_err(|e| fail(e.to_string()))?;
-        write_secret(&path, &seed).map_err(|e| Failure::new(&shown, e.to_string(), "check its folder"))?;
-        seed
-    };
-    Identity::from_seed(robot, &seed).map_err(|e| fail(e.to_string()))
-}
-
-/// Writes a file that only its owner can read; never over one that exists.
-fn write_secret(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let mut options = std::fs::File::options();
-    options.write(true).create_new(true);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    std::io::Write::write_all(&mut options.open(path)?, bytes)
-}
-
-fn team_key(team: &str, secret_file: Option<&Path>) -> Result<TeamKey, Failure> {
-    let mut secret = team.as_bytes().to_vec();
-    if let Some(path) = secret_file {
-        let fail = |why: String| {
-            Failure::new(path.display().to_string(), why, "give a file with at least 16 bytes of secret")
-        };
-        let bytes = cairn_files::read(path, MIB).map_err(|e| fail(e.to_string()))?;
-        if bytes.len() < 16 {
-            return Err(fail(format!("it has {} bytes", bytes.len())));
-        }
-        secret.push(0);
-        secret.extend(bytes);
-    }
-    Ok(TeamKey::new(&secret))
-}
-
 /// What the others got of this robot's map, beside the map: a robot that is started again goes on from there.
 const PIECES: &str = "pieces";
 
@@ -238,11 +174,7 @@ impl Robot {
         if !all {
             peer.subscribe(MapSubscription::Of(BTreeSet::new()));
         }
-        let listen = reach.listen.as_deref().unwrap_or("0.0.0.0:7450");
-        let member = Member::open(peer, listen, &reach.peer).map_err(|e| {
-            Failure::new(format!("--listen {listen}"), e.to_string(), "choose another address or port")
-        })?;
-        let member = member.with_send_limit(1e3 * reach.send_limit.unwrap_or(SEND_LIMIT_KB));
+        let member = reach.member(peer)?;
         note(&format!("robot {robot} of team {team} listens on {}", member.address()));
         Ok(Self {
             member,

@@ -1,8 +1,10 @@
 //! `cairn team`: several robots with one graph, or one atlas.
 
+mod agree;
 mod fleet;
 mod graph;
 pub mod join;
+pub mod member;
 mod overlaps;
 mod paths;
 mod scale;
@@ -20,6 +22,7 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
+    Agree(agree::Arguments),
     Graph(graph::Arguments),
     Join(join::Arguments),
     Scale(scale::Arguments),
@@ -32,6 +35,7 @@ enum Command {
 /// Those of the subcommand.
 pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     match &arguments.command {
+        Command::Agree(arguments) => agree::run(arguments, output),
         Command::Graph(arguments) => graph::run(arguments, output),
         Command::Join(arguments) => join::run(arguments, output),
         Command::Scale(arguments) => scale::run(arguments, output),
