@@ -63,8 +63,9 @@ fn aligned(atlas: &Atlas, ids: &[KeyFrameId], views: &DepthViews) -> Vec<Relativ
 }
 
 fn viewpoints() -> Vec<Se3> {
-    let at =
-        |x: f64, y: f64, turn: f64| Se3::new(So3::exp(&Vec3::new(0.1, turn, 0.0)), Vec3::new(x, y, 0.1 * x));
+    let at = |x: f64, y: f64, turn: f64| {
+        Se3::new(So3::exp(&Vec3::new(-0.25, turn, 0.0)), Vec3::new(x, y, 0.1 * x))
+    };
     vec![at(0.0, 0.0, 0.2), at(0.3, -0.1, 0.0), at(-0.2, 0.1, 0.3)]
 }
 
