@@ -32,9 +32,11 @@ impl View {
             let others = k.links.iter().filter(|other| **other < k.id).filter_map(|other| numbers.get(other));
             others.map(|other| [*other, numbers[&k.id]]).collect::<Vec<_>>()
         });
-        // A map without gravity begins with y down.
-        let is_level =
-            only.map_or_else(|| map.is_gravity_aligned_throughout(), |of| map.is_gravity_aligned(of));
+        // A map without gravity begins with y down; of several maps the largest one counts.
+        let mut sizes: BTreeMap<MapId, usize> = BTreeMap::new();
+        key_frames.iter().for_each(|k| *sizes.entry(k.map).or_default() += 1);
+        let largest = sizes.into_iter().max_by_key(|(_, size)| *size).map(|(of, _)| of);
+        let is_level = largest.is_some_and(|of| map.is_gravity_aligned(of));
         Self {
             up: single(&if is_level { Vec3::z() } else { -Vec3::y() }),
             points,

@@ -3,7 +3,7 @@
 use cairn_engine::{Config, Engine, Runner, SensorMode};
 use cairn_guide::{Facing, Route};
 use cairn_sensor::{FramePacket, Source};
-use cairn_session::{Command, Event, Session, SessionConfig, anchor_in_map};
+use cairn_session::{Command, Event, Session, SessionConfig, View, anchor_in_map};
 use cairn_sim::SimSource;
 
 const HALL: &str =
@@ -110,6 +110,7 @@ fn moment_in_another_map_takes_no_metres_away() {
     }
     // The map of the moment is still there, without metres.
     assert!(!session.engine().is_metric());
+    assert_eq!(View::of_map(&session.engine().snapshot(), None, 10).up, [0.0, 0.0, 1.0]);
     let known = known.expect("metres are known again");
     assert!(known < 45 && session.status().metric, "after {known} frames");
     let spoken = session.command(&Command::Stop).unwrap();
