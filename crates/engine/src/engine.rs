@@ -95,8 +95,9 @@ impl Engine {
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper) = (tracker, Mapper::new(model, mapper));
         let mut closer = closer.with_motion_links(mapper.motion_links());
+        let aligned = depth.filter(|_| config.closer.align_depth);
         let depth_views =
-            depth.and_then(|(sensor, camera_from_depth)| DepthViews::new(sensor, camera_from_depth));
+            aligned.and_then(|(sensor, camera_from_depth)| DepthViews::new(sensor, camera_from_depth));
         if let Some(views) = &depth_views {
             mapper = mapper.with_depth_views(views.clone());
             closer = closer.with_depth_views(views.clone());
