@@ -12,6 +12,7 @@
 //! So all pieces but the last stay the same from one save to the next, byte for byte.
 
 mod delta;
+mod measured;
 mod motion;
 mod rebuild;
 mod state;

@@ -7,14 +7,12 @@ mod delta;
 #[cfg(test)]
 mod tests;
 
-use super::state::State;
 use crate::scale::is_sound_sigma;
-use crate::{ImuFactor, InertialState, KeyFrame, KeyFrameId, Snapshot};
+use crate::{ImuFactor, InertialState, KeyFrame, Snapshot};
 use cairn_geometry::Vec3;
-use cairn_inertial::{Bias, Preintegrated};
+use cairn_inertial::Bias;
 use cairn_sensor::{ImuNoise, ImuSample, Stamp};
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 
 pub(super) use delta::MotionDelta;
 
@@ -33,7 +31,7 @@ const LATER_US: u64 = 200;
 const LARGEST: i32 = 1_024_000;
 /// So many readings between two key frames at most, and in all of a map.
 const MAX_READINGS: usize = 1 << 14;
-const MAX_ALL: usize = 1 << 22;
+pub(super) const MAX_ALL: usize = 1 << 22;
 /// Readings begin and end this near to their key frames, microseconds.
 const NEAR_US: u64 = 2_000_000;
 
@@ -51,13 +49,13 @@ pub(super) struct Motion {
 pub(super) struct Readings {
     pub since: u32,
     /// Which noise of the head they have.
-    noise: u32,
+    pub noise: u32,
     /// Microseconds of the first.
     begins: i64,
     /// Microseconds since the one before.
     steps: Vec<u32>,
     /// Gyro and accel, in steps.
-    values: Vec<[i32; 6]>,
+    pub values: Vec<[i32; 6]>,
     /// Factors of noise: how many readings have which.
     scales: Vec<(u32, f32)>,
 }
@@ -121,7 +119,7 @@ impl Motion {
     }
 
     /// Without readings.
-    fn state(&self) -> InertialState {
+    pub fn state(&self) -> InertialState {
         let bias = Bias { gyro: vector(&self.gyro_bias, BIAS[0]), accel: vector(&self.accel_bias, BIAS[1]) };
         let still_sigma = self.still_sigma.map(f64::from);
         InertialState { velocity: vector(&self.velocity, SPEED), bias, still_sigma, imu_factor: None }
@@ -130,7 +128,7 @@ impl Motion {
 
 impl Readings {
     /// Those before a key frame of the atlas's camera; `None` where there are none, or they cannot be told.
-    fn of(s: &Snapshot, k: &KeyFrame, head: &ImuHead) -> Option<Self> {
+    pub fn of(s: &Snapshot, k: &KeyFrame, head: &ImuHead) -> Option<Self> {
         let factor = own_factor(k)?;
         let before = s.key_frame(factor.since).filter(|before| before.map == k.map && before.id < k.id)?;
         let noise = head.noises.iter().position(|n| *n == numbers(factor.sum.noise()))? as u32;
@@ -176,7 +174,7 @@ impl Readings {
     }
 
     /// These, and then those of the next key frame; `None` where they do not follow.
-    fn then(&self, next: &Self) -> Option<Self> {
+    pub fn then(&self, next: &Self) -> Option<Self> {
         let (mut all, ends) = (self.clone(), self.ends());
         if all.noise != next.noise || all.values.len() + next.values.len() > MAX_READINGS {
             return None;
@@ -196,7 +194,7 @@ impl Readings {
     }
 
     /// Whether they are as good as these.
-    fn is_near(&self, other: &Self) -> bool {
+    pub fn is_near(&self, other: &Self) -> bool {
         self.begins.abs_diff(other.begins) <= LATER_US
             && self.ends().abs_diff(other.ends()) <= LATER_US
             && (self.since, self.noise) == (other.since, other.noise)
@@ -204,7 +202,7 @@ impl Readings {
     }
 
     /// Whether there are readings in rising time near to these stamps, with values that sensors have.
-    fn is_sound(&self, head: &ImuHead, from: Stamp, to: Stamp) -> bool {
+    pub fn is_sound(&self, head: &ImuHead, from: Stamp, to: Stamp) -> bool {
         let near = |us: i64, stamp: Stamp| us.abs_diff(stamp.0.div_euclid(1_000)) <= NEAR_US;
         let counted: u64 = self.scales.iter().map(|(n, _)| u64::from(*n)).sum();
         let noise = head.noises.get(self.noise as usize);
@@ -221,7 +219,7 @@ impl Readings {
     }
 
     /// As samples.
-    fn samples(&self) -> Vec<ImuSample> {
+    pub fn samples(&self) -> Vec<ImuSample> {
         let scales = self.scales.iter().flat_map(|(n, scale)| std::iter::repeat_n(*scale, *n as usize));
         let mut at = self.begins;
         let one = |((step, v), scale): ((&u32, &[i32; 6]), f32)| {
@@ -231,78 +229,4 @@ impl Readings {
         };
         self.steps.iter().zip(&self.values).zip(scales).map(one).collect()
     }
-}
-
-impl State {
-    /// Adds motions and readings of a map, as they were known `before` where they hardly changed.
-    pub(super) fn measure(&mut self, s: &Snapshot, before: &Self) {
-        let Some(head) = self.head.imu.clone() else { return };
-        let mut all = 0;
-        for k in s.key_frames() {
-            let Some(own) = self.key_frames.get_mut(&k.id.raw()) else { continue };
-            let known = before.key_frames.get(&k.id.raw()).filter(|known| known.row.stamp == own.row.stamp);
-            own.motion = Motion::of(k, known.and_then(|known| known.motion.as_ref()));
-            let now = Readings::of(s, k, &head).filter(|now| all + now.values.len() <= MAX_ALL);
-            let was = now.as_ref().and_then(|now| before.readings_since(k.id.raw(), now.since));
-            let was = was.map(|(readings, _)| readings).filter(|_| before.head.imu == self.head.imu);
-            own.readings = match (now, was) {
-                (Some(now), Some(was)) if was.is_near(&now) => Some(was),
-                (now, _) => now,
-            };
-            all += own.readings.as_ref().map_or(0, |r| r.values.len());
-        }
-    }
-
-    /// The readings of a key frame since an earlier one, joined where key frames lie between, and these, the latest first.
-    fn readings_since(&self, id: u32, since: u32) -> Option<(Readings, Vec<u32>)> {
-        let mut readings = self.key_frames.get(&id)?.readings.clone()?;
-        let mut between = Vec::new();
-        while readings.since > since {
-            between.push(readings.since);
-            readings = self.key_frames.get(&readings.since)?.readings.as_ref()?.then(&readings)?;
-        }
-        (readings.since == since).then_some((readings, between))
-    }
-}
-
-/// Gives key frames their motions, of which `state` says what they are; `Err` names the first that cannot be.
-pub(super) fn give(state: &State, key_frames: &mut [KeyFrame]) -> Result<(), KeyFrameId> {
-    for i in 0..key_frames.len() {
-        let (before, rest) = key_frames.split_at_mut(i);
-        let k = &mut rest[0];
-        let Some(of) = state.key_frames.get(&k.id.raw()) else { continue };
-        let motion = match (&of.motion, &of.readings, &state.head.imu) {
-            (None, None, _) => continue,
-            (Some(motion), readings, Some(head)) => {
-                with_factor(motion.state(), readings.as_ref(), head, before, k)
-            }
-            _ => None,
-        };
-        k.motion = Some(motion.ok_or(k.id)?);
-    }
-    Ok(())
-}
-
-/// A motion with its factor; `before` are the key frames before.
-fn with_factor(
-    mut motion: InertialState,
-    readings: Option<&Readings>,
-    head: &ImuHead,
-    before: &[KeyFrame],
-    k: &KeyFrame,
-) -> Option<InertialState> {
-    if k.other_camera.is_some() || motion.still_sigma.is_some_and(|sigma| !is_sound_sigma(sigma)) {
-        return None;
-    }
-    let Some(r) = readings else { return Some(motion) };
-    let since = KeyFrameId::from_raw(r.since)?;
-    let from = &before[before.binary_search_by_key(&since, |k| k.id).ok()?];
-    if from.map != k.map || !r.is_sound(head, from.stamp, k.stamp) {
-        return None;
-    }
-    let [gyro, gyro_walk, accel, accel_walk] = *head.noises.get(r.noise as usize)?;
-    let noise = ImuNoise { gyro, gyro_walk, accel, accel_walk };
-    let sum = Arc::new(Preintegrated::of(noise, motion.bias, r.samples()));
-    motion.imu_factor = Some(ImuFactor { since, sum });
-    Some(motion)
 }

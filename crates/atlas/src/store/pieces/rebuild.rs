@@ -5,7 +5,7 @@ use super::super::decode::{Damage, check_priors, derive_all, observe};
 use super::super::error::StoreError;
 use super::super::layout::{MapFile, NO_PICK};
 use super::super::wire::Decoder;
-use super::motion;
+use super::measured;
 use super::state::{
     ANGLES, DISPARITY, Feature, KeyFrameState, LOG_DEPTH, LandmarkState, NO_DEPTH, PX, State, position,
     similarity,
@@ -43,7 +43,7 @@ pub(super) fn map_of(state: &State) -> Result<MapFile, StoreError> {
         let features = k.shown.iter().filter(|landmark| **landmark != 0);
         shown.extend(features.map(|landmark| rows.get(landmark).copied().unwrap_or(u32::MAX)));
     }
-    motion::give(state, &mut key_frames)
+    measured::give(state, &mut key_frames)
         .map_err(|id| wrong(format!("what an IMU measured before {id:?} is invalid")))?;
     snapshot.other_cameras = Arc::new(others);
     maps(state, &mut snapshot, &key_frames)?;

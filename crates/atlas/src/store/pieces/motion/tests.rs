@@ -1,9 +1,12 @@
 //! What others may say of an IMU: anything. It is refused, and takes little memory.
 
-use super::super::state::{KeyFrameState, Pose, Row};
+use super::super::measured::give;
+use super::super::state::{KeyFrameState, Pose, Row, State};
 use super::*;
+use crate::KeyFrameId;
 use cairn_geometry::Se3;
 use cairn_vision::Frame;
+use std::sync::Arc;
 
 const HEAD_NOISE: [f64; 4] = [1e-3, 1e-5, 1e-2, 1e-4];
 const STAMP: i64 = 1_700_000_000_000_000_000;
