@@ -2,6 +2,7 @@
 //!
 //! Two visits of a place from other viewpoints share few landmarks or none: then nothing but the surface relates them.
 
+use crate::motion::by_both_ends;
 use crate::subproblem::Subproblem;
 use cairn_atlas::KeyFrameId;
 use cairn_geometry::{LieGroup, Se3};
@@ -63,15 +64,12 @@ impl Link {
         self.measured.chi2(&poses[self.from], &poses[self.to])
     }
 
-    /// Whitened residual and its derivative by right perturbations of both ends, as of a measured motion (`motion.rs`).
+    /// Whitened residual and its derivative by right perturbations of both ends.
     fn linear(&self, poses: &[Se3]) -> (Vector6<f64>, SMatrix<f64, 6, 12>) {
         let between = poses[self.from].inverse() * poses[self.to];
         let off = self.measured.from_from_to.inverse() * between;
         let by_to = self.root * off.coordinates_jacobian();
-        let mut jacobian = SMatrix::<f64, 6, 12>::zeros();
-        jacobian.fixed_columns_mut::<6>(0).copy_from(&(-by_to * between.inverse().adjoint()));
-        jacobian.fixed_columns_mut::<6>(6).copy_from(&by_to);
-        (self.root * off.coordinates(), jacobian)
+        (self.root * off.coordinates(), by_both_ends(by_to, &between))
     }
 }
 

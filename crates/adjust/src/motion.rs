@@ -157,18 +157,23 @@ impl Link {
         off.coordinates().component_mul(&self.weights())
     }
 
-    /// Derivative of the residual by right perturbations of both ends. It moves with its later end as with a perturbation of itself, with
-    /// its earlier end through the adjoint (Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", 2018,
-    /// equations 69, 74, 82).
+    /// Derivative of the residual by right perturbations of both ends.
     fn jacobian(&self, poses: &[Se3]) -> SMatrix<f64, 6, 12> {
         let between = self.between(poses);
         let off = self.motion.since_from_now.inverse() * between;
-        let by_to = SMatrix::<f64, 6, 6>::from_diagonal(&self.weights()) * off.coordinates_jacobian();
-        let mut jacobian = SMatrix::<f64, 6, 12>::zeros();
-        jacobian.fixed_columns_mut::<6>(0).copy_from(&(-by_to * between.inverse().adjoint()));
-        jacobian.fixed_columns_mut::<6>(6).copy_from(&by_to);
-        jacobian
+        let weights = SMatrix::<f64, 6, 6>::from_diagonal(&self.weights());
+        by_both_ends(weights * off.coordinates_jacobian(), &between)
     }
+}
+
+/// Derivative of a residual by right perturbations of the poses of two key frames, from that by one of the motion between them. It moves
+/// with its later end as with a perturbation of itself, with its earlier end through the adjoint (Sola, Deray, Atchuthan, "A micro Lie
+/// theory for state estimation in robotics", 2018, equations 69, 74, 82).
+pub(crate) fn by_both_ends(by_later: SMatrix<f64, 6, 6>, between: &Se3) -> SMatrix<f64, 6, 12> {
+    let mut jacobian = SMatrix::<f64, 6, 12>::zeros();
+    jacobian.fixed_columns_mut::<6>(0).copy_from(&(-by_later * between.inverse().adjoint()));
+    jacobian.fixed_columns_mut::<6>(6).copy_from(&by_later);
+    jacobian
 }
 
 /// The motions measured between the key frames of a window.

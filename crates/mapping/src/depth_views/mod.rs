@@ -4,7 +4,7 @@
 //! whether they share landmarks or none. Each comes from a point-to-surface alignment with its covariance (`cairn_dense::track`);
 //! directions that the surface leaves free carry no information.
 //!
-//! Images are kept small: 6,000 points tell a pose to a millimetre, and a map has many key frames. Which images there are when a map is
+//! Images are kept small: 3,000 points tell a pose to a millimetre or two, and a map has many key frames. Which images there are when a map is
 //! adjusted, and what was aligned before, depends on the key frames and the order of the adjustments alone, so that a replay finds the same.
 
 mod align;
