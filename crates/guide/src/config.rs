@@ -88,7 +88,7 @@ pub struct GuideConfig {
     #[setting(default = 0.8, range = 0.0..=1.0)]
     pub edge_share: f64,
     /// On the last leg a course that misses the end by more than this is corrected.
-    #[setting(default = 0.35, range = 0.0..=100.0)]
+    #[setting(default = 0.25, range = 0.0..=100.0)]
     pub end_miss_m: f64,
     /// Above this course error the aim alone decides the correction.
     #[setting(default = 35.0, range = 0.0..=180.0)]

@@ -127,7 +127,7 @@ impl PhraseConfig {
             CueKind::Stop(StopReason::Obstacle(obstacle)) if self.metric => {
                 after("guide-stop", self.obstacle(&obstacle))
             }
-            CueKind::Stop(reason) => after("guide-stop", reason_words(reason, self.language)),
+            CueKind::Stop(reason) => after("guide-stop", reason_words(reason, cue.facing, self.language)),
             CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
         })
     }
@@ -371,9 +371,9 @@ pub fn clock_hour(angle_rad: f64) -> usize {
     }
 }
 
-/// Why the walker must stop, in a sentence.
-pub fn reason_words(reason: StopReason, language: Language) -> String {
-    language.text(match reason {
+/// Why the walker must stop, in a sentence; and what helps, where he does not do that already.
+pub fn reason_words(reason: StopReason, facing: Facing, language: Language) -> String {
+    let id = match reason {
         StopReason::TrackingLost => "stop-tracking-lost",
         StopReason::PoseStale => "stop-no-picture",
         StopReason::PicturesLate => "stop-pictures-late",
@@ -387,7 +387,9 @@ pub fn reason_words(reason: StopReason, language: Language) -> String {
         StopReason::CannotRelocalise => "stop-relocalise",
         StopReason::ToAndFro => "stop-to-and-fro",
         StopReason::StageDied => "stop-stage-died",
-    })
+    };
+    let camera = if facing == Facing::Home { "ahead" } else { "back" };
+    language.say(id, &[("camera", camera.into())])
 }
 
 #[cfg(test)]
@@ -462,6 +464,18 @@ mod tests {
         let guessed = PhraseConfig { metric: false, ..PhraseConfig::default() };
         let obstacle = StopReason::Obstacle(Obstacle::at(1.0, 0.0, false));
         assert_eq!(words(&guessed, CueKind::Stop(obstacle)), "Stop. Something is in the way.");
+    }
+
+    #[test]
+    fn nobody_is_advised_to_do_what_he_does() {
+        for language in Language::ALL {
+            for reason in [StopReason::ScaleUncertain, StopReason::CannotRelocalise, StopReason::ToAndFro] {
+                let said = |facing| reason_words(reason, facing, language);
+                let [home, back] = [Facing::Home, Facing::Back].map(said);
+                assert!(back.ends_with('.') && home.starts_with(&format!("{back} ")), "{home} | {back}");
+                assert_eq!(said(Facing::Backwards), back);
+            }
+        }
     }
 
     #[test]

@@ -176,9 +176,18 @@ stop-overhead = Etwas hängt im Weg.
 stop-drop = Der Boden fällt vor uns ab.
 stop-unknown-ground = Ich sehe den Boden vor uns nicht.
 stop-no-way-past = Ich finde keinen Weg daran vorbei.
-stop-scale = Hier kann ich Entfernungen nicht beurteilen. Es hilft, zurückzudrehen und rückwärts zu gehen, oder die Kamera nach hinten schauen zu lassen.
-stop-relocalise = Hier verliere ich den Ort immer wieder und kann nicht weiter führen. Es hilft, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
-stop-to-and-fro = Hier führe ich Sie nur hin und her und kann nicht weiter führen. Es hilft, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
+stop-scale = Hier kann ich Entfernungen nicht beurteilen.{ $camera ->
+    [ahead] {" "}Es hilft, zurückzudrehen und rückwärts zu gehen, oder die Kamera nach hinten schauen zu lassen.
+   *[back] {""}
+}
+stop-relocalise = Hier verliere ich den Ort immer wieder und kann nicht weiter führen.{ $camera ->
+    [ahead] {" "}Es hilft, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
+   *[back] {""}
+}
+stop-to-and-fro = Hier führe ich Sie nur hin und her und kann nicht weiter führen.{ $camera ->
+    [ahead] {" "}Es hilft, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
+   *[back] {""}
+}
 stop-stage-died = Ein Teil der Führung arbeitet nicht mehr.
 
 ## Before leaving: will the route be recognised?

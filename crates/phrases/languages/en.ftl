@@ -162,9 +162,18 @@ stop-overhead = Something is hanging in the way.
 stop-drop = The ground drops ahead.
 stop-unknown-ground = I cannot see the ground ahead.
 stop-no-way-past = I cannot find a way past it.
-stop-scale = I cannot judge distances here. It helps to turn back and walk backwards, or to let the camera face back.
-stop-relocalise = I keep losing my place here and cannot guide you on. It helps to walk backwards, or to let the camera face back.
-stop-to-and-fro = I keep leading you back and forth here and cannot guide you on. It helps to walk backwards, or to let the camera face back.
+stop-scale = I cannot judge distances here.{ $camera ->
+    [ahead] {" "}It helps to turn back and walk backwards, or to let the camera face back.
+   *[back] {""}
+}
+stop-relocalise = I keep losing my place here and cannot guide you on.{ $camera ->
+    [ahead] {" "}It helps to walk backwards, or to let the camera face back.
+   *[back] {""}
+}
+stop-to-and-fro = I keep leading you back and forth here and cannot guide you on.{ $camera ->
+    [ahead] {" "}It helps to walk backwards, or to let the camera face back.
+   *[back] {""}
+}
 stop-stage-died = Part of the guide has stopped working.
 
 ## Before leaving: will the route be recognised?

@@ -165,9 +165,18 @@ stop-overhead = Algo cuelga en el camino.
 stop-drop = El suelo baja de golpe delante.
 stop-unknown-ground = No veo el suelo de delante.
 stop-no-way-past = No encuentro por dónde pasar.
-stop-scale = Aquí no puedo calcular distancias. Ayuda volverse y caminar hacia atrás, o que la cámara mire hacia atrás.
-stop-relocalise = Aquí pierdo el lugar una y otra vez y no puedo seguir guiando. Ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
-stop-to-and-fro = Aquí le llevo de un lado a otro y no puedo seguir guiando. Ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
+stop-scale = Aquí no puedo calcular distancias.{ $camera ->
+    [ahead] {" "}Ayuda volverse y caminar hacia atrás, o que la cámara mire hacia atrás.
+   *[back] {""}
+}
+stop-relocalise = Aquí pierdo el lugar una y otra vez y no puedo seguir guiando.{ $camera ->
+    [ahead] {" "}Ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
+   *[back] {""}
+}
+stop-to-and-fro = Aquí le llevo de un lado a otro y no puedo seguir guiando.{ $camera ->
+    [ahead] {" "}Ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
+   *[back] {""}
+}
 stop-stage-died = Una parte de la guía ha dejado de funcionar.
 
 ## Before leaving: will the route be recognised?

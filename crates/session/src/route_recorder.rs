@@ -8,7 +8,7 @@ use crate::disk::{Disk, OwnDisk};
 use crate::place::Place;
 use crate::recording::{About, Recording};
 use crate::route_guide::TrackedPlace;
-use crate::route_metres::{carry_over_astray, may_have_metres};
+use crate::route_metres::{may_have_metres, settle_astray};
 use crate::session::NotSaved;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Pose, Se3};
@@ -114,7 +114,7 @@ impl RouteRecorder {
         let (mut route, path, mut whole) = self.recording.finish();
         if let (Ok(()), Some((map, camera))) = (&whole, last) {
             let file = path.as_deref().map(|path| (&OwnDisk as &dyn Disk, path));
-            whole = carry_over_astray(map, camera, &mut route, file).map(|_| ());
+            whole = settle_astray(map, camera, &mut route, file).map(|_| ());
         }
         let points = route.points.len();
         whole.map(|()| points).map_err(|e| NotSaved::Route(format!("{e}; {points} points were recorded")))

@@ -5,6 +5,7 @@ use cairn_guide::{Facing, Route};
 use cairn_sensor::{FramePacket, Source};
 use cairn_session::{Command, Event, Session, SessionConfig, View, anchor_in_map};
 use cairn_sim::SimSource;
+use std::path::PathBuf;
 
 const HALL: &str =
     "sim:hall?seed=4&sensor=mono-imu&resolution=400x300&focal=260&rate=15&detail=0.5&speed=1.1&duration=14";
@@ -85,19 +86,9 @@ fn packets(world: &str, later_s: f64) -> Vec<FramePacket> {
 /// recording begins. What is said in metres, and the route, are as if that had not been.
 #[test]
 fn moment_in_another_map_takes_no_metres_away() {
-    let walked = packets(HALL, 0.0);
     let away = packets(&HALL.replace("seed=4", "seed=9"), 30.0);
     let again = packets(HALL, 40.0);
-    let mut config = Config::default();
-    config.inertial.enabled = true;
-    let source = SimSource::open(HALL).unwrap();
-    let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
-    let engine = Engine::new(&rig, SensorMode::Mono, rate_hz, Runner::Lockstep, &config).unwrap();
-    let folder = std::env::temp_dir().join(format!("cairn-session-astray-{}", std::process::id()));
-    let config = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
-    let mut session = Session::new(engine, config);
-    walked.iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
-    assert!(session.status().metric);
+    let (mut session, folder) = walked_session("astray");
     away[..14].iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
     session.command(&Command::Record).unwrap();
     away[14..30].iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
@@ -116,6 +107,7 @@ fn moment_in_another_map_takes_no_metres_away() {
     let spoken = session.command(&Command::Stop).unwrap();
     let route = session.route().unwrap();
     assert!(route.header.metric);
+    let source = SimSource::open(HALL).unwrap();
     let truth = &source.info().truth;
     let length: f64 =
         truth.windows(15).step_by(14).map(|w| (w[14].1.translation - w[0].1.translation).norm()).sum();
@@ -128,5 +120,58 @@ fn moment_in_another_map_takes_no_metres_away() {
     println!("{spoken} {length} m walked, {recorded} m recorded, metres after {known} frames");
     // A second of the way in the other room, no faster than the walk, lies before it.
     assert!((length - 0.5..length + 2.0).contains(&recorded), "{length} m walked, {recorded} m recorded");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// A session of one camera with an IMU that has walked through the hall and knows metres.
+fn walked_session(name: &str) -> (Session<Engine>, PathBuf) {
+    let mut config = Config::default();
+    config.inertial.enabled = true;
+    let source = SimSource::open(HALL).unwrap();
+    let rate_hz = source.info().rate_hz;
+    let engine = Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config).unwrap();
+    let folder = std::env::temp_dir().join(format!("cairn-session-{name}-{}", std::process::id()));
+    let mut session =
+        Session::new(engine, SessionConfig { folder: folder.clone(), ..SessionConfig::default() });
+    packets(HALL, 0.0).iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    assert!(session.status().metric);
+    (session, folder)
+}
+
+/// Where tracking is lost, it is not known in which map the walker will be.
+#[test]
+fn recording_that_begins_without_a_pose_has_no_metres_yet() {
+    let (mut session, folder) = walked_session("unplaced");
+    let away = packets(&HALL.replace("seed=4", "seed=9"), 30.0);
+    away[..2].iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    let tracked = session.tracked();
+    session.on_packet(&away[2]).unwrap();
+    assert_eq!(session.tracked(), tracked, "tracked in another room");
+    let words = session.command(&Command::Record).unwrap();
+    assert!(words.contains("cannot measure distances yet"), "{words}");
+    packets(HALL, 40.0).iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    assert!(session.status().metric);
+    session.command(&Command::Stop).unwrap();
+    assert!(session.route().unwrap().header.metric);
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// What cannot be placed beside the rest has lengths that nobody knows.
+#[test]
+fn route_with_much_of_it_in_a_map_without_metres_has_none() {
+    let (mut session, folder) = walked_session("much-astray");
+    let again = packets(HALL, 20.0);
+    again[..45].iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    let words = session.command(&Command::Record).unwrap();
+    assert_eq!(words, "Recording.");
+    again[45..75].iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    let away = packets(&HALL.replace("seed=4", "seed=9"), 30.0);
+    away[..80].iter().for_each(|packet| drop(session.on_packet(packet).unwrap()));
+    assert!(!session.status().metric, "the other room has metres already");
+    let words = session.command(&Command::Stop).unwrap();
+    assert!(!words.contains("metres"), "{words}");
+    assert!(!session.route().unwrap().header.metric);
+    let file = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
+    assert!(!Route::load(&file).unwrap().header.metric);
     std::fs::remove_dir_all(folder).unwrap();
 }

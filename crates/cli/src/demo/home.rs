@@ -119,8 +119,8 @@ pub fn walk_back(
         progress.step(50 + (50.0 * along_m / length_m) as usize);
     }
     if stopped_s >= STOPPED_S {
-        home.stopped =
-            camera.session().stop_reason().map(|reason| reason_words(reason, camera.session().language()));
+        let words = |reason| reason_words(reason, config.facing, camera.session().language());
+        home.stopped = camera.session().stop_reason().map(words);
     }
     home.took_s = now - began;
     home.blocked = body.blocked;

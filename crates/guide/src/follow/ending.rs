@@ -27,7 +27,7 @@ impl Follower {
             if stuck.is_some() && to_end.norm() <= self.config.arrival_box_m[0] {
                 return Some(self.arrived());
             }
-            return stuck.or_else(|| self.tick(now, aim));
+            return stuck.or_else(|| self.adjust(now, aim)).or_else(|| self.tick(now, aim));
         }
         self.direction_given(now);
         self.memory.ends_missed += 1;

@@ -65,7 +65,8 @@ impl<S: Slam> Session<S> {
 
     /// The state in large print: the last instruction to the walker to move or stop; and whether it is an alarm.
     fn headline(&self, words: &str) -> (String, bool) {
-        let why = |reason| reason_words(reason, self.speech.language());
+        let facing = self.guiding.as_ref().map_or(Facing::Home, |g| g.facing);
+        let why = |reason| reason_words(reason, facing, self.speech.language());
         match self.guiding.as_ref().map(|g| g.guide.state()) {
             Some(GuideState::Stopped(reason)) => {
                 return (format!("{} {}", self.speech.text("guide-stop"), why(reason)), true);

@@ -6,7 +6,7 @@ use crate::library::words;
 use crate::place::Place;
 use crate::recording::{About, Recording};
 use crate::refused::Refused;
-use crate::route_metres::carry_over_astray;
+use crate::route_metres::settle_astray;
 use crate::slam::Slam;
 use cairn_guide::{Confidence, PhraseConfig, Priority, RecordInput, Recorder, Route, Side};
 use cairn_phrases::Arg;
@@ -89,7 +89,10 @@ impl<S: Slam> Session<S> {
         }
         let is_full = named.is_none() && self.is_full();
         let path = named.or_else(|| (!is_full).then(|| self.folder.next_path()));
-        let (metric, map, place) = (self.status.metric, self.engine.snapshot(), self.place.as_ref());
+        // Without a pose nobody knows in which map the walker is.
+        let is_placed = self.place_now().is_some() || self.engine.camera().has_depth();
+        let metric = self.status.metric && is_placed;
+        let (map, place) = (self.engine.snapshot(), self.place.as_ref());
         let kept = self.keeper.as_ref();
         let about = About {
             metric,
@@ -157,7 +160,7 @@ impl<S: Slam> Session<S> {
         let length = recording.length();
         let (mut route, path, whole) = recording.finish();
         let file = path.as_deref().filter(|_| whole.is_ok()).map(|path| (&*self.disk, path));
-        let carried = carry_over_astray(&self.engine.snapshot(), self.engine.camera(), &mut route, file);
+        let carried = settle_astray(&self.engine.snapshot(), self.engine.camera(), &mut route, file);
         match carried {
             Ok(carried) => Finished { route, path, whole, length: carried.unwrap_or(length) },
             Err(e) => Finished { route, path, whole: whole.and(Err(e)), length },
