@@ -125,8 +125,8 @@ impl Closer {
             views.drop_removed(snapshot);
         }
         let Some(here) = snapshot.key_frame(id).filter(|_| self.config.enabled) else { return closed };
-        for old in candidates::candidates(snapshot, here, self.reach(snapshot, here), self.config.candidates)
-        {
+        let (reach, most) = (self.reach(snapshot, here), self.config.candidates);
+        for old in candidates::candidates(snapshot, &self.camera, here, reach, most) {
             let judged = self.judge(snapshot, here, old);
             let result = match judged {
                 Ok((place, world_from_here, scales)) => {
@@ -159,8 +159,9 @@ impl Closer {
         let view = View::of(&self.camera, here);
         let place = recognise(snapshot, &view, old, &known, &config, seed).map_err(Refusal::MatchFailure)?;
         let visits = self.visits(snapshot, here, old);
-        let scale = visits.scale(&place, self.config.need)?;
-        let scales = visits.fused_scales(&place, self.config.need)?;
+        let ratio = visits.depth_ratio(&place);
+        let scale = visits.scale(&ratio, self.config.need)?;
+        let scales = visits.fused_scales(&ratio, self.config.need)?;
         let scale = scales.map_or(scale, |scales| scales.ratio());
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
