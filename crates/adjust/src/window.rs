@@ -23,6 +23,9 @@ const READOUT_WALK_S: f64 = 0.001;
 /// what an initialisation or a recognised place leaves.
 const LEVEL_BEFORE_RAD: f64 = 0.01;
 
+/// Pixels, at the level of a landmark's true size, by which its corner is found inside the thing, as a standard deviation of all.
+const OFF_SCALE: f64 = 2.0;
+
 /// How large a window may be and how long it is solved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct WindowConfig {
@@ -197,6 +200,31 @@ impl Window {
             imu.level_prior = level_prior;
         }
         window
+    }
+
+    /// The same where observations count less whose feature is of another size than the landmark has there.
+    ///
+    /// A corner is found inside the thing that it is the corner of, by about a pixel of its level. Where the level grows as the camera
+    /// comes near, that is one place on the thing; where it does not, the place wanders, things seem to grow too fast, and the way past
+    /// them becomes too long. So the standard deviation of such an observation is greater by the root of the sum of squares of one and
+    /// [`OFF_SCALE`] times the relative error of its size.
+    pub fn weighed_by_size(mut self, snapshot: &Snapshot) -> Self {
+        let Self { subproblem, bundle, .. } = &mut self;
+        let landmarks = subproblem.landmarks.iter().map(|id| snapshot.landmark(*id).map(|l| l.max_distance));
+        let farthest: Vec<Option<f64>> = landmarks.collect();
+        let key_frames = subproblem.key_frames.iter().map(|id| snapshot.key_frame(*id));
+        let focal_ratios: Vec<f64> = key_frames.map(|k| k.map_or(1.0, KeyFrame::focal_ratio)).collect();
+        for o in &mut bundle.observations {
+            let (point, pose) = (o.point as usize, o.pose as usize);
+            let distance = (bundle.points[point] - bundle.poses[pose].translation).norm();
+            let expected = farthest[point].unwrap_or(0.0) * focal_ratios[pose] / distance;
+            // An observation weighs as the inverse square of the scale of its level.
+            let off = OFF_SCALE * (expected * o.weight.sqrt() - 1.0);
+            if expected > 0.0 && off.is_finite() {
+                o.weight /= 1.0 + off * off;
+            }
+        }
+        self
     }
 
     /// How many IMU links it has.

@@ -265,10 +265,16 @@ impl Closer {
 
     /// Adjusts a map as a whole. `stop` is called before each step; once it has returned true, no changes are
     /// returned.
-    pub fn adjust_whole(
+    pub fn adjust_whole(&self, snapshot: &Snapshot, map: MapId, stop: impl FnMut() -> bool) -> Vec<Change> {
+        self.adjust_whole_with(snapshot, map, |window| window, stop)
+    }
+
+    /// The same with a window that is changed before it is solved.
+    fn adjust_whole_with(
         &self,
         snapshot: &Snapshot,
         map: MapId,
+        with: impl Fn(Window) -> Window,
         mut stop: impl FnMut() -> bool,
     ) -> Vec<Change> {
         let count = snapshot.key_frames_of(map).count();
@@ -284,13 +290,13 @@ impl Closer {
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
         let imu = imu.map(|(imu, _)| Window::inertial_whole(snapshot, &self.camera, &imu, map));
         let result = match imu.filter(|w| w.links() > 0) {
-            Some(imu) => imu.solve(&window, stop_requested),
+            Some(imu) => with(imu).solve(&window, stop_requested),
             None => {
                 let views = self.depth_views.as_ref().filter(|_| !window.hold_poses);
                 let aligned = views.map(|v| v.relative_poses(snapshot, map, &mut stop_requested));
                 let aligned = aligned.unwrap_or_default();
                 let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links, &aligned);
-                whole.solve(&window, stop_requested)
+                with(whole).solve(&window, stop_requested)
             }
         };
         if stopped { Vec::new() } else { result.changes.changes }
