@@ -9,7 +9,7 @@ use crate::pinhole;
 use crate::subproblem::Subproblem;
 use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId, MapId, Readout, Snapshot};
 use cairn_geometry::Vec3;
-use cairn_inertial::{ImuFactors, MotionFreedom};
+use cairn_inertial::{ImuFactors, LevelPrior, MotionFreedom};
 use cairn_settings::Settings;
 use cairn_solve::{Bundle, BundleConfig, CalibrationError, Factors, Freedom, Report};
 use cairn_vision::RectifiedCamera;
@@ -18,6 +18,13 @@ use std::mem::take;
 /// Standard deviation by which the readout time of the rows may be another one from window to window, seconds: windows share
 /// most of what they are of, and it is told anew by each.
 const READOUT_WALK_S: f64 = 0.001;
+
+/// Standard deviation of the tilt of a gravity-aligned map before it is adjusted as a whole, where no readings lead to its root, radians:
+/// what an initialisation or a recognised place leaves.
+const LEVEL_BEFORE_RAD: f64 = 0.01;
+
+/// Pixels, at the level of a landmark's true size, by which its corner is found inside the thing, as a standard deviation of all.
+const OFF_SCALE: f64 = 2.0;
 
 /// How large a window may be and how long it is solved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
@@ -165,7 +172,8 @@ impl Window {
     }
 
     /// The window with IMU factors in which every key frame of a gravity-aligned map moves; its root keeps its position and
-    /// heading.
+    /// heading. Where no readings lead to the root, as in a map that another rig goes on with or is joined to, what the map knew of which
+    /// way is up counts beside links elsewhere: of a few links a bias of the accelerometer cannot be told from a tilt.
     pub fn inertial_whole(
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
@@ -175,13 +183,48 @@ impl Window {
         let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
         let linked = imu::linked(snapshot, map);
         let subproblem = Subproblem::of(snapshot, &all, 0);
-        Self::inertial(snapshot, camera, model, subproblem, |_, k| match linked.contains(&k.id) {
-            true if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Free),
-            true => (Freedom::Free, MotionFreedom::Free),
-            // Links elsewhere tell which way is up.
-            false if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Fixed),
-            false => (Freedom::Free, MotionFreedom::Fixed),
-        })
+        let root = snapshot.key_frame(map.root()).filter(|k| !linked.contains(&k.id));
+        let level_prior = root.and_then(|k| {
+            let frame = all.iter().position(|id| *id == k.id)?;
+            let up = k.world_from_camera.rotation.inverse() * Vec3::z();
+            Some(LevelPrior { frame, up, sigma: LEVEL_BEFORE_RAD })
+        });
+        let mut window =
+            Self::inertial(snapshot, camera, model, subproblem, |_, k| match linked.contains(&k.id) {
+                true if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Free),
+                true => (Freedom::Free, MotionFreedom::Free),
+                false if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Fixed),
+                false => (Freedom::Free, MotionFreedom::Fixed),
+            });
+        if let Some(imu) = &mut window.imu {
+            imu.level_prior = level_prior;
+        }
+        window
+    }
+
+    /// The same where observations count less whose feature is of another size than the landmark has there.
+    ///
+    /// A corner is found inside the thing that it is the corner of, by about a pixel of its level. Where the level grows as the camera
+    /// comes near, that is one place on the thing; where it does not, the place wanders, things seem to grow too fast, and the way past
+    /// them becomes too long. So the standard deviation of such an observation is greater by the root of the sum of squares of one and
+    /// [`OFF_SCALE`] times the relative error of its size.
+    pub fn weighed_by_size(mut self, snapshot: &Snapshot) -> Self {
+        let Self { subproblem, bundle, .. } = &mut self;
+        let landmarks = subproblem.landmarks.iter().map(|id| snapshot.landmark(*id).map(|l| l.max_distance));
+        let farthest: Vec<Option<f64>> = landmarks.collect();
+        let key_frames = subproblem.key_frames.iter().map(|id| snapshot.key_frame(*id));
+        let focal_ratios: Vec<f64> = key_frames.map(|k| k.map_or(1.0, KeyFrame::focal_ratio)).collect();
+        for o in &mut bundle.observations {
+            let (point, pose) = (o.point as usize, o.pose as usize);
+            let distance = (bundle.points[point] - bundle.poses[pose].translation).norm();
+            let expected = farthest[point].unwrap_or(0.0) * focal_ratios[pose] / distance;
+            // An observation weighs as the inverse square of the scale of its level.
+            let off = OFF_SCALE * (expected * o.weight.sqrt() - 1.0);
+            if expected > 0.0 && off.is_finite() {
+                o.weight /= 1.0 + off * off;
+            }
+        }
+        self
     }
 
     /// How many IMU links it has.

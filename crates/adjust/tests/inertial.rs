@@ -8,12 +8,15 @@ mod synthetic;
 
 use cairn_adjust::{ImuModel, Window, WindowConfig};
 use cairn_atlas::store::{About, MapFile};
-use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{Atlas, Change, ChangeSet, ImuFactor, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Manifold, Se3, Sim3, So3, Vec3};
+use cairn_inertial::{Bias, Preintegrated};
+use cairn_sensor::ImuSample;
 use cairn_vision::{RectifiedCamera, SensorMode};
 use imu_walk::{NOISE, ToAndFro};
 use nalgebra::SVector;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use synthetic::{mono, off};
 
 fn model() -> ImuModel {
@@ -104,6 +107,49 @@ fn inertial_whole_finds_the_scale_and_the_level_of_a_map() {
     assert!((scale(atlas.latest()) - 1.0).abs() < 3e-3, "{}", scale(atlas.latest()));
     let root = atlas.latest().key_frame(ids[0]).unwrap().world_from_camera.translation;
     assert_eq!(root, walk(0.01, 1.03).0.latest().key_frame(ids[0]).unwrap().world_from_camera.translation);
+}
+
+/// A level map that keeps a few of its readings only, as one that another rig goes on with has few at first. Their accelerometer has a
+/// bias, which looks like a tilt.
+#[test]
+fn a_few_readings_far_from_the_root_turn_no_map_that_is_level() {
+    let (atlas, ids) = walk(0.0, 1.0);
+    let truth = atlas.latest().clone();
+    let up = |s: &Snapshot, n: usize| {
+        s.key_frame(ids[n]).unwrap().world_from_camera.rotation.inverse() * Vec3::z()
+    };
+    for last in [2, 4, 8] {
+        let bare = truth.without_imu_factors();
+        let with_bias = |id: &KeyFrameId| {
+            let motion = truth.key_frame(*id).unwrap().motion.as_ref().unwrap();
+            let factor = motion.imu_factor.as_ref().unwrap();
+            let bias = Vec3::new(0.08, -0.05, 0.06);
+            let samples = factor.sum.samples().iter().map(|s| ImuSample { accel: s.accel + bias, ..*s });
+            let sum = Arc::new(Preintegrated::of(NOISE, Bias::default(), samples.collect()));
+            [
+                Change::InertialState(*id, motion.velocity, Bias::default()),
+                Change::ImuFactor(*id, ImuFactor { since: factor.since, sum }),
+            ]
+        };
+        let first = ids[ids.len() - last - 1];
+        let velocity = truth.key_frame(first).unwrap().motion.as_ref().unwrap().velocity;
+        let begin = Change::InertialState(first, velocity, Bias::default());
+        let of_last = ids[ids.len() - last..].iter().flat_map(with_bias);
+        let changes = std::iter::once(begin).chain(of_last).collect();
+        let (few, applied) = bare.apply(&ChangeSet { base: bare.version(), changes });
+        assert_eq!(applied.dropped, 0);
+        let window = Window::inertial_whole(&few, &mono(), &model(), MapId(ids[0]));
+        assert_eq!(window.links(), last);
+        let result = window.solve(&config(), || false);
+        let after = few.apply(&result.changes).0;
+        let tilt = (0..ids.len()).map(|n| up(&after, n).angle(&up(&truth, n))).fold(0.0, f64::max);
+        let [was, is] = [&truth, &after].map(|s| s.key_frame(ids[0]).unwrap().world_from_camera);
+        let turned = is.rotation * was.rotation.inverse();
+        println!("{last} readings: tilted by {tilt:.4} rad");
+        assert_eq!(was.translation, is.translation, "the root");
+        assert!(turned.log().z.abs() < 1e-6, "the heading of the root");
+        assert!(tilt < 0.003, "{last} readings: {tilt} rad");
+    }
 }
 
 /// In the atlas of another camera key frames keep what their IMU measured, and how their own camera is mounted on it.

@@ -4,10 +4,11 @@ mod common;
 
 use cairn_adjust::{Window, WindowConfig, pixel};
 use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, Readout, Snapshot};
-use cairn_geometry::{Manifold, Sim3, Vec3};
+use cairn_geometry::{Manifold, Se3, Sim3, Vec3};
 use cairn_vision::Rolling;
-use common::{World, mono, off, sideways, stereo};
+use common::{World, mono, off, pose, sideways, stereo};
 use nalgebra::SVector;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Poses off by 2 to 3 cm and half a degree, landmarks by 2 cm, but for the first key frame.
@@ -28,7 +29,7 @@ fn perturb(atlas: &mut Atlas, ids: &[KeyFrameId]) {
     assert_eq!(atlas.commit(changes).dropped, 0);
 }
 
-fn worst(snapshot: &Snapshot, ids: &[KeyFrameId], path: &[cairn_geometry::Se3]) -> (f64, f64) {
+fn worst(snapshot: &Snapshot, ids: &[KeyFrameId], path: &[Se3]) -> (f64, f64) {
     ids.iter().zip(path).fold((0.0, 0.0), |(m, rad), (id, truth)| {
         let (a, b) = off(&snapshot.key_frame(*id).expect("a key frame").world_from_camera, truth);
         (f64::max(m, a), f64::max(rad, b))
@@ -208,4 +209,45 @@ fn windows_estimate_the_readout_time_and_see_the_map_with_it() {
             assert!(off < 0.2, "{off} px");
         }
     }
+}
+
+/// A camera that comes near things whose corners are found a pixel of their level inside them, a third of them at one level all the way,
+/// so that they seem to grow too fast. What counts less is the part of their views that is far from the first one.
+#[test]
+fn corners_that_are_found_at_one_level_all_the_way_make_it_too_long_unless_weighed_by_size() {
+    // So near that nothing is found at the finest level because it is too far away for a finer one.
+    let world = World::around(stereo(), 11).transformed(&Sim3 { scale: 0.6, ..Sim3::identity() });
+    let path: Vec<Se3> = (0..12).map(|n| pose(0.0, 0.18 * f64::from(n) - 0.6, 0.0)).collect();
+    let mut views = world.walk(&path, 0.0, 0.5);
+    let mut atlas = Atlas::new(Snapshot::new());
+    let octaves = atlas.latest().octaves();
+    let mut first: BTreeMap<usize, u8> = BTreeMap::new();
+    for view in &mut views {
+        let frame = Arc::make_mut(&mut view.frame);
+        for (i, point) in view.points.iter().enumerate() {
+            let first = *first.entry(*point).or_insert(frame.octave[i]);
+            if point % 3 == 0 {
+                frame.octave[i] = first;
+            }
+            let [x, y] = [frame.px[i][0] - world.camera.cx as f32, frame.px[i][1] - world.camera.cy as f32];
+            let inside = octaves.scale(frame.octave[i]) as f32 / x.hypot(y).max(1.0);
+            frame.px[i] = [frame.px[i][0] - inside * x, frame.px[i][1] - inside * y];
+            frame.right_x[i] -= inside * x;
+        }
+        frame.raw.clone_from(&frame.px);
+        frame.index(&world.camera);
+    }
+    let ids = world.map(&mut atlas, &views, &path, None, |_| Sim3::identity());
+    let snapshot = atlas.latest();
+    let config = WindowConfig { iterations: [20, 20], tolerance: 1e-9, ..WindowConfig::default() };
+    let too_long = |window: Window| {
+        let after = snapshot.apply(&window.solve(&config, || false).changes).0;
+        let at = |id: KeyFrameId| after.key_frame(id).expect("a key frame").world_from_camera.translation;
+        (at(ids[11]) - at(ids[0])).norm() / 1.98 - 1.0
+    };
+    let whole = || Window::whole(snapshot, &world.camera, MapId(ids[0]));
+    let (plain, weighed) = (too_long(whole()), too_long(whole().weighed_by_size(snapshot)));
+    println!("too long by {:.2} %, weighed by size {:.2} %", 100.0 * plain, 100.0 * weighed);
+    assert!(plain > 0.005, "{plain}");
+    assert!(weighed < 0.9 * plain, "{weighed} of {plain}");
 }

@@ -170,7 +170,10 @@ fn maps_of_one_camera_with_imu_are_joined_with_what_it_measured() {
     assert!(with < 0.7 * without, "seed {seed}: {with} of {without} m");
     // Readings that robots send do the same, also with what else they send.
     assert!((of_sent / with - 1.0).abs() < 0.05, "seed {seed}: {of_sent} of {with} m");
-    assert!(with_sent < 0.7 * without_sent, "seed {seed}: {with_sent} of {without_sent} m");
+    assert!(with_sent < 0.8 * without_sent, "seed {seed}: {with_sent} of {without_sent} m");
+    // Ceilings a tenth above what was measured: 0.0282, 0.0373 and 0.0771 m before observations were weighed by size.
+    assert!(with < 0.024 && with_sent < 0.034, "seed {seed}: {with} m, of what is sent {with_sent} m");
+    assert!(without_sent < 0.047, "seed {seed}: {without_sent} m of what is sent, by images");
 }
 
 #[test]

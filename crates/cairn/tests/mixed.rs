@@ -332,6 +332,49 @@ fn what_cannot_be_continued_by_another_camera_is_told() {
     assert!(why.contains("made with stereo") && why.contains("aligned with gravity"), "{why}");
 }
 
+/// A map with metres, and beside it one without that a moment of lost tracking left behind: another camera with depth goes on in the
+/// first, and takes nothing from the other one, even where that shows the place.
+#[test]
+fn a_stray_map_without_metres_keeps_no_other_camera_out() {
+    let metric = walk(1, "demo", &format!("seed=5&{MONO_IMU}&duration=12"));
+    let stray = walk(2, "demo", &format!("seed=15&{MONO}&duration=3"));
+    let both = merge(&[&metric, &stray]).file;
+    let camera = &both.about.camera;
+    let maps: Vec<_> = both.snapshot.maps().map(|(map, _)| map).collect();
+    let of = |of: &MapFile, map| of.snapshot.key_frames_of(map).count();
+    assert_eq!(
+        maps.iter().map(|map| both.snapshot.is_metric_in(*map, camera)).collect::<Vec<_>>(),
+        [true, false]
+    );
+    for (seed, home) in [(5, true), (15, false)] {
+        let source = open(&format!("sim:demo?detail=0.5&seed={seed}&{STEREO}&duration=1")).expect("a world");
+        let slam = Slam::for_source(&*source).map(both.clone()).build().expect("the metric map is of use");
+        let told = format!(
+            "1 of its 2 maps, with {} of {} key frames, has no metres: it is kept",
+            of(&both, maps[1]),
+            both.snapshot.key_frame_count()
+        );
+        assert!(slam.notes().iter().any(|note| note.contains(&told)), "{:?}", slam.notes());
+        let way = format!("seed={seed}&{STEREO}&start=1&duration=8&height=1.4");
+        let (today, coverage, _) = continued(3, &both, &way);
+        let snapshot = &today.file.snapshot;
+        println!("seed {seed}: coverage {coverage:.3}, {} maps", snapshot.maps().count());
+        // Where only the map without metres shows the place, a map of its own begins.
+        assert_eq!(snapshot.maps().count(), if home { 2 } else { 3 });
+        assert!(coverage > 0.8, "coverage {coverage}");
+        let mine = snapshot.key_frames().filter(|k| snapshot.key_frame_name(k.id).robot == 3);
+        let into: std::collections::BTreeSet<_> = mine.map(|k| k.map).collect();
+        assert_eq!((into.len(), into.contains(&maps[0])), (1, home), "{into:?}");
+        assert!(into.iter().all(|map| snapshot.is_metric_in(*map, &today.file.about.camera)));
+        assert_eq!(of(&today.file, maps[1]), of(&both, maps[1]), "the stray map is not as it was");
+        if home {
+            let (error, scale) = ate(&today.file, &[&metric, &today], None, true);
+            println!("  ATE {error:.3} m, scale {scale:.4}");
+            assert!(error < 0.032 && (scale - 1.0).abs() < 0.01, "{error} m, scale {scale}");
+        }
+    }
+}
+
 /// A map without metres that was put into the atlas first takes them from a map that comes later.
 #[test]
 fn a_map_without_metres_gets_those_of_a_later_one() {

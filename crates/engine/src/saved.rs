@@ -1,8 +1,8 @@
 //! Starting an engine in a saved map, and saving its map.
 
 use crate::{Config, Engine, Runner, SensorMode};
-use cairn_atlas::Snapshot;
 use cairn_atlas::store::{About, CameraMismatch, MapFile};
+use cairn_atlas::{MapId, Snapshot};
 use cairn_sensor::{Rig, RigError};
 use cairn_vision::FrontEnd;
 use std::collections::BTreeMap;
@@ -14,7 +14,7 @@ pub enum UnfitMap {
     #[error("its features are of other scales")]
     Octaves,
     /// Lengths in metres.
-    #[error("another camera needs a map whose lengths are metres throughout")]
+    #[error("another camera needs a map whose lengths are metres")]
     NotMetric,
     /// Gravity, as it measures no depth.
     #[error("another camera without depth needs a map that is aligned with gravity")]
@@ -46,8 +46,9 @@ pub enum OpenMapError {
 impl Engine {
     /// An engine that continues a saved map: one of its own camera, or of another where both have metres. A map in metres is
     /// continued by another camera with depth, and one that is aligned with gravity by another camera with an IMU: its key
-    /// frames keep the camera they were made with. Tracking starts lost: there is no pose until a place is recognised. Also
-    /// returns a description of the differences between the camera of the map and this one.
+    /// frames keep the camera they were made with. Maps without metres beside such a one, as a moment of lost tracking leaves them
+    /// behind, are kept as they are. Tracking starts lost: there is no pose until a place is recognised. Also
+    /// returns a description of the differences between the camera of the map and this one, and what is not used.
     ///
     /// # Errors
     ///
@@ -124,7 +125,8 @@ impl Opened {
                     true => "its key frames keep their camera, new ones have this one",
                     false => "this run only localises in it",
                 };
-                let notes = vec![format!("{mismatch}; {how}")];
+                let mut notes = vec![format!("{mismatch}; {how}")];
+                notes.extend(without_metres(file));
                 Ok(Self { front_end, snapshot, notes, only_localises: (!continues).then_some(mismatch) })
             }
             Err(why) => Err(OpenMapError::OtherCamera { mismatch, why }),
@@ -143,7 +145,28 @@ fn for_own_camera(
     Ok((file.snapshot.clone(), notes))
 }
 
-/// The maps of a file in an atlas of another camera, and whether it may continue them, or only localise in them.
+/// The maps of a file that have metres, and those that have none.
+fn by_metres(file: &MapFile) -> (Vec<MapId>, Vec<MapId>) {
+    let maps = file.snapshot.maps().map(|(map, _)| map);
+    maps.partition(|map| file.snapshot.is_metric_in(*map, &file.about.camera))
+}
+
+/// A sentence on the maps of a file that have no metres, where there are any.
+fn without_metres(file: &MapFile) -> Option<String> {
+    let (with, without) = by_metres(file);
+    let key_frames: usize = without.iter().map(|map| file.snapshot.key_frames_of(*map).count()).sum();
+    let (maps, all) = (with.len() + without.len(), file.snapshot.key_frame_count());
+    let [has, it] = if without.len() == 1 { ["has", "it is"] } else { ["have", "they are"] };
+    (!without.is_empty()).then(|| {
+        format!(
+            "{} of its {maps} maps, with {key_frames} of {all} key frames, {has} no metres: {it} kept, and no length is taken from there",
+            without.len()
+        )
+    })
+}
+
+/// The maps of a file in an atlas of another camera, and whether it may continue them, or only localise in them. One map with metres is
+/// enough: tracking that was lost for a moment leaves maps behind that have none.
 ///
 /// # Errors
 /// Why they are of no use to it.
@@ -157,10 +180,11 @@ fn for_other_camera(
     if file.snapshot.octaves() != front_end.octaves() {
         return Err(UnfitMap::Octaves);
     }
-    if !file.snapshot.is_metric(&file.about.camera) {
+    let (metric, _) = by_metres(file);
+    if metric.is_empty() {
         return Err(UnfitMap::NotMetric);
     }
-    if !(camera.has_depth() || file.snapshot.is_gravity_aligned_throughout()) {
+    if !(camera.has_depth() || metric.iter().all(|map| file.snapshot.is_gravity_aligned(*map))) {
         return Err(UnfitMap::NotGravityAligned);
     }
     Ok((file.in_atlas_with(mode, camera, 0.0).snapshot, camera.has_depth() || has_imu))

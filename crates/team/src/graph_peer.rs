@@ -4,7 +4,7 @@
 //! not sent again. So it is signed, passed on by those who know both sides, kept when its robot has left, and asked for by who comes
 //! late; of each robot only the newest message counts. There is no clock here: the driver calls [`GraphPeer::update`] now and then.
 
-use crate::peer::Peer;
+use crate::peer::{Holding, Peer};
 use crate::robot::{Robot, RobotError};
 use crate::{Refused, RobotId};
 use cairn_solve::graph::Rigid;
@@ -68,13 +68,14 @@ impl<G: Rigid<D>, const D: usize> GraphPeer<G, D> {
     pub fn update(&mut self, peer: &mut Peer) -> Result<Update, RobotError> {
         let mut update = Update::default();
         let own = self.robot.id();
-        for (holding, bytes) in peer.parts().filter(|(holding, _)| holding.robot != own) {
-            if self.seen.insert(holding.robot, holding.version) == Some(holding.version) {
-                continue;
-            }
-            match self.robot.receive(holding.robot, &bytes) {
-                Ok(()) => update.stepped = true,
-                Err(why) => update.refused.push((holding.robot, why)),
+        let is_news = |h: &Holding| h.robot != own && self.seen.get(&h.robot) != Some(&h.version);
+        let news: Vec<Holding> = peer.holdings().filter(is_news).collect();
+        for Holding { robot, version, .. } in news {
+            self.seen.insert(robot, version);
+            match peer.part_of(robot).map(|bytes| self.robot.receive(robot, &bytes)) {
+                Some(Ok(())) => update.stepped = true,
+                Some(Err(why)) => update.refused.push((robot, why)),
+                None => {}
             }
         }
         if update.stepped {

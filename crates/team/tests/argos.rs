@@ -2,26 +2,15 @@
 
 use cairn_geometry::Se3;
 use cairn_solve::graph::Metric;
-use cairn_team::files::{TeamGraphs, read};
 use cairn_team::{Exchange, JudgeConfig, NetworkConfig, RobotGraph, Round};
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+
+#[path = "common/recorded.rs"]
+mod recorded;
 
 /// The graphs of a recording; `None`, with a printed note, where it is missing.
 fn team(name: &str) -> Option<Vec<RobotGraph<Se3, 6>>> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let root = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(beside), PathBuf::from);
-    let folder = root.join("team").join(name);
-    let texts: Vec<String> =
-        (0..).map_while(|k| std::fs::read_to_string(folder.join(format!("{k}.g2o"))).ok()).collect();
-    if texts.is_empty() {
-        println!("skipped: {} is not there", folder.display());
-        return None;
-    }
-    match read(&texts.iter().map(String::as_str).collect::<Vec<_>>()).unwrap() {
-        TeamGraphs::Space(team) => Some(team),
-        TeamGraphs::Plane(_) => panic!("{name} is in space"),
-    }
+    recorded::texts(name).map(|texts| recorded::graphs(&texts))
 }
 
 /// For each exchange the excess over the optimum, and the greatest number of bytes that a robot sent and received so

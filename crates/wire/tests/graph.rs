@@ -2,13 +2,15 @@
 
 use cairn_geometry::Se3;
 use cairn_solve::graph::Metric;
-use cairn_team::files::{OwnGraph, TeamGraphs, read, read_own, vertex_id};
+use cairn_team::files::{OwnGraph, read_own, vertex_id};
 use cairn_team::peer::{Identity, Peer, TeamKey};
 use cairn_team::{CentralGraph, GraphPeer, JudgeConfig, PoseId, Robot, RobotId};
 use cairn_wire::Member;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
+
+#[path = "../../team/tests/common/recorded.rs"]
+mod recorded;
 
 /// A robot with its link to the others.
 struct Walker {
@@ -35,28 +37,6 @@ impl Walker {
     fn poses(&self) -> impl Iterator<Item = (PoseId, Se3)> {
         self.graph.robot().own_poses().map(|(id, pose)| (id, *pose))
     }
-}
-
-/// The texts of a recorded team; none, with a printed note, where it is missing.
-fn texts(name: &str) -> Vec<String> {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let root = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(beside), PathBuf::from);
-    let folder = root.join("team").join(name);
-    let texts: Vec<String> =
-        (0..).map_while(|k| std::fs::read_to_string(folder.join(format!("{k}.g2o"))).ok()).collect();
-    if texts.is_empty() {
-        assert!(std::env::var_os("CI").is_none(), "{} is not there", folder.display());
-        println!("skipped: {} is not there", folder.display());
-    }
-    texts
-}
-
-/// All graphs together, as one solver sees them.
-fn central(texts: &[String]) -> CentralGraph<Se3, 6> {
-    let TeamGraphs::Space(team) = read(&texts.iter().map(String::as_str).collect::<Vec<_>>()).unwrap() else {
-        panic!("the graph is in space")
-    };
-    CentralGraph::new(&team).unwrap()
 }
 
 /// Excess of the chi-square of the team's poses over that of the optimum, as a part of it.
@@ -94,11 +74,8 @@ fn settle(
 /// while another is away.
 #[test]
 fn four_agree_over_one_that_all_know_and_one_is_started_again() {
-    let texts = texts("argos-4");
-    if texts.is_empty() {
-        return;
-    }
-    let central = central(&texts);
+    let Some(texts) = recorded::texts("argos-4") else { return };
+    let central = CentralGraph::new(&recorded::graphs(&texts)).unwrap();
     let optimum = 2.0 * central.optimum(&BTreeSet::new()).cost(Metric::Geodesic);
     assert!((optimum / 7185.57 - 1.0).abs() < 2e-6, "{optimum}");
     let first = Walker::new(&texts[0], 1, &[]);

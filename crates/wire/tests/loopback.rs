@@ -17,7 +17,7 @@ fn settle(members: &mut [&mut Member], parts: usize) -> Vec<String> {
     let mut lines = Vec::new();
     loop {
         let first = members[0].peer().digest();
-        if members.iter().all(|m| m.peer().parts().count() == parts && m.peer().digest() == first) {
+        if members.iter().all(|m| m.peer().holdings().count() == parts && m.peer().digest() == first) {
             return lines;
         }
         assert!(Instant::now() < until, "not the same after 20 s: {lines:?}");

@@ -3,14 +3,22 @@
 use crate::fuse::around;
 use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::Vec3;
+use cairn_vision::RectifiedCamera;
 use std::collections::BTreeSet;
 
 /// Smallest bag-of-words similarity of a candidate, as a share of that of the best neighbour.
 const MIN_SIMILARITY: f64 = 0.3;
 
 /// Key frames that are no neighbours and may show the same place: first those nearby that face the same way,
-/// then those of any map that are most similar by bag of words, one of each group of neighbours.
-pub(super) fn candidates(snapshot: &Snapshot, here: &KeyFrame, reach: f64, limit: usize) -> Vec<KeyFrameId> {
+/// then those of any map that are most similar by bag of words, one of each group of neighbours. Key frames with depth have no place in
+/// a map without metres.
+pub(super) fn candidates(
+    snapshot: &Snapshot,
+    atlas: &RectifiedCamera,
+    here: &KeyFrame,
+    reach: f64,
+    limit: usize,
+) -> Vec<KeyFrameId> {
     let mut known: BTreeSet<KeyFrameId> = around(snapshot, here.id, 20).into_iter().collect();
     known.extend(here.covisible.iter().map(|(id, _)| *id));
     known.insert(here.id);
@@ -26,7 +34,10 @@ pub(super) fn candidates(snapshot: &Snapshot, here: &KeyFrame, reach: f64, limit
     let neighbours = here.covisible.iter().take(5).filter_map(|(id, _)| snapshot.key_frame(*id));
     let usual = neighbours.map(|k| k.bag.similarity(&here.bag)).fold(0.0, f64::max);
     let (left, all) = (limit.saturating_sub(found.len()), usize::MAX);
-    let similar = snapshot.similar_key_frames(&here.bag, left, all, &found, |id| !known.contains(&id));
+    let with_depth = here.camera(atlas).has_depth();
+    let fits = |k: &KeyFrame| !with_depth || snapshot.is_metric_in(k.map, atlas);
+    let may_show = |id| !known.contains(&id) && snapshot.key_frame(id).is_some_and(fits);
+    let similar = snapshot.similar_key_frames(&here.bag, left, all, &found, may_show);
     found.extend(
         similar.into_iter().filter(|(_, similarity)| *similarity >= MIN_SIMILARITY * usual).map(|(id, _)| id),
     );

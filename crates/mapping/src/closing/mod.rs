@@ -125,8 +125,8 @@ impl Closer {
             views.drop_removed(snapshot);
         }
         let Some(here) = snapshot.key_frame(id).filter(|_| self.config.enabled) else { return closed };
-        for old in candidates::candidates(snapshot, here, self.reach(snapshot, here), self.config.candidates)
-        {
+        let (reach, most) = (self.reach(snapshot, here), self.config.candidates);
+        for old in candidates::candidates(snapshot, &self.camera, here, reach, most) {
             let judged = self.judge(snapshot, here, old);
             let result = match judged {
                 Ok((place, world_from_here, scales)) => {
@@ -159,8 +159,9 @@ impl Closer {
         let view = View::of(&self.camera, here);
         let place = recognise(snapshot, &view, old, &known, &config, seed).map_err(Refusal::MatchFailure)?;
         let visits = self.visits(snapshot, here, old);
-        let scale = visits.scale(&place, self.config.need)?;
-        let scales = visits.fused_scales(&place, self.config.need)?;
+        let ratio = visits.depth_ratio(&place);
+        let scale = visits.scale(&ratio, self.config.need)?;
+        let scales = visits.fused_scales(&ratio, self.config.need)?;
         let scale = scales.map_or(scale, |scales| scales.ratio());
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
@@ -264,10 +265,16 @@ impl Closer {
 
     /// Adjusts a map as a whole. `stop` is called before each step; once it has returned true, no changes are
     /// returned.
-    pub fn adjust_whole(
+    pub fn adjust_whole(&self, snapshot: &Snapshot, map: MapId, stop: impl FnMut() -> bool) -> Vec<Change> {
+        self.adjust_whole_with(snapshot, map, |window| window, stop)
+    }
+
+    /// The same with a window that is changed before it is solved.
+    fn adjust_whole_with(
         &self,
         snapshot: &Snapshot,
         map: MapId,
+        with: impl Fn(Window) -> Window,
         mut stop: impl FnMut() -> bool,
     ) -> Vec<Change> {
         let count = snapshot.key_frames_of(map).count();
@@ -283,13 +290,13 @@ impl Closer {
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
         let imu = imu.map(|(imu, _)| Window::inertial_whole(snapshot, &self.camera, &imu, map));
         let result = match imu.filter(|w| w.links() > 0) {
-            Some(imu) => imu.solve(&window, stop_requested),
+            Some(imu) => with(imu).solve(&window, stop_requested),
             None => {
                 let views = self.depth_views.as_ref().filter(|_| !window.hold_poses);
                 let aligned = views.map(|v| v.relative_poses(snapshot, map, &mut stop_requested));
                 let aligned = aligned.unwrap_or_default();
                 let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links, &aligned);
-                whole.solve(&window, stop_requested)
+                with(whole).solve(&window, stop_requested)
             }
         };
         if stopped { Vec::new() } else { result.changes.changes }

@@ -358,7 +358,7 @@ fn candidates_are_the_place_of_before_and_no_neighbours() {
     let (atlas, ids, _) = lap(&world, 0.4);
     let snapshot = atlas.latest();
     let here = snapshot.key_frame(ids[LAP + 3]).unwrap();
-    let found = candidates::candidates(snapshot, here, 2.0, 5);
+    let found = candidates::candidates(snapshot, &world.camera, here, 2.0, 5);
     assert!(!found.is_empty() && found.len() <= 5, "{found:?}");
     let neighbours: Vec<KeyFrameId> = here.covisible.iter().map(|(id, _)| *id).collect();
     assert!(found.iter().all(|id| !neighbours.contains(id) && *id != here.id), "{found:?}");
@@ -368,10 +368,12 @@ fn candidates_are_the_place_of_before_and_no_neighbours() {
         "{found:?} is elsewhere"
     );
     // By words alone, too: nothing is within reach.
-    assert!(candidates::candidates(snapshot, here, 0.0, 5).iter().any(|id| ids[..7].contains(id)));
+    let by_words = candidates::candidates(snapshot, &world.camera, here, 0.0, 5);
+    assert!(by_words.iter().any(|id| ids[..7].contains(id)));
     // In the middle of the lap nobody was before.
     let middle = snapshot.key_frame(ids[15]).unwrap();
-    assert!(candidates::candidates(snapshot, middle, 0.5, 5).iter().all(|id| !ids[12..19].contains(id)));
+    let of_middle = candidates::candidates(snapshot, &world.camera, middle, 0.5, 5);
+    assert!(of_middle.iter().all(|id| !ids[12..19].contains(id)));
 }
 
 #[test]

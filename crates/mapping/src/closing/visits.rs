@@ -57,11 +57,11 @@ impl Visits<'_> {
         DepthRatio::of(both.collect())
     }
 
-    /// The scales of two maps that have metres, weighed by a place recognised between them; `None` for visits of one map, or where
-    /// one has no metres. `need` as for [`Self::scale`].
+    /// The scales of two maps that have metres, weighed by what a place recognised between them tells; `None` for visits of one map, or
+    /// where one has no metres. `need` as for [`Self::scale`].
     pub(super) fn fused_scales(
         &self,
-        place: &Recognised,
+        ratio: &DepthRatio,
         need: usize,
     ) -> Result<Option<FusedScales>, Refusal> {
         let there = self.snapshot.key_frame(self.old).map(|k| k.map);
@@ -70,15 +70,15 @@ impl Visits<'_> {
             return Ok(None);
         }
         let known = [there, self.here.map].map(|map| self.snapshot.scale_of(map, self.camera));
-        let measured = ScaleMatch::of_place(&self.depth_ratio(place), need / 4);
+        let measured = ScaleMatch::of_place(ratio, need / 4);
         fuse_scales(known, measured).map(Some).map_err(Refusal::MetricScale)
     }
 
-    /// Scale (length in the earlier map for each length here), by the depths of the points known in both; `need`: inlier
-    /// matches needed to accept a place.
-    pub(super) fn scale(&self, place: &Recognised, need: usize) -> Result<f64, Refusal> {
+    /// Scale (length in the earlier map for each length here), by the depths of the points known in both
+    /// ([`Self::depth_ratio`]); `need`: inlier matches needed to accept a place.
+    pub(super) fn scale(&self, ratio: &DepthRatio, need: usize) -> Result<f64, Refusal> {
         let (snapshot, here, metric) = (self.snapshot, self.here, self.freedom() != Freedom::Similar);
-        let DepthRatio { log: median, spread, points } = self.depth_ratio(place);
+        let DepthRatio { log: median, spread, points } = *ratio;
         let merging = snapshot.key_frame(self.old).is_some_and(|k| k.map != here.map);
         let most = MAX_LOG_SCALE[usize::from(merging)];
         let refusal = Refusal::Scale { points, median: median.exp(), spread };

@@ -273,6 +273,16 @@ impl Peer {
         self.maps().map(|part| (holding(part), part.bytes()))
     }
 
+    /// What those are, without their bytes.
+    pub fn holdings(&self) -> impl Iterator<Item = Holding> {
+        self.maps().map(holding)
+    }
+
+    /// The newest map of one robot, complete and wanted; `None` where there is none.
+    pub fn part_of(&self, robot: RobotId) -> Option<Vec<u8>> {
+        self.maps().find(|part| part.manifest.robot == robot).map(Part::bytes)
+    }
+
     /// The newest complete words of each robot, by robot.
     pub fn words(&self) -> impl Iterator<Item = (Holding, Vec<u8>)> {
         let words = self.parts.iter().filter(|((_, layer), _)| *layer == Layer::Words);

@@ -84,7 +84,7 @@ fn one_that_comes_late_gets_also_what_a_robot_that_left_had_published() {
     talk(&mut [&mut a, &mut b]);
     drop(a);
     talk(&mut [&mut b, &mut c]);
-    assert_eq!(c.parts().map(|(h, _)| h.robot).collect::<Vec<_>>(), [1]);
+    assert_eq!(c.holdings().map(|h| h.robot).collect::<Vec<_>>(), [1]);
     assert_eq!(b.digest(), c.digest());
 }
 
@@ -105,7 +105,7 @@ fn a_robot_that_leaves_in_the_middle_of_a_transfer_leaves_its_last_whole_map() {
     drop(a);
     (0..4).for_each(|_| talk(&mut [&mut b, &mut c]));
     assert_eq!(c.digest(), whole);
-    assert_eq!(c.parts().map(|(h, _)| h.version).collect::<Vec<_>>(), [1]);
+    assert_eq!(c.holdings().map(|h| h.version).collect::<Vec<_>>(), [1]);
 }
 
 #[test]
@@ -190,7 +190,7 @@ fn a_robot_killed_without_its_file_gets_its_map_back_from_the_others() {
     assert_eq!(again.digest(), b.digest());
     assert_eq!(again.publish(&map(1, 3, 3000)).unwrap(), 3);
     talk(&mut [&mut again, &mut b]);
-    assert_eq!(b.parts().next().unwrap().0.version, 3);
+    assert_eq!(b.holdings().next().unwrap().version, 3);
 }
 
 #[test]

@@ -128,7 +128,7 @@ pub fn with_words(robot: RobotId, length: usize) -> Peer {
 }
 
 pub fn robots(peer: &Peer) -> Vec<RobotId> {
-    peer.parts().map(|(holding, _)| holding.robot).collect()
+    peer.holdings().map(|holding| holding.robot).collect()
 }
 
 /// Bytes of one kind of message that a peer has received.

@@ -117,7 +117,7 @@ impl Tracker {
         let config =
             RecogniseConfig { seed: RECOGNISE_SEED, need: self.config.min_inliers, share: RECOGNISE_SHARE };
         let mut best = 0;
-        for id in candidates(snapshot, frame, last, self.lost_frames) {
+        for id in candidates(snapshot, &self.camera, frame, last, self.lost_frames) {
             let view = View::new(&self.camera, frame);
             match recognise(snapshot, &view, id, &BTreeSet::new(), &config, frame.stamp.0 as u64) {
                 Ok(place) if !self.reaches(snapshot, id, &place.world_from_camera, frame.stamp) => {}

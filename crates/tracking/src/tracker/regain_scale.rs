@@ -8,6 +8,7 @@
 use super::Tracker;
 use super::find::{RECOGNISE_SEED, RECOGNISE_SHARE};
 use crate::match_last::Matches;
+use crate::recover::GROUP;
 use cairn_adjust::{RecogniseConfig, View, recognise};
 use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
@@ -19,8 +20,6 @@ use std::collections::BTreeSet;
 const EVERY_S: f64 = 0.5;
 /// Places compared at each look.
 const PLACES: usize = 2;
-/// Covisible neighbours of a key frame that count as the same place.
-const GROUP: usize = 10;
 /// Key frames whose optical axis makes a larger angle with the camera's are not looked at: its cosine.
 const FACING: f64 = 0.8;
 /// By how much a pose that was carried without parallax may be off: standard deviations of its position, and radians of its

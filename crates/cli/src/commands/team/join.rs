@@ -198,7 +198,7 @@ impl Robot {
             self.step()?;
             let peer = self.member.peer();
             let mut reached = self.member.reached();
-            let has_none = peer.parts().all(|(holding, _)| holding.robot != peer.robot());
+            let has_none = peer.holdings().all(|holding| holding.robot != peer.robot());
             if has_none
                 || reached.all(|other| peer.is_up_to_date(other))
                 || Instant::now() > until
@@ -219,7 +219,7 @@ impl Robot {
             overlaps.update(peer).iter().for_each(|line| note(line));
             peer.subscribe(MapSubscription::Of(in_reach(peer.robot(), &overlaps.pairs())));
         }
-        for (holding, _) in self.member.peer().parts() {
+        for holding in self.member.peer().holdings() {
             if self.heard.insert(holding.robot, holding.version) != Some(holding.version) {
                 let megabytes = holding.bytes as f64 / 1e6;
                 note(&format!("robot {}: version {}, {megabytes:.3} MB", holding.robot, holding.version));
@@ -271,7 +271,7 @@ impl Robot {
     fn begin_join(&mut self) {
         let peer = self.member.peer();
         let digest = peer.digest();
-        if digest == self.digest || peer.parts().next().is_none() {
+        if digest == self.digest || peer.holdings().next().is_none() {
             return;
         }
         let parts: BTreeMap<RobotId, Vec<u8>> = peer.parts().map(|(h, bytes)| (h.robot, bytes)).collect();

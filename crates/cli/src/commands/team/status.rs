@@ -131,18 +131,15 @@ impl TeamStatus {
     pub(super) fn of(member: &Member, atlas: Option<Shown>) -> Self {
         let peer = member.peer();
         let traffic = peer.traffic();
-        let of = |(h, _): (cairn::team::peer::Holding, _)| MapOfRobot {
-            robot: h.robot,
-            version: h.version,
-            bytes: h.bytes,
-        };
+        let of =
+            |h: cairn::team::peer::Holding| MapOfRobot { robot: h.robot, version: h.version, bytes: h.bytes };
         let fetched = |robot| robot == peer.robot() || peer.subscription().includes(robot);
         Self {
             robot: peer.robot(),
             digest: hex(peer.digest()),
             fetching: peer.is_fetching(),
-            words_only: peer.words().filter(|(h, _)| !fetched(h.robot)).map(of).collect(),
-            maps: peer.parts().map(of).collect(),
+            words_only: peer.words().map(|(h, _)| h).filter(|h| !fetched(h.robot)).map(of).collect(),
+            maps: peer.holdings().map(of).collect(),
             reached: member.reached().collect(),
             atlas,
             sent: traffic.sent.iter().map(|(kind, amount)| Sent { kind: *kind, amount: *amount }).collect(),

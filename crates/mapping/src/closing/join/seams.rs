@@ -79,8 +79,8 @@ impl Closer {
         }
         let place = recognise(snapshot, &view, old, &known, &config, seed).ok()?;
         let visits = self.visits(snapshot, here, old);
-        let scale = visits.scale(&place, self.config.need).ok()?;
         let (freedom, depth_ratio) = (visits.freedom(), visits.depth_ratio(&place));
+        let scale = visits.scale(&depth_ratio, self.config.need).ok()?;
         let there = place.world_from_camera;
         let mut world_from_here = Sim3::new(there.rotation, there.translation, scale);
         if freedom == Freedom::AlignGravity {

@@ -105,7 +105,9 @@ impl Closer {
     fn adjust_along(&self, draft: &mut Draft, map: MapId, chosen: &[&Found]) {
         let count = draft.snapshot().key_frames_of(map).count();
         if count <= self.config.whole_key_frames {
-            let changes = self.adjust_whole(draft.snapshot(), map, || false);
+            let snapshot = draft.snapshot();
+            let by_size = |window: Window| window.weighed_by_size(snapshot);
+            let changes = self.adjust_whole_with(snapshot, map, by_size, || false);
             return draft.push(changes);
         }
         let config =
@@ -118,7 +120,9 @@ impl Closer {
             let near = draft.snapshot().key_frame(f.seam.key_frame).map(|k| k.covisible.clone());
             done.insert(f.seam.key_frame);
             done.extend(near.into_iter().flatten().take(self.window.key_frames / 2).map(|(id, _)| id));
-            if let Some(window) = Window::around(draft.snapshot(), &self.camera, f.seam.key_frame, &config) {
+            let snapshot = draft.snapshot();
+            if let Some(window) = Window::around(snapshot, &self.camera, f.seam.key_frame, &config) {
+                let window = window.weighed_by_size(snapshot);
                 draft.push(window.solve(&config, || false).changes.changes);
             }
         }
