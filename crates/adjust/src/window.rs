@@ -1,9 +1,9 @@
 //! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes: visual, or with IMU
 //! factors in a gravity-aligned map.
 
-use crate::aligned::{AlignedFactors, RelativePose};
+use crate::aligned::AlignedFactors;
 use crate::imu::{self, ImuModel};
-use crate::links::LinkFactors;
+use crate::links::{LinkFactors, WithImu};
 use crate::motion::MotionLinks;
 use crate::pinhole;
 use crate::subproblem::Subproblem;
@@ -100,25 +100,23 @@ impl Window {
         Some(Self::visual(snapshot, camera, subproblem, links))
     }
 
-    /// The window in which every key frame of a map moves but its root.
+    /// The window in which every key frame of a map moves but its root, with the poses of key frames relative to others that the map has.
     pub fn whole(snapshot: &Snapshot, camera: &RectifiedCamera, map: MapId) -> Self {
-        Self::linked_whole(snapshot, camera, map, &MotionLinks::default(), &[])
+        Self::linked_whole(snapshot, camera, map, &MotionLinks::default())
     }
 
-    /// As [`Window::whole`], with the motions that other sensors measured between key frames which no landmark relates, and with
-    /// poses of key frames relative to others.
+    /// As [`Window::whole`], with the motions that other sensors measured between key frames which no landmark relates.
     pub fn linked_whole(
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         map: MapId,
         links: &MotionLinks,
-        aligned: &[RelativePose],
     ) -> Self {
         let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
         let mut subproblem = Subproblem::of(snapshot, &all, 0);
         let motion = links.factors(snapshot, &mut subproblem);
         let motion = motion.of_unrelated(snapshot, &subproblem.key_frames);
-        let aligned = AlignedFactors::of(aligned, &subproblem);
+        let aligned = AlignedFactors::of(snapshot, &subproblem);
         Self::visual(snapshot, camera, subproblem, LinkFactors { motion, aligned })
     }
 
@@ -165,7 +163,7 @@ impl Window {
     }
 
     /// The window with IMU factors in which every key frame of a gravity-aligned map moves; its root keeps its position and
-    /// heading.
+    /// heading. With the poses of key frames relative to others that the map has.
     pub fn inertial_whole(
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
@@ -175,13 +173,16 @@ impl Window {
         let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
         let linked = imu::linked(snapshot, map);
         let subproblem = Subproblem::of(snapshot, &all, 0);
-        Self::inertial(snapshot, camera, model, subproblem, |_, k| match linked.contains(&k.id) {
-            true if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Free),
-            true => (Freedom::Free, MotionFreedom::Free),
-            // Links elsewhere tell which way is up.
-            false if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Fixed),
-            false => (Freedom::Free, MotionFreedom::Fixed),
-        })
+        let aligned = AlignedFactors::of(snapshot, &subproblem);
+        let whole =
+            Self::inertial(snapshot, camera, model, subproblem, |_, k| match linked.contains(&k.id) {
+                true if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Free),
+                true => (Freedom::Free, MotionFreedom::Free),
+                // Links elsewhere tell which way is up.
+                false if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Fixed),
+                false => (Freedom::Free, MotionFreedom::Fixed),
+            });
+        Self { link_factors: LinkFactors { aligned, ..LinkFactors::default() }, ..whole }
     }
 
     /// How many IMU links it has.
@@ -293,7 +294,10 @@ impl Window {
         let first_damping = if self.imu.is_some() { 1e-6 } else { 1e-5 };
         let config = BundleConfig { iterations, robust: true, tolerance: config.tolerance, first_damping };
         match &mut self.imu {
-            Some(imu) => self.bundle.solve_with(imu, &config, stop),
+            Some(imu) => {
+                let mut both = WithImu { imu, links: &mut self.link_factors };
+                self.bundle.solve_with(&mut both, &config, stop)
+            }
             None => self.bundle.solve_with(&mut self.link_factors, &config, stop),
         }
     }

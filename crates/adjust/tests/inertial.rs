@@ -8,11 +8,11 @@ mod synthetic;
 
 use cairn_adjust::{ImuModel, Window, WindowConfig};
 use cairn_atlas::store::{About, MapFile};
-use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{Atlas, Change, KeyFrameId, MapId, RelativePose, Snapshot};
 use cairn_geometry::{Manifold, Se3, Sim3, So3, Vec3};
 use cairn_vision::{RectifiedCamera, SensorMode};
 use imu_walk::{NOISE, ToAndFro};
-use nalgebra::SVector;
+use nalgebra::{Matrix6, SVector, Vector6};
 use std::collections::BTreeMap;
 use synthetic::{mono, off};
 
@@ -104,6 +104,28 @@ fn inertial_whole_finds_the_scale_and_the_level_of_a_map() {
     assert!((scale(atlas.latest()) - 1.0).abs() < 3e-3, "{}", scale(atlas.latest()));
     let root = atlas.latest().key_frame(ids[0]).unwrap().world_from_camera.translation;
     assert_eq!(root, walk(0.01, 1.03).0.latest().key_frame(ids[0]).unwrap().world_from_camera.translation);
+}
+
+/// What depth measured between key frames counts beside what the IMU did.
+#[test]
+fn inertial_whole_takes_the_relative_poses_of_the_map() {
+    let (mut atlas, ids) = walk(0.0, 1.0);
+    let pose = |s: &Snapshot, n: usize| s.key_frame(ids[n]).unwrap().world_from_camera;
+    // A tenth of a millimetre, where landmarks say what is four off.
+    let off = Vector6::new(0.0, 4e-4, 0.0, 0.0, 0.0, 0.0);
+    let from_from_here = (pose(atlas.latest(), 3).inverse() * pose(atlas.latest(), 20)).retract(&off);
+    let z = RelativePose { from: ids[3], from_from_here, information: Matrix6::identity() * 1e8 };
+    let chi2 = |s: &Snapshot| z.chi2(&pose(s, 3), &pose(s, 20));
+    assert!(chi2(atlas.latest()) > 15.0);
+    for related in [false, true] {
+        if related {
+            atlas.commit(vec![Change::RelativePoses(ids[20], vec![z])]);
+        }
+        let window = Window::inertial_whole(atlas.latest(), &mono(), &model(), MapId(ids[0]));
+        assert_eq!(window.links(), ids.len() - 1);
+        let after = atlas.latest().apply(&window.solve(&config(), || false).changes).0;
+        assert_eq!(chi2(&after) < 1.0, related, "{}", chi2(&after));
+    }
 }
 
 /// In the atlas of another camera key frames keep what their IMU measured, and how their own camera is mounted on it.
