@@ -50,6 +50,6 @@ pub use other_camera::OtherCamera;
 pub use paged::{Paged, ReadBackError};
 pub use places::PlaceIndex;
 pub use relative_pose::RelativePose;
-pub use scale::{DEPTH_SCALE_SIGMA, INERTIAL_SCALE_SIGMA, MapScale};
+pub use scale::{DEPTH_SCALE_SIGMA, INERTIAL_SCALE_SIGMA, MapScale, RELATED_SCALE_SIGMA};
 pub use snapshot::{Readout, Snapshot, Unsound};
 pub use stream::{Feed, Published, Removed, Subscription};
