@@ -4,49 +4,15 @@
 
 use crate::motion::by_both_ends;
 use crate::subproblem::Subproblem;
-use cairn_atlas::KeyFrameId;
+use cairn_atlas::{KeyFrameId, RelativePose, Snapshot};
 use cairn_geometry::{LieGroup, Se3};
 use cairn_solve::{CHI2_95, Equations, Factors, Freedom, Variable};
 use nalgebra::{Matrix6, SMatrix, SymmetricEigen, Vector6};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-/// Chi-square of six degrees of freedom, 99.9 %: what is farther off after a first adjustment is wrong.
-const GATE: f64 = 22.46;
-
 /// Information that keeps directions of which nothing is known from running away on rounding errors: a standard deviation of 10 m or rad.
 const LEAST_INFORMATION: f64 = 0.01;
-
-/// The pose of one key frame relative to another, measured.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RelativePose {
-    /// The key frame in whose camera frame it is.
-    pub from: KeyFrameId,
-    /// The key frame whose pose it is.
-    pub to: KeyFrameId,
-    /// The pose; metres.
-    pub from_from_to: Se3,
-    /// Information on its right perturbation (translation, rotation), 1/m^2 and 1/rad^2; none along directions that the surface leaves free.
-    pub information: Matrix6<f64>,
-}
-
-impl RelativePose {
-    /// How far two poses in the world are from it, in coordinates of its right perturbation.
-    fn off(&self, world_from_from: &Se3, world_from_to: &Se3) -> Vector6<f64> {
-        (self.from_from_to.inverse() * world_from_from.inverse() * *world_from_to).coordinates()
-    }
-
-    /// The same as a chi-square, of as many degrees of freedom as there are directions with information.
-    pub fn chi2(&self, world_from_from: &Se3, world_from_to: &Se3) -> f64 {
-        let off = self.off(world_from_from, world_from_to);
-        off.dot(&(self.information * off))
-    }
-
-    /// Whether two poses in the world may be so (chi-square, 99.9 %).
-    pub fn agrees(&self, world_from_from: &Se3, world_from_to: &Se3) -> bool {
-        self.chi2(world_from_from, world_from_to) <= GATE
-    }
-}
 
 /// One between two poses of a window.
 #[derive(Clone, Debug)]
@@ -67,7 +33,7 @@ impl Link {
     /// Whitened residual and its derivative by right perturbations of both ends.
     fn linear(&self, poses: &[Se3]) -> (Vector6<f64>, SMatrix<f64, 6, 12>) {
         let between = poses[self.from].inverse() * poses[self.to];
-        let off = self.measured.from_from_to.inverse() * between;
+        let off = self.measured.from_from_here.inverse() * between;
         let by_to = self.root * off.coordinates_jacobian();
         (self.root * off.coordinates(), by_both_ends(by_to, &between))
     }
@@ -91,16 +57,22 @@ pub(crate) struct AlignedFactors {
 
 impl AlignedFactors {
     /// Those of which a window has both ends.
-    pub fn of(measured: &[RelativePose], subproblem: &Subproblem) -> Self {
+    pub fn of(snapshot: &Snapshot, subproblem: &Subproblem) -> Self {
         let slots: BTreeMap<KeyFrameId, usize> =
             subproblem.key_frames.iter().enumerate().map(|(slot, id)| (*id, slot)).collect();
-        let link = |measured: &RelativePose| {
-            let (from, to) = (*slots.get(&measured.from)?, *slots.get(&measured.to)?);
+        let link = |to: usize, measured: &RelativePose| {
+            let (from, unit) = (*slots.get(&measured.from)?, snapshot.key_frame(measured.from)?.unit);
+            let measured = measured.in_map(unit);
             let information = measured.information + Matrix6::identity() * LEAST_INFORMATION;
-            let measured = RelativePose { information, ..*measured };
+            let measured = RelativePose { information, ..measured };
             Some(Link { from, to, measured, root: root(&information), is_used: true })
         };
-        Self { links: measured.iter().filter_map(link).collect() }
+        let key_frames = subproblem.key_frames.iter().enumerate();
+        let of = |(to, id): (usize, &KeyFrameId)| {
+            let all = snapshot.key_frame(*id).map_or(&[][..], |k| &k.relative_poses);
+            all.iter().filter_map(|z| link(to, z)).collect::<Vec<_>>()
+        };
+        Self { links: key_frames.flat_map(of).collect() }
     }
 
     /// Without those that touch only poses that do not move.
@@ -164,13 +136,13 @@ mod tests {
     }
 
     fn link(free: usize) -> Link {
-        let [from, to] = [0, 1].map(|i| KeyFrameId::from_index(i).expect("a number"));
+        let from = KeyFrameId::from_index(0).expect("a number");
         let mixed = SMatrix::<f64, 6, 6>::from_fn(|i, j| (1.3 * i as f64 + 2.1 * j as f64).sin());
         let mut scales = Vector6::new(900.0, 40.0, 7.0, 300.0, 80.0, 20.0);
         scales.iter_mut().take(free).for_each(|s| *s = 0.0);
         let axes = SymmetricEigen::new(mixed + mixed.transpose()).eigenvectors;
         let information = axes * Matrix6::from_diagonal(&scales) * axes.transpose();
-        let measured = RelativePose { from, to, from_from_to: pose(3.0), information };
+        let measured = RelativePose { from, from_from_here: pose(3.0), information };
         Link { from: 1, to: 0, measured, root: root(&information), is_used: true }
     }
 
@@ -199,10 +171,10 @@ mod tests {
         let free = SymmetricEigen::new(link.measured.information);
         let (at, _) = free.eigenvalues.argmin();
         let along = free.eigenvectors.column(at) * 0.02;
-        let poses = |step: Vector6<f64>| [link.measured.from_from_to.retract(&step), Se3::identity()];
+        let poses = |step: Vector6<f64>| [link.measured.from_from_here.retract(&step), Se3::identity()];
         assert!(link.chi2(&poses(along)) < 1e-6);
         let (at, _) = free.eigenvalues.argmax();
         let across = poses(free.eigenvectors.column(at) * 0.4);
-        assert!(link.chi2(&across) > GATE && !link.measured.agrees(&across[1], &across[0]));
+        assert!(!link.measured.agrees(&across[1], &across[0]));
     }
 }

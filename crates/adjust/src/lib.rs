@@ -11,7 +11,6 @@ mod recognise;
 mod subproblem;
 mod window;
 
-pub use aligned::RelativePose;
 pub use camera::{depth, pinhole, pixel, weight};
 pub use imu::ImuModel;
 pub use locate::{Located, locate};

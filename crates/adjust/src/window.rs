@@ -1,9 +1,9 @@
 //! A window of key frames and landmarks, copied out of a map, adjusted, and handed back as changes: visual, or with IMU
 //! factors in a gravity-aligned map.
 
-use crate::aligned::{AlignedFactors, RelativePose};
+use crate::aligned::AlignedFactors;
 use crate::imu::{self, ImuModel};
-use crate::links::LinkFactors;
+use crate::links::{LinkFactors, WithImu};
 use crate::motion::MotionLinks;
 use crate::pinhole;
 use crate::subproblem::Subproblem;
@@ -107,25 +107,23 @@ impl Window {
         Some(Self::visual(snapshot, camera, subproblem, links))
     }
 
-    /// The window in which every key frame of a map moves but its root.
+    /// The window in which every key frame of a map moves but its root, with the poses of key frames relative to others that the map has.
     pub fn whole(snapshot: &Snapshot, camera: &RectifiedCamera, map: MapId) -> Self {
-        Self::linked_whole(snapshot, camera, map, &MotionLinks::default(), &[])
+        Self::linked_whole(snapshot, camera, map, &MotionLinks::default())
     }
 
-    /// As [`Window::whole`], with the motions that other sensors measured between key frames which no landmark relates, and with
-    /// poses of key frames relative to others.
+    /// As [`Window::whole`], with the motions that other sensors measured between key frames which no landmark relates.
     pub fn linked_whole(
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
         map: MapId,
         links: &MotionLinks,
-        aligned: &[RelativePose],
     ) -> Self {
         let all: Vec<KeyFrameId> = snapshot.key_frames_of(map).map(|k| k.id).collect();
         let mut subproblem = Subproblem::of(snapshot, &all, 0);
         let motion = links.factors(snapshot, &mut subproblem);
         let motion = motion.of_unrelated(snapshot, &subproblem.key_frames);
-        let aligned = AlignedFactors::of(aligned, &subproblem);
+        let aligned = AlignedFactors::of(snapshot, &subproblem);
         Self::visual(snapshot, camera, subproblem, LinkFactors { motion, aligned })
     }
 
@@ -174,6 +172,7 @@ impl Window {
     /// The window with IMU factors in which every key frame of a gravity-aligned map moves; its root keeps its position and
     /// heading. Where no readings lead to the root, as in a map that another rig goes on with or is joined to, what the map knew of which
     /// way is up counts beside links elsewhere: of a few links a bias of the accelerometer cannot be told from a tilt.
+    /// With the poses of key frames relative to others that the map has.
     pub fn inertial_whole(
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
@@ -189,6 +188,7 @@ impl Window {
             let up = k.world_from_camera.rotation.inverse() * Vec3::z();
             Some(LevelPrior { frame, up, sigma: LEVEL_BEFORE_RAD })
         });
+        let aligned = AlignedFactors::of(snapshot, &subproblem);
         let mut window =
             Self::inertial(snapshot, camera, model, subproblem, |_, k| match linked.contains(&k.id) {
                 true if k.id == map.root() => (Freedom::Tilt(Vec3::z()), MotionFreedom::Free),
@@ -199,6 +199,7 @@ impl Window {
         if let Some(imu) = &mut window.imu {
             imu.level_prior = level_prior;
         }
+        window.link_factors.aligned = aligned;
         window
     }
 
@@ -336,7 +337,10 @@ impl Window {
         let first_damping = if self.imu.is_some() { 1e-6 } else { 1e-5 };
         let config = BundleConfig { iterations, robust: true, tolerance: config.tolerance, first_damping };
         match &mut self.imu {
-            Some(imu) => self.bundle.solve_with(imu, &config, stop),
+            Some(imu) => {
+                let mut both = WithImu { imu, links: &mut self.link_factors };
+                self.bundle.solve_with(&mut both, &config, stop)
+            }
             None => self.bundle.solve_with(&mut self.link_factors, &config, stop),
         }
     }

@@ -8,13 +8,13 @@ mod synthetic;
 
 use cairn_adjust::{ImuModel, Window, WindowConfig};
 use cairn_atlas::store::{About, MapFile};
-use cairn_atlas::{Atlas, Change, ChangeSet, ImuFactor, KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{Atlas, Change, ChangeSet, ImuFactor, KeyFrameId, MapId, RelativePose, Snapshot};
 use cairn_geometry::{Manifold, Se3, Sim3, So3, Vec3};
 use cairn_inertial::{Bias, Preintegrated};
 use cairn_sensor::ImuSample;
 use cairn_vision::{RectifiedCamera, SensorMode};
 use imu_walk::{NOISE, ToAndFro};
-use nalgebra::SVector;
+use nalgebra::{Matrix6, SVector, Vector6};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use synthetic::{mono, off};
@@ -149,6 +149,28 @@ fn a_few_readings_far_from_the_root_turn_no_map_that_is_level() {
         assert_eq!(was.translation, is.translation, "the root");
         assert!(turned.log().z.abs() < 1e-6, "the heading of the root");
         assert!(tilt < 0.003, "{last} readings: {tilt} rad");
+    }
+}
+
+/// What depth measured between key frames counts beside what the IMU did.
+#[test]
+fn inertial_whole_takes_the_relative_poses_of_the_map() {
+    let (mut atlas, ids) = walk(0.0, 1.0);
+    let pose = |s: &Snapshot, n: usize| s.key_frame(ids[n]).unwrap().world_from_camera;
+    // A tenth of a millimetre, where landmarks say what is four off.
+    let off = Vector6::new(0.0, 4e-4, 0.0, 0.0, 0.0, 0.0);
+    let from_from_here = (pose(atlas.latest(), 3).inverse() * pose(atlas.latest(), 20)).retract(&off);
+    let z = RelativePose { from: ids[3], from_from_here, information: Matrix6::identity() * 1e8 };
+    let chi2 = |s: &Snapshot| z.chi2(&pose(s, 3), &pose(s, 20));
+    assert!(chi2(atlas.latest()) > 15.0);
+    for related in [false, true] {
+        if related {
+            atlas.commit(vec![Change::RelativePoses(ids[20], vec![z])]);
+        }
+        let window = Window::inertial_whole(atlas.latest(), &mono(), &model(), MapId(ids[0]));
+        assert_eq!(window.links(), ids.len() - 1);
+        let after = atlas.latest().apply(&window.solve(&config(), || false).changes).0;
+        assert_eq!(chi2(&after) < 1.0, related, "{}", chi2(&after));
     }
 }
 

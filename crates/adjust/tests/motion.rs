@@ -95,7 +95,7 @@ fn in_a_whole_map_motions_count_between_key_frames_that_no_landmark_relates() {
         let config = WindowConfig { iterations: [20, 20], tolerance: 1e-12, ..WindowConfig::default() };
         let map = atlas.latest().key_frame(ids[0]).expect("a key frame").map;
         let links = links(measured, &ids, SIGMA);
-        let whole = Window::linked_whole(atlas.latest(), &world.camera, map, &links, &[]);
+        let whole = Window::linked_whole(atlas.latest(), &world.camera, map, &links);
         atlas.commit(whole.solve(&config, || false).changes.changes);
         ids.iter().zip(&path).map(|(id, truth)| off(&at(&atlas, *id), truth).0).fold(0.0, f64::max)
     };

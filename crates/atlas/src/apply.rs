@@ -5,7 +5,7 @@ use crate::covisible::{self, Shared};
 use crate::scale::is_sound_sigma;
 use crate::{
     Applied, Change, ChangeSet, InertialState, KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId,
-    Observation, Snapshot,
+    Observation, RelativePose, Snapshot,
 };
 use cairn_geometry::{Sim3, Vec3};
 use cairn_vision::Descriptor;
@@ -76,6 +76,7 @@ impl Snapshot {
                 self.made_by.add(&key_frame);
                 key_frame.landmarks = vec![None; key_frame.frame.len()];
                 key_frame.links.clear();
+                key_frame.relative_poses.clear();
                 key_frame.covisible.clear();
                 key_frame.shares.0 = Some(Vec::new());
                 self.places.insert(k.id, &k.bag.shared());
@@ -139,6 +140,7 @@ impl Snapshot {
             Change::Calibrate(offset) => self.right_offset = offset.is_finite().then_some(*offset)?,
             Change::Fuse(from, into) => self.fuse(*from, *into, dirty)?,
             Change::Link(a, b) => self.link(*a, *b)?,
+            Change::RelativePoses(id, all) => self.relate(*id, all)?,
             Change::MapPrior(map, map_prior) => {
                 let earlier =
                     self.surviving_ancestor(map_prior.to).and_then(|(id, _)| self.key_frame(id))?.map;
@@ -256,6 +258,7 @@ impl Snapshot {
         self.key_frames.remove(id.index());
         self.made_by.remove(&removed);
         self.join_imu_factors(id, removed.motion);
+        self.leave_out_relative_to(id);
         self.removed.insert(id.index(), (parent, parent_from_it));
         self.adopt(id, parent);
         Some(())
@@ -272,6 +275,27 @@ impl Snapshot {
             }
         }
         Some(())
+    }
+
+    fn relate(&mut self, id: KeyFrameId, all: &[RelativePose]) -> Option<()> {
+        let map = self.key_frame(id)?.map;
+        let ordered = all.is_sorted_by(|a, b| a.from < b.from) && all.iter().all(|z| z.from < id);
+        (ordered && all.iter().all(RelativePose::is_sound)).then_some(())?;
+        let of_map = |z: &&RelativePose| self.key_frame(z.from).is_some_and(|from| from.map == map);
+        let kept = all.iter().filter(of_map).copied().collect();
+        self.key_frames.get_mut(id.index())?.relative_poses = kept;
+        Some(())
+    }
+
+    /// Leaves out the poses relative to a removed key frame.
+    fn leave_out_relative_to(&mut self, removed: KeyFrameId) {
+        let is_of_it = |z: &RelativePose| z.from == removed;
+        let later = self.key_frames_from(removed).filter(|k| k.relative_poses.iter().any(is_of_it));
+        for id in later.map(|k| k.id).collect::<Vec<_>>() {
+            if let Some(k) = self.key_frames.get_mut(id.index()) {
+                k.relative_poses.retain(|z| z.from != removed);
+            }
+        }
     }
 
     fn merge(

@@ -1,6 +1,6 @@
 //! Changes to a snapshot, as data.
 
-use crate::{ImuFactor, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Readout};
+use crate::{ImuFactor, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Readout, RelativePose};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_inertial::Bias;
 
@@ -47,6 +47,9 @@ pub enum Change {
     RemoveLandmark(LandmarkId),
     /// Connects two key frames by a loop closure.
     Link(KeyFrameId, KeyFrameId),
+    /// Sets the poses of a key frame relative to earlier ones, in the order of these, as depth measured them, in place of those that it had.
+    /// Those relative to key frames that are no more are left out.
+    RelativePoses(KeyFrameId, Vec<RelativePose>),
     /// Sets the pose of a map relative to an earlier one, until they are merged.
     MapPrior(MapId, MapPrior),
     /// Merges a younger map into an older one: everything in it is transformed by `into_from`, and its root

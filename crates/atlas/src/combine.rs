@@ -94,6 +94,9 @@ impl Snapshot {
             for id in &mut k.links {
                 *id = shift.key_frame(*id)?;
             }
+            for relative in &mut k.relative_poses {
+                relative.from = shift.key_frame(relative.from)?;
+            }
             if let Some(imu_factor) = k.motion.as_mut().and_then(|m| m.imu_factor.as_mut()) {
                 imu_factor.since = shift.key_frame(imu_factor.since)?;
             }

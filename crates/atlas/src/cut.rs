@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 impl Snapshot {
     /// A snapshot with these key frames only, all of one map, whose root is the oldest of them; `None` where none of them exists or
-    /// they are not of one map. What measures motion from a key frame that is left out is left out too; what was removed from the
+    /// they are not of one map. What measures motion from a key frame that is left out, or a pose relative to it, is left out too; what was removed from the
     /// whole is unknown in the piece.
     pub fn cut(&self, keep: &BTreeSet<KeyFrameId>) -> Option<Snapshot> {
         let kept = || keep.iter().filter_map(|id| self.key_frame(*id));
@@ -48,6 +48,7 @@ impl Snapshot {
             k.map = map;
             k.parent = (k.id != first.id).then(|| self.kept_ancestor(k.parent, &within).unwrap_or(first.id));
             k.links.retain(within);
+            k.relative_poses.retain(|z| within(&z.from));
             if let Some(motion) = k.motion.as_mut()
                 && motion.imu_factor.as_ref().is_some_and(|f| !within(&f.since))
             {

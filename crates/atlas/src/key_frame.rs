@@ -1,6 +1,6 @@
 //! Key frames.
 
-use crate::{InertialState, KeyFrameId, LandmarkId, MapId, OtherCamera, Paged};
+use crate::{InertialState, KeyFrameId, LandmarkId, MapId, OtherCamera, Paged, RelativePose};
 use cairn_geometry::{Se3, Sim3};
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
@@ -31,6 +31,8 @@ pub struct KeyFrame {
     pub parent: Option<KeyFrameId>,
     /// Key frames connected to this one by loop closures.
     pub links: Vec<KeyFrameId>,
+    /// Its pose relative to earlier key frames as depth measured it, in the order of these.
+    pub relative_poses: Vec<RelativePose>,
     /// Its inertial state, where there is an IMU.
     pub motion: Option<InertialState>,
     /// The camera that made it, where that is not the atlas's.
@@ -61,6 +63,7 @@ impl KeyFrame {
             landmarks,
             parent,
             links: Vec::new(),
+            relative_poses: Vec::new(),
             motion: None,
             other_camera: None,
             covisible: Vec::new(),

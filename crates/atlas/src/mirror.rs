@@ -132,7 +132,8 @@ impl Mirror {
                 | Change::ScaleSigma(..)
                 | Change::Calibrate(_)
                 | Change::RemoveLandmark(_)
-                | Change::Link(..) => {}
+                | Change::Link(..)
+                | Change::RelativePoses(..) => {}
             }
             then(self, change, removal);
         }

@@ -82,6 +82,9 @@ impl Snapshot {
             for id in &mut k.links {
                 *id = key_frame(*id)?;
             }
+            for relative in &mut k.relative_poses {
+                relative.from = key_frame(relative.from)?;
+            }
             if let Some(factor) = k.motion.as_mut().and_then(|m| m.imu_factor.as_mut()) {
                 factor.since = key_frame(factor.since)?;
             }

@@ -4,7 +4,9 @@ use crate::arena::Arena;
 use crate::made_by::MadeBy;
 use crate::names::Names;
 use crate::paged::{Faults, ReadBackError};
-use crate::{KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, OtherCamera, PlaceIndex};
+use crate::{
+    KeyFrame, KeyFrameId, Landmark, LandmarkId, MapId, MapPrior, OtherCamera, PlaceIndex, RelativePose,
+};
 use cairn_geometry::{Se3, Sim3};
 use cairn_vision::Octaves;
 use std::collections::BTreeMap;
@@ -311,12 +313,27 @@ impl Snapshot {
                 return Err(Unsound(format!("{:?} has a loop with {other:?}, which does not list it", k.id)));
             }
         }
+        self.check_relative_poses()?;
         if self.made_by != MadeBy::of(self.key_frames()) {
             return Err(Unsound("the key frames of a map are counted wrongly".into()));
         }
         for map in self.maps.keys() {
             if self.key_frame(map.root()).is_none_or(|k| k.parent.is_some()) {
                 return Err(Unsound(format!("{map:?} has no root")));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_relative_poses(&self) -> Result<(), Unsound> {
+        for k in self.key_frames() {
+            let all = &k.relative_poses;
+            let of_map = |z: &RelativePose| {
+                z.from < k.id && self.key_frame(z.from).is_some_and(|from| from.map == k.map)
+            };
+            let ordered = all.is_sorted_by(|a, b| a.from < b.from);
+            if !ordered || !all.iter().all(|z| of_map(z) && z.is_sound()) {
+                return Err(Unsound(format!("{:?} has an invalid pose relative to another key frame", k.id)));
             }
         }
         Ok(())

@@ -2,7 +2,8 @@
 //! keeps the poses of what is anchored to removed key frames.
 
 use cairn_atlas::{
-    Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Mirror, Snapshot,
+    Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Mirror, RelativePose,
+    Snapshot,
 };
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_vision::Frame;
@@ -70,6 +71,15 @@ fn step() -> impl Strategy<Value = Step> {
         3 => (l.clone(), l.clone()).prop_map(|(a, b)| Step::Plain(Change::Fuse(landmark_id(a), landmark_id(b)))),
         1 => l.clone().prop_map(|l| Step::Plain(Change::RemoveLandmark(landmark_id(l)))),
         1 => k.clone().prop_map(|k| Step::Plain(Change::RemoveKeyFrame(key_frame_id(k)))),
+        2 => (k.clone(), prop::collection::btree_set(k.clone(), 0..4), any::<i8>(), prop_oneof![1 => Just(-1.0), 5 => 0.0..9.0])
+            .prop_map(|(k, from, a, information)| {
+                let of = |from| RelativePose {
+                    from: key_frame_id(from),
+                    from_from_here: pose(a, 3),
+                    information: nalgebra::Matrix6::identity() * information,
+                };
+                Step::Plain(Change::RelativePoses(key_frame_id(k), from.into_iter().map(of).collect()))
+            }),
         1 => (k.clone(), k.clone()).prop_map(|(a, b)| Step::Plain(Change::Link(key_frame_id(a), key_frame_id(b)))),
         1 => (k.clone(), prop_oneof![Just(0.0), Just(f64::NAN), 0.2..4.0])
             .prop_map(|(k, factor)| Step::Plain(Change::Scale(key_frame_id(k), factor))),
@@ -140,7 +150,8 @@ fn described(snapshot: &Snapshot) -> String {
     let key_frames: Vec<String> = snapshot
         .key_frames()
         .map(|k| {
-            let (relations, content) = ((k.map, k.parent, &k.links), (&k.landmarks, &k.covisible));
+            let relations = (k.map, k.parent, &k.links, &k.relative_poses);
+            let content = (&k.landmarks, &k.covisible);
             format!("{:?} {:?} {:?} {relations:?} {content:?}", k.id, k.world_from_camera, k.unit)
         })
         .collect();

@@ -81,6 +81,10 @@ impl Digest {
             k.parent.iter().chain(&k.links).for_each(|id| self.id(*id));
             self.pose(&k.world_from_camera);
             self.f64(k.unit);
+            for z in &k.relative_poses {
+                self.id(z.from);
+                self.pose(&z.from_from_here);
+            }
             if let Some(m) = &k.motion {
                 [m.velocity, m.bias.gyro, m.bias.accel].iter().for_each(|v| self.vec(v));
                 self.u64(m.imu_factor.as_ref().map_or(0, |f| 1 + f.since.index() as u64));

@@ -92,10 +92,11 @@ impl Engine {
             mapper.window.right_offset_sigma = 0.0;
         }
         mapper.window.hold_poses |= config.tracker.dense && mode == SensorMode::Rgbd;
+        // Poses that stay where depth put them are not aligned again.
+        let aligned = depth.filter(|_| config.closer.align_depth && !mapper.window.hold_poses);
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper) = (tracker, Mapper::new(model, mapper));
         let mut closer = closer.with_motion_links(mapper.motion_links());
-        let aligned = depth.filter(|_| config.closer.align_depth);
         let depth_views =
             aligned.and_then(|(sensor, camera_from_depth)| DepthViews::new(sensor, camera_from_depth));
         if let Some(views) = &depth_views {

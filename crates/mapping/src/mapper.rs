@@ -368,20 +368,25 @@ impl Mapper {
     pub fn final_adjustment(&mut self, atlas: &mut Atlas, mut stop: impl FnMut() -> bool) {
         let maps: Vec<MapId> = atlas.latest().maps().map(|(id, _)| id).collect();
         for map in maps {
-            let snapshot = atlas.latest();
-            if !(3..=self.config.final_adjustment_key_frames).contains(&snapshot.key_frames_of(map).count()) {
+            let count = atlas.latest().key_frames_of(map).count();
+            if !(3..=self.config.final_adjustment_key_frames).contains(&count) {
                 continue;
             }
             let window = WindowConfig { iterations: [40, 20], tolerance: 1e-6, ..self.config.window };
+            if let Some(views) = &self.depth_views {
+                let related = views.measure(atlas.latest(), map, &mut stop);
+                if stop() {
+                    return;
+                }
+                atlas.commit(related);
+            }
+            let snapshot = atlas.latest();
             let imu =
                 self.inertial.as_ref().and_then(|i| i.whole(snapshot, &self.camera, map, &window, &mut stop));
             let result = match imu {
                 Some(result) => result,
                 None => {
-                    let views = self.depth_views.as_ref().filter(|_| !window.hold_poses);
-                    let aligned = views.map(|v| v.relative_poses(snapshot, map, &mut stop));
-                    let aligned = aligned.unwrap_or_default();
-                    let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links, &aligned);
+                    let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links);
                     whole.solve(&window, &mut stop)
                 }
             };

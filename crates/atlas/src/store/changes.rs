@@ -7,9 +7,11 @@
 
 use super::about::{numbers, pose};
 use super::error::StoreError;
+use super::relative_poses::{symmetric, upper};
 use super::wire::{Decoder, Encoder};
 use crate::{
-    Change, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Published, Readout, Removed,
+    Change, InertialState, KeyFrame, KeyFrameId, LandmarkId, MapId, MapPrior, Published, Readout,
+    RelativePose, Removed,
 };
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Bias;
@@ -126,6 +128,14 @@ fn encode_change(e: &mut Encoder, change: &Change) {
             e.u32(id.raw());
         }
         Change::Link(a, b) => pair(e, 14, a.raw(), b.raw()),
+        Change::RelativePoses(id, all) => {
+            pair(e, 20, id.raw(), all.len() as u32);
+            for z in all {
+                e.u32(z.from.raw());
+                e.f64s(&numbers(&z.from_from_here));
+                e.f64s(&upper(&z.information));
+            }
+        }
         Change::MapPrior(map, prior) => {
             pair(e, 15, map.root().raw(), prior.to.raw());
             e.f64s(&numbers(&prior.to_from_root));
@@ -181,6 +191,15 @@ fn decode_change(d: &mut Decoder, camera: &RectifiedCamera, octaves: Octaves) ->
         17 => Change::RemoveKeyFrame(key_frame_id(d)?),
         18 => Change::Readout(Readout { seconds: d.f64()?, sigma_s: d.f64()? }),
         19 => Change::ScaleSigma(MapId(key_frame_id(d)?), d.f64()?),
+        20 => {
+            let (id, n) = (key_frame_id(d)?, d.u32()?);
+            let mut all = Vec::new();
+            for _ in 0..n {
+                let (from, from_from_here) = (key_frame_id(d)?, read_pose(d)?);
+                all.push(RelativePose { from, from_from_here, information: symmetric(&d.f64s()?) });
+            }
+            Change::RelativePoses(id, all)
+        }
         other => return Err(d.wrong(format!("a change of kind {other} is unknown"))),
     })
 }

@@ -4,10 +4,11 @@ use super::about::{About, encode_camera, numbers};
 use super::container::PartsWriter;
 use super::error::StoreError;
 use super::layout::{
-    ATTACHED, CAMERAS, CHUNK, DESCRIPTORS, FEATURES, MapFile, NO_PICK, ONE_CAMERA, READINGS, SHOWN,
+    ATTACHED, CAMERAS, CHUNK, DESCRIPTORS, FEATURES, MapFile, NO_PICK, ONE_CAMERA, READINGS, RELATIVE_POSES,
+    SHOWN,
 };
 use super::wire::Encoder;
-use super::{readings, scales};
+use super::{readings, relative_poses, scales};
 use crate::paged::ReadBackError;
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::DESCRIPTOR_ID;
@@ -63,6 +64,15 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
         })
         .collect();
     names.extend(readings.iter().map(|(name, _)| name.clone()));
+    let related: Vec<(String, Vec<u8>)> = key_frames
+        .chunks(CHUNK)
+        .enumerate()
+        .filter_map(|(i, chunk)| {
+            let part = relative_poses::encode(chunk, |id| rows.key_frame(id))?;
+            Some((format!("{RELATIVE_POSES}{i}"), part))
+        })
+        .collect();
+    names.extend(related.iter().map(|(name, _)| name.clone()));
     names.push(SHOWN.to_owned());
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("{FEATURES}{i}")));
     names.extend(file.attached.keys().map(|name| format!("{ATTACHED}{name}")));
@@ -82,7 +92,7 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     for (_, bytes) in &scales {
         parts.put(bytes)?;
     }
-    for (_, bytes) in &readings {
+    for (_, bytes) in readings.iter().chain(&related) {
         parts.put(bytes)?;
     }
     parts.put(&shown(snapshot, &key_frames, &rows))?;

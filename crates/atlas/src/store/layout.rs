@@ -19,6 +19,7 @@
 //! | scales | how well the unit of length of maps is known (`scales.rs`); only where that was stated |
 //! | imu | how the camera is mounted on the IMU of the readings, and which key frames stand still (`scales.rs`); only where the first is known |
 //! | readings 0, 1, .. | IMU readings between key frames (`readings.rs`); only where there are any |
+//! | relative poses 0, 1, .. | poses of key frames relative to earlier ones, as depth measured them (`relative_poses.rs`); only where there are any |
 //! | shown | what of the features is needed before they are read: the landmarks that they show; level, angle and descriptor of each
 //! landmark. A file without it, of an earlier program, is read whole |
 //! | features 0, 1, .. | features and the landmarks they show, of 64 key frames each |
@@ -53,6 +54,8 @@ pub(super) const IMU: &str = "imu";
 pub(super) const FEATURES: &str = "features ";
 /// Beginning of the names of the parts of IMU readings.
 pub(super) const READINGS: &str = "readings ";
+/// Beginning of the names of the parts of relative poses.
+pub(super) const RELATIVE_POSES: &str = "relative poses ";
 /// Key frames in one part of features.
 pub(super) const CHUNK: usize = 64;
 /// No observation has the landmark's descriptor.

@@ -18,6 +18,7 @@ mod later;
 mod layout;
 pub mod pieces;
 mod readings;
+mod relative_poses;
 mod scales;
 mod virtual_baseline;
 mod wire;

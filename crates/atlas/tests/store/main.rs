@@ -11,6 +11,7 @@ mod own;
 mod paging;
 mod pieces;
 mod pieces_imu;
+mod relative_poses;
 mod round_trip;
 mod salvage;
 mod saving;

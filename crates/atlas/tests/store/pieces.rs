@@ -223,7 +223,7 @@ fn what_is_damaged_is_refused() {
     let mut older = bytes.to_vec();
     older[7] = b'3';
     let why = read(&older).unwrap_err().to_string();
-    assert_eq!(why, "part 'pieces': they are of format '3', this program reads '4'");
+    assert_eq!(why, "part 'pieces': they are of format '3', this program reads '5'");
     // Changed bytes are refused or give a map that keeps its invariants; never a panic.
     for at in 0..bytes.len() {
         let mut changed = bytes.to_vec();

@@ -57,8 +57,8 @@ pub struct CloserConfig {
     #[setting(default = 1000, range = 0..=10000)]
     pub whole_key_frames: usize,
     /// Whether the depth of key frames that show one surface is aligned before a whole map is adjusted: walls are put once, and poses are
-    /// some three times as exact. Maps that are joined later (`cairn map merge`, several robots) lose what it gave.
-    #[setting(default = false)]
+    /// some three times as exact. The map keeps what was found, for all later adjustments and for maps that it is joined with.
+    #[setting(default = true)]
     pub align_depth: bool,
 }
 
@@ -113,7 +113,7 @@ impl Closer {
         Self { links, ..self }
     }
 
-    /// Adds the depth of key frames: adjustments of a whole map align it.
+    /// Adds the depth of key frames: before a whole map is adjusted, it is aligned.
     pub fn with_depth_views(self, depth_views: DepthViews) -> Self {
         Self { depth_views: Some(depth_views), ..self }
     }
@@ -287,18 +287,18 @@ impl Closer {
             stopped |= stop();
             stopped
         };
+        let mut draft = Draft::new(snapshot);
+        if let Some(views) = &self.depth_views {
+            draft.push(views.measure(snapshot, map, &mut stop_requested));
+        }
+        let snapshot = draft.snapshot();
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
         let imu = imu.map(|(imu, _)| Window::inertial_whole(snapshot, &self.camera, &imu, map));
-        let result = match imu.filter(|w| w.links() > 0) {
-            Some(imu) => with(imu).solve(&window, stop_requested),
-            None => {
-                let views = self.depth_views.as_ref().filter(|_| !window.hold_poses);
-                let aligned = views.map(|v| v.relative_poses(snapshot, map, &mut stop_requested));
-                let aligned = aligned.unwrap_or_default();
-                let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links, &aligned);
-                with(whole).solve(&window, stop_requested)
-            }
-        };
-        if stopped { Vec::new() } else { result.changes.changes }
+        let whole = || Window::linked_whole(snapshot, &self.camera, map, &self.links);
+        let window_of_map = imu.filter(|w| w.links() > 0).unwrap_or_else(whole);
+        let result = with(window_of_map).solve(&window, stop_requested);
+        let mut changes = draft.into_changes();
+        changes.extend(result.changes.changes);
+        if stopped { Vec::new() } else { changes }
     }
 }

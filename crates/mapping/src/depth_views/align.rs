@@ -2,8 +2,7 @@
 
 use super::pairs::Pair;
 use super::view::View;
-use cairn_adjust::RelativePose;
-use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_atlas::{KeyFrameId, RelativePose, Snapshot};
 use cairn_dense::{DenseTracked, DepthConfig, DepthPreparer, TrackConfig, TsdfConfig, TsdfVolume, track};
 use cairn_geometry::Se3;
 use cairn_sensor::Camera;
@@ -38,6 +37,7 @@ pub(super) struct Aligner {
     camera_from_depth: Se3,
     preparer: DepthPreparer,
     config: TrackConfig,
+    /// By the earlier key frame and the later one, of which they are the poses.
     found: BTreeMap<[KeyFrameId; 2], RelativePose>,
     /// By how much variances are larger than the noise model says, 1 or more.
     variance: f64,
@@ -54,19 +54,19 @@ impl Aligner {
         })
     }
 
-    /// The relative poses of pairs, as far as `stop` lets it come.
+    /// The relative poses of pairs, each with the key frame whose it is, as far as `stop` lets it come.
     pub fn align(
         &mut self,
         snapshot: &Snapshot,
         views: &BTreeMap<KeyFrameId, Arc<View>>,
         pairs: &[Pair],
         stop: &mut dyn FnMut() -> bool,
-    ) -> Vec<RelativePose> {
+    ) -> Vec<(KeyFrameId, RelativePose)> {
         self.found.retain(|pair, _| pair.iter().all(|id| views.contains_key(id)));
         let mut missing: BTreeMap<KeyFrameId, Vec<KeyFrameId>> = BTreeMap::new();
         for pair in pairs {
             let known = self.found.get(&[pair.from, pair.to]).map(|z| self.weighed(z));
-            if known.is_none_or(|z| !agrees(snapshot, &z)) {
+            if known.is_none_or(|z| !agrees(snapshot, &z, pair.to)) {
                 missing.entry(pair.from).or_default().push(pair.to);
             }
         }
@@ -77,9 +77,8 @@ impl Aligner {
             self.align_with(snapshot, views, from, &all);
         }
         self.compare(snapshot, pairs);
-        let of = |pair: &Pair| self.found.get(&[pair.from, pair.to]);
-        let known = pairs.iter().filter_map(of);
-        known.map(|z| self.weighed(z)).collect()
+        let of = |pair: &Pair| Some((pair.to, self.weighed(self.found.get(&[pair.from, pair.to])?)));
+        pairs.iter().filter_map(of).collect()
     }
 
     /// With the variance that depth was found to have.
@@ -96,17 +95,16 @@ impl Aligner {
         all: &[KeyFrameId],
     ) {
         let Some(field) = views.get(&from).and_then(|view| self.field(view)) else { return };
-        let pose = |id| Some(snapshot.key_frame(id)?.world_from_camera * self.camera_from_depth);
+        let depth_from_camera = self.camera_from_depth.inverse();
         for to in all {
-            let (Some(view), Some(here), Some(there)) = (views.get(to), pose(from), pose(*to)) else {
-                continue;
-            };
-            let guess = here.inverse() * there;
+            let both = snapshot.key_frame(from).zip(snapshot.key_frame(*to));
+            let (Some(view), Some((here, there))) = (views.get(to), both) else { continue };
+            let guess = depth_from_camera * here.here_from(there) * self.camera_from_depth;
             let Ok(frame) = self.preparer.prepare_packed(&view.image) else { continue };
             let tracked = track(&field, frame, &guess, &self.config);
             let fits = tracked.ok().filter(|tracked| fits(tracked, &guess));
             if let Some(tracked) = fits {
-                self.found.insert([from, *to], self.in_camera(from, *to, &tracked));
+                self.found.insert([from, *to], self.in_camera(from, &tracked));
             }
         }
     }
@@ -120,7 +118,7 @@ impl Aligner {
     }
 
     /// From the depth sensor's pose to the camera's.
-    fn in_camera(&self, from: KeyFrameId, to: KeyFrameId, tracked: &DenseTracked) -> RelativePose {
+    fn in_camera(&self, from: KeyFrameId, tracked: &DenseTracked) -> RelativePose {
         let depth_from_camera = self.camera_from_depth.inverse();
         let mut kept = Matrix6::identity();
         tracked.free.iter().for_each(|free| kept -= free * free.transpose());
@@ -131,8 +129,7 @@ impl Aligner {
         let turn = depth_from_camera.adjoint();
         RelativePose {
             from,
-            to,
-            from_from_to: self.camera_from_depth * tracked.volume_from_camera * depth_from_camera,
+            from_from_here: self.camera_from_depth * tracked.volume_from_camera * depth_from_camera,
             information: turn.transpose() * information * turn,
         }
     }
@@ -142,8 +139,7 @@ impl Aligner {
     fn compare(&mut self, snapshot: &Snapshot, pairs: &[Pair]) {
         let off = |pair: &Pair| {
             let z = self.found.get(&[pair.from, pair.to])?;
-            let [from, to] = ends(snapshot, z)?;
-            Some(z.chi2(&from, &to))
+            Some(z.chi2(&Se3::identity(), &lies(snapshot, z, pair.to)?))
         };
         let mut all: Vec<f64> = pairs.iter().filter(|p| p.shared >= RELATED).filter_map(off).collect();
         if all.len() >= LEAST_RELATED {
@@ -154,15 +150,14 @@ impl Aligner {
     }
 }
 
-/// The poses of both ends in the world.
-fn ends(snapshot: &Snapshot, z: &RelativePose) -> Option<[Se3; 2]> {
-    let pose = |id| Some(snapshot.key_frame(id)?.world_from_camera);
-    Some([pose(z.from)?, pose(z.to)?])
+/// How the map has the pose of a key frame that was aligned, in the camera frame and the unit of the other one.
+fn lies(snapshot: &Snapshot, z: &RelativePose, to: KeyFrameId) -> Option<Se3> {
+    Some(snapshot.key_frame(z.from)?.here_from(snapshot.key_frame(to)?))
 }
 
 /// Whether key frames lie as they were aligned.
-fn agrees(snapshot: &Snapshot, z: &RelativePose) -> bool {
-    ends(snapshot, z).is_some_and(|[from, to]| z.agrees(&from, &to))
+fn agrees(snapshot: &Snapshot, z: &RelativePose, to: KeyFrameId) -> bool {
+    lies(snapshot, z, to).is_some_and(|there| z.agrees(&Se3::identity(), &there))
 }
 
 /// Whether an alignment found the surface that was looked for.

@@ -1,7 +1,8 @@
 //! Poses of key frames relative to each other by the depth that both have of one surface, for adjustments of whole maps.
 //!
-//! In: the depth images of key frames, and a map. Out: [`RelativePose`]s between pairs that look at one surface, near in time or not,
-//! whether they share landmarks or none. Each comes from a point-to-surface alignment with its covariance (`cairn_dense::track`);
+//! In: the depth images of key frames, and a map. Out: the changes that give its key frames [`RelativePose`]s, between pairs that look at one
+//! surface, near in time or not, whether they share landmarks or none. The map keeps them: it is saved with them, and other programs that join
+//! or adjust it need no images. Each comes from a point-to-surface alignment with its covariance (`cairn_dense::track`);
 //! directions that the surface leaves free carry no information.
 //!
 //! Images are kept small: 3,000 points tell a pose to a millimetre or two, and a map has many key frames. Which images there are when a map is
@@ -14,8 +15,7 @@ mod tests;
 mod view;
 
 use align::Aligner;
-use cairn_adjust::RelativePose;
-use cairn_atlas::{KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, RelativePose, Snapshot};
 use cairn_geometry::Se3;
 use cairn_sensor::{DepthImage, DepthSensor, Stamp};
 use pairs::pairs;
@@ -87,17 +87,29 @@ impl DepthViews {
         self.kept().views.retain(|id, _| *id >= next || snapshot.key_frame(*id).is_some());
     }
 
-    /// The relative poses of a map's key frames. `stop` is asked between alignments; once it has returned true, those so far are
-    /// returned. What was aligned before and agrees with the map is not aligned again.
-    pub(crate) fn relative_poses(
+    /// The changes that give a map's key frames their relative poses. `stop` is asked between alignments; once it has returned true, they are
+    /// those so far. What was aligned before and agrees with the map is not aligned again; what is known of key frames whose depth is not
+    /// here, since they are of a map that was loaded, stays.
+    pub(crate) fn measure(
         &self,
         snapshot: &Snapshot,
         map: MapId,
         stop: &mut dyn FnMut() -> bool,
-    ) -> Vec<RelativePose> {
-        let all = self.kept().views.clone();
-        let pairs = pairs(snapshot, map, &all, &self.0.shrink, &self.0.camera_from_depth);
-        self.aligner().align(snapshot, &all, &pairs, stop)
+    ) -> Vec<Change> {
+        let views = self.kept().views.clone();
+        let pairs = pairs(snapshot, map, &views, &self.0.shrink, &self.0.camera_from_depth);
+        let mut measured: BTreeMap<KeyFrameId, Vec<RelativePose>> = BTreeMap::new();
+        for (id, z) in self.aligner().align(snapshot, &views, &pairs, stop) {
+            measured.entry(id).or_default().push(z);
+        }
+        let change = |k: &KeyFrame| {
+            let stays = |z: &&RelativePose| !(views.contains_key(&k.id) && views.contains_key(&z.from));
+            let mut all: Vec<RelativePose> = k.relative_poses.iter().filter(stays).copied().collect();
+            all.extend(measured.remove(&k.id).into_iter().flatten());
+            all.sort_by_key(|z| z.from);
+            (all != k.relative_poses).then_some(Change::RelativePoses(k.id, all))
+        };
+        snapshot.key_frames_of(map).filter_map(change).collect()
     }
 
     fn kept(&self) -> MutexGuard<'_, Kept> {

@@ -32,19 +32,15 @@ pub(super) fn pairs(
     shrink: &Shrink,
     camera_from_depth: &Se3,
 ) -> Vec<Pair> {
-    // A map whose unit of length was changed since does not have that of the depth.
-    let has_unit = |k: &&KeyFrame| (k.unit - 1.0).abs() < 1e-6;
-    let mut all: Vec<(&KeyFrame, &View, Se3)> = snapshot
-        .key_frames_of(map)
-        .filter(has_unit)
-        .filter_map(|k| Some((k, &**views.get(&k.id)?, k.world_from_camera * *camera_from_depth)))
-        .collect();
-    all.sort_by_key(|(k, ..)| k.id);
+    let depth_from_camera = camera_from_depth.inverse();
+    let mut all: Vec<(&KeyFrame, &View)> =
+        snapshot.key_frames_of(map).filter_map(|k| Some((k, &**views.get(&k.id)?))).collect();
+    all.sort_by_key(|(k, _)| k.id);
     let mut out = Vec::new();
-    for (n, (to, to_view, to_pose)) in all.iter().enumerate() {
+    for (n, (to, to_view)) in all.iter().enumerate() {
         let mut best: [Vec<(f64, Pair)>; 2] = Default::default();
-        for (from, from_view, from_pose) in &all[..n] {
-            let from_from_to = from_pose.inverse() * *to_pose;
+        for (from, from_view) in &all[..n] {
+            let from_from_to = depth_from_camera * from.here_from(to) * *camera_from_depth;
             let cosine = from_from_to.rotation.matrix()[(2, 2)];
             if from_from_to.translation.norm() > NEAR_M || cosine < LEAST_COSINE {
                 continue;

@@ -58,8 +58,17 @@ fn map(walls: &[Wall], truth: &[Se3], placed: &[Se3]) -> (Atlas, Vec<KeyFrameId>
     (atlas, ids, views)
 }
 
-fn aligned(atlas: &Atlas, ids: &[KeyFrameId], views: &DepthViews) -> Vec<RelativePose> {
-    views.relative_poses(atlas.latest(), MapId(ids[0]), &mut || false)
+/// What is measured of a map that has no relative poses, with the key frames whose they are.
+fn aligned(atlas: &Atlas, ids: &[KeyFrameId], views: &DepthViews) -> Vec<(KeyFrameId, RelativePose)> {
+    of_changes(&views.measure(atlas.latest(), MapId(ids[0]), &mut || false))
+}
+
+fn of_changes(changes: &[Change]) -> Vec<(KeyFrameId, RelativePose)> {
+    let of = |change: &Change| match change {
+        Change::RelativePoses(id, all) => all.iter().map(|z| (*id, *z)).collect::<Vec<_>>(),
+        other => panic!("{other:?}"),
+    };
+    changes.iter().flat_map(of).collect()
 }
 
 fn viewpoints() -> Vec<Se3> {
@@ -81,9 +90,9 @@ fn in_a_corner_key_frames_find_how_they_lie_to_each_other() {
     let (atlas, ids, views) = map(CORNER, &truth, &placed);
     let all = aligned(&atlas, &ids, &views);
     assert_eq!(all.len(), 3, "{all:?}");
-    for z in &all {
-        let [from, to] = [z.from, z.to].map(|id| ids.iter().position(|i| *i == id).expect("of the map"));
-        let off = (truth[from].inverse() * truth[to]).local(&z.from_from_to);
+    for (to, z) in &all {
+        let [from, to] = [z.from, *to].map(|id| ids.iter().position(|i| *i == id).expect("of the map"));
+        let off = (truth[from].inverse() * truth[to]).local(&z.from_from_here);
         assert!(off.fixed_rows::<3>(0).norm() < 0.002 && off.fixed_rows::<3>(3).norm() < 0.002, "{off}");
         let least = z.information.symmetric_eigenvalues().min();
         assert!(least > 1e4, "every direction to a centimetre: {least}");
@@ -97,7 +106,7 @@ fn before_a_wall_nothing_is_known_along_it() {
     let placed = [truth[0], truth[1].retract(&drift()), truth[2]];
     let (atlas, ids, views) = map(&CORNER[..1], &truth, &placed);
     let all = aligned(&atlas, &ids, &views);
-    let z = all.iter().find(|z| [z.from, z.to] == [ids[0], ids[1]]).expect("both see the wall");
+    let (_, z) = all.iter().find(|(to, z)| [z.from, *to] == [ids[0], ids[1]]).expect("both see the wall");
     let values = z.information.symmetric_eigenvalues();
     assert_eq!(values.iter().filter(|v| **v > 1e3).count(), 3, "{values}");
     assert!(values.iter().filter(|v| v.abs() < 1.0).count() == 3, "{values}");
@@ -113,7 +122,9 @@ fn key_frames_that_look_elsewhere_or_are_gone_are_not_aligned() {
     truth.push(Se3::new(So3::exp(&Vec3::new(0.0, std::f64::consts::PI, 0.0)), Vec3::zeros()));
     let walls: Vec<Wall> = CORNER.iter().copied().chain([(Vec3::new(0.0, 0.0, -1.0), 2.0)]).collect();
     let (mut atlas, ids, views) = map(&walls, &truth, &truth);
-    let of = |all: &[RelativePose], id| all.iter().filter(|z| z.from == id || z.to == id).count();
+    let of = |all: &[(KeyFrameId, RelativePose)], id| {
+        all.iter().filter(|(to, z)| z.from == id || *to == id).count()
+    };
     let all = aligned(&atlas, &ids, &views);
     assert_eq!((all.len(), of(&all, ids[3])), (3, 0));
     atlas.commit(vec![Change::RemoveKeyFrame(ids[2])]);
@@ -121,8 +132,37 @@ fn key_frames_that_look_elsewhere_or_are_gone_are_not_aligned() {
     assert_eq!(views.kept().views.len(), 3);
     let all = aligned(&atlas, &ids, &views);
     assert_eq!((all.len(), of(&all, ids[2])), (1, 0));
-    let none = views.relative_poses(atlas.latest(), MapId(ids[0]), &mut || true);
+    let none = of_changes(&views.measure(atlas.latest(), MapId(ids[0]), &mut || true));
     assert_eq!(none, all, "what is known is not aligned again");
+    // Once the map has them, nothing changes; and it keeps them where the images are not here.
+    atlas.commit(views.measure(atlas.latest(), MapId(ids[0]), &mut || false));
+    assert!(aligned(&atlas, &ids, &views).is_empty());
+    let elsewhere = DepthViews::new(&sensor(), mount()).expect("a sensor");
+    assert!(aligned(&atlas, &ids, &elsewhere).is_empty());
+}
+
+/// A map whose unit of length was changed since: what depth measures stays in metres.
+#[test]
+fn depth_is_aligned_in_metres_whatever_the_unit_of_the_map() {
+    let truth = viewpoints();
+    let placed = [truth[0], truth[1].retract(&drift()), truth[2].retract(&(-drift()))];
+    let (mut atlas, ids, views) = map(CORNER, &truth, &placed);
+    let before = aligned(&atlas, &ids, &views);
+    atlas.commit(vec![Change::Rescale(MapId(ids[0]), 1.25)]);
+    let (_, _, views) = map(CORNER, &truth, &placed);
+    let after = aligned(&atlas, &ids, &views);
+    assert_eq!(before.len(), after.len());
+    for ((_, was), (_, is)) in before.iter().zip(&after) {
+        let off = was.from_from_here.local(&is.from_from_here);
+        assert!(off.norm() < 1e-6, "{off}");
+    }
+    let closer = crate::Closer::new(crate::synthetic::stereo(), Default::default(), Default::default());
+    atlas.commit(closer.with_depth_views(views).adjust_whole(atlas.latest(), MapId(ids[0]), || false));
+    let at = |n: usize| atlas.latest().key_frame(ids[n]).expect("there").world_from_camera.translation;
+    for n in 1..3 {
+        let [is, was] = [(at(n) - at(0)).norm(), (truth[n].translation - truth[0].translation).norm()];
+        assert!((is / was - 1.25).abs() < 0.01, "{is} {was}");
+    }
 }
 
 #[test]
@@ -156,7 +196,7 @@ fn depth_that_differs_from_what_landmarks_say_counts_for_less() {
         let step = |n: usize| Change::MoveKeyFrame(ids[n], truth[n].retract(&(drift() * by * n as f64)));
         moved.commit((1..3).map(step).collect());
         let all = views.aligner().align(moved.latest(), &all, &shared, &mut || false);
-        all.iter().map(|z| z.information.trace()).sum::<f64>()
+        all.iter().map(|(_, z)| z.information.trace()).sum::<f64>()
     };
     let [same, off, again] = [0.0, 1.0, 0.0].map(information);
     assert!(off < 0.3 * same, "{same} {off}");

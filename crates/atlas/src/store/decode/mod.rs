@@ -78,6 +78,10 @@ pub(super) fn read(
     damage.or(readings, "what the IMU measured between key frames is forgotten", || {
         key_frames.iter_mut().filter_map(|k| k.motion.as_mut()).for_each(|m| m.imu_factor = None);
     })?;
+    let related = super::relative_poses::read(parts, &mut key_frames);
+    damage.or(related, "how key frames lie to each other by their depth is forgotten", || {
+        key_frames.iter_mut().for_each(|k| k.relative_poses.clear());
+    })?;
     let scales = super::scales::read(parts, &mut snapshot, &mut key_frames);
     damage.or(scales, "how well lengths are known and how the IMU is mounted is forgotten", || ())?;
     if parts.version >= 4 {

@@ -3,6 +3,7 @@
 
 use super::PartBytes;
 use super::motion::MotionDelta;
+use super::relative::RelativeDelta;
 use super::state::{Feature, Head, KeyFrameState, LandmarkState, Pose, Row, State};
 use cairn_vision::Descriptor;
 use serde::{Deserialize, Serialize};
@@ -42,6 +43,7 @@ pub(super) struct Delta {
     descriptor_steps: Vec<u32>,
     descriptors: Vec<Descriptor>,
     motion: MotionDelta,
+    relative: RelativeDelta,
     attached: Vec<(String, Option<Vec<u8>>)>,
 }
 
@@ -69,6 +71,7 @@ impl Delta {
         delta.removed.extend(forgotten.map(|id| (*id, (0, [0.0; 8]))));
         delta.landmarks(a, b);
         delta.motion = MotionDelta::between(a, b, |id| dropped.contains(&id));
+        delta.relative = RelativeDelta::between(a, b);
         let attached = b.attached.iter().filter(|(name, bytes)| a.attached.get(*name) != Some(bytes));
         delta.attached = attached.map(|(name, bytes)| (name.clone(), Some(bytes.clone()))).collect();
         let gone = a.attached.keys().filter(|name| !b.attached.contains_key(*name));
@@ -170,6 +173,7 @@ impl Delta {
             return None;
         }
         self.motion.apply(to)?;
+        self.relative.apply(to)?;
         let ids = sums(&self.landmark_steps);
         let [x, y, z] = &self.at;
         let lengths = [self.anchors.len(), x.len(), y.len(), z.len()];
@@ -206,6 +210,7 @@ impl Delta {
         parts.landmarks += bytes(&|| postcard::to_stdvec(&(&self.landmark_steps, &self.anchors, &self.at)));
         parts.descriptors += bytes(&|| postcard::to_stdvec(&(&self.descriptor_steps, &self.descriptors)));
         parts.imu += bytes(&|| postcard::to_stdvec(&self.motion));
+        parts.relative_poses += bytes(&|| postcard::to_stdvec(&self.relative));
         parts.key_frames += bytes(&|| postcard::to_stdvec(&(&self.rows, &self.poses)));
         let other = (self.version, self.next, &self.head, &self.dropped, &self.removed, &self.attached);
         parts.other += bytes(&|| postcard::to_stdvec(&other));

@@ -1,7 +1,7 @@
 //! A map as a robot sends it to its team: what joining needs of it, in pieces of which each save adds one.
 //!
 //! Of a map go the features that show landmarks, in parts of a pixel (`state.rs`), one descriptor for each landmark, landmarks
-//! by where their first key frame sees them, the poses of key frames, and what an IMU measured between them (`motion.rs`). What local
+//! by where their first key frame sees them, the poses of key frames, and what an IMU (`motion.rs`) and depth (`relative.rs`) measured between them. What local
 //! mapping moves by less than can matter is not sent again, and a landmark moves along with its key frame. Words and features without
 //! landmarks stay; words are computed again.
 //!
@@ -15,6 +15,7 @@ mod delta;
 mod measured;
 mod motion;
 mod rebuild;
+mod relative;
 mod state;
 
 use super::error::StoreError;
@@ -26,7 +27,7 @@ use state::State;
 /// First bytes of a map in pieces, before its format, a digit.
 const PREFIX: &[u8] = b"\x8ccairn/";
 /// The format that is written and read.
-const FORMAT: u8 = b'4';
+const FORMAT: u8 = b'5';
 /// A piece may unpack to at most so many times its bytes, and all pieces together to so many bytes.
 const MAX_RATIO: usize = 64;
 const MAX_PLAIN_BYTES: usize = 1 << 30;
@@ -52,6 +53,8 @@ pub struct PartBytes {
     pub key_frames: usize,
     /// Readings of an IMU, velocities and biases.
     pub imu: usize,
+    /// Poses of key frames relative to others, as depth measured them.
+    pub relative_poses: usize,
     /// Cameras, maps, removed key frames, what is attached.
     pub other: usize,
 }

@@ -8,6 +8,7 @@ use super::super::error::StoreError;
 use super::super::layout::MapFile;
 use super::super::wire::Encoder;
 use super::motion::{ImuHead, Motion, Readings};
+use super::relative::Relative;
 use crate::apply::distance;
 use crate::{KeyFrame, KeyFrameId, Landmark, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3};
@@ -133,6 +134,8 @@ pub(super) struct State {
     /// Parents of removed key frames, and their poses there.
     pub removed: BTreeMap<u32, (u32, [f32; 8])>,
     pub landmarks: BTreeMap<u32, LandmarkState>,
+    /// Poses of key frames relative to earlier ones, by both.
+    pub relative: BTreeMap<[u32; 2], Relative>,
     pub attached: BTreeMap<String, Vec<u8>>,
 }
 
@@ -152,6 +155,7 @@ impl State {
             state.key_frames.insert(k.id.raw(), key_frame(s, k, camera, known)?);
         }
         state.measure(s, before);
+        state.relate(s, before);
         for (index, (parent, it)) in s.removed.iter() {
             let rigid = numbers(&Se3::new(it.rotation, it.translation));
             let all: [f32; 8] = std::array::from_fn(|i| rigid.get(i).map_or(it.scale, |v| *v) as f32);

@@ -6,6 +6,7 @@
 //! single place, or many views of one, prove nothing where rooms look alike.
 
 mod consistency;
+mod lengths;
 mod seams;
 mod stitch;
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Stitching: the changes that make two maps one along seams that agree: one similarity, the pose graph relaxed,
 //! landmarks fused, the result adjusted.
 
+use super::lengths;
 use super::seams::Found;
 use super::{FusedScales, Junction, Seam, Support};
 use crate::closing::draft::Draft;
@@ -67,6 +68,9 @@ impl Closer {
         correct::fuse(&mut draft, &self.camera, &seen);
         let fused = landmarks.saturating_sub(draft.snapshot().landmark_count());
         self.adjust_along(&mut draft, into, &chosen);
+        let both: [Vec<KeyFrameId>; 2] = [older.iter().copied().collect(), younger.clone()];
+        let kept = lengths::kept(&merged, draft.snapshot(), into, both.iter().map(Vec::as_slice));
+        draft.push(kept);
         let after = draft.snapshot();
         let junction = Junction {
             seams: chosen.iter().map(|f| f.seam).collect::<Vec<Seam>>(),
