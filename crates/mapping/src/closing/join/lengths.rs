@@ -1,40 +1,35 @@
 //! Lengths that a joined map keeps while it is adjusted.
 //!
-//! The scales of both maps were weighed before ([`super::super::scales`]). In an adjustment the features of all key frames would set them anew, each
-//! as if it erred by itself, though all disparities of a camera err alike: by half a percent where images are small. Where depth relates key frames,
-//! these lengths are known better than that, and the map keeps them.
+//! The scales of both maps were weighed before (`scales.rs`). In an adjustment the features of all key frames would set them anew, each as if it
+//! erred by itself, though all disparities of a camera err alike: by half a percent where images are small. Where depth relates the key frames of
+//! one map and not those of the other, as with a stereo pair, the lengths of the first are known better than that, and the joined map keeps them.
 
 use cairn_atlas::{Change, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Vec3, umeyama};
 
-/// The changes by which a map has the lengths again that it had before it was adjusted, between those of some key frames that depth relates; none
-/// where there are too few. Each of `parts` counts by itself: an adjustment moves one against the other.
-pub(super) fn kept<'a>(
+/// The changes by which a joined map has the lengths again that it had before it was adjusted, between the key frames that depth relates; none where
+/// these are of both `parts`, of which it was joined, or too few.
+pub(super) fn kept(
     before: &Snapshot,
     after: &Snapshot,
     map: MapId,
-    parts: impl IntoIterator<Item = &'a [KeyFrameId]>,
+    parts: [&[KeyFrameId]; 2],
 ) -> Vec<Change> {
-    let (mut sum, mut weight) = (0.0, 0.0);
-    for part in parts {
-        let is_related =
-            |id: &&KeyFrameId| before.key_frame(**id).is_some_and(|k| !k.relative_poses.is_empty());
-        let at = |s: &Snapshot, id: &KeyFrameId| s.key_frame(*id).map(|k| k.world_from_camera.translation);
-        let both = |id: &KeyFrameId| at(before, id).zip(at(after, id));
-        let (was, is): (Vec<Vec3>, Vec<Vec3>) = part.iter().filter(is_related).filter_map(both).unzip();
-        let Ok(moved) = umeyama(&is, &was, true) else { continue };
-        let mean = was.iter().sum::<Vec3>() / was.len() as f64;
-        let spread: f64 = was.iter().map(|p| (p - mean).norm_squared()).sum();
-        sum += spread * moved.scale.ln();
-        weight += spread;
-    }
-    let factor = (-sum / weight).exp();
-    if !(factor.is_finite() && factor > 0.0) {
+    let is_related = |id: &&KeyFrameId| before.key_frame(**id).is_some_and(|k| !k.relative_poses.is_empty());
+    let related = parts.map(|part| part.iter().filter(is_related).collect::<Vec<_>>());
+    let [of, none] = if related[0].is_empty() { [1, 0] } else { [0, 1] }.map(|n: usize| &related[n]);
+    let at = |s: &Snapshot, id: &KeyFrameId| s.key_frame(*id).map(|k| k.world_from_camera.translation);
+    let both = |id: &&KeyFrameId| at(before, id).zip(at(after, id));
+    let (was, is): (Vec<Vec3>, Vec<Vec3>) = of.iter().filter_map(both).unzip();
+    let factor = umeyama(&was, &is, true).map_or(f64::NAN, |back| back.scale);
+    if !none.is_empty() || !(factor.is_finite() && factor > 0.0) {
         return Vec::new();
     }
     let moving = after.key_frames_of(map).filter_map(|k| Some((k.id, k.motion.as_ref()?)));
     let velocities = moving.map(|(id, m)| Change::InertialState(id, m.velocity * factor, m.bias));
-    velocities.chain([Change::Rescale(map, factor)]).collect()
+    // The adjustment left units as they were, and so does this.
+    let units = after.key_frames_of(map).map(|k| Change::Scale(k.id, 1.0 / factor));
+    velocities.chain([Change::Rescale(map, factor)]).chain(units).collect()
 }
 
 #[cfg(test)]
@@ -81,8 +76,16 @@ mod tests {
             information: Matrix6::identity(),
         };
         atlas.commit((1..6).map(|n| Change::RelativePoses(ids[n], vec![z(n)])).collect());
-        let changes = kept(atlas.latest(), &grown(atlas.latest()), map, parts);
-        let [Change::Rescale(of, factor)] = changes[..] else { panic!("{changes:?}") };
-        assert!(of == map && (factor * 1.01 - 1.0).abs() < 1e-9, "{factor}");
+        let after = grown(atlas.latest());
+        for parts in [parts, [parts[1], parts[0]]] {
+            let changes = kept(atlas.latest(), &after, map, parts);
+            let Some(Change::Rescale(of, factor)) = changes.first() else { panic!("{changes:?}") };
+            assert!(*of == map && (factor * 1.01 - 1.0).abs() < 1e-9, "{factor}");
+            let again = after.apply(&cairn_atlas::ChangeSet { base: after.version(), changes }).0;
+            assert!(again.key_frames().all(|k| (k.unit - 1.0).abs() < 1e-12));
+        }
+        atlas.commit(vec![Change::RelativePoses(ids[8], vec![RelativePose { from: ids[7], ..z(1) }])]);
+        let after = grown(atlas.latest());
+        assert!(kept(atlas.latest(), &after, map, parts).is_empty(), "depth relates those of both");
     }
 }

@@ -68,8 +68,8 @@ impl Closer {
         correct::fuse(&mut draft, &self.camera, &seen);
         let fused = landmarks.saturating_sub(draft.snapshot().landmark_count());
         self.adjust_along(&mut draft, into, &chosen);
-        let both: [Vec<KeyFrameId>; 2] = [older.iter().copied().collect(), younger.clone()];
-        let kept = lengths::kept(&merged, draft.snapshot(), into, both.iter().map(Vec::as_slice));
+        let in_order: Vec<KeyFrameId> = older.iter().copied().collect();
+        let kept = lengths::kept(&merged, draft.snapshot(), into, [&in_order, &younger]);
         draft.push(kept);
         let after = draft.snapshot();
         let junction = Junction {
