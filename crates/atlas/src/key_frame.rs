@@ -77,6 +77,12 @@ impl KeyFrame {
         Sim3::new(self.world_from_camera.rotation, self.world_from_camera.translation, self.unit)
     }
 
+    /// The pose of another key frame of its map in its camera frame, in its unit.
+    pub fn here_from(&self, other: &KeyFrame) -> Se3 {
+        let here_from = self.world_from_here().inverse() * other.world_from_here();
+        Se3::new(here_from.rotation, here_from.translation)
+    }
+
     /// Adds the bag of words of its features.
     pub fn with_bag(self, bag: Arc<BagOfWords>) -> Self {
         Self { bag: bag.into(), ..self }

@@ -1,6 +1,6 @@
 //! The pose of one key frame relative to another, as depth measured it.
 
-use crate::{KeyFrame, KeyFrameId};
+use crate::KeyFrameId;
 use cairn_geometry::{LieGroup, Se3};
 use nalgebra::{Matrix6, Vector6};
 
@@ -16,7 +16,7 @@ const ROUNDING: f64 = 1e-6;
 pub struct RelativePose {
     /// The earlier key frame, of the same map.
     pub from: KeyFrameId,
-    /// The pose in the camera frame of `from`, in its unit ([`KeyFrame::unit`]): metres, as depth is measured.
+    /// The pose in the camera frame of `from`, in its unit ([`crate::KeyFrame::unit`]): metres, as depth is measured.
     pub from_from_here: Se3,
     /// Information on its right perturbation (translation, rotation), 1/m^2 and 1/rad^2; none along directions that the surface leaves free.
     pub information: Matrix6<f64>,
@@ -54,14 +54,6 @@ impl RelativePose {
         finite
             && (all - all.transpose()).iter().all(|v| v.abs() <= rounding)
             && all.symmetric_eigenvalues().iter().all(|v| *v >= -rounding)
-    }
-}
-
-impl KeyFrame {
-    /// The pose of another key frame of its map in its camera frame, in its unit.
-    pub fn here_from(&self, other: &KeyFrame) -> Se3 {
-        let here_from = self.world_from_here().inverse() * other.world_from_here();
-        Se3::new(here_from.rotation, here_from.translation)
     }
 }
 

@@ -3,8 +3,9 @@
 
 use super::PartBytes;
 use super::motion::MotionDelta;
-use super::relative::RelativeDelta;
-use super::state::{Feature, Head, KeyFrameState, LandmarkState, Pose, Row, State};
+use super::pose::Pose;
+use super::related::RelativeDelta;
+use super::state::{Feature, Head, KeyFrameState, LandmarkState, Row, State};
 use cairn_vision::Descriptor;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};

@@ -14,7 +14,9 @@
 mod delta;
 mod measured;
 mod motion;
+mod pose;
 mod rebuild;
+mod related;
 mod relative;
 mod state;
 

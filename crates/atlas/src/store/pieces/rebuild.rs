@@ -9,7 +9,7 @@ use super::state::{
     ANGLES, DISPARITY, Feature, KeyFrameState, LOG_DEPTH, LandmarkState, NO_DEPTH, PX, State, position,
     similarity,
 };
-use super::{measured, relative};
+use super::{measured, related};
 use crate::made_by::MadeBy;
 use crate::names::{Names, Stretch, Stretches};
 use crate::scale::is_sound_sigma;
@@ -45,7 +45,7 @@ pub(super) fn map_of(state: &State) -> Result<MapFile, StoreError> {
     }
     measured::give(state, &mut key_frames)
         .map_err(|id| wrong(format!("what an IMU measured before {id:?} is invalid")))?;
-    relative::give(state, &mut key_frames)
+    related::give(state, &mut key_frames)
         .map_err(|raw| wrong(format!("the pose of number {raw} relative to another key frame is invalid")))?;
     snapshot.other_cameras = Arc::new(others);
     maps(state, &mut snapshot, &key_frames)?;

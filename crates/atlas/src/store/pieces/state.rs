@@ -8,6 +8,7 @@ use super::super::error::StoreError;
 use super::super::layout::MapFile;
 use super::super::wire::Encoder;
 use super::motion::{ImuHead, Motion, Readings};
+use super::pose::Pose;
 use super::relative::Relative;
 use crate::apply::distance;
 use crate::{KeyFrame, KeyFrameId, Landmark, Snapshot};
@@ -23,8 +24,6 @@ pub(super) const PX: f64 = 16.0;
 pub(super) const DISPARITY: f64 = 64.0;
 /// Steps of a turn.
 pub(super) const ANGLES: f32 = 256.0;
-/// Steps of one in a quaternion.
-pub(super) const TURN: f64 = 1_048_576.0;
 /// Steps of the natural logarithm of a depth.
 pub(super) const LOG_DEPTH: f64 = 2_048.0;
 /// A pose that moved less than this, in units of length and radians, is not sent again.
@@ -67,13 +66,6 @@ pub(super) struct Prior {
     pub to: u32,
     pub to_from_root: [f64; 7],
     pub sigmas: [f64; 3],
-}
-
-/// Rotation and position.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Pose {
-    rotation: [i32; 4],
-    position: [f32; 3],
 }
 
 /// A key frame without its features; ids are numbers from 1, and 0 is none.
@@ -237,26 +229,6 @@ impl KeyFrameState {
     /// The feature that shows a landmark.
     pub fn feature_of(&self, landmark: u32) -> Option<&Feature> {
         self.features.get(self.shown.iter().position(|shown| *shown == landmark)?)
-    }
-}
-
-impl Pose {
-    pub fn of(pose: &Se3) -> Self {
-        let q = pose.rotation.quaternion();
-        let sign = if q.w < 0.0 { -TURN } else { TURN };
-        Self {
-            rotation: [q.i, q.j, q.k, q.w].map(|v| (v * sign).round() as i32),
-            position: std::array::from_fn(|i| pose.translation[i] as f32),
-        }
-    }
-
-    /// As a pose; `None` where the numbers are none.
-    pub fn pose(&self) -> Option<Se3> {
-        let q = self.rotation.map(|v| f64::from(v) / TURN);
-        let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
-        let [i, j, k, w] = q.map(|v| v / norm);
-        let [x, y, z] = self.position.map(f64::from);
-        pose([i, j, k, w, x, y, z])
     }
 }
 

@@ -1,7 +1,8 @@
 //! What others may say of an IMU: anything. It is refused, and takes little memory.
 
 use super::super::measured::give;
-use super::super::state::{KeyFrameState, Pose, Row, State};
+use super::super::pose::Pose;
+use super::super::state::{KeyFrameState, Row, State};
 use super::*;
 use crate::KeyFrameId;
 use cairn_geometry::Se3;
