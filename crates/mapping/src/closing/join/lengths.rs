@@ -22,7 +22,7 @@ pub(super) fn kept(
     let both = |id: &&KeyFrameId| at(before, id).zip(at(after, id));
     let (was, is): (Vec<Vec3>, Vec<Vec3>) = of.iter().filter_map(both).unzip();
     let factor = umeyama(&was, &is, true).map_or(f64::NAN, |back| back.scale);
-    if !none.is_empty() || !(factor.is_finite() && factor > 0.0) {
+    if !(none.is_empty() && factor.is_finite() && factor > 0.0) {
         return Vec::new();
     }
     let moving = after.key_frames_of(map).filter_map(|k| Some((k.id, k.motion.as_ref()?)));
