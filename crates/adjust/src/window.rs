@@ -208,7 +208,7 @@ impl Window {
     /// A corner is found inside the thing that it is the corner of, by about a pixel of its level. Where the level grows as the camera
     /// comes near, that is one place on the thing; where it does not, the place wanders, things seem to grow too fast, and the way past
     /// them becomes too long. So the standard deviation of such an observation is greater by the root of the sum of squares of one and
-    /// [`OFF_SCALE`] times the relative error of its size.
+    /// twice the relative error of its size.
     pub fn weighed_by_size(mut self, snapshot: &Snapshot) -> Self {
         let Self { subproblem, bundle, .. } = &mut self;
         let landmarks = subproblem.landmarks.iter().map(|id| snapshot.landmark(*id).map(|l| l.max_distance));
