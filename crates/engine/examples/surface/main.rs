@@ -115,7 +115,6 @@ impl Run {
         let rig = source.rig().clone();
         let sensor = rig.depth.clone().ok_or("give a world with sensor=rgbd")?;
         let mut settings = Config::default();
-        settings.closer.align_depth = true;
         settings.inertial.enabled = rig.imu.is_some();
         let rate_hz = source.info().rate_hz;
         let mut engine = Engine::new(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &settings)?;
