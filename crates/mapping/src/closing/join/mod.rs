@@ -6,7 +6,6 @@
 //! single place, or many views of one, prove nothing where rooms look alike.
 
 mod consistency;
-mod lengths;
 mod seams;
 mod stitch;
 #[cfg(test)]

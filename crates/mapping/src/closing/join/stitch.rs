@@ -1,7 +1,6 @@
 //! Stitching: the changes that make two maps one along seams that agree: one similarity, the pose graph relaxed,
 //! landmarks fused, the result adjusted.
 
-use super::lengths;
 use super::seams::Found;
 use super::{FusedScales, Junction, Seam, Support};
 use crate::closing::draft::Draft;
@@ -68,9 +67,6 @@ impl Closer {
         correct::fuse(&mut draft, &self.camera, &seen);
         let fused = landmarks.saturating_sub(draft.snapshot().landmark_count());
         self.adjust_along(&mut draft, into, &chosen);
-        let in_order: Vec<KeyFrameId> = older.iter().copied().collect();
-        let kept = lengths::kept(&merged, draft.snapshot(), into, [&in_order, &younger]);
-        draft.push(kept);
         let after = draft.snapshot();
         let junction = Junction {
             seams: chosen.iter().map(|f| f.seam).collect::<Vec<Seam>>(),
@@ -110,8 +106,7 @@ impl Closer {
         let count = draft.snapshot().key_frames_of(map).count();
         if count <= self.config.whole_key_frames {
             let snapshot = draft.snapshot();
-            let by_size = |window: Window| window.weighed_by_size(snapshot);
-            let changes = self.adjust_whole_with(snapshot, map, by_size, || false);
+            let changes = self.adjust_whole(snapshot, map, || false);
             return draft.push(changes);
         }
         let config =
@@ -126,7 +121,6 @@ impl Closer {
             done.extend(near.into_iter().flatten().take(self.window.key_frames / 2).map(|(id, _)| id));
             let snapshot = draft.snapshot();
             if let Some(window) = Window::around(snapshot, &self.camera, f.seam.key_frame, &config) {
-                let window = window.weighed_by_size(snapshot);
                 draft.push(window.solve(&config, || false).changes.changes);
             }
         }
