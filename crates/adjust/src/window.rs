@@ -23,6 +23,12 @@ const READOUT_WALK_S: f64 = 0.001;
 /// what an initialisation or a recognised place leaves.
 const LEVEL_BEFORE_RAD: f64 = 0.01;
 
+/// Pixels, at the level of a landmark's true size, by which its corner is found inside the thing, as a standard deviation of all: where
+/// nothing measures depth, and where something does. With two there as well, maps of simulated walks with depth got better still, and
+/// KITTI stereo worse (0.059 m in place of 0.026 m): its disparity error comes out by a fourth smaller.
+const OFF_PX: f64 = 2.0;
+const OFF_WITH_DEPTH_PX: f64 = 1.0;
+
 /// How large a window may be and how long it is solved.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, Settings)]
 pub struct WindowConfig {
@@ -200,6 +206,46 @@ impl Window {
         window
     }
 
+    /// The same where observations count less whose feature is of another size than the landmark has there. In a window with depth they do
+    /// from the start; with one camera this is for maps that are joined, not for a few key frames: there is little else that tells how far
+    /// those are apart.
+    ///
+    /// A corner is found inside the thing that it is the corner of, by about a pixel of its level. Where the level grows as the camera
+    /// comes near, that is one place on the thing; where it does not, the place wanders, things seem to grow too fast, and the way past
+    /// them becomes too long.
+    pub fn weighed_by_size(self, snapshot: &Snapshot) -> Self {
+        if self.has_depth() { self } else { self.weighed(snapshot, OFF_PX) }
+    }
+
+    fn weighed_where_depth(self, snapshot: &Snapshot) -> Self {
+        if self.has_depth() { self.weighed(snapshot, OFF_WITH_DEPTH_PX) } else { self }
+    }
+
+    fn has_depth(&self) -> bool {
+        self.bundle.observations.iter().any(|o| !o.pixel[2].is_nan())
+    }
+
+    /// With the variance of observations, a pixel of their level squared, greater by the square of `off_px` times the relative error of
+    /// their size.
+    fn weighed(mut self, snapshot: &Snapshot, off_px: f64) -> Self {
+        let Self { subproblem, bundle, .. } = &mut self;
+        let landmarks = subproblem.landmarks.iter().map(|id| snapshot.landmark(*id).map(|l| l.max_distance));
+        let farthest: Vec<Option<f64>> = landmarks.collect();
+        let key_frames = subproblem.key_frames.iter().map(|id| snapshot.key_frame(*id));
+        let focal_ratios: Vec<f64> = key_frames.map(|k| k.map_or(1.0, KeyFrame::focal_ratio)).collect();
+        for o in &mut bundle.observations {
+            let (point, pose) = (o.point as usize, o.pose as usize);
+            let distance = (bundle.points[point] - bundle.poses[pose].translation).norm();
+            let expected = farthest[point].unwrap_or(0.0) * focal_ratios[pose] / distance;
+            // An observation weighs as the inverse square of the scale of its level.
+            let off = off_px * (expected * o.weight.sqrt() - 1.0);
+            if expected > 0.0 && off.is_finite() {
+                o.weight /= 1.0 + off * off;
+            }
+        }
+        self
+    }
+
     /// How many IMU links it has.
     pub fn links(&self) -> usize {
         self.imu.as_ref().map_or(0, |imu| imu.links.len())
@@ -224,7 +270,8 @@ impl Window {
         }
         link_factors.keep_free(&freedom);
         let bundle = bundle(snapshot, camera, &mut subproblem, freedom);
-        Self { subproblem, bundle, imu: None, link_factors, readout: snapshot.readout() }
+        let readout = snapshot.readout();
+        Self { subproblem, bundle, imu: None, link_factors, readout }.weighed_where_depth(snapshot)
     }
 
     fn inertial(
@@ -243,7 +290,8 @@ impl Window {
         let imu = imu::factors(snapshot, model, &subproblem, &poses, &motions);
         let bundle = bundle(snapshot, camera, &mut subproblem, poses);
         let link_factors = LinkFactors::default();
-        Self { subproblem, bundle, imu: Some(imu), link_factors, readout: snapshot.readout() }
+        let readout = snapshot.readout();
+        Self { subproblem, bundle, imu: Some(imu), link_factors, readout }.weighed_where_depth(snapshot)
     }
 
     /// Solves the window: robustly, then without the outliers. `stop` is asked before each step.
@@ -361,30 +409,6 @@ impl Window {
     }
 }
 
-/// Lets observations count less whose feature is of another size than the landmark has there.
-///
-/// A corner is found inside the thing that it is the corner of, by about a pixel of its level. Where the level grows as the camera
-/// comes near, that is one place on the thing; where it does not, the place wanders, things seem to grow too fast, and the way past
-/// them becomes too long. So the variance of such an observation, a pixel of its level squared, is greater by the square of the relative
-/// error of its size.
-fn weigh_by_size(snapshot: &Snapshot, subproblem: &mut Subproblem) {
-    let farthest =
-        subproblem.landmarks.iter().map(|id| snapshot.landmark(*id).map_or(0.0, |l| l.max_distance));
-    let farthest: Vec<f64> = farthest.collect();
-    let focal_ratio = |id| snapshot.key_frame(id).map_or(1.0, KeyFrame::focal_ratio);
-    let focal_ratios: Vec<f64> = subproblem.key_frames.iter().map(|id| focal_ratio(*id)).collect();
-    for o in &mut subproblem.observations {
-        let (point, pose) = (o.point as usize, o.pose as usize);
-        let distance = (subproblem.points[point] - subproblem.poses[pose].translation).norm();
-        let expected = farthest[point] * focal_ratios[pose] / distance;
-        // An observation weighs as the inverse square of the scale of its level.
-        let off = expected * o.weight.sqrt() - 1.0;
-        if expected > 0.0 && off.is_finite() {
-            o.weight /= 1.0 + off * off;
-        }
-    }
-}
-
 /// The bundle of a subproblem, which hands over its poses, points and observations.
 fn bundle(
     snapshot: &Snapshot,
@@ -406,7 +430,6 @@ fn bundle(
     };
     let mixed = snapshot.other_cameras().next().is_some();
     let own_cameras = if mixed { subproblem.key_frames.iter().map(own).collect() } else { Vec::new() };
-    weigh_by_size(snapshot, subproblem);
     Bundle {
         camera: pinhole(camera),
         own_cameras,

@@ -95,8 +95,9 @@ fn house(seed: u64, sensors: [&str; 3]) -> Vec<Walk> {
 /// What came of the walks of a house.
 struct Joint {
     merged: MergedMaps,
-    /// Errors of each alone, metres.
+    /// Errors of each alone, and of its own key frames in the joint map, metres.
     alone: Vec<f64>,
+    parts: Vec<f64>,
     /// The error of all in one map, metres, and its scale.
     all: f64,
     scale: f64,
@@ -107,6 +108,11 @@ struct Joint {
 impl Joint {
     fn best(&self) -> f64 {
         self.alone.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    /// The error of the key frames of each robot, times that which it had alone.
+    fn times_alone(&self) -> impl Iterator<Item = f64> {
+        self.parts.iter().zip(&self.alone).map(|(part, alone)| part / alone)
     }
 }
 
@@ -171,7 +177,7 @@ fn merged(seed: u64, walks: &[Walk]) -> Joint {
             Err(apart) => println!("  {} and {}: {apart}", a.from.name, a.into.name),
         }
     }
-    Joint { merged, alone, all: both, scale, all_of_sent: sent_both }
+    Joint { merged, alone, parts, all: both, scale, all_of_sent: sent_both }
 }
 
 /// The camera that each key frame has is that of the robot that made it.
@@ -197,6 +203,11 @@ fn three_sensors_share_one_map_in_metres_that_is_as_good_as_the_best() {
         assert!(file.snapshot.is_metric(&file.about.camera));
         assert!((scale - 1.0).abs() < 0.005, "seed {seed}: scale {scale}");
         assert!(both <= 1.2 * joint.best(), "seed {seed}: {both} of {:?}", joint.alone);
+        assert!(
+            joint.times_alone().all(|times| times <= 1.2),
+            "seed {seed}: a robot is worse off, {:?}",
+            joint.parts
+        );
         check_cameras(file, &all);
         // A landmark that is seen by two cameras holds them together.
         let cameras = |l: &cairn_atlas::Landmark| {
@@ -436,14 +447,15 @@ fn table() {
             let alone: Vec<String> = joint.alone.iter().map(|m| format!("{m:.3}")).collect();
             let all = [images, joint.all, joint.all_of_sent];
             let all = all.map(|m| format!("{m:.3} | {:.2}", m / joint.best()));
-            let row = format!("| {seed} | {} | {} |", alone.join(", "), all.join(" | "));
+            let own: Vec<String> = joint.times_alone().map(|times| format!("{times:.2}")).collect();
+            let row = format!("| {seed} | {} | {} | {} |", alone.join(", "), all.join(" | "), own.join(", "));
             println!("{row}");
             row
         });
         let rows: Vec<String> = rows.collect();
         println!(
-            "\n| seed | {name} alone, m | by images, m | times | with readings, m | times | as sent, m | times |\n\
-             |---|---|---|---|---|---|---|---|\n{}\n",
+            "\n| seed | {name} alone, m | by images, m | times | with readings, m | times | as sent, m | times | each, times itself alone |\n\
+             |---|---|---|---|---|---|---|---|---|\n{}\n",
             rows.join("\n")
         );
     }

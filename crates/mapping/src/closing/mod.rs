@@ -265,10 +265,16 @@ impl Closer {
 
     /// Adjusts a map as a whole. `stop` is called before each step; once it has returned true, no changes are
     /// returned.
-    pub fn adjust_whole(
+    pub fn adjust_whole(&self, snapshot: &Snapshot, map: MapId, stop: impl FnMut() -> bool) -> Vec<Change> {
+        self.adjust_whole_with(snapshot, map, |window| window, stop)
+    }
+
+    /// The same with a window that is changed before it is solved.
+    fn adjust_whole_with(
         &self,
         snapshot: &Snapshot,
         map: MapId,
+        with: impl Fn(Window) -> Window,
         mut stop: impl FnMut() -> bool,
     ) -> Vec<Change> {
         let count = snapshot.key_frames_of(map).count();
@@ -289,7 +295,8 @@ impl Closer {
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
         let imu = imu.map(|(imu, _)| Window::inertial_whole(snapshot, &self.camera, &imu, map));
         let whole = || Window::linked_whole(snapshot, &self.camera, map, &self.links);
-        let result = imu.filter(|w| w.links() > 0).unwrap_or_else(whole).solve(&window, stop_requested);
+        let window_of_map = imu.filter(|w| w.links() > 0).unwrap_or_else(whole);
+        let result = with(window_of_map).solve(&window, stop_requested);
         let mut changes = draft.into_changes();
         changes.extend(result.changes.changes);
         if stopped { Vec::new() } else { changes }

@@ -106,7 +106,8 @@ impl Closer {
         let count = draft.snapshot().key_frames_of(map).count();
         if count <= self.config.whole_key_frames {
             let snapshot = draft.snapshot();
-            let changes = self.adjust_whole(snapshot, map, || false);
+            let by_size = |window: Window| window.weighed_by_size(snapshot);
+            let changes = self.adjust_whole_with(snapshot, map, by_size, || false);
             return draft.push(changes);
         }
         let config =
@@ -121,6 +122,7 @@ impl Closer {
             done.extend(near.into_iter().flatten().take(self.window.key_frames / 2).map(|(id, _)| id));
             let snapshot = draft.snapshot();
             if let Some(window) = Window::around(snapshot, &self.camera, f.seam.key_frame, &config) {
+                let window = window.weighed_by_size(snapshot);
                 draft.push(window.solve(&config, || false).changes.changes);
             }
         }
