@@ -3,7 +3,9 @@
 use super::pairs::Pair;
 use super::view::View;
 use cairn_atlas::{KeyFrameId, RelativePose, Snapshot};
-use cairn_dense::{DenseTracked, DepthConfig, DepthPreparer, TrackConfig, TsdfConfig, TsdfVolume, track};
+use cairn_dense::{
+    DenseTracked, DepthConfig, DepthFrame, DepthPreparer, TrackConfig, TsdfConfig, TsdfVolume, track,
+};
 use cairn_geometry::Se3;
 use cairn_sensor::Camera;
 use nalgebra::Matrix6;
@@ -14,8 +16,12 @@ use std::sync::Arc;
 const FIELD: TsdfConfig = TsdfConfig { voxel_m: 0.025, band_voxels: 6.0, colour: false };
 /// Points of the image that is aligned, about, at first and at last.
 const POINTS: [usize; 2] = [800, 3000];
-/// A direction counts where the surface gives it with this standard deviation, metres: half the points of a frame that is tracked, so 5 mm times the root of two.
-const FIXED_M: f64 = 0.007;
+/// A direction counts where the surface gives it with this standard deviation, metres, and as much as that is. Where walls are four metres
+/// away whole key frames are known no better than to a centimetre or two; along what is left free an alignment would stay where the map
+/// has it, and bend the map that way. A wall leaves free what it leaves free, whatever this is.
+const FIXED_M: f64 = 0.05;
+/// Where an alignment ends on the way, which it does from far off, it goes on from there, at most so many times.
+const GOES_ON: usize = 3;
 /// Greatest root mean square distance of the points to the surface, metres.
 const MOST_RMS_M: f64 = 0.03;
 /// An alignment that leads farther away than this from where the map has it found something else, metres and radians.
@@ -101,9 +107,7 @@ impl Aligner {
             let (Some(view), Some((here, there))) = (views.get(to), both) else { continue };
             let guess = depth_from_camera * here.here_from(there) * self.camera_from_depth;
             let Ok(frame) = self.preparer.prepare_packed(&view.image) else { continue };
-            let tracked = track(&field, frame, &guess, &self.config);
-            let fits = tracked.ok().filter(|tracked| fits(tracked, &guess));
-            if let Some(tracked) = fits {
+            if let Some(tracked) = aligned(&field, frame, &guess, &self.config) {
                 self.found.insert([from, *to], self.in_camera(from, &tracked));
             }
         }
@@ -158,6 +162,23 @@ fn lies(snapshot: &Snapshot, z: &RelativePose, to: KeyFrameId) -> Option<Se3> {
 /// Whether key frames lie as they were aligned.
 fn agrees(snapshot: &Snapshot, z: &RelativePose, to: KeyFrameId) -> bool {
     lies(snapshot, z, to).is_some_and(|there| z.agrees(&Se3::identity(), &there))
+}
+
+/// A frame aligned with a field, where that finds the surface that was looked for.
+fn aligned(
+    field: &TsdfVolume,
+    frame: &DepthFrame,
+    guess: &Se3,
+    config: &TrackConfig,
+) -> Option<DenseTracked> {
+    let mut tracked = track(field, frame, guess, config).ok()?;
+    for _ in 0..GOES_ON {
+        if fits(&tracked, guess) {
+            break;
+        }
+        tracked = track(field, frame, &tracked.volume_from_camera, config).ok()?;
+    }
+    fits(&tracked, guess).then_some(tracked)
 }
 
 /// Whether an alignment found the surface that was looked for.
