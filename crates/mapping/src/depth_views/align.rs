@@ -190,3 +190,30 @@ fn fits(tracked: &DenseTracked, guess: &Se3) -> bool {
         && off.translation.norm() <= MOST_OFF[0]
         && off.rotation.angle() <= MOST_OFF[1]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{CORNER, drift, map, viewpoints};
+    use super::*;
+    use cairn_geometry::Manifold;
+
+    #[test]
+    fn an_alignment_that_ends_on_the_way_goes_on() {
+        let truth = viewpoints();
+        let placed = [truth[0], truth[1].retract(&drift())];
+        let (_, ids, views) = map(CORNER, &truth[..2], &placed);
+        let shown = views.kept().views.clone();
+        let mut aligner = views.aligner();
+        let sensor = aligner.camera_from_depth;
+        let between = |poses: &[Se3]| sensor.inverse() * poses[0].inverse() * poses[1] * sensor;
+        let (guess, truth) = (between(&placed), between(&truth));
+        let field = aligner.field(&shown[&ids[0]]).expect("a field");
+        let few_steps = TrackConfig { iterations: [0, 0, 2], ..aligner.config };
+        let frame = aligner.preparer.prepare_packed(&shown[&ids[1]].image).expect("an image");
+        let once = track(&field, frame, &guess, &few_steps).expect("a pose");
+        assert!(!fits(&once, &guess), "a few steps are not the end");
+        let found = aligned(&field, frame, &guess, &few_steps).expect("it goes on");
+        let off = truth.local(&found.volume_from_camera);
+        assert!(off.norm() < 0.004, "{off}");
+    }
+}
