@@ -3,11 +3,10 @@
 use crate::aligned::AlignedFactors;
 use crate::motion::MotionFactors;
 use cairn_geometry::Se3;
-use cairn_inertial::ImuFactors;
 use cairn_solve::{Equations, Factors, Freedom, Variable};
 use std::ops::Range;
 
-/// Factors of both kinds; neither has variables of its own.
+/// Factors of both kinds.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LinkFactors {
     pub motion: MotionFactors,
@@ -20,64 +19,44 @@ impl LinkFactors {
         self.motion.keep_free(freedom);
         self.aligned.keep_free(freedom);
     }
-}
 
-impl Factors for LinkFactors {
-    fn sizes(&self) -> Vec<usize> {
-        Vec::new()
-    }
-    fn held(&self) -> Vec<(usize, Range<usize>)> {
-        Vec::new()
-    }
-    fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.motion.is_empty() && self.aligned.is_empty()
     }
-    fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
-        self.motion.scopes(visit);
-        self.aligned.scopes(visit);
-    }
-    fn linearise(&mut self, poses: &[Se3], equations: &mut Equations) -> Option<()> {
-        self.motion.linearise(poses, equations)?;
-        self.aligned.linearise(poses, equations)
-    }
-    fn attempt(&mut self, poses: &[Se3], step: &[f64]) -> f64 {
-        self.motion.attempt(poses, step) + self.aligned.attempt(poses, step)
-    }
-    fn accept(&mut self) {
-        self.motion.accept();
-        self.aligned.accept();
+
+    /// As factors of one bundle.
+    pub fn all(&mut self) -> Both<'_, MotionFactors, AlignedFactors> {
+        Both(&mut self.motion, &mut self.aligned)
     }
 }
 
-/// IMU factors, which alone have variables of their own, and links.
-pub(crate) struct WithImu<'a> {
-    pub imu: &'a mut ImuFactors,
-    pub links: &'a mut LinkFactors,
-}
+/// Factors of two kinds, of which only the first may have variables of its own.
+pub(crate) struct Both<'a, A, B>(pub &'a mut A, pub &'a mut B);
 
-impl Factors for WithImu<'_> {
+impl<A: Factors, B: Factors> Factors for Both<'_, A, B> {
     fn sizes(&self) -> Vec<usize> {
-        self.imu.sizes()
+        debug_assert!(self.1.sizes().is_empty());
+        self.0.sizes()
     }
     fn held(&self) -> Vec<(usize, Range<usize>)> {
-        self.imu.held()
+        self.0.held()
     }
     fn is_empty(&self) -> bool {
-        self.imu.is_empty() && self.links.is_empty()
+        self.0.is_empty() && self.1.is_empty()
     }
     fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
-        self.imu.scopes(visit);
-        self.links.scopes(visit);
+        self.0.scopes(visit);
+        self.1.scopes(visit);
     }
     fn linearise(&mut self, poses: &[Se3], equations: &mut Equations) -> Option<()> {
-        self.imu.linearise(poses, equations)?;
-        self.links.linearise(poses, equations)
+        self.0.linearise(poses, equations)?;
+        self.1.linearise(poses, equations)
     }
     fn attempt(&mut self, poses: &[Se3], step: &[f64]) -> f64 {
-        self.imu.attempt(poses, step) + self.links.attempt(poses, step)
+        self.0.attempt(poses, step) + self.1.attempt(poses, step)
     }
     fn accept(&mut self) {
-        self.imu.accept();
-        self.links.accept();
+        self.0.accept();
+        self.1.accept();
     }
 }

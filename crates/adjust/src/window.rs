@@ -3,7 +3,7 @@
 
 use crate::aligned::AlignedFactors;
 use crate::imu::{self, ImuModel};
-use crate::links::{LinkFactors, WithImu};
+use crate::links::{Both, LinkFactors};
 use crate::motion::MotionLinks;
 use crate::pinhole;
 use crate::subproblem::Subproblem;
@@ -356,12 +356,10 @@ impl Window {
         // With links even scale may be weakly determined: the first step is damped less.
         let first_damping = if self.imu.is_some() { 1e-6 } else { 1e-5 };
         let config = BundleConfig { iterations, robust: true, tolerance: config.tolerance, first_damping };
+        let mut links = self.link_factors.all();
         match &mut self.imu {
-            Some(imu) => {
-                let mut both = WithImu { imu, links: &mut self.link_factors };
-                self.bundle.solve_with(&mut both, &config, stop)
-            }
-            None => self.bundle.solve_with(&mut self.link_factors, &config, stop),
+            Some(imu) => self.bundle.solve_with(&mut Both(imu, &mut links), &config, stop),
+            None => self.bundle.solve_with(&mut links, &config, stop),
         }
     }
 

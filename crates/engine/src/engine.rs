@@ -93,7 +93,7 @@ impl Engine {
         }
         mapper.window.hold_poses |= config.tracker.dense && mode == SensorMode::Rgbd;
         // Poses that stay where depth put them are not aligned again.
-        let aligned = depth.filter(|_| config.closer.align_depth && !mapper.window.hold_poses);
+        let aligned = depth.filter(|_| !mapper.window.hold_poses);
         let closer = Closer::new(model, config.closer, mapper.window);
         let (mut tracker, mut mapper) = (tracker, Mapper::new(model, mapper));
         let mut closer = closer.with_motion_links(mapper.motion_links());

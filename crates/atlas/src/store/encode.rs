@@ -8,7 +8,7 @@ use super::layout::{
     SHOWN,
 };
 use super::wire::Encoder;
-use super::{readings, relative_poses, scales};
+use super::{chunks, readings, relative_poses, scales};
 use crate::paged::ReadBackError;
 use crate::{InertialState, KeyFrame, KeyFrameId, LandmarkId, Snapshot};
 use cairn_vision::DESCRIPTOR_ID;
@@ -55,23 +55,10 @@ pub(super) fn write(file: &MapFile, out: &mut (impl Write + Seek)) -> Result<(),
     names.extend(mixed.then(|| CAMERAS.to_owned()));
     let scales = scales::encode(snapshot, |id| rows.key_frame(id));
     names.extend(scales.iter().map(|(name, _)| (*name).to_owned()));
-    let readings: Vec<(String, Vec<u8>)> = key_frames
-        .chunks(CHUNK)
-        .enumerate()
-        .filter_map(|(i, chunk)| {
-            let part = readings::encode(chunk, snapshot, |id| rows.key_frame(id))?;
-            Some((format!("{READINGS}{i}"), part))
-        })
-        .collect();
+    let row = |id| rows.key_frame(id);
+    let readings = chunks::encode(READINGS, &key_frames, |chunk| readings::encode(chunk, snapshot, row));
     names.extend(readings.iter().map(|(name, _)| name.clone()));
-    let related: Vec<(String, Vec<u8>)> = key_frames
-        .chunks(CHUNK)
-        .enumerate()
-        .filter_map(|(i, chunk)| {
-            let part = relative_poses::encode(chunk, |id| rows.key_frame(id))?;
-            Some((format!("{RELATIVE_POSES}{i}"), part))
-        })
-        .collect();
+    let related = chunks::encode(RELATIVE_POSES, &key_frames, |chunk| relative_poses::encode(chunk, row));
     names.extend(related.iter().map(|(name, _)| name.clone()));
     names.push(SHOWN.to_owned());
     names.extend((0..key_frames.len().div_ceil(CHUNK)).map(|i| format!("{FEATURES}{i}")));

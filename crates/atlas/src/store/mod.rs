@@ -8,6 +8,7 @@
 mod about;
 mod atomic;
 mod changes;
+mod chunks;
 mod container;
 mod decode;
 mod depth;

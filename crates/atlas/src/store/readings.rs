@@ -8,9 +8,10 @@
 //!
 //! Readings are rounded to single precision, a hundredth of what the converters of these sensors resolve.
 
+use super::chunks;
 use super::container::Parts;
 use super::error::StoreError;
-use super::layout::{CHUNK, READINGS};
+use super::layout::READINGS;
 use super::wire::{Decoder, Encoder};
 use crate::{ImuFactor, KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::Vec3;
@@ -55,13 +56,7 @@ pub(super) fn encode(
 
 /// Gives key frames their factors, integrated at their biases.
 pub(super) fn read(parts: &Parts, key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {
-    for chunk in 0..key_frames.len().div_ceil(CHUNK) {
-        let name = format!("{READINGS}{chunk}");
-        if parts.names().any(|n| n == name) {
-            read_chunk(&name, &parts.get(&name)?, key_frames)?;
-        }
-    }
-    Ok(())
+    chunks::read(READINGS, parts, key_frames, read_chunk)
 }
 
 fn read_chunk(name: &str, bytes: &[u8], key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {

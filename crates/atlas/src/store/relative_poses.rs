@@ -9,9 +9,10 @@
 //! Information is rounded to single precision: a millionth of what it is.
 
 use super::about::{numbers, pose};
+use super::chunks;
 use super::container::Parts;
 use super::error::StoreError;
-use super::layout::{CHUNK, RELATIVE_POSES};
+use super::layout::RELATIVE_POSES;
 use super::wire::{Decoder, Encoder};
 use crate::{KeyFrame, KeyFrameId, RelativePose};
 use nalgebra::Matrix6;
@@ -56,13 +57,7 @@ pub(super) fn encode(chunk: &[&KeyFrame], row: impl Fn(KeyFrameId) -> u32) -> Op
 
 /// Gives key frames theirs.
 pub(super) fn read(parts: &Parts, key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {
-    for chunk in 0..key_frames.len().div_ceil(CHUNK) {
-        let name = format!("{RELATIVE_POSES}{chunk}");
-        if parts.names().any(|n| n == name) {
-            read_chunk(&name, &parts.get(&name)?, key_frames)?;
-        }
-    }
-    Ok(())
+    chunks::read(RELATIVE_POSES, parts, key_frames, read_chunk)
 }
 
 fn read_chunk(name: &str, bytes: &[u8], key_frames: &mut [KeyFrame]) -> Result<(), StoreError> {

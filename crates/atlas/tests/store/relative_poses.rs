@@ -3,7 +3,10 @@
 use crate::history::{camera, file, same};
 use cairn_atlas::store::pieces::{self, Pieces};
 use cairn_atlas::store::{MapFile, Table, decode_commit, encode_commit};
-use cairn_atlas::{Atlas, Change, ChangeSet, KeyFrame, KeyFrameId, MapId, RelativePose, Snapshot};
+use cairn_atlas::{
+    Atlas, Change, ChangeSet, DEPTH_SCALE_SIGMA, KeyFrame, KeyFrameId, MapId, RELATED_SCALE_SIGMA,
+    RelativePose, Snapshot,
+};
 use cairn_geometry::{LieGroup, Manifold, Se3, Sim3, So3, Vec3};
 use cairn_vision::Frame;
 use nalgebra::{Matrix6, Vector6};
@@ -234,4 +237,13 @@ fn nonsense_is_dropped_and_what_is_gone_left_out() {
     assert_eq!(atlas.commit(vec![Change::RelativePoses(ids[2], vec![of(ids[0]), of(ids[1])])]).dropped, 0);
     assert_eq!(atlas.commit(vec![Change::RelativePoses(ids[5], vec![of(ids[0]), of(ids[3])])]).dropped, 0);
     assert_eq!((count(atlas.latest()), atlas.latest().check()), (2 + 1, Ok(())));
+}
+
+#[test]
+fn lengths_are_those_of_depth_where_it_relates_most_key_frames() {
+    let (mut atlas, ids) = two_maps();
+    let sigma = |atlas: &Atlas| atlas.latest().scale_of(MapId(ids[0]), &camera()).metric_sigma();
+    assert_eq!(sigma(&atlas), Some(RELATED_SCALE_SIGMA), "two of three");
+    atlas.commit(vec![Change::RelativePoses(ids[2], Vec::new())]);
+    assert_eq!(sigma(&atlas), Some(DEPTH_SCALE_SIGMA), "one of three");
 }

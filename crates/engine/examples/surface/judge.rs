@@ -21,10 +21,22 @@ pub fn aligned(
     poses: &BTreeMap<Stamp, Se3>,
     truth: &BTreeMap<Stamp, Se3>,
 ) -> Result<Sim3, Box<dyn std::error::Error>> {
-    let pairs: Vec<(Vec3, Vec3)> =
-        (poses.iter()).filter_map(|(t, p)| Some((truth.get(t)?.translation, p.translation))).collect();
-    let (target, from): (Vec<Vec3>, Vec<Vec3>) = pairs.into_iter().unzip();
+    let (target, from) = positions(poses, truth);
     Ok(umeyama(&target, &from, false)?)
+}
+
+/// By what share of its lengths a map is too large, by the trajectory.
+pub fn too_large(
+    poses: &BTreeMap<Stamp, Se3>,
+    truth: &BTreeMap<Stamp, Se3>,
+) -> Result<f64, Box<dyn std::error::Error>> {
+    let (target, from) = positions(poses, truth);
+    Ok(1.0 / umeyama(&target, &from, true)?.scale - 1.0)
+}
+
+/// True positions, and those of a trajectory.
+fn positions(poses: &BTreeMap<Stamp, Se3>, truth: &BTreeMap<Stamp, Se3>) -> (Vec<Vec3>, Vec<Vec3>) {
+    poses.iter().filter_map(|(t, p)| Some((truth.get(t)?.translation, p.translation))).unzip()
 }
 
 pub fn engine_rms(poses: &BTreeMap<Stamp, Se3>, truth: &BTreeMap<Stamp, Se3>, place: &Sim3) -> f64 {

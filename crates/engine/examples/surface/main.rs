@@ -13,6 +13,7 @@
 //!
 //! Whether a surface is bent or doubled tell the poses of the key frames alone (`agree.rs`): how far they put the true surface from
 //! where it is in the mean, and on how much of it two of them put it more than 5 cm apart.
+//! By how much its lengths are too large is that of the similarity that aligns the trajectory.
 //!
 //! Walks of more than five minutes print every five minutes what their memory is.
 
@@ -21,7 +22,7 @@ mod judge;
 mod memory;
 
 use agree::{Agreement, View, agreement};
-use cairn_atlas::{Change, KeyFrameId, MapId, Subscription};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Subscription};
 use cairn_dense::{
     DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, SubmapConfig, TsdfConfig, TsdfVolume,
 };
@@ -29,7 +30,7 @@ use cairn_engine::{Config, DenseMapper, Engine, Runner, SensorMode};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, Source, Stamp};
 use cairn_sim::{SimConfig, SimSource};
-use judge::{Figures, aligned, engine_rms, report, seen};
+use judge::{Figures, aligned, engine_rms, report, seen, too_large};
 use memory::MemoryLines;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -58,7 +59,7 @@ fn main() -> Result<(), Failure> {
 
 /// The head of the table.
 const HEAD: &str = "| seed | loops and merges | maps | with the pose when made | following the map | its submaps together | farther \
-    than 5 cm | complete | trajectory | bent | doubled by more than 5 cm |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
+    than 5 cm | complete | trajectory | bent | doubled by more than 5 cm | lengths too large by |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 /// What a walk gave: the surface with the poses at the time, the one that follows the map, and the submaps together.
 struct Walked {
@@ -66,6 +67,7 @@ struct Walked {
     maps: usize,
     surfaces: [Figures; 3],
     agreement: Agreement,
+    too_large: f64,
 }
 
 impl Walked {
@@ -73,7 +75,7 @@ impl Walked {
         let [made, whole, together] = &self.surfaces;
         let mm = |f: &Figures| format!("{:.1} / {:.1} mm", f.mean_mm, f.most_mm);
         format!(
-            "| {seed} | {} | {} | {} | {} | {} | {:.2} -> {:.2} -> {:.2} % | {:.1} % | {:.1} -> {:.1} mm | {:.1} mm | {:.2} % |\n",
+            "| {seed} | {} | {} | {} | {} | {} | {:.2} -> {:.2} -> {:.2} % | {:.1} % | {:.1} -> {:.1} mm | {:.1} mm | {:.2} % | {:+.2} % |\n",
             self.joined,
             self.maps,
             mm(made),
@@ -86,7 +88,8 @@ impl Walked {
             made.trajectory_mm,
             whole.trajectory_mm,
             self.agreement.bent_m * 1e3,
-            self.agreement.doubled * 100.0
+            self.agreement.doubled * 100.0,
+            self.too_large * 100.0
         )
     }
 }
@@ -264,7 +267,14 @@ fn judged(config: &SimConfig, source: &SimSource, mut run: Run, tsdf: TsdfConfig
         agreement.apart_m * 1e3,
         agreement.doubled * 100.0
     );
-    Ok(Walked { joined: run.joined, maps, surfaces, agreement })
+    let too_large = too_large(&corrected, &truth)?;
+    let related = |(n, all), k: &KeyFrame| (n + usize::from(!k.relative_poses.is_empty()), all + 1);
+    let (related, all) = snapshot.key_frames_of(map).fold((0, 0), related);
+    println!(
+        "lengths are {:+.3} % too large; depth relates {related} of {all} key frames to others",
+        too_large * 100.0
+    );
+    Ok(Walked { joined: run.joined, maps, surfaces, agreement, too_large })
 }
 
 /// The key frames among the changes since the last call, with the stamps of their images.

@@ -56,10 +56,6 @@ pub struct CloserConfig {
     /// Largest map, in key frames, that is adjusted as a whole after a loop; 0: never.
     #[setting(default = 1000, range = 0..=10000)]
     pub whole_key_frames: usize,
-    /// Whether the depth of key frames that show one surface is aligned before a whole map is adjusted: walls are put once, and poses are
-    /// some three times as exact. The map keeps what was found, for all later adjustments and for maps that it is joined with.
-    #[setting(default = true)]
-    pub align_depth: bool,
 }
 
 /// The closing stage.

@@ -7,9 +7,9 @@ use cairn_sensor::Camera;
 use nalgebra::Vector6;
 
 /// Walls: unit normal and distance along it, metres.
-type Wall = (Vec3, f64);
+pub(super) type Wall = (Vec3, f64);
 
-const CORNER: &[Wall] =
+pub(super) const CORNER: &[Wall] =
     &[(Vec3::new(0.0, 0.0, 1.0), 2.0), (Vec3::new(1.0, 0.0, 0.0), 0.9), (Vec3::new(0.0, 1.0, 0.0), 0.8)];
 
 fn sensor() -> DepthSensor {
@@ -43,7 +43,7 @@ fn seen(walls: &[Wall], world_from_camera: &Se3) -> Arc<DepthImage> {
 }
 
 /// A map of key frames without landmarks at poses, with what they saw from other ones.
-fn map(walls: &[Wall], truth: &[Se3], placed: &[Se3]) -> (Atlas, Vec<KeyFrameId>, DepthViews) {
+pub(super) fn map(walls: &[Wall], truth: &[Se3], placed: &[Se3]) -> (Atlas, Vec<KeyFrameId>, DepthViews) {
     let views = DepthViews::new(&sensor(), mount()).expect("a sensor");
     let mut atlas = Atlas::new(Snapshot::new());
     let mut ids: Vec<KeyFrameId> = Vec::new();
@@ -71,7 +71,7 @@ fn of_changes(changes: &[Change]) -> Vec<(KeyFrameId, RelativePose)> {
     changes.iter().flat_map(of).collect()
 }
 
-fn viewpoints() -> Vec<Se3> {
+pub(super) fn viewpoints() -> Vec<Se3> {
     let at = |x: f64, y: f64, turn: f64| {
         Se3::new(So3::exp(&Vec3::new(-0.25, turn, 0.0)), Vec3::new(x, y, 0.1 * x))
     };
@@ -79,7 +79,7 @@ fn viewpoints() -> Vec<Se3> {
 }
 
 /// By how much a map has drifted: 3 cm and a degree.
-fn drift() -> Vector6<f64> {
+pub(super) fn drift() -> Vector6<f64> {
     Vector6::new(0.02, -0.015, 0.02, 0.01, -0.012, 0.008)
 }
 

@@ -1,7 +1,7 @@
 //! A small copy of a depth image, and how much of what one shows another shows too.
 
 use cairn_dense::PackedDepth;
-use cairn_geometry::{Se3, Vec3};
+use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{Camera, DepthImage};
 
 /// Images are not wider than this, pixels.
@@ -11,7 +11,7 @@ const GRID: [usize; 2] = [20, 15];
 /// Depths are of one surface when they differ by no more than this, metres and as a share: points are of cells of the grid.
 const SAME: [f32; 2] = [0.1, 0.1];
 /// Farther depth counts for nothing, metres: the alignment does not use it either.
-const FARTHEST_M: f32 = 5.0;
+const FARTHEST_M: f64 = 5.0;
 
 /// Leaves out columns and rows of depth images.
 #[derive(Debug)]
@@ -19,14 +19,16 @@ pub(super) struct Shrink {
     stride: usize,
     /// The camera of the small images.
     pub camera: Camera,
+    /// Of each cell of the grid, row by row, its pixel and the ray through it, with a depth of 1.
+    cells: Vec<([usize; 2], Vec3)>,
 }
 
 /// The depth of a key frame.
 #[derive(Debug)]
 pub(super) struct View {
     pub image: PackedDepth,
-    /// Of each cell of the grid, row by row, the point in the depth sensor's frame, metres; NaN where there is none.
-    points: Vec<[f32; 3]>,
+    /// Of each cell of the grid, row by row, the depth at its pixel, metres; NaN where there is none.
+    depths: Box<[f32]>,
 }
 
 impl Shrink {
@@ -42,7 +44,17 @@ impl Shrink {
             cy: (camera.cy - first) / s,
             ..*camera
         };
-        Self { stride, camera: small }
+        let cell = |at: usize| {
+            let (column, row) = (at % GRID[0], at / GRID[0]);
+            let [x, y] = [
+                (2 * column + 1) * small.width / (2 * GRID[0]),
+                (2 * row + 1) * small.height / (2 * GRID[1]),
+            ];
+            let ray = small.unproject(&Vec2::new(x as f64, y as f64)).filter(|ray| ray.z > 0.0);
+            ([x, y], ray.map_or(Vec3::repeat(f64::NAN), |ray| ray / ray.z))
+        };
+        let cells = (0..GRID[0] * GRID[1]).map(cell).collect();
+        Self { stride, camera: small, cells }
     }
 
     /// The small copy of an image, with the units of its pixels; `None` where it is not of the sensor's size.
@@ -61,20 +73,13 @@ impl Shrink {
     /// The view of an image whose units are `metres_per_unit` long.
     pub fn view(&self, image: &DepthImage, metres_per_unit: f64) -> Option<View> {
         let small = self.small(image)?;
-        let point = |cell: usize| {
-            let (column, row) = (cell % GRID[0], cell / GRID[0]);
-            let [x, y] = [
-                (2 * column + 1) * self.camera.width / (2 * GRID[0]),
-                (2 * row + 1) * self.camera.height / (2 * GRID[1]),
-            ];
-            let units = small.get(x, y).filter(|u| *u != 0 && *u != u16::MAX)?;
+        let depth = |([x, y], ray): &([usize; 2], Vec3)| {
+            let units = small.get(*x, *y).filter(|u| *u != 0 && *u != u16::MAX)?;
             let z = f64::from(units) * metres_per_unit;
-            let ray = self.camera.unproject(&cairn_geometry::Vec2::new(x as f64, y as f64))?;
-            let p = ray * (z / ray.z);
-            (z <= f64::from(FARTHEST_M) && ray.z > 0.0).then(|| [p.x, p.y, p.z].map(|v| v as f32))
+            (z <= FARTHEST_M && ray.z.is_finite()).then_some(z as f32)
         };
-        let points = (0..GRID[0] * GRID[1]).map(|cell| point(cell).unwrap_or([f32::NAN; 3])).collect();
-        Some(View { image: PackedDepth::pack(&small), points })
+        let depths = self.cells.iter().map(|cell| depth(cell).unwrap_or(f32::NAN)).collect();
+        Some(View { image: PackedDepth::pack(&small), depths })
     }
 
     /// The share of what each of two views shows that the other shows too, the smaller of both.
@@ -85,9 +90,9 @@ impl Shrink {
     /// The share of `b`'s points that `a` shows.
     fn seen_in(&self, a: &View, b: &View, a_from_b: &Se3) -> f64 {
         let (mut all, mut seen) = (0, 0);
-        for p in b.points.iter().filter(|p| p[2].is_finite()) {
+        for ((_, ray), z) in self.cells.iter().zip(&b.depths).filter(|(_, z)| z.is_finite()) {
             all += 1;
-            let p = *a_from_b * Vec3::new(p[0].into(), p[1].into(), p[2].into());
+            let p = *a_from_b * (ray * f64::from(*z));
             let Some(there) = self.camera.project(&p).and_then(|px| a.at(&self.camera, px.x, px.y)) else {
                 continue;
             };
@@ -103,7 +108,7 @@ impl View {
         let (column, row) =
             (x * GRID[0] as f64 / camera.width as f64, y * GRID[1] as f64 / camera.height as f64);
         let inside = column >= 0.0 && row >= 0.0 && column < GRID[0] as f64 && row < GRID[1] as f64;
-        let z = inside.then(|| self.points[row as usize * GRID[0] + column as usize][2])?;
+        let z = inside.then(|| self.depths[row as usize * GRID[0] + column as usize])?;
         z.is_finite().then_some(z)
     }
 }
