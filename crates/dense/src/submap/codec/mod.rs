@@ -5,6 +5,8 @@
 
 mod blocks;
 mod gray;
+#[cfg(target_arch = "x86_64")]
+mod kernel_x86;
 mod rvl;
 
 use crate::{Backend, DenseError};
