@@ -86,7 +86,7 @@ impl Default for Addition {
 
 /// Finds what the image adds to the block whose first voxel projects to the homogeneous `origin`; true when some voxel
 /// lies within the truncation distance of the surface.
-pub fn look(out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
+pub fn find_addition(out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
     let mut in_band = false;
     let (width, height) = (pass.width as f32, pass.height as f32);
     let has_colour = !pass.colours.is_empty();

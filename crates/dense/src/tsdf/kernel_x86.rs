@@ -11,7 +11,7 @@ use std::arch::x86_64::*;
 /// # Safety
 /// AVX-512 F must be available; `pass.pixels` holds `width * height` pixels.
 #[target_feature(enable = "avx512f")]
-pub unsafe fn look_avx512(out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
+pub unsafe fn find_addition_avx512(out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
     let [ou, ov, oz] = origin.map(|v| _mm512_set1_ps(v));
     let (one, zero, near) = (_mm512_set1_ps(1.0), _mm512_setzero_ps(), _mm512_set1_ps(NEAREST_M));
     let (width, height) = (_mm512_set1_ps(pass.width as f32), _mm512_set1_ps(pass.height as f32));
@@ -128,7 +128,7 @@ pub unsafe fn colour_avx512(colours: &mut Colours, addition: &Addition, pass: &P
 /// # Safety
 /// AVX2 must be available; `pass.pixels` holds `width * height` pixels.
 #[target_feature(enable = "avx2")]
-pub unsafe fn look_avx2(out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
+pub unsafe fn find_addition_avx2(out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
     let [ou, ov, oz] = origin.map(|v| _mm256_set1_ps(v));
     let (one, zero, near) = (_mm256_set1_ps(1.0), _mm256_setzero_ps(), _mm256_set1_ps(NEAREST_M));
     let (width, height) = (_mm256_set1_ps(pass.width as f32), _mm256_set1_ps(pass.height as f32));

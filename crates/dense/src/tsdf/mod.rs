@@ -208,7 +208,7 @@ impl TsdfVolume {
         }
         // A block without a voxel near the surface is left unchanged, whether it exists or not: the sums must not depend
         // on the order of images.
-        if !look(self.backend, addition, origin, pass) {
+        if !find_addition(self.backend, addition, origin, pass) {
             return;
         }
         fused.changed += 1;
@@ -349,18 +349,18 @@ impl TsdfVolume {
     }
 }
 
-fn look(backend: Backend, out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
+fn find_addition(backend: Backend, out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
     debug_assert_eq!(pass.pixels.len(), pass.width * pass.height);
     match backend {
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
         // SAFETY: a backend is only set when it is available; frames hold width * height pixels.
-        Backend::Avx512 => unsafe { kernel_x86::look_avx512(out, origin, pass) },
+        Backend::Avx512 => unsafe { kernel_x86::find_addition_avx512(out, origin, pass) },
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
         // SAFETY: as above.
-        Backend::Avx2 => unsafe { kernel_x86::look_avx2(out, origin, pass) },
-        _ => kernel::look(out, origin, pass),
+        Backend::Avx2 => unsafe { kernel_x86::find_addition_avx2(out, origin, pass) },
+        _ => kernel::find_addition(out, origin, pass),
     }
 }
 
