@@ -2,7 +2,16 @@
 
 use super::rows::corner_number;
 use super::{corner_at, table};
+use crate::block::SIDE;
 use std::sync::LazyLock;
+
+/// More than the vertices of any block, one on each edge, and than its triangles, with room behind the last for those who write several
+/// at a time; powers of two.
+pub const MOST_VERTICES: usize = 2048;
+pub const MOST_TRIANGLES: usize = 4096;
+const _: () = assert!(
+    3 * SIDE * (SIDE + 1) * (SIDE + 1) + 16 < MOST_VERTICES && 5 * SIDE * SIDE * SIDE + 6 < MOST_TRIANGLES
+);
 
 /// The triangles of a cell.
 #[derive(Clone)]

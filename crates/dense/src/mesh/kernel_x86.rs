@@ -2,11 +2,9 @@
 //! bit-identical results.
 #![allow(unsafe_code)]
 
-use super::cells::Triangles;
+use super::cells::{MOST_TRIANGLES, MOST_VERTICES, Triangles};
 use super::live::source;
-use super::piece::{TRIANGLES, VERTICES};
-use super::rows::{CORNERS, LAYER, LAYER_WORDS, List, MOST, NUMBERS, Rows};
-use super::samples::CELL_NUMBERS;
+use super::rows::{CELL_NUMBERS, CORNERS, LAYER, LAYER_WORDS, List, MOST, NUMBERS, Rows};
 use super::{Place, VertexTable};
 use crate::block::SIDE;
 use crate::tsdf::Planes;
@@ -132,10 +130,10 @@ pub unsafe fn positions(
     place: &Place,
     axis: usize,
     (numbers, parts, count): (&List, &[f32; MOST], usize),
-    out: &mut [[f32; 3]; VERTICES],
+    out: &mut [[f32; 3]; MOST_VERTICES],
     first: usize,
 ) {
-    assert!(count + 15 < MOST && first + count + 16 < VERTICES);
+    assert!(count + 15 < MOST && first + count + 16 < MOST_VERTICES);
     let low = place.voxel([0; 3]).map(|v| _mm512_set1_epi32(v));
     let (mask, half, voxel) = (_mm512_set1_epi32(15), _mm512_set1_ps(0.5), _mm512_set1_ps(place.voxel_m));
     for i in (0..count).step_by(16) {
@@ -178,9 +176,9 @@ pub unsafe fn triangles(
     cases: &[u8; CELL_NUMBERS],
     all: &[Triangles; 256],
     vertices: &VertexTable,
-    out: &mut [[u32; 3]; TRIANGLES],
+    out: &mut [[u32; 3]; MOST_TRIANGLES],
 ) -> usize {
-    assert!(5 * cells.len() + 6 < TRIANGLES);
+    assert!(5 * cells.len() + 6 < MOST_TRIANGLES);
     let mut count = 0;
     for &cell in cells {
         let cell = usize::from(cell) % CELL_NUMBERS;

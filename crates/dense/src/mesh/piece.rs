@@ -1,33 +1,25 @@
 //! The mesh of one block, built in memory that is used again: nothing is asked for while triangles are written, and what is handed out
 //! is no larger than it must be.
 
-use super::cells::CELLS;
+use super::cells::{CELLS, MOST_TRIANGLES, MOST_VERTICES};
 #[cfg(target_arch = "x86_64")]
 use super::kernel_x86;
 use super::rows::corner_of;
 use super::samples::Samples;
 use super::{Mesh, Place, VertexTable, colour};
 use crate::Backend;
-use crate::block::SIDE;
 use crate::tsdf::TsdfVolume;
-
-/// More than the vertices of any block, one on each edge, and than its triangles, with room behind the last for those who write several
-/// at a time; powers of two.
-pub(super) const VERTICES: usize = 2048;
-pub(super) const TRIANGLES: usize = 4096;
-const _: () =
-    assert!(3 * SIDE * (SIDE + 1) * (SIDE + 1) + 16 < VERTICES && 5 * SIDE * SIDE * SIDE + 6 < TRIANGLES);
 
 /// Room for the mesh of a block.
 #[derive(Clone)]
 pub(super) struct Buffers {
-    positions: [[f32; 3]; VERTICES],
-    triangles: [[u32; 3]; TRIANGLES],
+    positions: [[f32; 3]; MOST_VERTICES],
+    triangles: [[u32; 3]; MOST_TRIANGLES],
 }
 
 impl Default for Buffers {
     fn default() -> Self {
-        Self { positions: [[0.0; 3]; VERTICES], triangles: [[0; 3]; TRIANGLES] }
+        Self { positions: [[0.0; 3]; MOST_VERTICES], triangles: [[0; 3]; MOST_TRIANGLES] }
     }
 }
 

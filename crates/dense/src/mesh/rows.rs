@@ -13,6 +13,8 @@ pub const LAYER: usize = 16;
 pub const STRIDES: [usize; 3] = [1, LAYER, LAYER * LAYER];
 /// More than the number of any corner, a power of two.
 pub const NUMBERS: usize = LAYER * LAYER * LAYER;
+/// More than the number of any cell.
+pub const CELL_NUMBERS: usize = LAYER * LAYER * SIDE;
 
 /// Number of a corner.
 pub fn corner_number(corner: [usize; 3]) -> usize {

@@ -3,16 +3,13 @@
 #[cfg(target_arch = "x86_64")]
 use super::kernel_x86;
 use super::live::{Live, bits, source};
-use super::rows::{CORNERS, LAYER, LAYER_WORDS, List, MOST, NUMBERS, Rows, STRIDES, WORDS};
+use super::rows::{CELL_NUMBERS, CORNERS, LAYER, LAYER_WORDS, List, MOST, NUMBERS, Rows, STRIDES, WORDS};
 use crate::Backend;
 use crate::backend::dispatch;
 use crate::block::SIDE;
 use crate::grid::NO_SLOT;
 use crate::pyramid::greater;
 use crate::tsdf::{Bits, Planes, STEPS, TsdfVolume};
-
-/// More than the number of any cell.
-pub const CELL_NUMBERS: usize = LAYER * LAYER * SIDE;
 
 /// Corners of a block's cells, including those that belong to the next blocks.
 #[derive(Clone)]

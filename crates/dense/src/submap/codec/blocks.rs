@@ -17,15 +17,12 @@
 //! Little-endian, lowest bits first. A pixel without depth keeps the number above it. Above the first row all numbers
 //! are 0 and all pixels have depth; so they have to the right of the image, in the last block.
 
+use super::block::{BLOCK, block_at, width_of, write_block};
 #[cfg(target_arch = "x86_64")]
 use super::kernel_x86;
 use crate::Backend;
 use crate::backend::dispatch;
 
-/// Pixels of a block.
-pub(super) const BLOCK: usize = 8;
-/// Bytes that a block takes at most.
-pub(super) const MOST_BYTES: usize = 16;
 /// One entry for each value of a pixel.
 type Table = Box<[u16; 1 << 16]>;
 
@@ -64,11 +61,6 @@ pub fn pack(data: &[u16], width: usize, out: &mut Vec<u8>) {
         }
         out.extend_from_slice(&payload);
     }
-}
-
-/// Bits of a difference by the code of its block.
-pub(super) const fn width_of(code: u8) -> usize {
-    code as usize + (code == 15) as usize
 }
 
 /// Appends the values that occur, and returns the number of each.
@@ -258,18 +250,6 @@ fn unpack_values(bytes: &mut &[u8]) -> Option<(Table, u32)> {
     Some((values, count))
 }
 
-/// The bytes of a block from a place on, with whatever or nothing behind them; `None` where they are not there.
-#[inline(always)]
-pub(super) fn block_at(bytes: &[u8], at: usize, bits: usize) -> Option<[u8; MOST_BYTES]> {
-    if let Some(whole) = bytes.get(at..at + MOST_BYTES) {
-        return whole.try_into().ok();
-    }
-    let mut padded = [0; MOST_BYTES];
-    let rest = bytes.get(at..).filter(|rest| rest.len() >= bits)?;
-    padded[..rest.len()].copy_from_slice(rest);
-    Some(padded)
-}
-
 /// Adds a row's differences to the numbers above; returns the bytes that they took and the largest number.
 #[inline(always)]
 fn add_row(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(usize, u16)> {
@@ -288,29 +268,4 @@ fn add_row(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(u
         }
     }
     Some((at, largest.into_iter().max()?))
-}
-
-#[inline(always)]
-pub(super) fn write_block<T: Copy>(
-    pixels: &mut [T],
-    numbers: &[u16; BLOCK],
-    mask: u8,
-    table: &[T; 1 << 16],
-    none: T,
-) {
-    if mask == 0 {
-        pixels.fill(none);
-        return;
-    }
-    for (pixel, number) in pixels.iter_mut().zip(numbers) {
-        *pixel = table[usize::from(*number)];
-    }
-    // Few blocks lie on the edge of a hole.
-    let mut holes = !mask;
-    while holes != 0 {
-        if let Some(pixel) = pixels.get_mut(holes.trailing_zeros() as usize) {
-            *pixel = none;
-        }
-        holes &= holes - 1;
-    }
 }

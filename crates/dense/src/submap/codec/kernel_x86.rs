@@ -1,7 +1,7 @@
 //! Versions of the loops in [`super::blocks`] with the instructions of [`crate::Backend::Avx512`]: the same results.
 #![allow(unsafe_code)]
 
-use super::blocks::{BLOCK, MOST_BYTES, block_at, width_of, write_block};
+use super::block::{BLOCK, MOST_BYTES, block_at, width_of, write_block};
 use std::arch::x86_64::*;
 
 /// Adds a row's differences to the numbers above, as [`super::blocks`] does: one instruction spreads the bits of four differences.

@@ -3,6 +3,7 @@
 //! Images are packed in [`blocks`]. The first byte tells that packing from the older one ([`rvl`]), which never begins
 //! with a zero byte: its first two numbers, empty and full pixels, are not both zero.
 
+mod block;
 mod blocks;
 mod gray;
 #[cfg(target_arch = "x86_64")]
