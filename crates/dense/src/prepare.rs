@@ -3,7 +3,7 @@
 use crate::backend::dispatch;
 use crate::frame::DepthFrame;
 use crate::pixel::{WEIGHT_BITS, depth_of};
-use crate::pyramid::DepthPyramid;
+use crate::pyramid::{DepthPyramid, greater};
 use crate::submap::{PackedDepth, PackedGray, Rows, broken};
 use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::Vec2;
@@ -126,7 +126,8 @@ impl DepthPreparer {
         by_number.iter_mut().zip(packed.values()).for_each(|(pixel, v)| *pixel = words.of(v.metres(scale)));
         let (config, table, packed) = (&self.config, &*by_number, &mut packed);
         let (rows, pixels) = (&mut self.rows[..], &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_packed(config: &DepthConfig, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32]) -> Option<usize>);
+        let backend = self.backend;
+        let valid = dispatch!(backend, from_packed(config: &DepthConfig, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32], backend: Backend) -> Option<usize>);
         self.by_number = Some(by_number);
         let least = self.least_valid();
         match valid {
@@ -319,7 +320,7 @@ impl Words {
         }
     }
 
-    /// The pixel of a depth, with its weight; 0 for one out of range.
+    /// The pixel of a depth, with its weight; [`NONE`] for one out of range.
     #[inline(always)]
     fn of(&self, z: f32) -> u32 {
         let past = z - self.from;
@@ -328,9 +329,12 @@ impl Words {
         let weight = (31.0 * (ratio * ratio)).max(1.0) + 8_388_608.0;
         let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);
         // False for NaN.
-        if (z >= self.range[0]) & (z <= self.range[1]) { pixel } else { 0 }
+        if (z >= self.range[0]) & (z <= self.range[1]) { pixel } else { NONE }
     }
 }
+
+/// A pixel without depth while edges are looked for: greater than any other as a number without a sign, less than any with one.
+const NONE: u32 = 1 << 31;
 
 /// Gives the pixels of an image row by row.
 trait RowSource {
@@ -356,7 +360,7 @@ impl<T: Measured> RowSource for ImageRows<'_, T> {
             }
         } else {
             for (o, &i) in out.iter_mut().zip(&remap[y * width..]) {
-                *o = data.get(i as usize).map_or(0, |v| words.of(v.metres(scale)));
+                *o = data.get(i as usize).map_or(NONE, |v| words.of(v.metres(scale)));
             }
         }
         Some(())
@@ -366,13 +370,14 @@ impl<T: Measured> RowSource for ImageRows<'_, T> {
 struct PackedRows<'a, 'b> {
     packed: &'a mut Rows<'b>,
     table: &'a [u32; 1 << 16],
+    backend: Backend,
 }
 
 impl RowSource for PackedRows<'_, '_> {
     #[inline(always)]
     fn next_row(&mut self, _: usize, out: &mut [u32]) -> Option<()> {
-        self.packed.next()?;
-        self.packed.look_up(out, self.table, 0);
+        self.packed.next(self.backend)?;
+        self.packed.pixels(self.backend, out, self.table, NONE);
         Some(())
     }
 }
@@ -409,8 +414,9 @@ fn from_packed(
     table: &[u32; 1 << 16],
     rows: &mut [u32],
     pixels: &mut [u32],
+    backend: Backend,
 ) -> Option<usize> {
-    let valid = pack(config, rows, pixels, PackedRows { packed: &mut *packed, table })?;
+    let valid = pack(config, rows, pixels, PackedRows { packed: &mut *packed, table, backend })?;
     packed.end().map(|()| valid)
 }
 
@@ -426,14 +432,14 @@ fn pack(
     let stride = rows.len() / 3;
     let width = stride - 2;
     let height = pixels.len() / width;
-    rows.fill(0);
+    rows.fill(NONE);
     let mut valid = 0;
     for y in 0..=height {
         let below = &mut rows[y % 3 * stride..][..stride][1..=width];
         if y < height {
             source.next_row(y, below)?;
         } else {
-            below.fill(0);
+            below.fill(NONE);
         }
         if y > 0 {
             let [up, here, down] = [1, 2, 0].map(|i| (y + i) % 3 * stride);
@@ -453,11 +459,12 @@ fn pack_row(config: &DepthConfig, [up, here, down]: [&[u32]; 3], out: &mut [u32]
     let mut count = 0;
     for x in 0..width {
         let z = depth_of(here[x]);
-        let limit = (share * z).max(least);
-        // A neighbour without depth does not make an edge.
-        let far = |n: u32| (n > 0) & ((depth_of(n) - z).abs() > limit);
-        let edge = far(left[x]) | far(right[x]) | far(up[x]) | far(down[x]);
-        let keep = (here[x] > 0) & !edge;
+        // A neighbour without depth is neither of them, and makes no edge. Weights follow depths: of equal depths they are equal.
+        let around = [left[x], right[x], up[x], down[x]];
+        let nearest = around.iter().fold(here[x], |nearest, &n| nearest.min(n));
+        let farthest = around.iter().fold(here[x] as i32, |farthest, &n| farthest.max(n as i32));
+        let jump = greater(z - depth_of(nearest), depth_of(farthest as u32) - z);
+        let keep = (here[x] != NONE) & (jump <= greater(share * z, least));
         out[x] = if keep { here[x] } else { 0 };
         count += u32::from(keep);
     }
@@ -471,13 +478,17 @@ mod tests {
     #[test]
     fn packed_images_are_prepared_as_plain_ones() {
         let camera = Camera::pinhole(37, 21, 40.0, 40.0, 18.0, 10.0);
-        let mut preparer = DepthPreparer::new(DepthConfig::default(), camera, 0.001).expect("a camera");
+        let new = || DepthPreparer::new(DepthConfig::default(), camera, 0.001).expect("a camera");
+        let (mut preparer, mut scalar) = (new(), new().with_backend(Backend::Scalar));
         for step in [1, 5, 90] {
             let pixel = |i: usize| if i % 11 == 3 { 0 } else { 900 + (i * 7919 % 60 * step) as u16 };
             let image = DepthImage::from_vec(37, 21, (0..37 * 21).map(pixel).collect()).expect("all pixels");
-            let plain = preparer.prepare(&image).expect("depth").clone();
-            let packed = preparer.prepare_packed(&PackedDepth::pack(&image)).expect("depth");
-            assert!(packed.pixels == plain.pixels && packed.valid() == plain.valid());
+            let plain = scalar.prepare(&image).expect("depth");
+            for backend in Backend::ALL.into_iter().filter(|b| b.available()) {
+                let mut preparer = new().with_backend(backend);
+                let packed = preparer.prepare_packed(&PackedDepth::pack(&image)).expect("depth");
+                assert!(packed.pixels == plain.pixels && packed.valid() == plain.valid(), "{backend:?}");
+            }
         }
         let broken = PackedDepth::from_bytes(37, 21, vec![0; 9].into());
         assert!(matches!(preparer.prepare_packed(&broken), Err(DenseError::Saved(_))));

@@ -88,18 +88,13 @@ impl Kitchen {
         self.all.iter().skip(12).step_by(25)
     }
 
-    /// The field of all fused frames.
-    pub fn volume(&self, config: TsdfConfig, backend: Backend) -> Result<TsdfVolume, DenseError> {
-        let mut volume = TsdfVolume::new(config)?.with_backend(backend);
-        for (frame, colour, pose) in &self.fused {
-            volume.integrate(frame, config.colour.then_some(colour), pose)?;
+    /// The field of all fused frames at one size of voxels, with the best instructions and without colour.
+    pub fn plain(&self, voxel_m: f64) -> Result<TsdfVolume, DenseError> {
+        let mut volume = TsdfVolume::new(TsdfConfig { voxel_m, ..TsdfConfig::default() })?;
+        for (frame, _, pose) in &self.fused {
+            volume.integrate(frame, None, pose)?;
         }
         Ok(volume)
-    }
-
-    /// The same at one size of voxels, with the best instructions and without colour.
-    pub fn plain(&self, voxel_m: f64) -> Result<TsdfVolume, DenseError> {
-        self.volume(TsdfConfig { voxel_m, ..TsdfConfig::default() }, Backend::best())
     }
 }
 

@@ -1,8 +1,10 @@
 //! The first cell of the surface on the ray of each pixel of a pinhole: where ray casts begin.
 
+use super::cells::Triangles;
 use super::draw::{Corner, Raster, check};
-use super::samples::{Samples, corner_number, corner_of};
-use super::{Mesher, Place, Sink, Triangles, corner_at, slots};
+use super::rows::{corner_number, corner_of};
+use super::samples::Samples;
+use super::{Mesher, Place, Sink, corner_at};
 use crate::block::BlockKey;
 use crate::grid::BlockGrid;
 use crate::view::Box2;
@@ -74,7 +76,7 @@ impl Mesher {
             let steps = [0.0; 8];
             let mut sink =
                 Draw { place, raster: &raster, corners: &mut corners, out: &mut out, cell: None, steps };
-            self.each_cell(volume, slots(&grid, key), &mut sink);
+            self.each_cell(volume, grid.around(key), &mut sink);
         }
         Ok(out)
     }

@@ -1,9 +1,14 @@
 //! Triangle meshes of the surface: whole and welded, or block by block.
 
+mod cells;
 mod draw;
 mod first;
+#[cfg(target_arch = "x86_64")]
+mod kernel_x86;
+mod live;
 mod overview;
 mod piece;
+mod rows;
 mod samples;
 mod table;
 
@@ -11,11 +16,15 @@ pub use draw::draw;
 pub(crate) use first::{Cell, FirstCells};
 pub use overview::overview;
 
+use crate::Backend;
 use crate::block::{BlockKey, KeyHasher, SIDE};
-use crate::grid::BlockGrid;
+use crate::grid::{BlockGrid, NO_SLOT};
 use crate::tsdf::TsdfVolume;
-use piece::{Buffers, Piece};
-use samples::{NUMBERS, Samples, corner_number, corner_of};
+use cells::{CELLS, Triangles};
+use live::Live;
+use piece::Buffers;
+use rows::{LAYER, NUMBERS, corner_of};
+use samples::Samples;
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 
@@ -56,52 +65,20 @@ impl MeshConfig {
 
 type EdgeTable = HashMap<([i32; 3], usize), u32, BuildHasherDefault<KeyHasher>>;
 
+/// Numbers of vertices, at four times the number of the edge, plus its axis; longer by what is read around the last cell.
+type VertexTable = [u32; 4 * (NUMBERS + LAYER * LAYER + 2 * LAYER)];
+
 /// Extracts meshes; reuses its memory from call to call.
 #[derive(Clone)]
 pub struct Mesher {
     config: MeshConfig,
+    backend: Backend,
     samples: Samples,
-    /// The vertex on each of them, at three times the number of the edge, plus its axis.
-    vertices: Box<[u32; 4 * NUMBERS]>,
+    vertices: Box<VertexTable>,
     /// Vertices on edges that two or more blocks share.
     shared: EdgeTable,
     /// Room for the mesh of a block.
-    buffers: Option<Box<Buffers>>,
-    cells: Cells,
-}
-
-/// The triangles of cells, by the set of their inside corners.
-#[derive(Clone)]
-struct Cells(Vec<Triangles>);
-
-/// The triangles of a cell. For each corner its place among the vertices, from that of the cell on.
-#[derive(Clone, Default)]
-struct Triangles {
-    count: usize,
-    /// The first two; places of anything where there are not so many.
-    first: [[u16; 3]; 2],
-    rest: Vec<[u16; 3]>,
-}
-
-impl Triangles {
-    fn iter(&self) -> impl Iterator<Item = &[u16; 3]> {
-        self.first.iter().chain(&self.rest).take(self.count)
-    }
-}
-
-impl Cells {
-    fn new() -> Self {
-        let place = |e: table::Edge| {
-            let (axis, corner) = table::edge_start(e);
-            (3 * corner_number(corner_at(corner)) + axis) as u16
-        };
-        let triangles = |of: &Vec<[table::Edge; 3]>| {
-            let mut all = of.iter().map(|t| t.map(place));
-            let mut first = || all.next().unwrap_or_default();
-            Triangles { count: of.len(), first: [first(), first()], rest: all.collect() }
-        };
-        Self(table::TRIANGLES.iter().map(triangles).collect())
-    }
+    buffers: Box<Buffers>,
 }
 
 /// Where a corner of a cell lies.
@@ -114,12 +91,18 @@ impl Mesher {
     pub fn new(config: MeshConfig) -> Self {
         Self {
             config,
+            backend: Backend::best(),
             samples: Samples::default(),
-            vertices: Box::new([0; 4 * NUMBERS]),
+            vertices: Box::new([0; _]),
             shared: EdgeTable::default(),
-            buffers: None,
-            cells: Cells::new(),
+            buffers: Box::default(),
         }
+    }
+
+    /// The same with these instructions, when the processor has them.
+    pub fn with_backend(mut self, backend: Backend) -> Self {
+        self.backend = if backend.available() { backend } else { Backend::Scalar };
+        self
     }
 
     /// The whole surface: vertices on block borders are shared, so that it is closed wherever it was seen.
@@ -136,7 +119,7 @@ impl Mesher {
         for key in keys {
             let place = Place::new(volume, key);
             let mut build = Build { place, volume, mesh: &mut mesh, shared: &mut shared };
-            self.each_cell(volume, slots(&grid, key), &mut build);
+            self.each_cell(volume, grid.around(key), &mut build);
         }
         self.shared = shared;
         mesh.add_normals();
@@ -146,7 +129,9 @@ impl Mesher {
     /// The surface in the cells of one block, without normals. Its border passes through the same points as the borders of its
     /// neighbours.
     pub fn block(&mut self, volume: &TsdfVolume, key: BlockKey) -> Mesh {
-        self.piece(volume, key, slots(&BlockGrid::Sparse(volume), key))
+        let slots = BlockGrid::Sparse(volume).around(key);
+        let live = Live::find(volume, slots, self.backend);
+        live.map_or_else(Mesh::default, |live| self.piece(volume, key, &live))
     }
 
     /// The surface in the cells of each block that depends on what has changed since a revision of the field, as
@@ -156,22 +141,26 @@ impl Mesher {
         volume: &'a TsdfVolume,
         revision: u64,
     ) -> impl Iterator<Item = (BlockKey, Mesh)> + 'a {
-        let grid = BlockGrid::new(volume);
-        volume.slots().filter_map(move |(key, _)| {
-            let slots = slots(&grid, key);
-            let has_changed = slots.iter().flatten().any(|&slot| volume.changed_at(slot) > revision);
-            has_changed.then(|| (key, self.piece(volume, key, slots)))
+        let mut blocks = BlockGrid::new(volume).depending(volume, revision);
+        // One behind: what a block needs comes while the one before is meshed.
+        let mut waiting: Option<(BlockKey, Live)> = None;
+        std::iter::from_fn(move || {
+            for (key, slots) in blocks.by_ref() {
+                let Some(live) = Live::find(volume, slots, self.backend) else {
+                    return Some((key, Mesh::default()));
+                };
+                if let Some((key, live)) = waiting.replace((key, live)) {
+                    return Some((key, self.piece(volume, key, &live)));
+                }
+            }
+            waiting.take().map(|(key, live)| (key, self.piece(volume, key, &live)))
         })
     }
 
-    fn piece(&mut self, volume: &TsdfVolume, key: BlockKey, slots: [Option<u32>; 8]) -> Mesh {
-        // Taken out for the call: the samples are lent at the same time.
-        let mut buffers = self.buffers.take().unwrap_or_default();
-        let mut piece = Piece::new(Place::new(volume, key), volume, &mut buffers);
-        self.each_cell(volume, slots, &mut piece);
-        let mesh = piece.end();
-        self.buffers = Some(buffers);
-        mesh
+    fn piece(&mut self, volume: &TsdfVolume, key: BlockKey, live: &Live) -> Mesh {
+        let Self { samples, vertices, buffers, backend, .. } = self;
+        samples.load(volume, live, self.config.least_weight, *backend);
+        buffers.mesh(samples, &Place::new(volume, key), volume, vertices, *backend)
     }
 
     /// Blocks whose mesh depends on one of the changed blocks: these and the ones before them along each axis,
@@ -186,32 +175,22 @@ impl Mesher {
     }
 
     /// Hands each cell of a block that the surface passes through to a sink, all vertices of the block before.
-    fn each_cell(&mut self, volume: &TsdfVolume, slots: [Option<u32>; 8], sink: &mut impl Sink) {
-        let Self { samples, vertices, cells, .. } = self;
-        if slots[0].is_none() || !samples.load(volume, slots, self.config.least_weight) {
-            return;
-        }
+    fn each_cell(&mut self, volume: &TsdfVolume, slots: [u32; 8], sink: &mut impl Sink) {
+        let Some(live) = Live::find(volume, slots, self.backend) else { return };
+        let Self { samples, vertices, .. } = self;
+        samples.load(volume, &live, self.config.least_weight, self.backend);
         for (axis, edges) in samples.edges.iter().enumerate() {
             for (edge, part) in edges.iter() {
-                vertices[(3 * edge + axis) % (4 * NUMBERS)] =
+                vertices[(4 * edge + axis) % vertices.len()] =
                     sink.vertex(samples, axis, corner_of(edge), part);
             }
         }
-        for (cell, case) in samples.live_cells() {
-            let vertex = |place: u16| vertices[(3 * cell + usize::from(place)) % (4 * NUMBERS)];
-            sink.cell(samples, cell, &cells.0[case], vertex);
+        for &cell in samples.cells() {
+            let cell = usize::from(cell);
+            let vertex = |place: u16| vertices[(4 * cell + usize::from(place)) % vertices.len()];
+            sink.cell(samples, cell, &CELLS[usize::from(samples.cases()[cell])], vertex);
         }
     }
-}
-
-/// Slots of a block, and of those that come next along the axes: bit 0 of the index selects the next one along x, and so on.
-fn slots(grid: &BlockGrid, key: BlockKey) -> [Option<u32>; 8] {
-    let mut out = [None; 8];
-    for (i, slot) in out.iter_mut().enumerate() {
-        let [x, y, z] = corner_at(i);
-        *slot = grid.slot(BlockKey([key.0[0] + x as i32, key.0[1] + y as i32, key.0[2] + z as i32]));
-    }
-    out
 }
 
 /// Takes the surface in a block: vertices, then cells.
@@ -280,7 +259,7 @@ impl Sink for Build<'_> {
     }
 
     fn cell(&mut self, _: &Samples, _: usize, triangles: &Triangles, vertex: impl Fn(u16) -> u32) {
-        self.mesh.triangles.extend(triangles.iter().map(|&[a, b, c]| [vertex(a), vertex(b), vertex(c)]));
+        self.mesh.triangles.extend(triangles.iter().map(|[a, b, c]| [vertex(a), vertex(b), vertex(c)]));
     }
 }
 
@@ -293,7 +272,9 @@ fn colour(volume: &TsdfVolume, samples: &Samples, axis: usize, from: [usize; 3],
     for (corner, share) in [(from, 1.0 - part), (to, part)] {
         let next = corner.map(|c| c / SIDE);
         let slot = samples.slots[next[0] | next[1] << 1 | next[2] << 2];
-        let Some(colours) = slot.and_then(|s| volume.colours(s)) else { continue };
+        let Some(colours) = Some(slot).filter(|&s| s != NO_SLOT).and_then(|s| volume.colours(s)) else {
+            continue;
+        };
         let i = crate::block::index(corner.map(|c| c % SIDE));
         let count = colours.planes[3][i];
         if count > 0 {

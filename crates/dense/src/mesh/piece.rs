@@ -1,76 +1,93 @@
 //! The mesh of one block, built in memory that is used again: nothing is asked for while triangles are written, and what is handed out
 //! is no larger than it must be.
 
+use super::cells::{CELLS, MOST_TRIANGLES, MOST_VERTICES};
+#[cfg(target_arch = "x86_64")]
+use super::kernel_x86;
+use super::rows::corner_of;
 use super::samples::Samples;
-use super::{Mesh, Place, Sink, Triangles, colour};
-use crate::block::SIDE;
+use super::{Mesh, Place, VertexTable, colour};
+use crate::Backend;
 use crate::tsdf::TsdfVolume;
-
-/// More than the vertices of any block, one on each edge, and than its triangles; powers of two.
-const VERTICES: usize = 2048;
-const TRIANGLES: usize = 4096;
-const _: () = assert!(3 * SIDE * (SIDE + 1) * (SIDE + 1) < VERTICES && 6 * SIDE * SIDE * SIDE < TRIANGLES);
 
 /// Room for the mesh of a block.
 #[derive(Clone)]
 pub(super) struct Buffers {
-    positions: [[f32; 3]; VERTICES],
-    triangles: [[u32; 3]; TRIANGLES],
+    positions: [[f32; 3]; MOST_VERTICES],
+    triangles: [[u32; 3]; MOST_TRIANGLES],
 }
 
 impl Default for Buffers {
     fn default() -> Self {
-        Self { positions: [[0.0; 3]; VERTICES], triangles: [[0; 3]; TRIANGLES] }
+        Self { positions: [[0.0; 3]; MOST_VERTICES], triangles: [[0; 3]; MOST_TRIANGLES] }
     }
 }
 
-/// Takes the mesh of a block.
-pub(super) struct Piece<'a> {
-    place: Place,
-    volume: &'a TsdfVolume,
-    buffers: &'a mut Buffers,
-    vertices: usize,
-    triangles: usize,
-    colours: Vec<[u8; 3]>,
-}
-
-impl<'a> Piece<'a> {
-    pub fn new(place: Place, volume: &'a TsdfVolume, buffers: &'a mut Buffers) -> Self {
-        Self { place, volume, buffers, vertices: 0, triangles: 0, colours: Vec::new() }
-    }
-
-    /// The mesh, without normals.
-    pub fn end(self) -> Mesh {
+impl Buffers {
+    /// The mesh of the block whose cells and edges these are, without normals; `vertices` is written over.
+    pub fn mesh(
+        &mut self,
+        samples: &Samples,
+        place: &Place,
+        volume: &TsdfVolume,
+        vertices: &mut VertexTable,
+        backend: Backend,
+    ) -> Mesh {
+        let mut count = 0;
+        let mut colours = Vec::new();
+        for (axis, edges) in samples.edges.iter().enumerate() {
+            let arrays = edges.arrays();
+            match backend {
+                #[cfg(target_arch = "x86_64")]
+                #[allow(unsafe_code)]
+                // SAFETY: a backend is only chosen when the processor has its instructions.
+                Backend::Avx512 => unsafe {
+                    kernel_x86::positions(place, axis, arrays, &mut self.positions, count);
+                },
+                _ => {
+                    for ((edge, part), to) in edges.iter().zip(&mut self.positions[count..]) {
+                        *to = place.position(axis, corner_of(edge), part);
+                    }
+                }
+            }
+            if volume.config().colour {
+                colours.extend(
+                    edges.iter().map(|(edge, part)| colour(volume, samples, axis, corner_of(edge), part)),
+                );
+            }
+            let (numbers, _, new) = arrays;
+            for (i, &edge) in numbers[..new].iter().enumerate() {
+                vertices[(4 * usize::from(edge) + axis) % vertices.len()] = (count + i) as u32;
+            }
+            count += new;
+        }
+        let triangles = self.triangles(samples, vertices, backend);
         Mesh {
-            positions: self.buffers.positions[..self.vertices].to_vec(),
+            positions: self.positions[..count].to_vec(),
             normals: Vec::new(),
-            colours: self.colours,
-            triangles: self.buffers.triangles[..self.triangles].to_vec(),
+            colours,
+            triangles: self.triangles[..triangles].to_vec(),
         }
     }
-}
 
-impl Sink for Piece<'_> {
-    #[inline(always)]
-    fn vertex(&mut self, samples: &Samples, axis: usize, from: [usize; 3], part: f32) -> u32 {
-        let new = self.vertices;
-        self.buffers.positions[new % VERTICES] = self.place.position(axis, from, part);
-        if self.volume.config().colour {
-            self.colours.push(colour(self.volume, samples, axis, from, part));
+    /// Writes the triangles, and returns how many there are.
+    fn triangles(&mut self, samples: &Samples, vertices: &VertexTable, backend: Backend) -> usize {
+        let (cells, cases) = (samples.cells(), samples.cases());
+        #[cfg(target_arch = "x86_64")]
+        if backend == Backend::Avx512 {
+            #[allow(unsafe_code)]
+            // SAFETY: a backend is only chosen when the processor has its instructions.
+            return unsafe { kernel_x86::triangles(cells, cases, &CELLS, vertices, &mut self.triangles) };
         }
-        self.vertices += 1;
-        new as u32
-    }
-
-    #[inline(always)]
-    fn cell(&mut self, _: &Samples, _: usize, triangles: &Triangles, vertex: impl Fn(u16) -> u32) {
-        let mut put = |at: usize, [a, b, c]: [u16; 3]| {
-            self.buffers.triangles[at % TRIANGLES] = [vertex(a), vertex(b), vertex(c)];
-        };
-        // Most cells have one or two: to write two in any case takes less time than to look.
-        put(self.triangles, triangles.first[0]);
-        put(self.triangles + 1, triangles.first[1]);
-        triangles.rest.iter().enumerate().for_each(|(i, &t)| put(self.triangles + 2 + i, t));
-        self.triangles += triangles.count;
+        let _ = backend;
+        let mut count = 0;
+        for &cell in cells {
+            let cell = usize::from(cell);
+            for corners in CELLS[usize::from(cases[cell])].iter() {
+                self.triangles[count] = corners.map(|at| vertices[4 * cell + usize::from(at)]);
+                count += 1;
+            }
+        }
+        count
     }
 }

@@ -109,3 +109,46 @@ fn meshes_are_those_of_marching_cubes_over_single_voxels() {
         assert_eq!((found.len(), missed), (count, 0), "least weight {least_weight}");
     }
 }
+
+#[test]
+fn meshes_are_the_same_with_all_instructions() {
+    let volume = volume();
+    for least_weight in [1, 4, 5] {
+        let of = |backend: Backend| {
+            let mut mesher = Mesher::new(MeshConfig { least_weight }).with_backend(backend);
+            let pieces: Vec<_> = mesher.changed(&volume, 0).collect();
+            (mesher.whole(&volume), pieces)
+        };
+        let plain = of(Backend::Scalar);
+        assert!(plain.1.iter().map(|(_, piece)| piece.triangles.len()).sum::<usize>() > 800);
+        for backend in Backend::ALL.into_iter().filter(|b| b.available()) {
+            assert!(of(backend) == plain, "{backend:?}, least weight {least_weight}");
+        }
+    }
+}
+
+#[test]
+fn blocks_that_depend_on_a_change_are_those_whose_corners_it_has() {
+    let mut volume = volume();
+    let revision = volume.revision();
+    let camera = Camera::pinhole(120, 90, 100.0, 100.0, 59.5, 44.5);
+    let mut preparer = DepthPreparer::new(DepthConfig::default(), camera, 1.0).expect("a camera");
+    // A piece of the wall alone.
+    let depth = |i: usize| if i % 120 < 30 && i / 120 < 30 { 1.7 } else { 0.0 };
+    let image = Image::from_vec(120, 90, (0..120 * 90).map(depth).collect()).expect("all pixels");
+    volume
+        .integrate(preparer.prepare_metres(&image).expect("depth"), None, &Se3::identity())
+        .expect("a pose");
+    let expected: BTreeSet<BlockKey> = Mesher::affected(volume.changed_since(revision))
+        .into_iter()
+        .filter(|&key| volume.slot(key).is_some())
+        .collect();
+    assert!(expected.len() > 5 && 2 * expected.len() < volume.blocks());
+    let mut mesher = Mesher::new(MeshConfig::default());
+    let found: Vec<_> = mesher.changed(&volume, revision).collect();
+    assert_eq!(found.len(), expected.len());
+    assert_eq!(found.iter().map(|(key, _)| *key).collect::<BTreeSet<_>>(), expected);
+    for (key, piece) in found {
+        assert!(mesher.block(&volume, key) == piece);
+    }
+}

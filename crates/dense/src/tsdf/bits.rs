@@ -4,12 +4,11 @@
 //! blocks, not 4096.
 
 use super::kernel::Planes;
-use crate::Backend;
-use crate::backend::dispatch;
 use crate::block::SIDE;
 
 /// The bits of a block; the voxel `x | y << 3` of a layer has the bit of that number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(align(64))]
 pub struct Bits {
     /// By layer: voxels with any weight.
     pub seen: [u64; SIDE],
@@ -19,24 +18,19 @@ pub struct Bits {
 
 impl Bits {
     /// Takes the bits of a block.
-    pub fn read(&mut self, planes: &Planes, backend: Backend) {
-        let out = self;
-        dispatch!(backend, read(planes: &Planes, out: &mut Bits) -> ());
-    }
-}
-
-#[inline(always)]
-fn read(planes: &Planes, out: &mut Bits) {
-    for z in 0..SIDE {
-        let sum = &planes.sum[64 * z..64 * z + 64];
-        let weight = &planes.weight[64 * z..64 * z + 64];
-        let (mut seen, mut inside) = ([0u8; 64], [0u8; 64]);
-        for i in 0..64 {
-            seen[i] = u8::from(weight[i] > 0);
-            // Without weight the sum is zero.
-            inside[i] = u8::from(sum[i] < 0);
+    #[inline(always)]
+    pub fn read(&mut self, planes: &Planes) {
+        for z in 0..SIDE {
+            let sum = &planes.sum[64 * z..64 * z + 64];
+            let weight = &planes.weight[64 * z..64 * z + 64];
+            let (mut seen, mut inside) = ([0u8; 64], [0u8; 64]);
+            for i in 0..64 {
+                seen[i] = u8::from(weight[i] > 0);
+                // Without weight the sum is zero.
+                inside[i] = u8::from(sum[i] < 0);
+            }
+            (self.seen[z], self.inside[z]) = (bits(&seen), bits(&inside));
         }
-        (out.seen[z], out.inside[z]) = (bits(&seen), bits(&inside));
     }
 }
 

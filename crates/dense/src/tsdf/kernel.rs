@@ -1,4 +1,4 @@
-//! Fusing one depth image into one block: the innermost loop of the TSDF, in plain Rust.
+//! What one depth image adds to one block: the innermost loop of the TSDF, in plain Rust.
 //!
 //! Curless and Levoy, "A volumetric method for building complex models from range images" (SIGGRAPH 1996), eq. 1-4,
 //! with distances along the optical axis as in Newcombe et al., "KinectFusion" (ISMAR 2011), eq. 6-9. Integer sums
@@ -63,12 +63,38 @@ pub struct Pass<'a> {
     pub sign: i32,
 }
 
-/// Adds the image to the block whose first voxel projects to the homogeneous `origin`; true when some voxel lies
-/// within the truncation distance of the surface.
-pub fn fuse(planes: &mut Planes, mut colours: Option<&mut Colours>, origin: [f32; 3], pass: &Pass) -> bool {
+/// What an image adds to a block: found before anything is written, since many blocks near the surface get nothing.
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Addition {
+    /// Weight times distance of each voxel; 0 where nothing is added.
+    pub sum: [i32; VOXELS],
+    /// Weight of each voxel.
+    pub weight: [i32; VOXELS],
+    /// The pixel of each voxel within the truncation distance, else [`NO_PIXEL`]; anything without colour.
+    pub pixel: [u32; VOXELS],
+}
+
+/// No pixel colours this voxel.
+pub const NO_PIXEL: u32 = u32::MAX;
+
+impl Default for Addition {
+    fn default() -> Self {
+        Self { sum: [0; VOXELS], weight: [0; VOXELS], pixel: [NO_PIXEL; VOXELS] }
+    }
+}
+
+/// Finds what the image adds to the block whose first voxel projects to the homogeneous `origin`; true when some voxel
+/// lies within the truncation distance of the surface.
+pub fn find_addition(out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
     let mut in_band = false;
     let (width, height) = (pass.width as f32, pass.height as f32);
+    let has_colour = !pass.colours.is_empty();
     for i in 0..VOXELS {
+        (out.sum[i], out.weight[i]) = (0, 0);
+        if has_colour {
+            out.pixel[i] = NO_PIXEL;
+        }
         let z = origin[2] + pass.offsets.z[i];
         let inverse = 1.0 / z;
         let u = (origin[0] + pass.offsets.u[i]) * inverse;
@@ -88,15 +114,57 @@ pub fn fuse(planes: &mut Planes, mut colours: Option<&mut Colours>, origin: [f32
         // Rounded by truncation; the number is never negative.
         let steps = ((distance * pass.scale).min(STEPS as f32) + (STEPS as f32 + 0.5)) as i32 - STEPS;
         let weight = weight * pass.sign;
-        planes.sum[i] += weight * steps;
-        planes.weight[i] += weight;
-        if let (Some(colours), true) = (&mut colours, near) {
-            let c = pass.colours[at];
-            for (k, plane) in colours.planes[..3].iter_mut().enumerate() {
-                plane[i] += ((c >> (8 * k)) & 255) as i32 * pass.sign;
-            }
-            colours.planes[3][i] += pass.sign;
+        (out.sum[i], out.weight[i]) = (weight * steps, weight);
+        if has_colour && near {
+            out.pixel[i] = at as u32;
         }
     }
     in_band
+}
+
+impl Planes {
+    /// Asks for distances and weights from a voxel on, so that they are near when they are read.
+    #[inline(always)]
+    pub fn fetch(&self, from: usize) {
+        #[cfg(target_arch = "x86_64")]
+        {
+            use std::arch::x86_64::{_MM_HINT_T1, _mm_prefetch};
+            let (sum, weight) = (&self.sum[from], &self.weight[from]);
+            #[allow(unsafe_code)]
+            // SAFETY: a hint; nothing is read or written.
+            unsafe {
+                _mm_prefetch::<_MM_HINT_T1>(std::ptr::from_ref(sum).cast());
+                _mm_prefetch::<_MM_HINT_T1>(std::ptr::from_ref(weight).cast());
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = from;
+    }
+
+    /// The same for all voxels.
+    pub fn fetch_all(&self) {
+        (0..VOXELS).step_by(16).for_each(|i| self.fetch(i));
+    }
+
+    /// Adds what an image says.
+    #[inline(always)]
+    pub fn add(&mut self, addition: &Addition) {
+        for i in 0..VOXELS {
+            self.sum[i] += addition.sum[i];
+            self.weight[i] += addition.weight[i];
+        }
+    }
+}
+
+impl Colours {
+    /// Adds the colours of the voxels within the truncation distance.
+    pub fn add(&mut self, addition: &Addition, pass: &Pass) {
+        for i in (0..VOXELS).filter(|&i| addition.pixel[i] != NO_PIXEL) {
+            let c = pass.colours[addition.pixel[i] as usize];
+            for (k, plane) in self.planes[..3].iter_mut().enumerate() {
+                plane[i] += ((c >> (8 * k)) & 255) as i32 * pass.sign;
+            }
+            self.planes[3][i] += pass.sign;
+        }
+    }
 }

@@ -10,13 +10,14 @@ pub(crate) use bits::Bits;
 pub(crate) use kernel::{Colours, Planes, STEPS};
 pub(crate) use window::Window;
 
+use crate::backend::dispatch;
 use crate::block::{BlockKey, BlockTable, Pages};
 use crate::frame::DepthFrame;
 use crate::project::Projection;
 use crate::{Backend, DenseError};
 use cairn_geometry::Se3;
 use cairn_sensor::Image;
-use kernel::Pass;
+use kernel::{Addition, Pass};
 
 /// Configuration of a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -171,7 +172,7 @@ impl TsdfVolume {
         let packed = std::mem::take(&mut self.packed);
         let projection = Projection::new(frame, pose, voxel);
         let offsets = projection.offsets();
-        let mut pass = Pass {
+        let pass = Pass {
             pixels: &frame.pixels,
             colours: &packed,
             width: frame.width(),
@@ -181,58 +182,67 @@ impl TsdfVolume {
             scale: (f64::from(STEPS) / band) as f32,
             sign,
         };
-        let mut fused = Fused::default();
+        let (mut fused, mut addition) = (Fused::default(), Box::default());
         for &key in &touched {
             fused.looked_at += 1;
-            self.fuse_block(key, projection.origin(key), &mut pass, &mut fused);
+            self.fuse_block(key, projection.origin(key), &pass, &mut addition, &mut fused);
         }
         (self.touched, self.packed) = (touched, packed);
         Ok(fused)
     }
 
-    fn fuse_block(&mut self, key: BlockKey, origin: [f32; 3], pass: &mut Pass, fused: &mut Fused) {
+    fn fuse_block(
+        &mut self,
+        key: BlockKey,
+        origin: [f32; 3],
+        pass: &Pass,
+        addition: &mut Addition,
+        fused: &mut Fused,
+    ) {
         let known = self.table.get(&key).copied();
-        if known.is_none() && pass.sign < 0 {
+        match known {
+            // Asked for while the image is looked at.
+            Some(slot) => self.planes.at(slot).fetch_all(),
+            None if pass.sign < 0 => return,
+            None => {}
+        }
+        // A block without a voxel near the surface is left unchanged, whether it exists or not: the sums must not depend
+        // on the order of images.
+        if !find_addition(self.backend, addition, origin, pass) {
             return;
         }
-        let slot = known.unwrap_or_else(|| self.planes.take());
-        let has_colour = !pass.colours.is_empty();
-        if known.is_none() && self.config.colour {
+        fused.changed += 1;
+        let slot = known.unwrap_or_else(|| {
+            fused.created += 1;
+            self.create(key)
+        });
+        let (planes, bits) = (self.planes.at_mut(slot), &mut self.bits[slot as usize]);
+        add(self.backend, planes, bits, addition);
+        if !pass.colours.is_empty() {
+            add_colours(self.backend, self.colours.at_mut(slot), addition, pass);
+        }
+        self.changed[slot as usize] = self.revision;
+        if pass.sign < 0 && self.planes.at(slot).weight.iter().all(|&w| w == 0) {
+            fused.removed += 1;
+            self.free(key, slot);
+        }
+    }
+
+    /// A slot for a block that does not exist yet.
+    fn create(&mut self, key: BlockKey) -> u32 {
+        let slot = self.planes.take();
+        if self.config.colour {
             let same = self.colours.take();
             debug_assert_eq!(same, slot, "planes and colours are taken and given back together");
         }
-        let planes = self.planes.at_mut(slot);
-        let mut colours = has_colour.then(|| self.colours.at_mut(slot));
-        if fuse(self.backend, planes, colours.as_deref_mut(), origin, pass) {
-            fused.changed += 1;
-            if self.changed.len() <= slot as usize {
-                self.changed.resize(slot as usize + 1, 0);
-                self.bits.resize(slot as usize + 1, Bits::default());
-                self.keys.resize(slot as usize + 1, None);
-            }
-            self.changed[slot as usize] = self.revision;
-            self.bits[slot as usize].read(self.planes.at(slot), self.backend);
-            if known.is_none() {
-                fused.created += 1;
-                self.table.insert(key, slot);
-                self.keys[slot as usize] = Some(key);
-            }
-            if pass.sign < 0 && self.planes.at(slot).weight.iter().all(|&w| w == 0) {
-                fused.removed += 1;
-                self.free(key, slot);
-            }
-        } else if known.is_some() {
-            // A block without a voxel near the surface is left unchanged, whether it exists or not: the sums must not
-            // depend on the order of images.
-            pass.sign = -pass.sign;
-            fuse(self.backend, planes, colours, origin, pass);
-            pass.sign = -pass.sign;
-        } else {
-            self.planes.give_back(slot);
-            if self.config.colour {
-                self.colours.give_back(slot);
-            }
+        if self.changed.len() <= slot as usize {
+            self.changed.resize(slot as usize + 1, 0);
+            self.bits.resize(slot as usize + 1, Bits::default());
+            self.keys.resize(slot as usize + 1, None);
         }
+        self.table.insert(key, slot);
+        self.keys[slot as usize] = Some(key);
+        slot
     }
 
     fn free(&mut self, key: BlockKey, slot: u32) {
@@ -339,23 +349,44 @@ impl TsdfVolume {
     }
 }
 
-fn fuse(
-    backend: Backend,
-    planes: &mut Planes,
-    colours: Option<&mut Colours>,
-    origin: [f32; 3],
-    pass: &Pass,
-) -> bool {
+fn find_addition(backend: Backend, out: &mut Addition, origin: [f32; 3], pass: &Pass) -> bool {
     debug_assert_eq!(pass.pixels.len(), pass.width * pass.height);
     match backend {
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
-        // SAFETY: a backend is only set when it is available; frames and packed colours hold width * height pixels.
-        Backend::Avx512 => unsafe { kernel_x86::fuse_avx512(planes, colours, origin, pass) },
+        // SAFETY: a backend is only set when it is available; frames hold width * height pixels.
+        Backend::Avx512 => unsafe { kernel_x86::find_addition_avx512(out, origin, pass) },
         #[cfg(target_arch = "x86_64")]
         #[allow(unsafe_code)]
         // SAFETY: as above.
-        Backend::Avx2 => unsafe { kernel_x86::fuse_avx2(planes, colours, origin, pass) },
-        _ => kernel::fuse(planes, colours, origin, pass),
+        Backend::Avx2 => unsafe { kernel_x86::find_addition_avx2(out, origin, pass) },
+        _ => kernel::find_addition(out, origin, pass),
     }
+}
+
+fn add(backend: Backend, planes: &mut Planes, bits: &mut Bits, addition: &Addition) {
+    #[cfg(target_arch = "x86_64")]
+    if backend == Backend::Avx512 {
+        #[allow(unsafe_code)]
+        // SAFETY: a backend is only set when it is available.
+        return unsafe { kernel_x86::add_avx512(planes, bits, addition) };
+    }
+    dispatch!(backend, add_plainly(planes: &mut Planes, bits: &mut Bits, addition: &Addition) -> ());
+}
+
+#[inline(always)]
+fn add_plainly(planes: &mut Planes, bits: &mut Bits, addition: &Addition) {
+    planes.add(addition);
+    bits.read(planes);
+}
+
+fn add_colours(backend: Backend, colours: &mut Colours, addition: &Addition, pass: &Pass) {
+    #[cfg(target_arch = "x86_64")]
+    if backend == Backend::Avx512 {
+        debug_assert_eq!(pass.colours.len(), pass.pixels.len());
+        #[allow(unsafe_code)]
+        // SAFETY: a backend is only set when it is available; the pixels were those of this pass.
+        return unsafe { kernel_x86::colour_avx512(colours, addition, pass) };
+    }
+    colours.add(addition, pass);
 }

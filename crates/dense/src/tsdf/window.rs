@@ -24,6 +24,10 @@ struct Rays {
     cy: f32,
     band_m: f32,
     pieces_by_m: f32,
+    /// Squares that are deeper, or wider (pixels times depth), are divided: fewer blocks are then marked in vain. Doing it twice as
+    /// often takes longer than those blocks do.
+    deepest_m: f32,
+    widest: f32,
 }
 
 impl Rays {
@@ -43,6 +47,8 @@ impl Rays {
             cy: camera.cy as f32,
             band_m,
             pieces_by_m: 1.0 / (0.75 * block_m),
+            deepest_m: 2.0 * band_m,
+            widest: block_m * camera.fx as f32,
         }
     }
 }
@@ -73,13 +79,13 @@ impl Window {
         let block_m = (SIDE as f64 * voxel_m) as f32;
         self.cover(frame, volume_from_camera, voxel_m, band_m)?;
         let camera = frame.camera();
-        // Squares of pixels at most about half a block wide at the greatest depth.
-        let greatest = frame.range_m().map_or(0.0, |r| r.1);
+        let rays = &Rays::new(camera, volume_from_camera, self.low, block_m, band_m as f32);
+        // Larger squares would be too wide even at the least depth.
+        let least = frame.range_m().map_or(0.0, |r| r.0);
         let mut level = 1;
-        while level < 4 && (2 << level) as f32 * greatest / camera.fx as f32 <= 0.6 * block_m {
+        while level < 4 && (2 << level) as f32 * least <= rays.widest {
             level += 1;
         }
-        let rays = &Rays::new(camera, volume_from_camera, self.low, block_m, band_m as f32);
         let this = self;
         dispatch!(backend, mark_all(this: &mut Window, frame: &DepthFrame, rays: &Rays, level: usize) -> ());
         Ok(())
@@ -188,7 +194,8 @@ impl Window {
     }
 }
 
-/// Marks around every square of a level; where the depths in one differ much, around its quarters one by one.
+/// Marks around every square of a level; where the depths in one differ much, or it is far away and wide, around its quarters one by
+/// one.
 #[inline(always)]
 fn mark_all(window: &mut Window, frame: &DepthFrame, rays: &Rays, level: usize) {
     let top = frame.pyramid.level(level);
@@ -205,7 +212,8 @@ fn mark_all(window: &mut Window, frame: &DepthFrame, rays: &Rays, level: usize) 
             if far <= 0.0 {
                 continue;
             }
-            if far - near <= rays.band_m {
+            let is_wide = level > 1 && (1 << level) as f32 * far > rays.widest;
+            if far - near <= rays.deepest_m && !is_wide {
                 window.mark_piece(rays, level, x, y, near, far);
             } else if level == 1 {
                 // Of four pixels: those in front, and those behind.

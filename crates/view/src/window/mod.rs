@@ -9,8 +9,10 @@ use cairn_phrases::Language;
 use cairn_view::{Choice, Marks, Orbit, Scene, read_message};
 use canvas::Canvas;
 use eframe::egui;
+use std::cell::RefCell;
 use std::io::stdin;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Its size at the beginning, and the samples of a pixel.
@@ -58,7 +60,7 @@ pub fn show(language: Language, picture: Option<PathBuf>) -> Result<(), WindowEr
         renderer: eframe::Renderer::Glow,
         ..eframe::NativeOptions::default()
     };
-    let failed = Arc::new(Mutex::new(None));
+    let failed = Rc::new(RefCell::new(None));
     let app_failed = failed.clone();
     let begin = move |cc: &eframe::CreationContext| -> Result<Box<dyn eframe::App>, _> {
         let gl = cc.gl.as_ref().ok_or("the system gives no OpenGL")?;
@@ -82,7 +84,7 @@ pub fn show(language: Language, picture: Option<PathBuf>) -> Result<(), WindowEr
         Ok(Box::new(app))
     };
     eframe::run_native("Cairn", options, Box::new(begin))?;
-    let why = failed.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let why = failed.take();
     why.map_or(Ok(()), Err)
 }
 
@@ -126,7 +128,7 @@ struct App {
     picture: Option<PathBuf>,
     settled: u32,
     /// Why the picture was not written.
-    failed: Arc<Mutex<Option<WindowError>>>,
+    failed: Rc<RefCell<Option<WindowError>>>,
 }
 
 /// What is drawn in the window now.
@@ -176,7 +178,7 @@ impl App {
         if let Some(image) = shot {
             if let Err(source) = write_png(path, &image) {
                 let why = WindowError::Picture { path: path.to_owned(), source };
-                *self.failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(why);
+                *self.failed.borrow_mut() = Some(why);
             }
             self.picture = None;
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);

@@ -17,13 +17,12 @@
 //! Little-endian, lowest bits first. A pixel without depth keeps the number above it. Above the first row all numbers
 //! are 0 and all pixels have depth; so they have to the right of the image, in the last block.
 
+use super::block::{BLOCK, block_at, width_of, write_block};
+#[cfg(target_arch = "x86_64")]
+use super::kernel_x86;
 use crate::Backend;
 use crate::backend::dispatch;
 
-/// Pixels of a block.
-const BLOCK: usize = 8;
-/// Bytes that a block takes at most.
-const MOST_BYTES: usize = 16;
 /// One entry for each value of a pixel.
 type Table = Box<[u16; 1 << 16]>;
 
@@ -62,11 +61,6 @@ pub fn pack(data: &[u16], width: usize, out: &mut Vec<u8>) {
         }
         out.extend_from_slice(&payload);
     }
-}
-
-/// Bits of a difference by the code of its block.
-fn width_of(code: u8) -> usize {
-    usize::from(code) + usize::from(code == 15)
 }
 
 /// Appends the values that occur, and returns the number of each.
@@ -127,14 +121,14 @@ pub fn unpack(
     let mut rows = Rows::new(bytes, width, height)?;
     data.resize(width.checked_mul(height)?, 0);
     let rows = &mut rows;
-    dispatch!(backend, all_rows(rows: &mut Rows, width: usize, data: &mut [u16]) -> Option<()>)
+    dispatch!(backend, all_rows(rows: &mut Rows, width: usize, data: &mut [u16], backend: Backend) -> Option<()>)
 }
 
 #[inline(always)]
-fn all_rows(rows: &mut Rows, width: usize, data: &mut [u16]) -> Option<()> {
+fn all_rows(rows: &mut Rows, width: usize, data: &mut [u16], backend: Backend) -> Option<()> {
     for row in data.chunks_exact_mut(width.max(1)) {
-        rows.next()?;
-        rows.write(row);
+        rows.next(backend)?;
+        rows.look_up(row, &rows.values, rows.none);
     }
     rows.end()
 }
@@ -172,7 +166,7 @@ impl<'a> Rows<'a> {
 
     /// Reads the next row; `None` where the bytes are not one.
     #[inline(always)]
-    pub fn next(&mut self) -> Option<()> {
+    pub fn next(&mut self, backend: Backend) -> Option<()> {
         let blocks = self.above.len();
         let flags = take(&mut self.bytes, blocks.div_ceil(8))?;
         let widths = take(&mut self.bytes, blocks.div_ceil(2))?;
@@ -185,20 +179,21 @@ impl<'a> Rows<'a> {
                 flags &= flags - 1;
             }
         }
-        let (taken, largest) = add_row(self.bytes, widths, &mut self.above)?;
+        let (bytes, above) = (self.bytes, &mut self.above[..]);
+        let (taken, largest) = match backend {
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            // SAFETY: a backend is only chosen when the processor has its instructions.
+            Backend::Avx512 => unsafe { kernel_x86::add_row(bytes, widths, above)? },
+            _ => add_row(bytes, widths, above)?,
+        };
         self.bytes = &self.bytes[taken..];
         (u32::from(largest) < self.count.max(1)).then_some(())
     }
 
-    /// Writes the values of the row that was read last.
-    #[inline(always)]
-    fn write(&self, row: &mut [u16]) {
-        self.look_up(row, &self.values, self.none);
-    }
-
     /// Writes what a table has for the numbers of the row that was read last, and `none` where there is no depth.
     #[inline(always)]
-    pub fn look_up<T: Copy>(&self, row: &mut [T], table: &[T; 1 << 16], none: T) {
+    fn look_up<T: Copy>(&self, row: &mut [T], table: &[T; 1 << 16], none: T) {
         let whole = row.len() / BLOCK * BLOCK;
         let (row, rest) = row.split_at_mut(whole);
         let mut blocks = self.above.iter().zip(&self.masks);
@@ -207,6 +202,18 @@ impl<'a> Rows<'a> {
         }
         if let Some((numbers, mask)) = blocks.next() {
             write_block(rest, numbers, *mask, table, none);
+        }
+    }
+
+    /// [`Self::look_up`] of the pixels of a prepared image.
+    #[inline(always)]
+    pub fn pixels(&self, backend: Backend, row: &mut [u32], table: &[u32; 1 << 16], none: u32) {
+        match backend {
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            // SAFETY: a backend is only chosen when the processor has its instructions.
+            Backend::Avx512 => unsafe { kernel_x86::look_up(row, &self.above, &self.masks, table, none) },
+            _ => self.look_up(row, table, none),
         }
     }
 
@@ -250,15 +257,7 @@ fn add_row(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(u
     let mut largest = [0u16; BLOCK];
     for (i, above) in above.iter_mut().enumerate() {
         let bits = width_of(widths[i / 2] >> (i % 2 * 4) & 15);
-        let packed = match bytes.get(at..at + MOST_BYTES) {
-            Some(whole) => u128::from_le_bytes(whole.try_into().ok()?),
-            None => {
-                let mut padded = [0; MOST_BYTES];
-                let rest = bytes.get(at..).filter(|rest| rest.len() >= bits)?;
-                padded[..rest.len()].copy_from_slice(rest);
-                u128::from_le_bytes(padded)
-            }
-        };
+        let packed = u128::from_le_bytes(block_at(bytes, at, bits)?);
         at += bits;
         let mask = (1u64 << bits) - 1;
         let halves = [packed as u64, (packed >> (4 * bits)) as u64];
@@ -269,23 +268,4 @@ fn add_row(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(u
         }
     }
     Some((at, largest.into_iter().max()?))
-}
-
-#[inline(always)]
-fn write_block<T: Copy>(pixels: &mut [T], numbers: &[u16; BLOCK], mask: u8, table: &[T; 1 << 16], none: T) {
-    if mask == 0 {
-        pixels.fill(none);
-        return;
-    }
-    for (pixel, number) in pixels.iter_mut().zip(numbers) {
-        *pixel = table[usize::from(*number)];
-    }
-    // Few blocks lie on the edge of a hole.
-    let mut holes = !mask;
-    while holes != 0 {
-        if let Some(pixel) = pixels.get_mut(holes.trailing_zeros() as usize) {
-            *pixel = none;
-        }
-        holes &= holes - 1;
-    }
 }

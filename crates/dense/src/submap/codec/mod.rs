@@ -3,8 +3,11 @@
 //! Images are packed in [`blocks`]. The first byte tells that packing from the older one ([`rvl`]), which never begins
 //! with a zero byte: its first two numbers, empty and full pixels, are not both zero.
 
+mod block;
 mod blocks;
 mod gray;
+#[cfg(target_arch = "x86_64")]
+mod kernel_x86;
 mod rvl;
 
 use crate::{Backend, DenseError};
