@@ -9,9 +9,8 @@ use cairn_vision::RectifiedCamera;
 /// Standard deviation of the logarithm of scale of cameras with depth, stereo or RGB-D. In `docs/visual-inertial.md` it is 0.0018 and 0.0011 (root
 /// mean squares of six and five motions, with exact calibrations); baselines and focal lengths are known to one or two thousandths.
 pub const DEPTH_SCALE_SIGMA: f64 = 0.003;
-/// That of a map of which depth relates most key frames to others: its lengths are those of the depth sensor, and features, of which nearly all
-/// of the above is, hardly count. Measured: 0.19 % (root mean square of 22 simulated walks around a house, `docs/dense.md`), all with exact
-/// calibrations.
+/// That of a map of which depth relates most key frames to others, measured on simulated walks around a house with exact calibrations
+/// (`docs/dense.md`).
 pub const RELATED_SCALE_SIGMA: f64 = 0.002;
 /// That of a map with metres from an IMU which nobody stated: an initialisation is accepted up to it.
 pub const INERTIAL_SCALE_SIGMA: f64 = 0.03;
