@@ -2,10 +2,10 @@
 
 use crate::ROUTE_PREFIX;
 use cairn_atlas::store::{MapFile, StoreError};
-use cairn_atlas::{CombineError, MapId, RobotId, Shift, Snapshot};
+use cairn_atlas::{ChangeSet, CombineError, MapId, RobotId, Shift, Snapshot};
 use cairn_engine::Config;
 use cairn_guide::{Route, RouteError};
-use cairn_mapping::{Agreement, Closer, CloserConfig, MapComparison, MapJoin};
+use cairn_mapping::{Adjust, Agreement, Closer, CloserConfig, MapComparison, MapJoin};
 use cairn_vision::SensorMode;
 use std::collections::BTreeMap;
 
@@ -15,6 +15,11 @@ const RIGHT_OFFSET_PX: f64 = 0.05;
 /// Nobody waits for the next frame while maps are joined: they are adjusted as a whole up to so many key frames, which is faster than
 /// around each place where they meet.
 pub(crate) const WHOLE_KEY_FRAMES: usize = 10_000;
+
+/// By how much a map has to grow until it is adjusted as a whole again, while more maps may follow. What that takes is then a sum
+/// of terms of which each is at least so many times the one before, whatever the number of maps; adjusted at each join it would grow with the
+/// square of their number.
+pub(crate) const GROWN: f64 = 1.5;
 
 /// Why maps cannot be put into one file.
 #[derive(Debug, thiserror::Error)]
@@ -186,11 +191,17 @@ fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeEr
     Ok(merged)
 }
 
+/// The largest map that is adjusted as a whole; 0: none.
+fn whole_key_frames(config: &Config) -> usize {
+    match config.closer.whole_key_frames {
+        0 => 0,
+        whole => whole.max(WHOLE_KEY_FRAMES),
+    }
+}
+
 impl MergedMaps {
     fn closer(&self, config: &Config) -> Closer {
-        let whole = config.closer.whole_key_frames;
-        let whole_key_frames = if whole > 0 { whole.max(WHOLE_KEY_FRAMES) } else { 0 };
-        let closer = CloserConfig { whole_key_frames, ..config.closer };
+        let closer = CloserConfig { whole_key_frames: whole_key_frames(config), ..config.closer };
         let closer = Closer::new(self.file.about.camera, closer, config.mapper.window);
         closer.with_imu_of(&self.file.snapshot, config.inertial)
     }
@@ -290,6 +301,10 @@ impl MergedMaps {
     fn join(&mut self, config: &Config, may: &impl Fn(&MapOfFile, &MapOfFile) -> bool) {
         let closer = self.closer(config);
         let mut snapshot: Snapshot = self.file.snapshot.clone();
+        let count = |snapshot: &Snapshot, map| snapshot.key_frames_of(map).count();
+        // Key frames of each map when it was adjusted last: all are when they are saved.
+        let mut adjusted: BTreeMap<MapId, usize> =
+            self.maps.keys().map(|map| (*map, count(&snapshot, *map))).collect();
         let mut again = true;
         while again {
             again = false;
@@ -299,16 +314,29 @@ impl MergedMaps {
                     if !self.maps.contains_key(into) || !self.may(*from, *into, may) {
                         continue;
                     }
-                    let mut join = closer.join_maps(&snapshot, *into, *from);
+                    let both = count(&snapshot, *into) + count(&snapshot, *from);
+                    let grown = both as f64 >= GROWN * adjusted[into].max(adjusted[from]) as f64;
+                    let now = grown || self.maps.len() == 2 || both > whole_key_frames(config);
+                    let adjust = if now { Adjust::Now } else { Adjust::Later };
+                    let mut join = closer.join_maps(&snapshot, *into, *from, adjust);
                     join.changes.clear();
                     let joined = join.joined.take();
                     self.note(join);
                     if let Some(joined) = joined {
                         snapshot = joined;
+                        if now {
+                            adjusted.insert(*into, both);
+                        }
                         again = true;
                         break;
                     }
                 }
+            }
+        }
+        for map in self.maps.keys() {
+            if adjusted[map] != count(&snapshot, *map) {
+                let changes = closer.adjust_joined(&snapshot, *map);
+                snapshot = snapshot.apply(&ChangeSet { base: snapshot.version(), changes }).0;
             }
         }
         // A file tells how the atlas's camera is mounted on an IMU, and no other one.

@@ -13,6 +13,7 @@ use cairn_atlas::KeyFrameName;
 use cairn_atlas::store::MapFile;
 use cairn_atlas::store::pieces::{PartBytes, Pieces};
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Instant;
 
 struct Walk {
     map: Vec<u8>,
@@ -360,6 +361,46 @@ fn table() {
         println!(
             "| {seed} | {alone} | {all:.3} | {:.2} | {free:.3} | {scale:.4} | {of_whole:.3} |",
             all / best
+        );
+    }
+}
+
+#[test]
+#[ignore = "a table for docs/team.md: two minutes"]
+fn eight_robots() {
+    println!("| house, seed | key frames | alone, m | each in the atlas, m | all, m | seconds to join |");
+    for (world, seed, metres) in [
+        ("demo", 1, 24),
+        ("demo", 2, 24),
+        ("demo", 3, 24),
+        ("demo", 4, 24),
+        ("apartment", 1, 36),
+        ("apartment", 2, 36),
+    ] {
+        let one = |robot: RobotId| {
+            let n = u32::from(robot) - 1;
+            let (start, duration) = (metres * n / 8, metres * 5 / 6);
+            let (speed, height) = (0.95 + 0.02 * f64::from(n), 1.3 + 0.03 * f64::from(n % 5));
+            let way =
+                format!("seed={seed}&start={start}&duration={duration}&speed={speed:.2}&height={height:.2}");
+            (robot, walk(robot, world, &way))
+        };
+        let walks: BTreeMap<RobotId, Walk> = (1..=8).map(one).collect();
+        let parts = walks.iter().map(|(robot, walk)| (*robot, in_pieces(walk).bytes().to_vec())).collect();
+        let began = Instant::now();
+        let merged = shared_atlas(&parts, &Config::default()).expect("maps").merged;
+        let seconds = began.elapsed().as_secs_f64();
+        let file = merged.file;
+        assert_eq!(file.snapshot.maps().count(), 1, "{world}, seed {seed}: {:?}", merged.maps);
+        let list = |of: &dyn Fn(RobotId) -> f64| {
+            walks.keys().map(|robot| format!("{:.4}", of(*robot))).collect::<Vec<_>>().join(", ")
+        };
+        println!(
+            "| {world}, {seed} | {} | {} | {} | {:.4} | {seconds:.2} |",
+            file.snapshot.key_frame_count(),
+            list(&|r| ate(&MapFile::read(&walks[&r].map).expect("a map"), &walks, &[r])),
+            list(&|r| ate(&file, &walks, &[r])),
+            ate(&file, &walks, &[1, 2, 3, 4, 5, 6, 7, 8])
         );
     }
 }

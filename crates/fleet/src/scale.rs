@@ -153,7 +153,7 @@ impl City {
         let pair_tasks = 0.5 * shards * (shards + 1.0);
         let all_pairs = 0.5 * self.walks * (self.walks - 1.0);
         let verify_s = verify.seconds / built.candidates * longer;
-        let merge_s = self.merge_s(own, costs);
+        let merge_s = costs.merge_s(self.together as usize, own);
         let merged = if self.together > 1.0 { atlases } else { 0.0 };
         let tile_s = tiles.seconds / built.key_frames;
         let tile_bytes = built.tile_bytes / built.key_frames;
@@ -207,17 +207,6 @@ impl City {
                 None,
             ),
         ])
-    }
-
-    /// Seconds to merge one atlas of maps with so many key frames.
-    fn merge_s(&self, own: f64, costs: &Costs) -> f64 {
-        let joins = (2..=self.together as usize).map(|k| {
-            let size = own * k as f64;
-            let whole = size <= costs.adjusted_as_a_whole as f64;
-            let adjust = if whole { size * costs.adjust_s } else { own * costs.around_s };
-            own * costs.join_s + costs.relax_s.at(size) + adjust
-        });
-        joins.sum()
     }
 }
 

@@ -26,8 +26,8 @@ mod tests;
 mod triangulation;
 
 pub use closing::{
-    Accepted, Agreement, Apart, Closed, Closer, CloserConfig, FusedScales, Joined, Junction, MapComparison,
-    MapJoin, Refusal, ScaleConflict, Seam, Support, Verdict,
+    Accepted, Adjust, Agreement, Apart, Closed, Closer, CloserConfig, FusedScales, Joined, Junction,
+    MapComparison, MapJoin, Refusal, ScaleConflict, Seam, Support, Verdict,
 };
 pub use depth_views::DepthViews;
 pub use inertial::InertialConfig;

@@ -1,5 +1,6 @@
 //! What one robot pays: the inputs of the model.
 
+use crate::merge::GROWN;
 use serde::Serialize;
 
 /// `at_zero + each * n`.
@@ -85,6 +86,27 @@ pub struct Costs {
 }
 
 impl Costs {
+    /// Seconds to merge maps with `each` key frames into one: each joins those before it, is compared and relaxed with them. Up to a certain
+    /// size all is adjusted as a whole whenever it has grown by half and at the end, beyond it at each join around the seams.
+    pub fn merge_s(&self, maps: usize, each: f64) -> f64 {
+        let mut adjusted = 1.0;
+        let joins = (2..=maps).map(|k| {
+            let size = each * k as f64;
+            let whole = size <= self.adjusted_as_a_whole as f64;
+            let now = k == maps || k as f64 >= GROWN * adjusted;
+            let adjust = match (whole, now) {
+                (true, true) => {
+                    adjusted = k as f64;
+                    size * self.adjust_s
+                }
+                (true, false) => 0.0,
+                (false, _) => each * self.around_s,
+            };
+            each * self.join_s + self.relax_s.at(size) + adjust
+        });
+        joins.sum()
+    }
+
     /// Key frames that a robot makes in a second of walking.
     pub fn key_frames_per_s(&self) -> f64 {
         self.key_frames as f64 / self.walked_s

@@ -9,8 +9,8 @@
 //!    atlas; and the words of all robots.
 //! 4. Words of all are compared anew, and the shared atlas is made anew from all maps, as often as maps come. Between robots that
 //!    share places a few key frames settle it; between others all are compared.
-//! 5. Making it joins one map after the other with what there is: each key frame is compared, the pose graph relaxed, and up
-//!    to a certain size all adjusted as a whole, else around the seams.
+//! 5. Making it joins one map after the other with what there is: each key frame is compared and the pose graph relaxed. Up
+//!    to a certain size all is adjusted as a whole whenever it has grown by half and at the end, beyond it at each join around the seams.
 //! 6. Key frames look as much alike as those of one house; what is longer than what was measured grows like it.
 
 use super::budget::{Budgets, Resource};
@@ -77,13 +77,6 @@ impl Team {
         let held = n * costs.map_bytes * costs.sent_again;
         let all_words = self.key_frames * (costs.words_bytes + costs.words * WORD_BYTES);
         let own = self.key_frames / robots;
-        // Each map joins those before it.
-        let joins = (2..=near as usize).map(|k| {
-            let size = own * k as f64;
-            let whole = size <= costs.adjusted_as_a_whole as f64;
-            let adjust = if whole { size * costs.adjust_s } else { own * costs.around_s };
-            own * costs.join_s + costs.relax_s.at(size) + adjust
-        });
         Load {
             bandwidth: maps + words + have,
             bandwidth_maps: maps,
@@ -93,7 +86,7 @@ impl Team {
             held,
             query_s: costs.query_s.at(n),
             compare_s: self.key_frames * (self.key_frames - n) * costs.compare_s,
-            atlas_s: joins.sum(),
+            atlas_s: costs.merge_s(near as usize, own),
             relax_s: costs.relax_s.at(n),
         }
     }
@@ -192,6 +185,22 @@ mod tests {
         near(apart.compare_s, 100.0 * 50.0 * 1e-7);
         near(load.atlas_s, 50.0 * 4e-3 + 100.0 * 2e-3 + 1e-5 * 100f64.powf(1.3));
         assert_eq!(load.broken(&BUDGETS), []);
+    }
+
+    /// Four robots with 50 key frames each, by hand: two maps are twice one, three half as many again, four are all.
+    #[test]
+    fn many_maps_are_adjusted_when_they_have_grown_by_half_and_at_the_end() {
+        let atlas_s = |robots, key_frames| {
+            let load = Team { robots, key_frames, group: robots }.load(&costs());
+            let relaxed = (2..=robots).map(|k| 1e-5 * (key_frames * k as f64 / robots as f64).powf(1.3));
+            load.atlas_s - relaxed.sum::<f64>()
+        };
+        let near = |a: f64, b: f64| assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
+        near(atlas_s(4, 200.0), 150.0 * 4e-3 + (100.0 + 150.0 + 200.0) * 2e-3);
+        // Five: not four, which are less than half more than three.
+        near(atlas_s(5, 250.0), 200.0 * 4e-3 + (100.0 + 150.0 + 250.0) * 2e-3);
+        // Larger than what is adjusted as a whole: around each place, at once.
+        near(atlas_s(2, 2000.0), 1000.0 * (4e-3 + 5e-3));
     }
 
     /// Robots in groups of their own pay for maps what their group costs, and for words what the team costs.

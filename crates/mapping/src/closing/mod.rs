@@ -29,7 +29,7 @@ use cairn_settings::Settings;
 use cairn_vision::RectifiedCamera;
 use draft::Draft;
 use hypothesis::Hypothesis;
-pub use join::{Agreement, Apart, Junction, MapComparison, MapJoin, Seam, Support};
+pub use join::{Adjust, Agreement, Apart, Junction, MapComparison, MapJoin, Seam, Support};
 use relax::{Freedom, Loop, relax};
 use relocation_prior::{prior_displacement, prior_rotation};
 pub use scales::{FusedScales, ScaleConflict};

@@ -50,7 +50,7 @@ pub struct Junction {
     /// Root mean square distance between where each seam puts its key frame and where `into_from` does, in units of
     /// the older map: what both maps have drifted between the seams.
     pub rms: f64,
-    /// The same after the maps were adjusted: between where each seam puts its key frame and where it is now.
+    /// The same once the maps were relaxed, and adjusted where that was wanted: between where each seam puts its key frame and where it is.
     pub rms_after: f64,
     /// Mean and greatest distance by which the key frames of the younger map were moved beyond `into_from`.
     pub moved: [f64; 2],
@@ -129,6 +129,15 @@ pub struct MapJoin {
     pub joined: Option<Snapshot>,
 }
 
+/// When a map that two became is adjusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Adjust {
+    /// At once: as a whole up to [`super::CloserConfig::whole_key_frames`], larger ones around the seams.
+    Now,
+    /// Not yet, since more maps follow: [`Closer::adjust_joined`] when all are joined.
+    Later,
+}
+
 /// What two maps say of each other before anything is changed.
 #[derive(Clone, Debug)]
 pub struct MapComparison {
@@ -176,14 +185,14 @@ impl Closer {
     /// places of the older map most similar by words, with the geometry of loop closing; the largest set of seams that
     /// are pairwise consistent decides (Mangelson, Dominic, Eustice, Vasudevan, "Pairwise consistent measurement set
     /// maximization for robust multi-robot map merging", ICRA 2018). Then one similarity moves the younger map, the pose
-    /// graph is relaxed under all seams, landmarks are fused, and the map is adjusted as a whole up to
-    /// [`super::CloserConfig::whole_key_frames`], else around the seams.
-    pub fn join_maps(&self, snapshot: &Snapshot, a: MapId, b: MapId) -> MapJoin {
+    /// graph is relaxed under all seams, landmarks are fused, and the map is adjusted, if that is wanted now.
+    pub fn join_maps(&self, snapshot: &Snapshot, a: MapId, b: MapId, adjust: Adjust) -> MapJoin {
         let (into, from) = (a.min(b), a.max(b));
         let (compared, mut found) = self.seams(snapshot, from, into);
         match self.decide(snapshot, from, into, &mut found) {
             Ok((chosen, support, scales)) => {
-                let (mut junction, draft) = self.stitch(snapshot, [from, into], &found, &chosen, scales);
+                let (mut junction, draft) =
+                    self.stitch(snapshot, [from, into], &found, &chosen, scales, adjust);
                 junction.support = support;
                 let (joined, changes) = draft.into_parts();
                 MapJoin { from, into, compared, result: Ok(junction), changes, joined: Some(joined) }

@@ -2,7 +2,7 @@
 //! landmarks fused, the result adjusted.
 
 use super::seams::Found;
-use super::{FusedScales, Junction, Seam, Support};
+use super::{Adjust, FusedScales, Junction, Seam, Support};
 use crate::closing::draft::Draft;
 use crate::closing::relax::{Loop, relax};
 use crate::closing::visits::metre_in_map_units;
@@ -21,6 +21,7 @@ impl Closer {
         found: &[Found],
         chosen: &[usize],
         scales: FusedScales,
+        adjust: Adjust,
     ) -> (Junction, Draft) {
         let chosen: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
         let middle = middle(snapshot, &chosen);
@@ -66,7 +67,7 @@ impl Closer {
         let seen: Vec<_> = chosen.iter().map(|f| (f.seam.key_frame, &f.place)).collect();
         correct::fuse(&mut draft, &self.camera, &seen);
         let fused = landmarks.saturating_sub(draft.snapshot().landmark_count());
-        self.adjust_along(&mut draft, into, &chosen);
+        self.adjust_along(&mut draft, into, &chosen, adjust);
         let after = draft.snapshot();
         let junction = Junction {
             seams: chosen.iter().map(|f| f.seam).collect::<Vec<Seam>>(),
@@ -101,13 +102,20 @@ impl Closer {
         draft.push(placed.iter().map(|l| Change::Link(l.here, l.old)).collect());
     }
 
-    /// Adjusts the map as a whole where it is small enough, else around each seam.
-    fn adjust_along(&self, draft: &mut Draft, map: MapId, chosen: &[&Found]) {
+    /// Adjusts a map that was joined as a whole, with observations weighed by size. No changes where it has more than
+    /// [`crate::CloserConfig::whole_key_frames`].
+    pub fn adjust_joined(&self, snapshot: &Snapshot, map: MapId) -> Vec<Change> {
+        self.adjust_whole_with(snapshot, map, |window: Window| window.weighed_by_size(snapshot), || false)
+    }
+
+    /// Adjusts the map, if that is wanted now: as a whole where it is small enough, else around each seam.
+    fn adjust_along(&self, draft: &mut Draft, map: MapId, chosen: &[&Found], adjust: Adjust) {
+        if adjust == Adjust::Later {
+            return;
+        }
         let count = draft.snapshot().key_frames_of(map).count();
         if count <= self.config.whole_key_frames {
-            let snapshot = draft.snapshot();
-            let by_size = |window: Window| window.weighed_by_size(snapshot);
-            let changes = self.adjust_whole_with(snapshot, map, by_size, || false);
+            let changes = self.adjust_joined(draft.snapshot(), map);
             return draft.push(changes);
         }
         let config =

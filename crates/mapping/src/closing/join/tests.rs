@@ -36,7 +36,7 @@ fn add(
 
 fn join(atlas: &mut Atlas, camera: RectifiedCamera) -> MapJoin {
     let maps: Vec<MapId> = atlas.latest().maps().map(|(id, _)| id).collect();
-    let mut join = closer(camera).join_maps(atlas.latest(), maps[0], maps[1]);
+    let mut join = closer(camera).join_maps(atlas.latest(), maps[0], maps[1], Adjust::Now);
     let applied = atlas.commit(std::mem::take(&mut join.changes));
     assert_eq!(applied.dropped, 0);
     if let Some(joined) = join.joined.take() {
