@@ -66,7 +66,7 @@ struct JoinedReport {
     /// Median number of landmarks that agree in a seam.
     inliers: usize,
     /// Root mean square distance between each seam and the agreed similarity, units of the older map; and to where the
-    /// key frames are after the adjustment.
+    /// key frames are once these two are joined; of many maps all is adjusted after the last join.
     rms: f64,
     rms_after: f64,
     /// Length in the older map for each length in the younger.
@@ -208,7 +208,7 @@ fn text(m: &Merged) -> String {
         );
         let _ = writeln!(
             text,
-            "          {:.3} rms between the seams, {:.3} after the adjustment; scale {:.4}, turned by {:.1} degrees",
+            "          {:.3} rms between the seams, {:.3} once joined; scale {:.4}, turned by {:.1} degrees",
             j.rms, j.rms_after, j.scale, j.rotation_deg
         );
         let _ = writeln!(
