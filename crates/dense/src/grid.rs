@@ -8,48 +8,83 @@ pub(crate) const NO_SLOT: u32 = u32::MAX;
 /// No array is allocated for more cells than this.
 const MOST_CELLS: usize = 1 << 24;
 
+/// The places of a box of blocks in an array.
+#[derive(Clone, Copy)]
+pub(crate) struct Extent {
+    low: [i32; 3],
+    size: [usize; 3],
+}
+
+impl Extent {
+    /// Around some blocks, with one more on all sides: of every block those next to it have a place, too. `None` without blocks, or where they
+    /// are too far apart for an array.
+    pub fn around(keys: impl Iterator<Item = BlockKey>) -> Option<Self> {
+        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+        for key in keys {
+            (0..3).for_each(|i| (low[i], high[i]) = (low[i].min(key.0[i]), high[i].max(key.0[i])));
+        }
+        if low[0] > high[0] {
+            return None;
+        }
+        let low = low.map(|v| v - 1);
+        let size: [usize; 3] = std::array::from_fn(|i| (high[i] - low[i] + 2) as usize);
+        let places = size.iter().try_fold(1usize, |n, &s| n.checked_mul(s));
+        places.is_some_and(|n| n <= MOST_CELLS).then_some(Self { low, size })
+    }
+
+    /// How many there are.
+    pub fn places(&self) -> usize {
+        self.size.iter().product()
+    }
+
+    /// Place of a block; `None` outside.
+    #[inline(always)]
+    pub fn place(&self, key: BlockKey) -> Option<usize> {
+        let [x, y, z] = std::array::from_fn(|i| key.0[i].wrapping_sub(self.low[i]) as u32 as usize);
+        let [width, height, depth] = self.size;
+        (x < width && y < height && z < depth).then(|| x + width * (y + height * z))
+    }
+
+    /// From a block to itself and to those that come next along the axes, see [`BlockGrid::around`].
+    pub fn next(&self) -> [usize; 8] {
+        std::array::from_fn(|i| {
+            let [x, y, z] = corner(i).map(|v| v as usize);
+            x + self.size[0] * (y + self.size[1] * z)
+        })
+    }
+
+    /// The slots of a field's blocks by their places; [`NO_SLOT`] where there is none.
+    pub fn fill(&self, volume: &TsdfVolume, slots: &mut Vec<u32>) {
+        slots.clear();
+        slots.resize(self.places(), NO_SLOT);
+        for (key, slot) in volume.slots() {
+            if let Some(place) = self.place(key) {
+                slots[place] = slot;
+            }
+        }
+    }
+}
+
 /// The blocks of a field at one moment (a snapshot).
 pub(crate) enum BlockGrid<'a> {
-    /// One entry for each place in the bounding box, and for those around it.
-    Dense { low: [i32; 3], size: [usize; 3], slots: Vec<u32> },
+    /// One entry for each place in the box around all blocks.
+    Dense { extent: Extent, slots: Vec<u32> },
     /// Blocks too far apart for an array: looked up in the field's own table.
     Sparse(&'a TsdfVolume),
 }
 
 impl<'a> BlockGrid<'a> {
     pub fn new(volume: &'a TsdfVolume) -> Self {
-        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
-        for key in volume.changed_since(0) {
-            (0..3).for_each(|i| (low[i], high[i]) = (low[i].min(key.0[i]), high[i].max(key.0[i])));
-        }
-        if volume.blocks() == 0 {
-            return Self::Sparse(volume);
-        }
-        // One more on all sides: of every block those next to it have a place, too.
-        let low = low.map(|v| v - 1);
-        let size: [usize; 3] = std::array::from_fn(|i| (high[i] - low[i] + 2) as usize);
-        let cells = size.iter().try_fold(1usize, |n, &s| n.checked_mul(s)).filter(|&n| n <= MOST_CELLS);
-        let Some(cells) = cells else { return Self::Sparse(volume) };
-        let mut slots = vec![NO_SLOT; cells];
-        for (key, slot) in volume.slots() {
-            let at: [usize; 3] = std::array::from_fn(|i| (key.0[i] - low[i]) as usize);
-            slots[at[0] + size[0] * (at[1] + size[1] * at[2])] = slot;
-        }
-        Self::Dense { low, size, slots }
+        let Some(extent) = Extent::around(volume.changed_since(0)) else { return Self::Sparse(volume) };
+        let mut slots = Vec::new();
+        extent.fill(volume, &mut slots);
+        Self::Dense { extent, slots }
     }
 
     #[inline(always)]
     pub fn slot(&self, key: BlockKey) -> Option<u32> {
         match self {
-            Self::Dense { low, size, slots } => {
-                let along = |i: usize| key.0[i].wrapping_sub(low[i]) as u32;
-                let (x, y, z) = (along(0), along(1), along(2));
-                if x as usize >= size[0] || y as usize >= size[1] || z as usize >= size[2] {
-                    return None;
-                }
-                Some(slots[x as usize + size[0] * (y as usize + size[1] * z as usize)])
-                    .filter(|&s| s != NO_SLOT)
-            }
+            Self::Dense { extent, slots } => Some(slots[extent.place(key)?]).filter(|&s| s != NO_SLOT),
             Self::Sparse(volume) => volume.slot(key),
         }
     }
@@ -58,47 +93,6 @@ impl<'a> BlockGrid<'a> {
     /// [`NO_SLOT`] where there is none.
     pub fn around(&self, key: BlockKey) -> [u32; 8] {
         std::array::from_fn(|i| self.slot(key.offset(corner(i))).unwrap_or(NO_SLOT))
-    }
-
-    /// Blocks whose cells have corners in a block that has changed since a revision: itself, or one that comes next; with the slots of
-    /// all these as [`Self::around`] gives them.
-    pub fn depending(
-        self,
-        volume: &'a TsdfVolume,
-        revision: u64,
-    ) -> impl Iterator<Item = (BlockKey, [u32; 8])> + 'a {
-        let has_changed = move |slot: u32| volume.changed_at(slot) > revision;
-        let places = if let Self::Dense { low, size, .. } = self { Some((low, size)) } else { None };
-        let place = |key: BlockKey, (low, size): ([i32; 3], [usize; 3])| {
-            let at: [usize; 3] = std::array::from_fn(|i| (key.0[i] - low[i]) as usize);
-            at[0] + size[0] * (at[1] + size[1] * at[2])
-        };
-        let (mut depends, mut next) = (Vec::new(), [0; 8]);
-        if let Self::Dense { low, size, slots } = &self {
-            depends.resize(slots.len(), false);
-            next = std::array::from_fn(|i| {
-                let [x, y, z] = corner(i).map(|v| v as usize);
-                x + size[0] * (y + size[1] * z)
-            });
-            for (key, _) in volume.slots().filter(|&(_, slot)| has_changed(slot)) {
-                let at = place(key, (*low, *size));
-                next.iter().for_each(|next| depends[at - next] = true);
-            }
-        }
-        volume.slots().filter_map(move |(key, _)| {
-            let Some(places) = places else {
-                let slots = self.around(key);
-                return slots.iter().any(|&s| s != NO_SLOT && has_changed(s)).then_some((key, slots));
-            };
-            let at = place(key, places);
-            let Self::Dense { slots, .. } = &self else { return None };
-            if !depends[at] {
-                return None;
-            }
-            let mut around = [NO_SLOT; 8];
-            around.iter_mut().zip(next).for_each(|(slot, next)| *slot = slots[at + next]);
-            Some((key, around))
-        })
     }
 }
 

@@ -1,6 +1,8 @@
 //! Which cells of a block the surface passes through, from the bits of the block and of those that come next along the axes.
 
-use super::rows::CORNERS;
+#[cfg(target_arch = "x86_64")]
+use super::kernel_x86;
+use super::rows::{Layers, pairs};
 use crate::Backend;
 use crate::backend::dispatch;
 use crate::block::SIDE;
@@ -9,9 +11,6 @@ use crate::tsdf::{Bits, TsdfVolume};
 
 /// The voxels of a block that does not exist.
 const EMPTY: Bits = Bits { seen: [0; SIDE], inside: [0; SIDE] };
-
-/// A bit for each cell of a block, or for each voxel, by layers; `x | y << 3` has the bit of that number.
-pub type Layers = [u64; SIDE];
 
 /// A block with cells that the surface passes through.
 #[derive(Clone, Copy)]
@@ -22,9 +21,8 @@ pub struct Live {
     pub slots: [u32; 8],
     /// Cells with all corners seen, some inside and some outside.
     pub cells: Layers,
-    /// By layer of corners the rows along x that have corners of these cells, row y as bit y; and those of which that is so of the last
-    /// corner, in the next block.
-    pub rows: [[u32; CORNERS]; 2],
+    /// The rows along x of each of these blocks that have corners of such cells: row y of layer z has the bit of `y | z << 3`.
+    pub rows: [u64; 8],
 }
 
 /// Bits of the eight blocks around a block's cells.
@@ -48,10 +46,16 @@ impl Live {
         }
         let (bits, mut cells) = (&bits(volume, slots), [0; SIDE]);
         let out = &mut cells;
-        let any = dispatch!(backend, live(bits: &[&Bits; 8], out: &mut Layers) -> bool);
-        any.then(|| {
-            let rows = [rows_around(&cells, u64::MAX), rows_around(&cells, 0x8080_8080_8080_8080)];
-            let live = Self { slots, cells, rows };
+        let rows = match backend {
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            // SAFETY: a backend is only chosen when the processor has its instructions.
+            Backend::Avx512 => unsafe { kernel_x86::live(bits, out) },
+            _ => dispatch!(backend, live(bits: &[&Bits; 8], out: &mut Layers) -> [u64; 2]),
+        };
+        (rows[0] != 0).then(|| {
+            let [[own, y, z, both], [x, x_y, x_z, all]] = rows.map(rows_around);
+            let live = Self { slots, cells, rows: [own, x, y, x_y, z, x_z, both, all] };
             live.fetch(volume);
             live
         })
@@ -59,64 +63,53 @@ impl Live {
 
     /// Asks for the distances and weights at the corners of the cells.
     fn fetch(&self, volume: &TsdfVolume) {
-        for (next, rows) in self.rows.iter().enumerate() {
-            for (z, rows) in rows.iter().enumerate() {
-                // Two rows are together.
-                let mut pairs = (rows | rows >> 1) & 0x155;
-                while pairs != 0 {
-                    let y = pairs.trailing_zeros() as usize;
-                    pairs &= pairs - 1;
-                    let (block, from) = source(y, z);
-                    let slot = self.slots[block | next];
-                    if slot != NO_SLOT {
-                        volume.planes(slot).fetch(from);
-                    }
-                }
+        for (&rows, &slot) in self.rows.iter().zip(&self.slots) {
+            if rows == 0 || slot == NO_SLOT {
+                continue;
+            }
+            let (planes, mut pairs) = (volume.planes(slot), pairs(rows));
+            while pairs != 0 {
+                planes.fetch(SIDE * pairs.trailing_zeros() as usize);
+                pairs &= pairs - 1;
             }
         }
     }
 }
 
-/// The block that a row of corners comes from, and its first voxel there.
-#[inline(always)]
-pub fn source(y: usize, z: usize) -> (usize, usize) {
-    ((y / SIDE) << 1 | (z / SIDE) << 2, SIDE * (y % SIDE + SIDE * (z % SIDE)))
+/// The rows that have corners of cells, by the rows of these: in their block, in the next along y, along z, and along both.
+fn rows_around(cells: u64) -> [u64; 4] {
+    const FIRST: u64 = 0x0101_0101_0101_0101;
+    let (own, y) = (cells | cells << 1 & !FIRST, cells >> 7 & FIRST);
+    [own | own << 8, y | y << 8, own >> 56, y >> 56]
 }
 
-/// The rows of corners of some of a block's cells, by layer.
-fn rows_around(cells: &Layers, of: u64) -> [u32; CORNERS] {
-    let mut rows = [0; CORNERS];
-    for (z, layer) in cells.iter().enumerate() {
-        let own = rows_with(layer & of);
-        rows[z] |= own | own << 1;
-        rows[z + 1] |= own | own << 1;
+/// Finds the cells; returns the rows along x that have some, and those of which the last is one: row y of layer z has the bit of
+/// `y | z << 3`.
+#[inline(always)]
+fn live(bits: &[&Bits; 8], out: &mut Layers) -> [u64; 2] {
+    // Most blocks lie in front of the surface: nothing of them is behind it.
+    if bits.iter().flat_map(|b| &b.inside).fold(0, |any, layer| any | layer) == 0 {
+        return [0; 2];
+    }
+    let all_seen = corners(|block| &bits[block].seen, |a, b| a & b);
+    let all_inside = corners(|block| &bits[block].inside, |a, b| a & b);
+    let any_inside = corners(|block| &bits[block].inside, |a, b| a | b);
+    let mut rows = [0; 2];
+    for z in 0..SIDE {
+        out[z] = all_seen[z] & any_inside[z] & !all_inside[z];
+        rows[0] |= rows_with(out[z]) << (SIDE * z);
+        rows[1] |= rows_with(out[z] & 0x8080_8080_8080_8080) << (SIDE * z);
     }
     rows
 }
 
 /// The rows of a layer that have a bit: row y as bit y.
-fn rows_with(layer: u64) -> u32 {
+#[inline(always)]
+fn rows_with(layer: u64) -> u64 {
     let halves = layer | layer >> 4;
     let quarters = halves | halves >> 2;
     let any = (quarters | quarters >> 1) & 0x0101_0101_0101_0101;
-    (any.wrapping_mul(0x0102_0408_1020_4080) >> 56) as u32
-}
-
-#[inline(always)]
-fn live(bits: &[&Bits; 8], out: &mut Layers) -> bool {
-    // Most blocks lie in front of the surface: nothing of them is behind it.
-    if bits.iter().flat_map(|b| &b.inside).fold(0, |any, layer| any | layer) == 0 {
-        return false;
-    }
-    let all_seen = corners(|block| &bits[block].seen, |a, b| a & b);
-    let all_inside = corners(|block| &bits[block].inside, |a, b| a & b);
-    let any_inside = corners(|block| &bits[block].inside, |a, b| a | b);
-    let mut any = 0;
-    for z in 0..SIDE {
-        out[z] = all_seen[z] & any_inside[z] & !all_inside[z];
-        any |= out[z];
-    }
-    any != 0
+    any.wrapping_mul(0x0102_0408_1020_4080) >> 56
 }
 
 /// For each cell what joins the bits of its eight corners.

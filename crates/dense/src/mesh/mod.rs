@@ -1,7 +1,9 @@
 //! Triangle meshes of the surface: whole and welded, or block by block.
 
 mod cells;
+mod depending;
 mod draw;
+mod edges;
 mod first;
 #[cfg(target_arch = "x86_64")]
 mod kernel_x86;
@@ -21,9 +23,10 @@ use crate::block::{BlockKey, KeyHasher, SIDE};
 use crate::grid::{BlockGrid, NO_SLOT};
 use crate::tsdf::TsdfVolume;
 use cells::{CELLS, Triangles};
+use depending::Depending;
 use live::Live;
 use piece::Buffers;
-use rows::{LAYER, NUMBERS, corner_of};
+use rows::{MOST, corner_of};
 use samples::Samples;
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
@@ -65,18 +68,14 @@ impl MeshConfig {
 
 type EdgeTable = HashMap<([i32; 3], usize), u32, BuildHasherDefault<KeyHasher>>;
 
-/// Numbers of vertices, at four times the number of the edge, plus its axis; longer by what is read around the last cell.
-type VertexTable = [u32; 4 * (NUMBERS + LAYER * LAYER + 2 * LAYER)];
-
 /// Extracts meshes; reuses its memory from call to call.
 #[derive(Clone)]
 pub struct Mesher {
     config: MeshConfig,
     backend: Backend,
-    samples: Samples,
-    vertices: Box<VertexTable>,
     /// Vertices on edges that two or more blocks share.
     shared: EdgeTable,
+    depending: Depending,
     /// Room for the mesh of a block.
     buffers: Box<Buffers>,
 }
@@ -92,9 +91,8 @@ impl Mesher {
         Self {
             config,
             backend: Backend::best(),
-            samples: Samples::default(),
-            vertices: Box::new([0; _]),
             shared: EdgeTable::default(),
+            depending: Depending::default(),
             buffers: Box::default(),
         }
     }
@@ -131,7 +129,9 @@ impl Mesher {
     pub fn block(&mut self, volume: &TsdfVolume, key: BlockKey) -> Mesh {
         let slots = BlockGrid::Sparse(volume).around(key);
         let live = Live::find(volume, slots, self.backend);
-        live.map_or_else(Mesh::default, |live| self.piece(volume, key, &live))
+        live.map_or_else(Mesh::default, |live| {
+            self.buffers.mesh(volume, key, &live, self.config, self.backend)
+        })
     }
 
     /// The surface in the cells of each block that depends on what has changed since a revision of the field, as
@@ -141,26 +141,24 @@ impl Mesher {
         volume: &'a TsdfVolume,
         revision: u64,
     ) -> impl Iterator<Item = (BlockKey, Mesh)> + 'a {
-        let mut blocks = BlockGrid::new(volume).depending(volume, revision);
+        let Self { config, backend, depending, buffers, .. } = self;
+        let (config, backend) = (*config, *backend);
+        let mut blocks = depending.find(volume, revision).iter();
+        let mut mesh =
+            move |(key, live): (BlockKey, Live)| (key, buffers.mesh(volume, key, &live, config, backend));
         // One behind: what a block needs comes while the one before is meshed.
         let mut waiting: Option<(BlockKey, Live)> = None;
         std::iter::from_fn(move || {
-            for (key, slots) in blocks.by_ref() {
-                let Some(live) = Live::find(volume, slots, self.backend) else {
+            for &(key, slots) in blocks.by_ref() {
+                let Some(live) = Live::find(volume, slots, backend) else {
                     return Some((key, Mesh::default()));
                 };
-                if let Some((key, live)) = waiting.replace((key, live)) {
-                    return Some((key, self.piece(volume, key, &live)));
+                if let Some(before) = waiting.replace((key, live)) {
+                    return Some(mesh(before));
                 }
             }
-            waiting.take().map(|(key, live)| (key, self.piece(volume, key, &live)))
+            waiting.take().map(&mut mesh)
         })
-    }
-
-    fn piece(&mut self, volume: &TsdfVolume, key: BlockKey, live: &Live) -> Mesh {
-        let Self { samples, vertices, buffers, backend, .. } = self;
-        samples.load(volume, live, self.config.least_weight, *backend);
-        buffers.mesh(samples, &Place::new(volume, key), volume, vertices, *backend)
     }
 
     /// Blocks whose mesh depends on one of the changed blocks: these and the ones before them along each axis,
@@ -177,17 +175,16 @@ impl Mesher {
     /// Hands each cell of a block that the surface passes through to a sink, all vertices of the block before.
     fn each_cell(&mut self, volume: &TsdfVolume, slots: [u32; 8], sink: &mut impl Sink) {
         let Some(live) = Live::find(volume, slots, self.backend) else { return };
-        let Self { samples, vertices, .. } = self;
+        let Buffers { samples, vertices, .. } = &mut *self.buffers;
         samples.load(volume, &live, self.config.least_weight, self.backend);
-        for (axis, edges) in samples.edges.iter().enumerate() {
-            for (edge, part) in edges.iter() {
-                vertices[(4 * edge + axis) % vertices.len()] =
-                    sink.vertex(samples, axis, corner_of(edge), part);
-            }
+        for ((place, part), vertex) in samples.edges.iter().zip(vertices.iter_mut()) {
+            *vertex = sink.vertex(samples, place % 4, corner_of(place / 4), part);
         }
-        for &cell in samples.cells() {
-            let cell = usize::from(cell);
-            let vertex = |place: u16| vertices[(4 * cell + usize::from(place)) % vertices.len()];
+        for &place in samples.cells() {
+            let cell = place as usize / 4;
+            let vertex = |edge: u16| {
+                vertices[usize::from(samples.edges.number(place as usize + usize::from(edge))) % MOST]
+            };
             sink.cell(samples, cell, &CELLS[usize::from(samples.cases()[cell])], vertex);
         }
     }

@@ -27,6 +27,22 @@ pub fn corner_of(number: usize) -> [usize; 3] {
     [number & 15, number >> 4 & 15, number >> 8]
 }
 
+/// A bit for each cell of a block, or for each voxel, by layers; `x | y << 3` has the bit of that number.
+pub type Layers = [u64; SIDE];
+
+/// The first of each two rows that are together, of which one is in a set.
+#[inline(always)]
+pub fn pairs(rows: u64) -> u64 {
+    (rows | rows >> 1) & 0x5555_5555_5555_5555
+}
+
+/// The row of corners that a block's row is (row y of layer z by `y | z << 3`), where the block is the next along y (2) or z (4) or both.
+#[inline(always)]
+pub fn row_in(block: usize, row: usize) -> usize {
+    let (y, z) = (row % SIDE + SIDE * (block >> 1 & 1), row / SIDE + SIDE * (block >> 2));
+    y + LAYER * z
+}
+
 /// A set of corners, cells or edges, four rows a word. There are words of nothing before the first and behind the last, so that those
 /// around a word can be read without looking where it lies.
 #[derive(Clone, Copy)]
@@ -52,6 +68,18 @@ impl Rows {
         &mut self.0[LEAD + word]
     }
 
+    /// Takes all members out.
+    #[inline(always)]
+    pub fn clear(&mut self) {
+        self.0[LEAD..LEAD + WORDS].fill(0);
+    }
+
+    /// The rows of a layer, to be changed.
+    #[inline(always)]
+    pub fn layer_mut(&mut self, z: usize) -> &mut [u64] {
+        &mut self.0[LEAD + LAYER_WORDS * z..][..LAYER_WORDS]
+    }
+
     /// For each corner the next along y; the next along z; the next along both.
     #[inline(always)]
     pub fn next(&self, word: usize) -> [u64; 3] {
@@ -72,9 +100,15 @@ impl Rows {
         (self.0[LEAD + row / 4] >> (row % 4 * 16) & 0xffff) as usize
     }
 
+    /// All words, eight at a time, with words of nothing behind the last.
+    #[inline(always)]
+    pub fn eights(&self) -> impl Iterator<Item = &[u64; 8]> {
+        self.0[LEAD..].as_chunks().0.iter()
+    }
+
     /// The words that have members, one bit each.
     #[inline(always)]
-    fn words(&self) -> u64 {
+    pub fn words(&self) -> u64 {
         let mut out = 0;
         for word in 0..WORDS {
             out |= u64::from(self.at(word) != 0) << word;
@@ -82,31 +116,33 @@ impl Rows {
         out
     }
 
-    /// Lists the numbers of the members, and returns how many there are.
+    /// Lists the places of the members behind the first `count` of a list, and returns how many it has then.
     #[inline(always)]
-    pub fn list(&self, out: &mut List) -> usize {
-        let (mut count, mut words) = (0, self.words());
+    pub fn list(&self, axis: usize, out: &mut List, mut count: usize) -> usize {
+        let mut words = self.words();
         while words != 0 {
-            let word = words.trailing_zeros() as usize % WORDS;
+            let word = words.trailing_zeros() as usize;
             words &= words - 1;
-            let mut rest = self.at(word);
-            let end = count + rest.count_ones() as usize;
-            // Eight at a time, whether there are so many or not: to look would take longer.
-            while count < end {
-                for number in &mut out[count..count + 8] {
-                    *number = (64 * word + rest.trailing_zeros() as usize) as u16;
-                    rest &= rest.wrapping_sub(1);
-                }
-                count += 8;
+            let mut rest = self.at(word % WORDS);
+            while rest != 0 {
+                out[count % MOST] = (4 * (64 * word + rest.trailing_zeros() as usize) + axis) as u32;
+                rest &= rest - 1;
+                count += 1;
             }
-            count = end;
         }
         count
     }
 }
 
-/// More than the cells of a block, or its edges along an axis: loops over several at a time may go past the last.
-pub const MOST: usize = SIDE * CORNERS * CORNERS + 16;
+/// More than the cells of a block, and than its edges along all axes, with room behind the last for those who write several at a time; a
+/// power of two.
+pub const MOST: usize = 2048;
+const _: () = assert!(3 * SIDE * CORNERS * CORNERS + 64 < MOST);
 
-/// Numbers of corners, cells or edges.
-pub type List = [u16; MOST];
+/// Places of cells or edges: four times the number, plus the axis of an edge.
+pub type List = [u32; MOST];
+
+/// More than any place, a power of two.
+pub const PLACES: usize = 4 * NUMBERS;
+// Two corners each are read beside, above and behind the last cell.
+const _: () = assert!(4 * (CELL_NUMBERS + LAYER * LAYER + LAYER + 2) < PLACES);

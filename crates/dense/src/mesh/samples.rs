@@ -1,9 +1,13 @@
 //! The 9x9x9 corners of a block's cells, those cells that the surface passes through, and the edges that it crosses.
 
+use super::edges::Edges;
 #[cfg(target_arch = "x86_64")]
 use super::kernel_x86;
-use super::live::{Live, bits, source};
-use super::rows::{CELL_NUMBERS, CORNERS, LAYER, LAYER_WORDS, List, MOST, NUMBERS, Rows, STRIDES, WORDS};
+use super::live::{Live, bits};
+use super::rows::{
+    CELL_NUMBERS, CORNERS, LAYER, LAYER_WORDS, Layers, List, MOST, NUMBERS, PLACES, Rows, STRIDES, WORDS,
+    row_in,
+};
 use crate::Backend;
 use crate::backend::dispatch;
 use crate::block::SIDE;
@@ -20,42 +24,17 @@ pub struct Samples {
     live: Rows,
     /// The corners of live cells that have enough weight.
     enough: Rows,
-    /// The edges of live cells that the surface crosses, by axis.
-    pub edges: [Edges; 3],
-    /// The live cells, and how many there are.
+    /// The edges of live cells that the surface crosses.
+    pub edges: Edges,
+    /// The same by axis, in rows.
+    found: [Rows; 3],
+    /// The places of the live cells, and how many there are.
     cells: Box<List>,
     count: usize,
     /// The set of inside corners of each live cell, by its number; anything for others.
     cases: Box<[u8; CELL_NUMBERS]>,
     /// Slots of the eight blocks that the corners come from, see [`Live::slots`].
     pub slots: [u32; 8],
-}
-
-/// The edges along an axis that the surface crosses.
-#[derive(Clone)]
-pub struct Edges {
-    numbers: Box<List>,
-    /// Where it crosses each, from 0 to 1 between the two corners.
-    parts: Box<[f32; MOST]>,
-    count: usize,
-}
-
-impl Edges {
-    fn new() -> Self {
-        Self { numbers: Box::new([0; MOST]), parts: Box::new([0.0; MOST]), count: 0 }
-    }
-
-    /// Each with the position on it.
-    #[inline(always)]
-    pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> + '_ {
-        let (numbers, parts) = (&self.numbers[..self.count], &self.parts[..self.count]);
-        numbers.iter().zip(parts).map(|(&number, &part)| (usize::from(number), part))
-    }
-
-    /// The same as arrays, with anything behind the last, and how many there are.
-    pub fn arrays(&self) -> (&List, &[f32; MOST], usize) {
-        (&self.numbers, &self.parts, self.count)
-    }
 }
 
 impl Default for Samples {
@@ -65,7 +44,8 @@ impl Default for Samples {
             inside: Rows::EMPTY,
             live: Rows::EMPTY,
             enough: Rows::EMPTY,
-            edges: std::array::from_fn(|_| Edges::new()),
+            edges: Edges::default(),
+            found: [Rows::EMPTY; 3],
             cells: Box::new([0; MOST]),
             count: 0,
             cases: Box::new([0; CELL_NUMBERS]),
@@ -79,26 +59,37 @@ impl Samples {
     /// an edge that is torn, are live no more.
     pub fn load(&mut self, volume: &TsdfVolume, live: &Live, least_weight: i32, backend: Backend) {
         self.slots = live.slots;
-        let (bits, cells, inside) = (&bits(volume, live.slots), live, &mut self.inside);
-        let live = &mut self.live;
-        dispatch!(backend, rows(bits: &[&Bits; 8], cells: &Live, inside: &mut Rows, live: &mut Rows) -> ());
+        self.rows(&bits(volume, live.slots), &live.cells, backend);
         let mut planes = [None; 8];
         for (planes, &slot) in planes.iter_mut().zip(&self.slots) {
             if slot != NO_SLOT {
                 *planes = Some(volume.planes(slot));
             }
         }
-        self.divide(&planes, cells, least_weight, backend);
+        self.divide(&planes, live, least_weight, backend);
         if self.cross(backend) {
             self.tear();
             self.cross(backend);
         }
-        self.find_cases(backend);
+    }
+
+    /// The corners behind the surface, and the live cells, in rows.
+    fn rows(&mut self, bits: &[&Bits; 8], cells: &Layers, backend: Backend) {
+        let (inside, live) = (&mut self.inside, &mut self.live);
+        match backend {
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            // SAFETY: a backend is only chosen when the processor has its instructions.
+            Backend::Avx512 => unsafe { kernel_x86::rows(bits, cells, inside, live) },
+            _ => {
+                dispatch!(backend, rows(bits: &[&Bits; 8], cells: &Layers, inside: &mut Rows, live: &mut Rows) -> ())
+            }
+        }
     }
 
     /// Distances at the corners of live cells, and which have enough weight.
     fn divide(&mut self, planes: &[Option<&Planes>; 8], live: &Live, least_weight: i32, backend: Backend) {
-        self.enough = Rows::EMPTY;
+        self.enough.clear();
         let (enough, steps) = (&mut self.enough, &mut *self.steps);
         match backend {
             #[cfg(target_arch = "x86_64")]
@@ -115,29 +106,29 @@ impl Samples {
     fn cross(&mut self, backend: Backend) -> bool {
         let samples = &mut *self;
         dispatch!(backend, crossings(samples: &mut Samples) -> ());
-        let steps = &*self.steps;
-        let mut widest = 0.0f32;
-        for (Edges { numbers, parts, count }, stride) in self.edges.iter_mut().zip(STRIDES) {
-            let jump = match backend {
-                #[cfg(target_arch = "x86_64")]
-                #[allow(unsafe_code)]
-                // SAFETY: a backend is only chosen when the processor has its instructions.
-                Backend::Avx512 => unsafe { kernel_x86::divide_edges(steps, numbers, *count, stride, parts) },
-                _ => divide_edges(steps, numbers, *count, stride, parts),
-            };
-            widest = greater(widest, jump);
+        self.list_cells(backend);
+        self.edges.count = 0;
+        for (axis, found) in self.found.iter().enumerate() {
+            self.edges.count = list(found, axis, &mut self.edges.places, self.edges.count, backend);
         }
+        let (edges, steps) = (&mut self.edges, &*self.steps);
+        let widest = match backend {
+            #[cfg(target_arch = "x86_64")]
+            #[allow(unsafe_code)]
+            // SAFETY: a backend is only chosen when the processor has its instructions.
+            Backend::Avx512 => unsafe { kernel_x86::divide_edges(steps, edges) },
+            _ => divide_edges(steps, edges),
+        };
         widest > JUMP
     }
 
     /// Takes the cells out that have an edge which is torn.
     fn tear(&mut self) {
         let mut torn = [Rows::EMPTY; 3];
-        for (axis, torn) in torn.iter_mut().enumerate() {
-            for (edge, _) in self.edges[axis].iter() {
-                let jump = (self.step(edge) - self.step(edge + STRIDES[axis])).abs();
-                *torn.at_mut(edge / 64) |= u64::from(jump > JUMP) << (edge % 64);
-            }
+        for (place, _) in self.edges.iter() {
+            let (axis, edge) = (place % 4, place / 4);
+            let jump = (self.step(edge) - self.step(edge + STRIDES[axis])).abs();
+            *torn[axis].at_mut(edge / 64) |= u64::from(jump > JUMP) << (edge % 64);
         }
         for word in 0..WORDS {
             let ([x, y, z], [along_x, along_y, along_z]) =
@@ -154,17 +145,20 @@ impl Samples {
         self.steps[corner % NUMBERS]
     }
 
-    /// The set of inside corners of each live cell.
-    fn find_cases(&mut self, backend: Backend) {
+    /// Lists the live cells, and finds the set of inside corners of each.
+    fn list_cells(&mut self, backend: Backend) {
         #[cfg(target_arch = "x86_64")]
         if backend == Backend::Avx512 {
+            let Self { inside, live, cells, cases, .. } = self;
             #[allow(unsafe_code)]
             // SAFETY: a backend is only chosen when the processor has its instructions.
-            return unsafe { kernel_x86::cases(&self.inside, &self.live, &mut self.cases) };
+            let count = unsafe { kernel_x86::cells(inside, live, cells, cases) };
+            self.count = count;
+            return;
         }
-        let _ = backend;
-        for &number in &self.cells[..self.count] {
-            let number = usize::from(number) % CELL_NUMBERS;
+        self.count = list(&self.live, 0, &mut self.cells, 0, backend);
+        for &place in &self.cells[..self.count] {
+            let number = place as usize / 4 % CELL_NUMBERS;
             let (row, x) = (number / LAYER, number % LAYER);
             let pair = |row: usize| self.inside.row(row) >> x & 3;
             let all = pair(row) | pair(row + 1) << 2 | pair(row + LAYER) << 4 | pair(row + LAYER + 1) << 6;
@@ -172,8 +166,8 @@ impl Samples {
         }
     }
 
-    /// The numbers of the live cells.
-    pub fn cells(&self) -> &[u16] {
+    /// The places of the live cells.
+    pub fn cells(&self) -> &[u32] {
         &self.cells[..self.count]
     }
 
@@ -206,25 +200,39 @@ fn widened(out: &mut Rows, layers: impl Fn(usize, usize) -> u64) {
 
 /// The corners behind the surface, and the live cells, in rows.
 #[inline(always)]
-fn rows(bits: &[&Bits; 8], cells: &Live, inside: &mut Rows, live: &mut Rows) {
+fn rows(bits: &[&Bits; 8], cells: &Layers, inside: &mut Rows, live: &mut Rows) {
     widened(inside, |block, z| bits[block].inside[z]);
-    for (z, layer) in cells.cells.iter().enumerate() {
+    for (z, layer) in cells.iter().enumerate() {
         *live.at_mut(LAYER_WORDS * z) = spread(layer & 0xffff_ffff);
         *live.at_mut(LAYER_WORDS * z + 1) = spread(layer >> 32);
     }
 }
 
-/// Lists live cells, and their edges between a corner inside and one outside. Cells with a corner of too little weight are live no more.
+/// Lists the places of cells or edges along an axis behind the first `count` of a list, and returns how many it has then.
+fn list(rows: &Rows, axis: usize, out: &mut List, count: usize, backend: Backend) -> usize {
+    #[cfg(target_arch = "x86_64")]
+    if backend == Backend::Avx512 {
+        #[allow(unsafe_code)]
+        // SAFETY: a backend is only chosen when the processor has its instructions.
+        return unsafe { kernel_x86::list(rows, axis, out, count) };
+    }
+    dispatch!(backend, list_plainly(rows: &Rows, axis: usize, out: &mut List, count: usize) -> usize)
+}
+
+#[inline(always)]
+fn list_plainly(rows: &Rows, axis: usize, out: &mut List, count: usize) -> usize {
+    rows.list(axis, out, count)
+}
+
+/// Finds the edges of live cells between a corner inside and one outside. Cells with a corner of too little weight are live no more.
 #[inline(always)]
 fn crossings(samples: &mut Samples) {
-    let Samples { inside, enough, live, edges, cells, count, .. } = samples;
+    let Samples { inside, enough, live, found, .. } = samples;
     for word in 0..LAYER_WORDS * SIDE {
         let [y, z, both] = enough.next(word);
         let all = enough.at(word) & y & z & both;
         *live.at_mut(word) &= all & all >> 1;
     }
-    *count = live.list(cells);
-    let mut found = [Rows::EMPTY; 3];
     for word in 0..WORDS {
         let (own, here) = (inside.at(word), live.at(word));
         let ([next_y, next_z, _], [y, z, both]) = (inside.next(word), live.before(word));
@@ -233,23 +241,16 @@ fn crossings(samples: &mut Samples) {
         *found[1].at_mut(word) = (own ^ next_y) & (here | z | (here | z) << 1);
         *found[2].at_mut(word) = (own ^ next_z) & (here | y | (here | y) << 1);
     }
-    for (found, edges) in found.iter().zip(edges) {
-        edges.count = found.list(&mut edges.numbers);
-    }
 }
 
-/// Where the surface crosses edges along an axis; returns the greatest difference of the distances at both ends.
-fn divide_edges(
-    steps: &[f32; NUMBERS],
-    numbers: &List,
-    count: usize,
-    stride: usize,
-    parts: &mut [f32; MOST],
-) -> f32 {
+/// Numbers edges, and finds where the surface crosses them; returns the greatest difference of the distances at both ends.
+fn divide_edges(steps: &[f32; NUMBERS], edges: &mut Edges) -> f32 {
     let mut widest = 0.0f32;
-    for (part, &number) in parts.iter_mut().zip(&numbers[..count]) {
-        let number = usize::from(number);
-        let (a, b) = (steps[number % NUMBERS], steps[(number + stride) % NUMBERS]);
+    let Edges { places, parts, count, numbers, .. } = edges;
+    for (i, (part, &place)) in parts.iter_mut().zip(&places[..*count]).enumerate() {
+        numbers[place as usize % PLACES] = i as u16;
+        let (number, axis) = (place as usize / 4, place as usize % 4);
+        let (a, b) = (steps[number % NUMBERS], steps[(number + STRIDES[axis]) % NUMBERS]);
         *part = a / (a - b);
         widest = greater(widest, (a - b).abs());
     }
@@ -260,29 +261,24 @@ fn divide_edges(
 /// enough weight.
 fn divide_rows(
     planes: &[Option<&Planes>; 8],
-    rows: &[[u32; CORNERS]; 2],
+    rows: &[u64; 8],
     least_weight: i32,
     steps: &mut [f32; NUMBERS],
     enough: &mut Rows,
 ) {
-    for (z, (mut rows, last)) in rows[0].into_iter().zip(rows[1]).enumerate() {
-        while rows != 0 {
-            let y = rows.trailing_zeros() as usize;
-            rows &= rows - 1;
-            let (block, from) = source(y, z);
-            let row = y + LAYER * z;
-            let to = &mut steps[LAYER * row..][..CORNERS];
+    for (block, (planes, mut rest)) in planes.iter().zip(*rows).enumerate() {
+        let Some(planes) = planes else { continue };
+        let (first, count) = if block & 1 == 0 { (0, SIDE) } else { (SIDE, 1) };
+        while rest != 0 {
+            let there = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            let (from, row) = (SIDE * there, row_in(block, there));
+            let to = &mut steps[LAYER * row + first..][..count];
+            let (sum, weight) = (&planes.sum[from..from + count], &planes.weight[from..from + count]);
             let mut bits = 0;
-            if let Some(planes) = planes[block] {
-                let (sum, weight) = (&planes.sum[from..from + SIDE], &planes.weight[from..from + SIDE]);
-                for i in 0..SIDE {
-                    to[i] = sum[i] as f32 / weight[i].max(1) as f32;
-                    bits |= u64::from(weight[i] >= least_weight) << i;
-                }
-            }
-            if let Some(planes) = planes[block | 1].filter(|_| last >> y & 1 == 1) {
-                to[SIDE] = planes.sum[from] as f32 / planes.weight[from].max(1) as f32;
-                bits |= u64::from(planes.weight[from] >= least_weight) << SIDE;
+            for (i, to) in to.iter_mut().enumerate() {
+                *to = sum[i] as f32 / weight[i].max(1) as f32;
+                bits |= u64::from(weight[i] >= least_weight) << (first + i);
             }
             *enough.at_mut(row / 4) |= bits << (row % 4 * 16);
         }

@@ -10,8 +10,6 @@ use std::collections::BTreeSet;
 /// A slanted wall with a box before it, waves and holes, seen from two places: near and far surfaces next to each other, and
 /// voxels that only one image saw.
 fn volume() -> TsdfVolume {
-    let camera = Camera::pinhole(120, 90, 100.0, 100.0, 59.5, 44.5);
-    let mut preparer = DepthPreparer::new(DepthConfig::default(), camera, 1.0).expect("a camera");
     let mut volume =
         TsdfVolume::new(TsdfConfig { voxel_m: 0.03, ..TsdfConfig::default() }).expect("in range");
     for k in 0..2 {
@@ -22,12 +20,19 @@ fn volume() -> TsdfVolume {
             let is_hole = (x - 95.0).hypot(y - 20.0) < 6.0;
             if is_hole { 0.0 } else { wall - if is_box { 0.22 } else { 0.0 } }
         };
-        let image = Image::from_vec(120, 90, (0..120 * 90).map(depth).collect()).expect("all pixels");
         let k = f64::from(k);
         let pose = Se3::new(So3::exp(&(Vec3::new(0.05, 0.12, 0.02) * k)), Vec3::new(-0.3, 0.1, 0.05) * k);
-        volume.integrate(preparer.prepare_metres(&image).expect("depth"), None, &pose).expect("a pose");
+        fuse(&mut volume, depth, &pose);
     }
     volume
+}
+
+/// Fuses an image of 120x90 pixels, of which the depths are given by their numbers.
+fn fuse(volume: &mut TsdfVolume, depth: impl Fn(usize) -> f32, pose: &Se3) {
+    let camera = Camera::pinhole(120, 90, 100.0, 100.0, 59.5, 44.5);
+    let mut preparer = DepthPreparer::new(DepthConfig::default(), camera, 1.0).expect("a camera");
+    let image = Image::from_vec(120, 90, (0..120 * 90).map(depth).collect()).expect("all pixels");
+    volume.integrate(preparer.prepare_metres(&image).expect("depth"), None, pose).expect("a pose");
 }
 
 /// The corners of each triangle in tenths of a millimetre, as a set; how many triangles there are, and how many cells were torn.
@@ -131,24 +136,34 @@ fn meshes_are_the_same_with_all_instructions() {
 fn blocks_that_depend_on_a_change_are_those_whose_corners_it_has() {
     let mut volume = volume();
     let revision = volume.revision();
-    let camera = Camera::pinhole(120, 90, 100.0, 100.0, 59.5, 44.5);
-    let mut preparer = DepthPreparer::new(DepthConfig::default(), camera, 1.0).expect("a camera");
     // A piece of the wall alone.
-    let depth = |i: usize| if i % 120 < 30 && i / 120 < 30 { 1.7 } else { 0.0 };
-    let image = Image::from_vec(120, 90, (0..120 * 90).map(depth).collect()).expect("all pixels");
-    volume
-        .integrate(preparer.prepare_metres(&image).expect("depth"), None, &Se3::identity())
-        .expect("a pose");
+    fuse(&mut volume, |i| if i % 120 < 30 && i / 120 < 30 { 1.7 } else { 0.0 }, &Se3::identity());
+    let found = depending(&volume, revision);
+    assert!(found > 5 && 2 * found < volume.blocks());
+    assert_eq!(depending(&volume, volume.revision()), 0);
+}
+
+#[test]
+fn blocks_too_far_apart_for_an_array_are_found() {
+    let mut volume = volume();
+    let near = volume.blocks();
+    let far = Se3::new(So3::exp(&Vec3::zeros()), Vec3::new(500.0, 500.0, 500.0));
+    fuse(&mut volume, |i| if i % 120 < 30 && i / 120 < 30 { 1.7 } else { 0.0 }, &far);
+    assert!(depending(&volume, 0) == volume.blocks() && volume.blocks() > near);
+}
+
+/// How many blocks depend on what has changed; they are compared with those next to it, and their meshes with those made one by one.
+fn depending(volume: &TsdfVolume, revision: u64) -> usize {
     let expected: BTreeSet<BlockKey> = Mesher::affected(volume.changed_since(revision))
         .into_iter()
         .filter(|&key| volume.slot(key).is_some())
         .collect();
-    assert!(expected.len() > 5 && 2 * expected.len() < volume.blocks());
     let mut mesher = Mesher::new(MeshConfig::default());
-    let found: Vec<_> = mesher.changed(&volume, revision).collect();
+    let found: Vec<_> = mesher.changed(volume, revision).collect();
     assert_eq!(found.len(), expected.len());
     assert_eq!(found.iter().map(|(key, _)| *key).collect::<BTreeSet<_>>(), expected);
-    for (key, piece) in found {
-        assert!(mesher.block(&volume, key) == piece);
+    for (key, piece) in &found {
+        assert!(mesher.block(volume, *key) == *piece);
     }
+    found.len()
 }
