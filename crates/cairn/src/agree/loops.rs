@@ -7,7 +7,7 @@ use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
 use cairn_engine::Config;
 use cairn_geometry::Se3;
-use cairn_mapping::{Agreement, Recognised};
+use cairn_mapping::{Agreement, Apart, Recognised};
 use cairn_team::{Measurement, PoseId};
 use cairn_vision::RectifiedCamera;
 use nalgebra::Matrix6;
@@ -16,6 +16,9 @@ use std::collections::BTreeMap;
 /// What all features of a key frame have in common does not average out: standard deviations of a recognised pose, metres for each metre of
 /// depth and radians, beyond that of its points.
 const IN_COMMON: [f64; 2] = [0.002, 0.001];
+
+/// Of the few key frames that should show the map, the share that must: where all rooms look alike, six of eight and seven of nine did.
+const SUPPORT: f64 = 0.95;
 
 /// What came of comparing a map with another robot's candidates.
 #[derive(Debug, Default)]
@@ -27,8 +30,8 @@ pub struct FoundLoops {
 }
 
 /// The loops between a robot's map and key frames of another one. Which places agree is decided as when saved maps are joined
-/// ([`cairn_mapping::Closer::compare_maps`]: pairwise consistent places at three positions, nothing that contradicts them, and nearly all key
-/// frames that should show the place do). Where several places were recognised in one key frame, that with most landmarks counts.
+/// ([`cairn_mapping::Closer::compare_maps`]: pairwise consistent places at three positions, nothing that contradicts them), but that
+/// all of the few key frames that should show the map must. Where several places were recognised in one key frame, that with most landmarks counts.
 ///
 /// # Errors
 /// [`MergeError`]: the maps do not fit each other.
@@ -41,6 +44,11 @@ pub fn loops_between(own: &MapFile, places: MapFile, config: &Config) -> Result<
     for (n, from) in roots.iter().enumerate() {
         for into in &roots[..n] {
             match closer.compare_maps(snapshot, *into, *from).result {
+                Ok(Agreement { support, .. })
+                    if (support.shown as f64) < SUPPORT * support.expected as f64 =>
+                {
+                    found.apart = Some(Apart::Unsupported(support).to_string());
+                }
                 Ok(agreed) => found.loops.extend(best(snapshot, &both.file.about.camera, &agreed)),
                 Err(why) => found.apart = Some(why.to_string()),
             }

@@ -136,7 +136,7 @@ fn two_processes_agree_on_the_pose_graph_of_their_maps() {
         let [map, out, poses] = ["map", "g2o", "tum"].map(|kind| path(format!("{robot}.{kind}")));
         let mut agree = Command::new(env!("CARGO_BIN_EXE_cairn"));
         agree.args(["team", "agree", &map, "--robot", &robot.to_string(), "--out", &out]);
-        agree.args(["--trajectory", &poses, "--json", "--for", "15"]);
+        agree.args(["--trajectory", &poses, "--json", "--for", "25"]);
         let address = match robot {
             1 => ["--listen", &hub].map(str::to_owned).to_vec(),
             _ => ["--listen", "127.0.0.1:0", "--peer", &hub].map(str::to_owned).to_vec(),
