@@ -162,7 +162,7 @@ pub fn compare_files(
 }
 
 /// All maps in one file, each still in a frame of its own.
-fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeError> {
+pub(crate) fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeError> {
     // Maps that measure depth come first: those whose lengths are not metres are scaled to them.
     files.sort_by_key(|(_, file)| !file.about.camera.has_depth());
     let mut files = files.into_iter();
@@ -187,7 +187,7 @@ fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeEr
 }
 
 impl MergedMaps {
-    fn closer(&self, config: &Config) -> Closer {
+    pub(crate) fn closer(&self, config: &Config) -> Closer {
         let whole = config.closer.whole_key_frames;
         let whole_key_frames = if whole > 0 { whole.max(WHOLE_KEY_FRAMES) } else { 0 };
         let closer = CloserConfig { whole_key_frames, ..config.closer };

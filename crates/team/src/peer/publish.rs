@@ -1,7 +1,9 @@
-//! What a robot publishes: the words of its key frames and its map, each with a version that rises when it changes.
+//! What a robot publishes: the words of its key frames, features of some of them, and its map, each with a version that rises when it changes.
 
 use super::Peer;
-use super::message::{BLOCK_BYTES, Layer, MAX_BLOCKS, MAX_PART_BYTES, MAX_WORDS_PART_BYTES, Manifest};
+use super::message::{
+    BLOCK_BYTES, Layer, MAX_BLOCKS, MAX_PART_BYTES, MAX_PLACES_PART_BYTES, MAX_WORDS_PART_BYTES, Manifest,
+};
 use super::part::Part;
 use crate::Refused;
 
@@ -36,6 +38,17 @@ impl Peer {
             return Err(Refused::TooLong(bytes.len()));
         }
         self.publish_layer(Layer::Words, bytes, lengths)
+    }
+
+    /// As [`Peer::publish_pieces`], for the features of key frames that, by their words, show what robots of greater numbers saw.
+    ///
+    /// # Errors
+    /// As [`Peer::publish_pieces`], with [`MAX_PLACES_PART_BYTES`].
+    pub fn publish_places(&mut self, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {
+        if bytes.is_empty() || bytes.len() > MAX_PLACES_PART_BYTES {
+            return Err(Refused::TooLong(bytes.len()));
+        }
+        self.publish_layer(Layer::Places, bytes, lengths)
     }
 
     fn publish_layer(&mut self, layer: Layer, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {

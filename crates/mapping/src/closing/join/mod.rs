@@ -14,7 +14,8 @@ mod tests;
 use super::Closer;
 use super::scales::{FusedScales, ScaleConflict, ScaleMatch, fuse_scales};
 use super::visits::metre_in_map_units;
-use cairn_atlas::{Change, KeyFrame, MapId, Snapshot};
+use cairn_adjust::Recognised;
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Sim3, Vec3};
 use consistency::{agreeing, rivals};
 use seams::Found;
@@ -153,6 +154,8 @@ pub struct Agreement {
     pub support: Support,
     /// From the younger map to the older one, by the seam in the middle.
     pub into_from: Sim3,
+    /// The seams that agree: key frames of the younger map, and the place of the older one that was recognised in each.
+    pub recognised: Vec<(KeyFrameId, Recognised)>,
 }
 
 impl Closer {
@@ -167,6 +170,7 @@ impl Closer {
                 left_out: found.len() - chosen.len(),
                 support,
                 into_from: stitch::middle(snapshot, &agreeing).seam.into_from,
+                recognised: agreeing.iter().map(|f| (f.seam.key_frame, f.place.clone())).collect(),
             }
         });
         MapComparison { from, into, compared, result }
