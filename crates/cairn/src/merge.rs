@@ -109,7 +109,7 @@ pub fn merge_maps_where(
     config: &Config,
     may: impl Fn(&MapOfFile, &MapOfFile) -> bool,
 ) -> Result<MergedMaps, MergeError> {
-    let mut merged = side_by_side(files)?;
+    let mut merged = side_by_side(by_depth(files))?;
     merged.join(config, &may);
     Ok(merged)
 }
@@ -137,7 +137,7 @@ pub fn compare_files(
     b: (String, MapFile),
     config: &Config,
 ) -> Result<Vec<FileComparison>, MergeError> {
-    let merged = side_by_side(vec![a, b])?;
+    let merged = side_by_side(by_depth(vec![a, b]))?;
     let closer = merged.closer(config);
     let own = |id: &MapId| merged.maps.get(id).and_then(|of| of.first());
     let mut compared = Vec::new();
@@ -161,10 +161,14 @@ pub fn compare_files(
     Ok(compared)
 }
 
-/// All maps in one file, each still in a frame of its own.
-pub(crate) fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeError> {
-    // Maps that measure depth come first: those whose lengths are not metres are scaled to them.
+/// Maps that measure depth come first: those whose lengths are not metres are scaled to them.
+fn by_depth(mut files: Vec<(String, MapFile)>) -> Vec<(String, MapFile)> {
     files.sort_by_key(|(_, file)| !file.about.camera.has_depth());
+    files
+}
+
+/// All maps in one file, each still in a frame of its own; those of the first file are the oldest.
+pub(crate) fn side_by_side(files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeError> {
     let mut files = files.into_iter();
     let (name, first) = files.next().ok_or(MergeError::Empty)?;
     let own = |name: &str, id: MapId| MapOfFile { name: name.to_owned(), root: id.root().index() };

@@ -120,6 +120,15 @@ impl MapWords {
         (here.len(), there.len())
     }
 
+    /// How much a key frame of this map looks like one of another: their similarity as a part of the similarity of each to its
+    /// neighbour in its own map. `None` where one of them has no words.
+    pub fn likeness(&self, seq: u32, other: &Self, other_seq: u32) -> Option<f64> {
+        let at = |words: &Self, seq| words.seqs.binary_search(&seq).ok();
+        let (here, there) = (at(self, seq)?, at(other, other_seq)?);
+        let own = self.own[here].min(other.own[there]).max(f64::MIN_POSITIVE);
+        Some(self.bags[here].similarity(&other.bags[there]) / own)
+    }
+
     /// The numbers of those key frames of this map that look like one of the other, rising.
     pub fn similar_key_frames(&self, other: &Self) -> Vec<u32> {
         self.similar_up_to(other, usize::MAX).0.into_iter().map(|k| self.seqs[k]).collect()

@@ -3,7 +3,7 @@
 
 use cairn::geometry::{LieGroup, Se3, umeyama};
 use cairn::sensor::Stamp;
-use cairn::team::peer::{Identity, Peer, PeerKind, TeamKey, To};
+use cairn::team::peer::{Identity, MapSubscription, Peer, PeerKind, TeamKey, To};
 use cairn::team::{JudgeConfig, Measurement, Network, NetworkConfig, PoseId, RobotId};
 use cairn::{AgreeingMap, Config, Slam, graph_of_map, map_file, open, shared_atlas};
 use cairn_atlas::store::MapFile;
@@ -40,8 +40,13 @@ const THREE: [&str; 3] = [
     "sensor=rgbd&start=9&duration=16&speed=0.95&height=1.35",
 ];
 
-fn walks(world: &str, options: impl Fn(usize) -> String) -> BTreeMap<RobotId, Walk> {
-    (1..).zip(0..3).map(|(robot, n)| (robot, walk(robot, world, &options(n)))).collect()
+fn walks(world: &str, options: &[String]) -> BTreeMap<RobotId, Walk> {
+    (1..).zip(options).map(|(robot, options)| (robot, walk(robot, world, options))).collect()
+}
+
+/// Three walks of one house.
+fn house(seed: u32) -> BTreeMap<RobotId, Walk> {
+    walks("demo", &THREE.map(|walk| format!("seed={seed}&{walk}")))
 }
 
 /// A robot with its side of the network.
@@ -52,6 +57,15 @@ struct Side {
 
 /// All update and exchange messages until nothing was new for ten rounds.
 fn agreed(walks: &BTreeMap<RobotId, Walk>, network: NetworkConfig) -> BTreeMap<RobotId, Side> {
+    agreed_where(walks, network, None)
+}
+
+/// The same where one robot leaves when another one has asked it for features of further key frames.
+fn agreed_where(
+    walks: &BTreeMap<RobotId, Walk>,
+    network: NetworkConfig,
+    leaves: Option<RobotId>,
+) -> BTreeMap<RobotId, Side> {
     let mut network = Network::new(network);
     let mut sides: BTreeMap<RobotId, Side> = BTreeMap::new();
     for (robot, walk) in walks {
@@ -73,14 +87,20 @@ fn agreed(walks: &BTreeMap<RobotId, Walk>, network: NetworkConfig) -> BTreeMap<R
                 update.searched || update.graph.stepped || update.graph.published || side.peer.is_fetching();
             out.extend(side.peer.tick().into_iter().map(|m| (*robot, m)));
         }
+        if let Some(left) =
+            leaves.filter(|left| sides.values().any(|s| s.robot.waits_for().contains_key(left)))
+        {
+            sides.remove(&left);
+        }
         for packet in network.deliver() {
-            let peer = &mut sides.get_mut(&packet.to).expect("a robot").peer;
+            let Some(Side { peer, .. }) = sides.get_mut(&packet.to) else { continue };
             out.extend(peer.receive(&packet.bytes).expect("honest").into_iter().map(|m| (packet.to, m)));
         }
         for (from, message) in out {
+            let Some(side) = sides.get_mut(&from) else { continue };
             for to in walks.keys().filter(|to| **to != from) {
                 if message.to == To::All || message.to == To::Robot(*to) {
-                    sides.get_mut(&from).expect("a robot").peer.sent(&message);
+                    side.peer.sent(&message);
                     network.send(from, *to, &message.bytes);
                 }
             }
@@ -153,7 +173,9 @@ fn sent(side: &Side) -> String {
     let of = |kind: PeerKind| side.peer.traffic().sent.get(&kind).map_or(0, |amount| amount.bytes);
     let all: u64 = side.peer.traffic().sent.values().map(|amount| amount.bytes).sum();
     let [words, places, graph] = [PeerKind::Words, PeerKind::Places, PeerKind::Block].map(of);
-    format!("{all} B: words {words}, places {places}, graph {graph}, other {}", all - words - places - graph)
+    let requests = of(PeerKind::Requests);
+    let other = all - words - places - graph - requests;
+    format!("{all} B: words {words}, places {places}, requests {requests}, graph {graph}, other {other}")
 }
 
 fn print(walks: &BTreeMap<RobotId, Walk>, sides: &BTreeMap<RobotId, Side>) {
@@ -183,7 +205,7 @@ fn print(walks: &BTreeMap<RobotId, Walk>, sides: &BTreeMap<RobotId, Side>) {
 
 #[test]
 fn three_robots_agree_on_poses_without_sending_maps() {
-    let walks = walks("demo", |n| format!("seed=5&{}", THREE[n]));
+    let walks = house(5);
     let bad = NetworkConfig { loss: 0.3, delayed: 0.3, delay_rounds: 3, duplicated: 0.2, seed: 4 };
     let sides = agreed(&walks, bad);
     print(&walks, &sides);
@@ -198,27 +220,109 @@ fn three_robots_agree_on_poses_without_sending_maps() {
     }
 }
 
-/// Rooms that look the same, each robot in another one: no loop between two is believed.
-fn look_alike(seed: u32) {
-    let walks = walks("office", |n| {
-        format!("sensor=rgbd&seed={seed}&look_alike=1&duration=26&start={}", [0, 26, 52][n])
-    });
-    let sides = agreed(&walks, NetworkConfig::PERFECT);
-    print(&walks, &sides);
-    for side in sides.values() {
-        assert_eq!(side.robot.graph().robot().loops().count(), 0, "seed {seed}");
-    }
+#[test]
+fn of_a_robot_that_leaves_before_it_gave_what_was_asked_for_no_loop_is_believed() {
+    let walks = house(5);
+    let sides = agreed_where(&walks, NetworkConfig::PERFECT, Some(1));
+    let found = loops(&walks, &sides);
+    assert_eq!(found.keys().copied().collect::<Vec<_>>(), [[2, 3]], "{found:?}");
+    assert!(sides.values().any(|side| side.robot.waits_for().get(&1).is_some_and(|missing| *missing >= 3)));
+    // What both are sure of among themselves does not depend on it.
+    let known: Vec<RobotId> = sides[&3].robot.graph().robot().known().collect();
+    assert!(known.contains(&2) && !sides[&3].robot.waits_for().contains_key(&2), "{known:?}");
 }
 
 #[test]
-fn robots_in_rooms_that_look_alike_have_no_loops() {
-    look_alike(1);
+fn what_cannot_be_read_leads_to_a_sentence_and_no_loop() {
+    let walk = walk(2, "demo", "seed=5&sensor=rgbd&duration=6");
+    let identity = |robot: RobotId| Identity::from_seed(robot, &[robot as u8; 32]).expect("a seed");
+    let key = || TeamKey::new(b"two");
+    let mut own = Peer::new(identity(2), key());
+    let judge = Some(JudgeConfig::default());
+    let mut robot =
+        AgreeingMap::new(walk.file.clone(), judge, 1, &Config::default(), &mut own).expect("metres");
+    // Robot 1 saw the same by its words, and gives what is no map.
+    let (words, lengths) = cairn::words_of_map(1, &walk.file);
+    let mut other = Peer::new(identity(1), key());
+    other.subscribe(MapSubscription::Of([1, 2].into()));
+    other.publish_words(&words, &lengths).expect("few");
+    let mut lines = Vec::new();
+    for garbage in [vec![7; 3], vec![7; 5000], [&12u32.to_le_bytes()[..], &[0; 40]].concat()] {
+        other.publish_places(&garbage, &[garbage.len()]).expect("short enough");
+        for _ in 0..8 {
+            let update = robot.update(&mut own).expect("it goes on");
+            lines.extend(update.lines);
+            let mut out: Vec<_> = own.tick().into_iter().map(|m| (2, m)).collect();
+            out.extend(other.tick().into_iter().map(|m| (1, m)));
+            while let Some((from, message)) = out.pop() {
+                let to = if from == 1 { &mut own } else { &mut other };
+                out.extend(to.receive(&message.bytes).expect("sealed").into_iter().map(|m| (3 - from, m)));
+            }
+        }
+    }
+    let said: Vec<&String> = lines.iter().filter(|line| line.starts_with("features of robot 1: ")).collect();
+    assert_eq!(said.len(), 3, "{lines:?}");
+    assert_eq!(robot.graph().robot().loops().count(), 0);
+    assert!(robot.waits_for().is_empty());
+}
+
+/// How many loops there are between every two robots, and how many of them are off by more than this, metres.
+fn loops(
+    walks: &BTreeMap<RobotId, Walk>,
+    sides: &BTreeMap<RobotId, Side>,
+) -> BTreeMap<[RobotId; 2], [usize; 2]> {
+    const FALSE_M: f64 = 0.5;
+    let all = sides.values().flat_map(|side| side.robot.graph().robot().loops());
+    let by_ends: BTreeMap<_, _> = all.map(|m| (m.ends(), m)).collect();
+    let mut loops: BTreeMap<[RobotId; 2], [usize; 2]> = BTreeMap::new();
+    for m in by_ends.values() {
+        let [a, b] = [m.a, m.b].map(|end| walks[&end.robot].truth[&end.seq]);
+        let off = (m.a_from_b.inverse() * a.inverse() * b).translation.norm();
+        let of = loops.entry([m.a.robot.min(m.b.robot), m.a.robot.max(m.b.robot)]).or_default();
+        *of = [of[0] + 1, of[1] + usize::from(off > FALSE_M)];
+    }
+    loops
+}
+
+/// Offices in which all rooms of a side look the same, each robot in another room: how many pairs of robots there are, and how many have a
+/// loop that is false.
+fn look_alike(seeds: std::ops::RangeInclusive<u32>, starts: &[u32], duration: u32) -> [usize; 2] {
+    let mut pairs = [0, 0];
+    for seed in seeds {
+        let walk = |start| format!("sensor=rgbd&seed={seed}&look_alike=1&duration={duration}&start={start}");
+        let walks = walks("office", &starts.iter().map(walk).collect::<Vec<_>>());
+        let sides = agreed(&walks, NetworkConfig::PERFECT);
+        print(&walks, &sides);
+        let found = loops(&walks, &sides);
+        println!("office, seed {seed}, from {starts:?} s for {duration} s: loops and false ones {found:?}");
+        pairs[0] += walks.len() * (walks.len() - 1) / 2;
+        pairs[1] += found.values().filter(|[_, wrong]| *wrong > 0).count();
+    }
+    println!("office, from {starts:?} s for {duration} s: pairs and false ones {pairs:?}");
+    pairs
+}
+
+#[test]
+fn robots_in_rooms_that_look_alike_have_no_false_loops() {
+    assert_eq!(look_alike(1..=1, &[0, 26, 52, 78], 26), [6, 0]);
 }
 
 #[test]
 #[ignore = "two minutes"]
-fn robots_in_more_rooms_that_look_alike_have_no_loops() {
-    (2..=6).for_each(look_alike);
+fn three_robots_in_rooms_that_look_alike_have_no_false_loops() {
+    assert_eq!(look_alike(1..=6, &[0, 26, 52], 26), [18, 0]);
+}
+
+#[test]
+#[ignore = "five minutes"]
+fn four_robots_in_rooms_that_look_alike_have_no_false_loops() {
+    assert_eq!(look_alike(2..=12, &[0, 26, 52, 78], 26), [66, 0]);
+}
+
+#[test]
+#[ignore = "five minutes"]
+fn robots_that_stay_in_rooms_that_look_alike_have_no_false_loops() {
+    assert_eq!(look_alike(1..=8, &[5, 31, 57, 83], 18), [48, 0]);
 }
 
 #[test]
@@ -228,11 +332,12 @@ fn table() {
         "| seed | alone, m | agreed, each, m | all | joint map, all, m | kB sent by each | kB of the maps as sent |"
     );
     for seed in 1..=6 {
-        let walks = walks("demo", |n| format!("seed={seed}&{}", THREE[n]));
+        let walks = house(seed);
         let sides = agreed(&walks, NetworkConfig::PERFECT);
         print(&walks, &sides);
         let alone: Vec<f64> =
             walks.iter().map(|(r, w)| errors(&poses_of(&w.file), &walks, &[*r]).0).collect();
+        println!("house, seed {seed}: loops and false ones {:?}", loops(&walks, &sides));
         let (all, each) = errors(&poses(&sides), &walks, &[1, 2, 3]);
         let in_pieces = |walk: &Walk| {
             let mut pieces = cairn_atlas::store::pieces::Pieces::default();

@@ -3,11 +3,11 @@
 use super::graph::pose_id;
 use super::information;
 use crate::merge::{MergeError, side_by_side};
-use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
+use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_engine::Config;
 use cairn_geometry::Se3;
-use cairn_mapping::{Agreement, Apart, Recognised};
+use cairn_mapping::{Agreement, Recognised};
 use cairn_team::{Measurement, PoseId};
 use cairn_vision::RectifiedCamera;
 use nalgebra::Matrix6;
@@ -17,62 +17,75 @@ use std::collections::BTreeMap;
 /// depth and radians, beyond that of its points.
 const IN_COMMON: [f64; 2] = [0.002, 0.001];
 
-/// Of the few key frames that should show the map, the share that must: where all rooms look alike, six of eight and seven of nine did.
-const SUPPORT: f64 = 0.95;
-
-/// What came of comparing a map with another robot's candidates.
-#[derive(Debug, Default)]
-pub struct FoundLoops {
-    /// The loops that agree with each other, one for each key frame.
-    pub loops: Vec<Measurement<Se3, 6>>,
-    /// Why there is none, where that was found out.
-    pub apart: Option<String>,
+/// What the own map and features of another robot say of each other.
+#[derive(Debug)]
+pub enum Compared {
+    /// Why there is no loop.
+    Apart(String),
+    /// Places that agree with each other.
+    Agreed(Agreed),
 }
 
-/// The loops between a robot's map and key frames of another one. Which places agree is decided as when saved maps are joined
-/// ([`cairn_mapping::Closer::compare_maps`]: pairwise consistent places at three positions, nothing that contradicts them), but that
-/// all of the few key frames that should show the map must. Where several places were recognised in one key frame, that with most landmarks counts.
+/// Places that agree with each other.
+#[derive(Debug)]
+pub struct Agreed {
+    /// The key frames of the other robot in which an own place was recognised, and how its map lies to the own one by each.
+    pub seams: Vec<(u32, Se3)>,
+    /// Of the key frames with features those that should show the own map, and whether they do.
+    pub expected: BTreeMap<u32, bool>,
+    /// A loop for each of the key frames.
+    pub loops: Vec<Measurement<Se3, 6>>,
+}
+
+/// Compares a robot's map with key frames of another one. Which places agree is decided as when saved maps are joined
+/// ([`cairn_mapping::Closer::compare_maps`]: pairwise consistent places at three positions, nothing that contradicts them).
+/// Where several places were recognised in one key frame, that with most landmarks counts.
 ///
 /// # Errors
 /// [`MergeError`]: the maps do not fit each other.
-pub fn loops_between(own: &MapFile, places: MapFile, config: &Config) -> Result<FoundLoops, MergeError> {
+pub fn compare(own: &MapFile, places: MapFile, config: &Config) -> Result<Compared, MergeError> {
     let (ours, theirs) = ("own".to_owned(), "other".to_owned());
     let both = side_by_side(vec![(ours, own.clone()), (theirs, places)])?;
-    let (snapshot, closer) = (&both.file.snapshot, both.closer(config));
-    let roots: Vec<_> = both.maps.keys().copied().collect();
-    let mut found = FoundLoops::default();
-    for (n, from) in roots.iter().enumerate() {
-        for into in &roots[..n] {
-            match closer.compare_maps(snapshot, *into, *from).result {
-                Ok(Agreement { support, .. })
-                    if (support.shown as f64) < SUPPORT * support.expected as f64 =>
-                {
-                    found.apart = Some(Apart::Unsupported(support).to_string());
-                }
-                Ok(agreed) => found.loops.extend(best(snapshot, &both.file.about.camera, &agreed)),
-                Err(why) => found.apart = Some(why.to_string()),
-            }
+    let (snapshot, camera) = (&both.file.snapshot, &both.file.about.camera);
+    let mut maps = both.maps.keys();
+    let (Some(into), Some(from)) = (maps.next(), maps.next()) else { return Err(MergeError::Empty) };
+    Ok(match both.closer(config).compare_maps(snapshot, *into, *from).result {
+        Err(why) => Compared::Apart(why.to_string()),
+        Ok(agreed) => {
+            let seq = |id| pose_id(snapshot, id).seq;
+            let best = best(snapshot, &agreed);
+            let seam = |(here, place): &(KeyFrameId, Recognised)| {
+                let k = snapshot.key_frame(*here)?;
+                Some((seq(*here), place.world_from_camera * k.world_from_camera.inverse()))
+            };
+            Compared::Agreed(Agreed {
+                seams: best.iter().filter_map(seam).collect(),
+                expected: agreed.expected.iter().map(|(id, shows)| (seq(*id), *shows)).collect(),
+                loops: best
+                    .iter()
+                    .filter_map(|(here, place)| measured(snapshot, camera, *here, place))
+                    .collect(),
+            })
         }
-    }
-    Ok(found)
+    })
 }
 
-/// One loop for each key frame in which places were recognised.
-fn best(snapshot: &Snapshot, camera: &RectifiedCamera, agreed: &Agreement) -> Vec<Measurement<Se3, 6>> {
-    let mut best: BTreeMap<PoseId, &(_, Recognised)> = BTreeMap::new();
+/// The place with most landmarks of each key frame in which places were recognised.
+fn best(snapshot: &Snapshot, agreed: &Agreement) -> Vec<(KeyFrameId, Recognised)> {
+    let mut best: BTreeMap<PoseId, &(KeyFrameId, Recognised)> = BTreeMap::new();
     for found in &agreed.recognised {
         let held = best.entry(pose_id(snapshot, found.0)).or_insert(found);
         if found.1.inliers > held.1.inliers {
             *held = found;
         }
     }
-    best.values().filter_map(|(here, place)| measured(snapshot, camera, *here, place)).collect()
+    best.into_values().cloned().collect()
 }
 
 fn measured(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
-    here: cairn_atlas::KeyFrameId,
+    here: KeyFrameId,
     place: &Recognised,
 ) -> Option<Measurement<Se3, 6>> {
     let (old, k) = (snapshot.key_frame(place.old)?, snapshot.key_frame(here)?);

@@ -1,28 +1,34 @@
 //! A robot that agrees with others on one pose graph made of their saved maps, without sending the maps.
 //!
-//! In three steps, each with fewer bytes of more key frames than the next (Lajoie et al., "DOOR-SLAM", 2020; Tian et al., "Kimera-Multi",
+//! In steps, each with fewer bytes of more key frames than the next (Lajoie et al., "DOOR-SLAM", 2020; Tian et al., "Kimera-Multi",
 //! 2022): words of all key frames go to all; features of a few key frames that look like what another robot saw go to
-//! that one ([`places`]), which verifies them against its map ([`loops`]); then the pose graph of each map, condensed to what loops
+//! that one ([`places`]), which verifies them against its map ([`loops`]) and asks for a few more that would contradict first if it was
+//! elsewhere ([`checks`], [`search`]); then the pose graph of each map, condensed to what loops
 //! touch, goes to those that share places ([`cairn_team::GraphPeer`]). Of two robots that of the greater number looks for loops; the
 //! other one hears of them with its graph.
 //!
 //! There is no clock, thread or network here: a driver calls [`AgreeingMap::update`] now and then, and carries the messages of the peer.
 
+mod checks;
 mod graph;
 mod information;
 mod loops;
 mod places;
+mod search;
 
 pub use graph::{MapGraphError, graph_of_map};
 
-use crate::{MapOverlaps, in_reach, own_map, words_of_map};
+use crate::{MapOverlaps, in_reach, words_of_map};
 use cairn_atlas::RobotId;
 use cairn_atlas::store::MapFile;
-use cairn_atlas::store::pieces::Pieces;
 use cairn_engine::Config;
 use cairn_geometry::Se3;
 use cairn_team::peer::{Holding, MapSubscription, Peer};
-use cairn_team::{GraphPeer, JudgeConfig, Robot, RobotError, RobotGraph, Update};
+use cairn_team::{
+    GraphPeer, JudgeConfig, PlaceRequests, Robot, RobotError, RobotGraph, Update, Viewpoint, Viewpoints,
+};
+use places::Given;
+use search::{Asked, Outcome, Own};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What an update did.
@@ -45,11 +51,16 @@ pub struct AgreeingMap {
     own: RobotGraph<Se3, 6>,
     graph: GraphPeer<Se3, 6>,
     overlaps: MapOverlaps,
-    /// The key frames whose features others get, and these features.
-    given: BTreeSet<u32>,
-    pieces: Pieces,
+    viewpoints: Viewpoints,
+    /// The key frames whose features others get.
+    given: Given,
+    /// The version of what each robot asked for that was answered last.
+    answered: BTreeMap<RobotId, u32>,
     /// The version of each robot's features that was searched last.
     searched: BTreeMap<RobotId, u32>,
+    /// What this robot asked others for, and how many key frames have not come.
+    asked: Asked,
+    waiting: BTreeMap<RobotId, usize>,
 }
 
 /// Why a robot cannot agree.
@@ -83,15 +94,20 @@ impl AgreeingMap {
         let (words, lengths) = words_of_map(robot, &file);
         peer.publish_words(&words, &lengths).map_err(|_| RobotError::TooMuch(robot))?;
         peer.subscribe(MapSubscription::Of(BTreeSet::new()));
+        let at = |(seq, pose): (&u32, &Se3)| (*seq, Viewpoint::of(pose));
+        let viewpoints = Viewpoints(own.poses.iter().map(at).collect());
         Ok(Self {
             config: config.clone(),
             file,
             own,
             graph,
             overlaps: MapOverlaps::default(),
-            given: BTreeSet::new(),
-            pieces: Pieces::default(),
+            viewpoints,
+            given: Given::default(),
+            answered: BTreeMap::new(),
             searched: BTreeMap::new(),
+            asked: Asked::default(),
+            waiting: BTreeMap::new(),
         })
     }
 
@@ -112,7 +128,13 @@ impl AgreeingMap {
 
     /// How many of its key frames others get features of.
     pub fn places_given(&self) -> usize {
-        self.given.len()
+        self.given.seqs.len()
+    }
+
+    /// The robots whose maps may share places with the own one, as far as features of so many further key frames that were asked for tell,
+    /// which have not come.
+    pub fn waits_for(&self) -> &BTreeMap<RobotId, usize> {
+        &self.waiting
     }
 
     /// Takes in what has come, searches loops where there are new features, computes the own poses again, and publishes what changed.
@@ -125,51 +147,70 @@ impl AgreeingMap {
             update.lines.extend(self.overlaps.update(peer));
             let pairs = self.overlaps.pairs();
             peer.subscribe(MapSubscription::Of(in_reach(peer.robot(), &pairs)));
-            self.give(peer, &pairs)?;
             update.searched = true;
         }
+        self.give(peer, update.searched, &mut update.lines)?;
         update.searched |= self.search(peer, &mut update.lines)?;
         update.graph = self.graph.update(peer)?;
         Ok(update)
     }
 
-    /// Publishes the features of key frames that look like what robots of greater numbers saw. Features that others have stay.
-    fn give(&mut self, peer: &mut Peer, pairs: &BTreeSet<(RobotId, RobotId)>) -> Result<(), RobotError> {
-        let robot = peer.robot();
+    /// Adds to what it gives: key frames that look like what robots of greater numbers saw, by new words, and those that they ask
+    /// for. What others have already stays.
+    fn give(
+        &mut self,
+        peer: &mut Peer,
+        words_are_new: bool,
+        lines: &mut Vec<String>,
+    ) -> Result<(), RobotError> {
+        let (robot, before) = (peer.robot(), self.given.seqs.len());
         let Some(own) = self.overlaps.words(robot) else { return Ok(()) };
-        let others = pairs.iter().filter(|(a, _)| *a == robot).filter_map(|(_, b)| self.overlaps.words(*b));
-        let before = self.given.len();
-        for other in others {
-            let wanted = places::candidates(own, other, &self.given);
-            self.given.extend(wanted);
+        if words_are_new {
+            let pairs = self.overlaps.pairs();
+            let others = pairs.iter().filter(|(a, _)| *a == robot);
+            others.filter_map(|(_, b)| self.overlaps.words(*b)).for_each(|b| self.given.add_similar(own, b));
         }
-        if self.given.len() == before {
-            return Ok(());
+        for (Holding { robot: by, version, .. }, requests) in peer.requests() {
+            if self.answered.insert(by, version) == Some(version) {
+                continue;
+            }
+            match requests {
+                Ok(PlaceRequests(of)) => {
+                    let seqs = of.get(&robot).cloned().unwrap_or_default();
+                    lines.extend(self.given.add_requested(&self.viewpoints, by, &seqs));
+                }
+                Err(why) => lines.push(format!("what robot {by} asks for: {why}")),
+            }
         }
-        let Some(snapshot) = places::only(&self.file.snapshot, robot, &self.given) else { return Ok(()) };
-        let file = MapFile { snapshot, attached: BTreeMap::new(), ..self.file.clone() };
-        let too_much = |_| RobotError::TooMuch(robot);
-        self.pieces.add(&file).map_err(|_| RobotError::TooMuch(robot))?;
-        peer.publish_places(self.pieces.bytes(), self.pieces.lengths()).map(drop).map_err(too_much)
+        match self.given.seqs.len() == before {
+            true => Ok(()),
+            false => self.given.publish(&self.viewpoints, &self.file, peer),
+        }
     }
 
     /// Searches loops to the robots whose features are new; whether there are any.
-    fn search(&mut self, peer: &Peer, lines: &mut Vec<String>) -> Result<bool, RobotError> {
+    fn search(&mut self, peer: &mut Peer, lines: &mut Vec<String>) -> Result<bool, RobotError> {
         let is_new = |h: &Holding| self.searched.get(&h.robot) != Some(&h.version);
         let new: Vec<Holding> = peer.places().filter(is_new).collect();
-        for Holding { robot, version, .. } in &new {
-            self.searched.insert(*robot, *version);
-            let bytes = peer.places_of(*robot).unwrap_or_default();
-            let found = own_map(*robot, &bytes).map_err(|why| why.to_string()).and_then(|places| {
-                loops::loops_between(&self.file, places, &self.config).map_err(|why| why.to_string())
-            });
-            match found {
-                Ok(found) => {
-                    lines.extend(found.apart.map(|why| format!("no loop to robot {robot}: {why}")));
-                    self.graph.add_loops(found.loops)?;
+        for holding in &new {
+            let robot = holding.robot;
+            let words = [peer.robot(), robot].map(|robot| self.overlaps.words(robot));
+            let [Some(own), Some(words)] = words else { continue };
+            self.searched.insert(robot, holding.version);
+            self.waiting.remove(&robot);
+            let own =
+                Own { file: &self.file, viewpoints: &self.viewpoints, words: own, config: &self.config };
+            let bytes = peer.places_of(robot).unwrap_or_default();
+            match self.asked.search(own, robot, words, &bytes) {
+                Ok(Outcome::Loops(loops)) => self.graph.add_loops(loops)?,
+                Ok(Outcome::Waits(missing)) => {
+                    self.waiting.insert(robot, missing);
                 }
+                Ok(Outcome::Apart(why)) => lines.push(format!("no loop to robot {robot}: {why}")),
                 Err(why) => lines.push(format!("features of robot {robot}: {why}")),
             }
+            peer.publish_requests(&self.asked.0).map_err(|_| RobotError::TooMuch(peer.robot()))?;
+            peer.compared_places(holding);
         }
         Ok(!new.is_empty())
     }

@@ -32,7 +32,7 @@ pub use refusal_log::RefusalLog;
 pub use seal::{Identity, IdentityError, TeamKey};
 pub use traffic::{Amount, Traffic};
 
-use crate::{MAX_ROBOTS, Refused, RobotId};
+use crate::{MAX_ROBOTS, PlaceRequests, Refused, RobotId};
 use message::{Body, Layer, PeerMessage, Stamp, Topic};
 use part::Part;
 use std::collections::{BTreeMap, BTreeSet};
@@ -108,6 +108,8 @@ pub struct Peer {
     fetched: BTreeMap<RobotId, usize>,
     /// With [`Peer::subscribe`]: the words that were there then; others are not said to be here yet.
     judged: Option<BTreeMap<RobotId, Stamp>>,
+    /// The features of each robot that were compared with the own map; others are not said to be here yet.
+    compared: BTreeMap<RobotId, u32>,
     /// The key that each robot signed with first; any other is refused.
     keys: BTreeMap<RobotId, [u8; 32]>,
     heard: BTreeMap<RobotId, Heard>,
@@ -130,6 +132,7 @@ impl Peer {
             refresh_ticks: 0,
             fetched: BTreeMap::new(),
             judged: None,
+            compared: BTreeMap::new(),
             keys,
             heard: BTreeMap::new(),
             offered: BTreeMap::new(),
@@ -189,11 +192,13 @@ impl Peer {
         out
     }
 
-    /// What it says to have: words only once they were judged.
+    /// What it says to have: words only once they were judged, and features once they were compared.
     fn said(&self) -> Vec<(Topic, Stamp)> {
-        let is_said = |(robot, layer): &Topic, stamp: &Stamp| {
-            let judged = self.judged.as_ref().is_none_or(|judged| judged.get(robot) == Some(stamp));
-            *layer != Layer::Words || *robot == self.robot() || judged
+        let is_said = |(robot, layer): &Topic, stamp: &Stamp| match layer {
+            _ if *robot == self.robot() => true,
+            Layer::Words => self.judged.as_ref().is_none_or(|judged| judged.get(robot) == Some(stamp)),
+            Layer::Places => self.compared.get(robot) == Some(&stamp.0),
+            Layer::Map | Layer::Requests => true,
         };
         let all = self.parts.iter().map(|(topic, part)| (*topic, part.stamp));
         all.filter(|(topic, stamp)| is_said(topic, stamp)).collect()
@@ -305,6 +310,22 @@ impl Peer {
         self.parts.get(&(robot, Layer::Places)).map(Part::bytes)
     }
 
+    /// Says that features of this version were compared with the own map, and that what follows from that was published: their robot
+    /// can rely on it, and leave.
+    pub fn compared_places(&mut self, of: &Holding) {
+        self.compared.insert(of.robot, of.version);
+    }
+
+    /// What robots of greater numbers whose maps are wanted ask for, with its version; an error where that is not valid.
+    pub fn requests(&self) -> impl Iterator<Item = (Holding, Result<PlaceRequests, Refused>)> {
+        let own = self.robot();
+        let listed = move |(robot, layer): &Topic| {
+            *layer == Layer::Requests && *robot != own && layer.goes_to(own, *robot, &self.subscription)
+        };
+        let listed = self.parts.iter().filter(move |(topic, _)| listed(topic));
+        listed.map(|((robot, _), part)| (holding(part), PlaceRequests::decode(*robot, &part.bytes())))
+    }
+
     fn maps(&self) -> impl Iterator<Item = &Part> {
         let own = self.robot();
         let listed = move |(robot, layer): &Topic| {
@@ -324,6 +345,15 @@ impl Peer {
         let has_places = !looks || own(Layer::Places).is_none() || own(Layer::Places) == has(Layer::Places);
         let has_map = own(Layer::Map) == has(Layer::Map) || is_without && own(Layer::Words).is_some();
         has_words && has_places && has_map
+    }
+
+    /// Whether another peer published something for this one, as it said last, that has not come.
+    pub fn is_behind(&self, other: RobotId) -> bool {
+        let Some(heard) = self.heard.get(&other) else { return false };
+        let goes = |layer: &Layer| layer.goes_to(self.robot(), other, &self.subscription);
+        let has = |layer| self.parts.get(&(other, layer)).map(|part| part.stamp);
+        let published = heard.has.iter().filter(|((robot, layer), _)| *robot == other && goes(layer));
+        published.into_iter().any(|((_, layer), stamp)| has(*layer).is_none_or(|held| held < *stamp))
     }
 
     /// Whether something newer than what is held is on its way.

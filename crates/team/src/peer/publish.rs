@@ -5,7 +5,7 @@ use super::message::{
     BLOCK_BYTES, Layer, MAX_BLOCKS, MAX_PART_BYTES, MAX_PLACES_PART_BYTES, MAX_WORDS_PART_BYTES, Manifest,
 };
 use super::part::Part;
-use crate::Refused;
+use crate::{PlaceRequests, Refused};
 
 impl Peer {
     /// Publishes this robot's map in place of the one before, and returns its version: the same one if it has not
@@ -49,6 +49,16 @@ impl Peer {
             return Err(Refused::TooLong(bytes.len()));
         }
         self.publish_layer(Layer::Places, bytes, lengths)
+    }
+
+    /// Publishes which key frames of robots of smaller numbers this one needs features of, in place of what it asked for before.
+    ///
+    /// # Errors
+    /// When more is asked for than a robot may ([`crate::MAX_REQUESTED`] of one robot).
+    pub fn publish_requests(&mut self, requests: &PlaceRequests) -> Result<u32, Refused> {
+        let too_much = Refused::Inconsistent("it asks for more key frames than a robot may");
+        let bytes = requests.encode(self.robot()).ok_or(too_much)?;
+        self.publish_layer(Layer::Requests, &bytes, &[bytes.len()])
     }
 
     fn publish_layer(&mut self, layer: Layer, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {

@@ -7,7 +7,7 @@ use cairn::AgreeingMap;
 use cairn::geometry::Se3;
 use cairn::team::peer::{Peer, RefusalLog};
 use cairn_solve::graph::Rigid;
-use cairn_team::{GraphPeer, RobotError, Update};
+use cairn_team::{GraphPeer, RobotError, RobotId, Update};
 use cairn_wire::Member;
 use std::time::{Duration, Instant};
 
@@ -16,6 +16,8 @@ const STEP: Duration = Duration::from_millis(200);
 /// Poses that moved less than this (m, rad) do not move any more, after so long.
 const STILL: f64 = 1e-4;
 const STILL_FOR: Duration = Duration::from_secs(5);
+/// Features that were asked for are waited for so long, while their robot is reached.
+const ANSWER_WITHIN: Duration = Duration::from_secs(60);
 
 /// A robot's graph, from a file or made of its map.
 pub trait OwnGraph<G: Rigid<D>, const D: usize> {
@@ -28,6 +30,10 @@ pub trait OwnGraph<G: Rigid<D>, const D: usize> {
     fn graph(&self) -> &GraphPeer<G, D>;
     /// Whether the graphs of others are there, as far as is known who they are.
     fn is_complete(&self, peer: &Peer) -> bool;
+    /// The robots of which features were asked for that have not come.
+    fn waits_for(&self) -> Vec<RobotId> {
+        Vec::new()
+    }
 }
 
 impl<G: Rigid<D>, const D: usize> OwnGraph<G, D> for GraphPeer<G, D> {
@@ -60,6 +66,10 @@ impl OwnGraph<Se3, 6> for AgreeingMap {
         let needed = |robot: &_| peer.subscription().includes(*robot);
         let known = |robot: &_| self.graph().robot().known().any(|known| known == *robot);
         words.len() > 1 && words.iter().filter(|robot| needed(robot)).all(known)
+    }
+
+    fn waits_for(&self) -> Vec<RobotId> {
+        Self::waits_for(self).keys().copied().collect()
     }
 }
 
@@ -104,7 +114,8 @@ impl<R> Agreeing<R> {
                 (known, moved_at) = (robots, now);
             }
             let is_complete = self.robot.is_complete(self.member.peer());
-            let settled = is_complete && now - moved_at > STILL_FOR && self.is_heard();
+            let still_for = if self.is_answered::<G, D>() { STILL_FOR } else { ANSWER_WITHIN };
+            let settled = is_complete && now - moved_at > still_for && self.is_heard();
             let is_over = time.is_some_and(|time| now - began >= time);
             if is_over || (settled && time.is_none()) || interrupt::requested() {
                 return Ok(settled);
@@ -115,6 +126,16 @@ impl<R> Agreeing<R> {
     /// Whether nothing is on its way, and all that are reached have what this robot published last.
     fn is_heard(&self) -> bool {
         let peer = self.member.peer();
-        !peer.is_fetching() && self.member.reached().all(|other| peer.is_up_to_date(other))
+        let is_equal = |other| peer.is_up_to_date(other) && !peer.is_behind(other);
+        !peer.is_fetching() && self.member.reached().all(is_equal)
+    }
+
+    /// Whether no robot that is reached was asked for what has not come.
+    fn is_answered<G: Rigid<D>, const D: usize>(&self) -> bool
+    where
+        R: OwnGraph<G, D>,
+    {
+        let asked = self.robot.waits_for();
+        !self.member.reached().any(|other| asked.contains(&other))
     }
 }

@@ -7,7 +7,7 @@ use crate::commands::solve::text_of;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::number::number;
-use crate::output::{Output, note};
+use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use agreeing::Agreeing;
 use cairn::geometry::Se3;
@@ -192,6 +192,10 @@ fn agree_on_map(a: &Arguments) -> Result<(Agreed, G2o, String), Failure> {
     let mut agreeing = Agreeing::new(a.reach.member(peer)?, own);
     let agreed = settle(a, &mut agreeing)?;
     let own = &agreeing.robot;
+    for (other, missing) in own.waits_for() {
+        let what = format!("{missing} key frames that would tell whether it was where this robot was");
+        warn(&format!("no loop to robot {other}: features of {what} have not come"));
+    }
     Ok((agreed, file_of(own.graph(), own.own(), Graph::Space)?, trajectory_of(own)?))
 }
 
