@@ -209,7 +209,9 @@ impl AgreeingMap {
                 Ok(Outcome::Apart(why)) => lines.push(format!("no loop to robot {robot}: {why}")),
                 Err(why) => lines.push(format!("features of robot {robot}: {why}")),
             }
-            peer.publish_requests(&self.asked.0).map_err(|_| RobotError::TooMuch(peer.robot()))?;
+            if !self.asked.0.0.is_empty() {
+                peer.publish_requests(&self.asked.0).map_err(|_| RobotError::TooMuch(peer.robot()))?;
+            }
             peer.compared_places(holding);
         }
         Ok(!new.is_empty())

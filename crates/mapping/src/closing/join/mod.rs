@@ -160,22 +160,33 @@ pub struct Agreement {
     pub recognised: Vec<(KeyFrameId, Recognised)>,
 }
 
+/// What was decided of two maps.
+struct Decided {
+    /// The seams that are believed, as indices.
+    chosen: Vec<usize>,
+    /// The key frames that should show the older map, and whether they do.
+    expected: Vec<(KeyFrameId, bool)>,
+    /// How the scales of both maps fit.
+    scales: FusedScales,
+}
+
 impl Closer {
     /// Compares two maps of a snapshot as [`Closer::join_maps`] does, and stops before joining them.
     pub fn compare_maps(&self, snapshot: &Snapshot, a: MapId, b: MapId) -> MapComparison {
         let (into, from) = (a.min(b), a.max(b));
         let (compared, mut found) = self.seams(snapshot, from, into);
-        let result = self.decide(snapshot, from, into, &mut found).map(|(chosen, expected, _)| {
-            let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
-            Agreement {
-                seams: chosen.len(),
-                left_out: found.len() - chosen.len(),
-                support: Support::of(&expected),
-                expected,
-                into_from: stitch::middle(snapshot, &agreeing).seam.into_from,
-                recognised: agreeing.iter().map(|f| (f.seam.key_frame, f.place.clone())).collect(),
-            }
-        });
+        let result =
+            self.decide(snapshot, from, into, &mut found).map(|Decided { chosen, expected, .. }| {
+                let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
+                Agreement {
+                    seams: chosen.len(),
+                    left_out: found.len() - chosen.len(),
+                    support: Support::of(&expected),
+                    expected,
+                    into_from: stitch::middle(snapshot, &agreeing).seam.into_from,
+                    recognised: agreeing.iter().map(|f| (f.seam.key_frame, f.place.clone())).collect(),
+                }
+            });
         MapComparison { from, into, compared, result }
     }
 
@@ -189,7 +200,7 @@ impl Closer {
         let (into, from) = (a.min(b), a.max(b));
         let (compared, mut found) = self.seams(snapshot, from, into);
         match self.decide(snapshot, from, into, &mut found) {
-            Ok((chosen, expected, scales)) => {
+            Ok(Decided { chosen, expected, scales }) => {
                 let (mut junction, draft) = self.stitch(snapshot, [from, into], &found, &chosen, scales);
                 junction.support = Support::of(&expected);
                 let (joined, changes) = draft.into_parts();
@@ -201,15 +212,14 @@ impl Closer {
         }
     }
 
-    /// The seams that are believed, as indices, the key frames that should show the older map with whether they do, and how the scales of
-    /// both maps fit; all seams then have the scale between both.
+    /// Which seams are believed; all then have the scale between both maps.
     fn decide(
         &self,
         snapshot: &Snapshot,
         from: MapId,
         into: MapId,
         found: &mut [Found],
-    ) -> Result<(Vec<usize>, Vec<(KeyFrameId, bool)>, FusedScales), Apart> {
+    ) -> Result<Decided, Apart> {
         if found.is_empty() {
             return Err(Apart::NoPlace);
         }
@@ -230,7 +240,7 @@ impl Closer {
         }
         let scales = self.fused_scales(snapshot, [into, from], found, &chosen).map_err(Apart::MetricScale)?;
         found.iter_mut().for_each(|f| f.scale(snapshot, scales.ratio()));
-        Ok((chosen, expected, scales))
+        Ok(Decided { chosen, expected, scales })
     }
 
     /// The scales of two maps (the older one first), weighed by the seams chosen.
