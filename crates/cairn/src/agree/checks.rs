@@ -12,10 +12,10 @@ use std::collections::BTreeSet;
 /// Key frames that are asked for, at most.
 const MOST_CHECKS: usize = 4;
 /// Positions that both robots must have been at, looking the same way: twice as many as places must agree at. A shorter way can look like
-/// another one from end to end (offices in which all rooms of a side look the same: 4; two walks of one house: 12 to 14).
+/// another one from end to end (offices in which all rooms of a side look the same: 4; three walks of one house: 12 to 14).
 const LEAST_POSITIONS: usize = 6;
-/// A key frame looks like another one from this likeness on, and so many of those that coincide must (walks of one house: all, at 0.67
-/// or more; rooms that look alike: 0.64 to 0.88 of them).
+/// A key frame looks like another one from this likeness on, and so many of those that coincide must (three walks in each of six houses: all, at 0.50
+/// or more; rooms that look alike, where both robots leave them: 0.64 to 0.88 of them).
 const ALIKE: f64 = 0.3;
 const LEAST_ALIKE: f64 = 0.9;
 /// Two key frames coincide within this distance, metres, and with this cosine between their axes, as where saved maps become one.
