@@ -13,7 +13,7 @@ use cairn_team::{Measurement, PlaceRequests, Viewpoints};
 use std::collections::BTreeSet;
 
 /// Of all key frames with features that should show the own map, the share that must. Where saved maps become one, 0.85 of them all are enough;
-/// these are a few, and of two rooms that look alike twelve of thirteen did.
+/// these are a few.
 const SUPPORT: f64 = 0.95;
 /// Of those that were asked for, so many must, and none may not.
 const LEAST_SHOWN: usize = 3;
