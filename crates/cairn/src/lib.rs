@@ -61,12 +61,14 @@
 //! them `cairn-voice` and `cairn-web`, the faces of the command line.
 
 mod accuracy;
+mod agree;
 mod builder;
 mod changes;
 mod error;
 mod events;
 mod map;
 mod merge;
+mod overlaps;
 mod reach;
 mod shared;
 mod slam;
@@ -74,6 +76,7 @@ pub mod team_scale;
 mod walk;
 
 pub use accuracy::accuracy;
+pub use agree::{AgreeError, AgreedUpdate, AgreeingMap, MapGraphError, graph_of_map};
 pub use builder::{Builder, sensor_mode_of};
 #[doc(no_inline)]
 pub use cairn_mapping::{Agreement, Apart, Junction, MapComparison, MapJoin, Seam, Support};
@@ -84,6 +87,7 @@ pub use map::{Map, ROUTE_PREFIX, map_file, routes_of};
 pub use merge::{
     Attempt, FileComparison, MapOfFile, MergeError, MergedMaps, compare_files, merge_maps, merge_maps_where,
 };
+pub use overlaps::MapOverlaps;
 pub use reach::{MapWords, WordsError, in_reach, words_of_map};
 pub use shared::{OwnMapError, SharedAtlas, TeamAtlas, own_map, own_part, shared_atlas};
 pub use slam::Slam;

@@ -114,7 +114,7 @@ pub fn merge_maps_where(
     config: &Config,
     may: impl Fn(&MapOfFile, &MapOfFile) -> bool,
 ) -> Result<MergedMaps, MergeError> {
-    let mut merged = side_by_side(files)?;
+    let mut merged = side_by_side(by_depth(files))?;
     merged.join(config, &may);
     Ok(merged)
 }
@@ -142,7 +142,7 @@ pub fn compare_files(
     b: (String, MapFile),
     config: &Config,
 ) -> Result<Vec<FileComparison>, MergeError> {
-    let merged = side_by_side(vec![a, b])?;
+    let merged = side_by_side(by_depth(vec![a, b]))?;
     let closer = merged.closer(config);
     let own = |id: &MapId| merged.maps.get(id).and_then(|of| of.first());
     let mut compared = Vec::new();
@@ -166,10 +166,14 @@ pub fn compare_files(
     Ok(compared)
 }
 
-/// All maps in one file, each still in a frame of its own.
-fn side_by_side(mut files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeError> {
-    // Maps that measure depth come first: those whose lengths are not metres are scaled to them.
+/// Maps that measure depth come first: those whose lengths are not metres are scaled to them.
+fn by_depth(mut files: Vec<(String, MapFile)>) -> Vec<(String, MapFile)> {
     files.sort_by_key(|(_, file)| !file.about.camera.has_depth());
+    files
+}
+
+/// All maps in one file, each still in a frame of its own; those of the first file are the oldest.
+pub(crate) fn side_by_side(files: Vec<(String, MapFile)>) -> Result<MergedMaps, MergeError> {
     let mut files = files.into_iter();
     let (name, first) = files.next().ok_or(MergeError::Empty)?;
     let own = |name: &str, id: MapId| MapOfFile { name: name.to_owned(), root: id.root().index() };
@@ -200,7 +204,7 @@ fn whole_key_frames(config: &Config) -> usize {
 }
 
 impl MergedMaps {
-    fn closer(&self, config: &Config) -> Closer {
+    pub(crate) fn closer(&self, config: &Config) -> Closer {
         let closer = CloserConfig { whole_key_frames: whole_key_frames(config), ..config.closer };
         let closer = Closer::new(self.file.about.camera, closer, config.mapper.window);
         closer.with_imu_of(&self.file.snapshot, config.inertial)

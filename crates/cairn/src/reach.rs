@@ -46,6 +46,8 @@ pub fn words_of_map(robot: RobotId, file: &MapFile) -> (Vec<u8>, Vec<usize>) {
 /// The words of a map's key frames.
 #[derive(Clone, Debug, Default)]
 pub struct MapWords {
+    /// The numbers of the key frames, rising.
+    seqs: Vec<u32>,
     bags: Vec<BagOfWords>,
     /// The similarity of each to the more similar one of its neighbours in time.
     own: Vec<f64>,
@@ -70,20 +72,22 @@ impl MapWords {
     /// # Errors
     /// [`WordsError`]: it is damaged, of another robot, or made with another vocabulary.
     pub fn read(robot: RobotId, bytes: &[u8]) -> Result<Self, WordsError> {
-        let (mut bags, mut rest) = (Vec::new(), bytes);
+        let (mut named, mut rest) = (Vec::new(), bytes);
         while !rest.is_empty() {
             let message = rest.split_first_chunk::<2>().and_then(|(length, rest)| {
                 rest.split_at_checked(usize::from(u16::from_le_bytes(*length)).min(MAX_WORDS_BYTES))
             });
             let (message, after) = message.ok_or(WordsError::Cut)?;
             let words = KeyFrameWords::decode(robot, message)?;
-            bags.push(words.bag(Vocabulary::current())?);
+            named.push((words.seq, words.bag(Vocabulary::current())?));
             rest = after;
         }
-        Ok(Self::new(bags))
+        Ok(Self::new(named))
     }
 
-    pub(crate) fn new(bags: Vec<BagOfWords>) -> Self {
+    /// Of key frames by their numbers, in rising order.
+    pub(crate) fn new(named: Vec<(u32, BagOfWords)>) -> Self {
+        let (seqs, bags): (Vec<u32>, Vec<BagOfWords>) = named.into_iter().unzip();
         let next: Vec<f64> = bags.windows(2).map(|pair| pair[0].similarity(&pair[1])).collect();
         let at = |k: Option<usize>| k.and_then(|k| next.get(k)).copied().unwrap_or(0.0);
         let own = (0..bags.len()).map(|k| at(Some(k)).max(at(k.checked_sub(1)))).collect();
@@ -91,7 +95,7 @@ impl MapWords {
         for (k, bag) in bags.iter().enumerate() {
             bag.words().iter().for_each(|(word, w)| lists.entry(word.0).or_default().push((k, *w)));
         }
-        Self { bags, own, lists }
+        Self { seqs, bags, own, lists }
     }
 
     /// The bags of words of the key frames, in their order.
@@ -112,12 +116,27 @@ impl MapWords {
     /// How many key frames of this map look like one of the other, and of the other like one of this; the same numbers
     /// whichever way round.
     pub fn similar(&self, other: &Self) -> (usize, usize) {
-        self.similar_up_to(other, usize::MAX)
+        let (here, there) = self.similar_up_to(other, usize::MAX);
+        (here.len(), there.len())
     }
 
-    /// The same, counted no further than until both numbers are `enough`: of robots that walk in one place a few key frames
-    /// tell that.
-    fn similar_up_to(&self, other: &Self, enough: usize) -> (usize, usize) {
+    /// How much a key frame of this map looks like one of another: their similarity as a part of the similarity of each to its
+    /// neighbour in its own map. `None` where one of them has no words.
+    pub fn likeness(&self, seq: u32, other: &Self, other_seq: u32) -> Option<f64> {
+        let at = |words: &Self, seq| words.seqs.binary_search(&seq).ok();
+        let (here, there) = (at(self, seq)?, at(other, other_seq)?);
+        let own = self.own[here].min(other.own[there]).max(f64::MIN_POSITIVE);
+        Some(self.bags[here].similarity(&other.bags[there]) / own)
+    }
+
+    /// The numbers of those key frames of this map that look like one of the other, rising.
+    pub fn similar_key_frames(&self, other: &Self) -> Vec<u32> {
+        self.similar_up_to(other, usize::MAX).0.into_iter().map(|k| self.seqs[k]).collect()
+    }
+
+    /// Those key frames of both, searched no further than until there are `enough` of either: of robots that walk in one place a few
+    /// key frames tell that.
+    fn similar_up_to(&self, other: &Self, enough: usize) -> (BTreeSet<usize>, BTreeSet<usize>) {
         let (mut here, mut there) = (BTreeSet::new(), BTreeSet::new());
         for (k, bag) in self.bags.iter().enumerate() {
             if here.len().min(there.len()) >= enough {
@@ -135,13 +154,13 @@ impl MapWords {
                 there.insert(n);
             }
         }
-        (here.len(), there.len())
+        (here, there)
     }
 
     /// Whether the two maps may show the same places.
     pub fn overlaps(&self, other: &Self) -> bool {
         let (here, there) = self.similar_up_to(other, LEAST_KEY_FRAMES);
-        here.min(there) >= LEAST_KEY_FRAMES
+        here.len().min(there.len()) >= LEAST_KEY_FRAMES
     }
 }
 

@@ -25,6 +25,8 @@ mod synthetic;
 mod tests;
 mod triangulation;
 
+#[doc(no_inline)]
+pub use cairn_adjust::Recognised;
 pub use closing::{
     Accepted, Adjust, Agreement, Apart, Closed, Closer, CloserConfig, FusedScales, Joined, Junction,
     MapComparison, MapJoin, Refusal, ScaleConflict, Seam, Support, Verdict,

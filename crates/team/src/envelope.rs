@@ -84,6 +84,10 @@ pub enum Kind {
     Graph = 1,
     /// The visual words of a keyframe.
     Words = 2,
+    /// Where the key frames of a map stand.
+    Viewpoints = 3,
+    /// Which key frames a robot asks for.
+    Requests = 4,
 }
 
 /// The bytes of a message with this body.

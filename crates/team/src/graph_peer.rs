@@ -6,7 +6,7 @@
 
 use crate::peer::{Holding, Peer};
 use crate::robot::{Robot, RobotError};
-use crate::{Refused, RobotId};
+use crate::{Measurement, Refused, RobotId};
 use cairn_solve::graph::Rigid;
 use std::collections::BTreeMap;
 
@@ -43,17 +43,27 @@ pub struct GraphPeer<G, const D: usize> {
     seen: BTreeMap<RobotId, u32>,
     published: Option<Published<G>>,
     steps: usize,
+    has_new_loops: bool,
 }
 
 impl<G: Rigid<D>, const D: usize> GraphPeer<G, D> {
     /// A robot that has heard nothing yet.
     pub fn new(robot: Robot<G, D>) -> Self {
-        Self { robot, seen: BTreeMap::new(), published: None, steps: 0 }
+        Self { robot, seen: BTreeMap::new(), published: None, steps: 0, has_new_loops: false }
     }
 
     /// The robot.
     pub fn robot(&self) -> &Robot<G, D> {
         &self.robot
+    }
+
+    /// Adds loops that were found after it began ([`Robot::add_loops`]); what follows from them is computed in the next update.
+    ///
+    /// # Errors
+    /// As [`Robot::add_loops`].
+    pub fn add_loops(&mut self, loops: Vec<Measurement<G, D>>) -> Result<(), RobotError> {
+        self.has_new_loops |= !loops.is_empty();
+        self.robot.add_loops(loops).map(drop)
     }
 
     /// How often the poses were computed again because something new had come.
@@ -66,7 +76,7 @@ impl<G: Rigid<D>, const D: usize> GraphPeer<G, D> {
     /// # Errors
     /// When the robot cannot continue, or shares too much.
     pub fn update(&mut self, peer: &mut Peer) -> Result<Update, RobotError> {
-        let mut update = Update::default();
+        let mut update = Update { stepped: std::mem::take(&mut self.has_new_loops), ..Update::default() };
         let own = self.robot.id();
         let is_news = |h: &Holding| h.robot != own && self.seen.get(&h.robot) != Some(&h.version);
         let news: Vec<Holding> = peer.holdings().filter(is_news).collect();

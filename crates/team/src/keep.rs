@@ -10,9 +10,11 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Number of messages over which the bytes of a measurement, which is sent once, are spread when sizes are compared.
 const MESSAGES: usize = 4;
 
-/// Which poses to keep, among `shared.len()` with measurements between these `edges`; each pose has `D` unknowns.
-pub fn choose<const D: usize>(shared: &[bool], edges: &[(usize, usize)]) -> Vec<bool> {
-    let mut state = State::new(shared.len(), edges);
+/// Which poses to keep, among `shared.len()` with measurements between these `edges`; each pose has `D` unknowns. Measurements have so many
+/// different information matrices, which are sent once each.
+pub fn choose<const D: usize>(shared: &[bool], edges: &[(usize, usize)], informations: usize) -> Vec<bool> {
+    let of_information = 8 * D * (D + 1) / 2 * informations / edges.len().max(1);
+    let mut state = State::new(shared.len(), edges, 8 * D + 4 + of_information);
     let mut free: BTreeSet<usize> = (0..shared.len()).filter(|v| !shared[*v]).collect();
     let mut order = Vec::new();
     let (mut best, mut cheapest) = (0, state.bytes::<D>());
@@ -38,6 +40,8 @@ struct State {
     measured: Vec<BTreeMap<usize, usize>>,
     left: usize,
     measurements: usize,
+    /// Bytes of each of these.
+    measurement_bytes: usize,
     /// Number of remaining poses around each connected part of eliminated ones.
     around: BTreeMap<usize, usize>,
     /// The eliminated parts next to each pose.
@@ -45,7 +49,7 @@ struct State {
 }
 
 impl State {
-    fn new(n: usize, edges: &[(usize, usize)]) -> Self {
+    fn new(n: usize, edges: &[(usize, usize)], measurement_bytes: usize) -> Self {
         let mut next = vec![BTreeSet::new(); n];
         let mut measured = vec![BTreeMap::new(); n];
         for &(a, b) in edges.iter().filter(|(a, b)| a != b) {
@@ -59,6 +63,7 @@ impl State {
             measured,
             left: n,
             measurements: edges.len(),
+            measurement_bytes,
             around: BTreeMap::new(),
             parts: vec![BTreeSet::new(); n],
         }
@@ -90,7 +95,7 @@ impl State {
             4 * (n * (n + 1) / 2 + n)
         };
         let parts: usize = self.around.values().map(part).sum();
-        parts + self.left * (4 * D + 1) + self.measurements * (8 * D + 4) / MESSAGES
+        parts + self.left * (4 * D + 1) + self.measurements * self.measurement_bytes / MESSAGES
     }
 }
 
@@ -102,7 +107,7 @@ mod tests {
     fn of_a_chain_only_the_shared_poses_stay() {
         let edges: Vec<(usize, usize)> = (1..40).map(|k| (k - 1, k)).collect();
         let shared: Vec<bool> = (0..40).map(|k| [3, 17, 18, 30].contains(&k)).collect();
-        assert_eq!(choose::<6>(&shared, &edges), shared);
+        assert_eq!(choose::<6>(&shared, &edges, 1), shared);
     }
 
     #[test]
@@ -111,11 +116,11 @@ mod tests {
         let edges: Vec<(usize, usize)> = (1..31).map(|k| (0, k)).collect();
         let mut shared = vec![true; 31];
         shared[0] = false;
-        assert_eq!(choose::<6>(&shared, &edges), vec![true; 31]);
+        assert_eq!(choose::<6>(&shared, &edges, 1), vec![true; 31]);
         // A pose between only two others is eliminated.
         let chain = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 6)];
         let ends = [true, false, false, false, false, false, true];
-        assert_eq!(choose::<6>(&ends, &chain), ends);
+        assert_eq!(choose::<6>(&ends, &chain, 1), ends);
     }
 
     #[test]
@@ -134,7 +139,7 @@ mod tests {
             }
         }
         let shared: Vec<bool> = (0..side * side).map(|v| v % side == 0).collect();
-        let keep = choose::<3>(&shared, &edges);
+        let keep = choose::<3>(&shared, &edges, 1);
         let kept = keep.iter().filter(|k| **k).count();
         assert!(shared.iter().zip(&keep).all(|(s, k)| !s || *k) && kept < side * side, "{kept}");
     }

@@ -14,7 +14,9 @@ mod keep;
 mod message;
 mod network;
 pub mod peer;
+mod requests;
 mod robot;
+mod viewpoints;
 mod words;
 
 /// Greatest number of robots in a team that a robot keeps track of, itself included.
@@ -28,5 +30,7 @@ pub use ids::{LoopId, PoseId, RobotId};
 pub use judge::{JudgeConfig, Judgement, Verdict};
 pub use message::{Estimate, MAX_BYTES, Message, Shared};
 pub use network::{Network, NetworkConfig, Packet};
+pub use requests::{MAX_REQUESTED, MAX_REQUESTS_BYTES, PlaceRequests};
 pub use robot::{Robot, RobotError};
+pub use viewpoints::{MAX_VIEWPOINTS, MAX_VIEWPOINTS_BYTES, Viewpoint, Viewpoints};
 pub use words::{KeyFrameWords, MAX_WORDS_BYTES};

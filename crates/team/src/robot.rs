@@ -18,7 +18,7 @@ use crate::keep::choose;
 use crate::message::{Estimate, Message, Shared};
 use crate::{LoopId, MAX_ROBOTS, PoseId, RobotId};
 use cairn_solve::Loss;
-use cairn_solve::graph::{CondenseError, GraphConfig, Metric, PoseGraph, Rigid, lowest_start};
+use cairn_solve::graph::{CondenseError, Edge, GraphConfig, Metric, PoseGraph, Rigid, lowest_start};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Why a robot cannot continue.
@@ -133,6 +133,30 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
         robot.choose_shared();
         robot.condense()?;
         Ok(robot)
+    }
+
+    /// Adds loops from its own poses to others, found after it began; one between the same two poses is replaced. Returns how many
+    /// there are of it now.
+    ///
+    /// # Errors
+    /// When one has no end on its own poses, or its graph cannot be condensed; nothing has changed in the first case.
+    pub fn add_loops(&mut self, loops: Vec<Measurement<G, D>>) -> Result<usize, RobotError> {
+        for m in &loops {
+            let own = m.own_end(self.id).map(|(own, _)| own);
+            let own = own.ok_or(GraphsError::Foreign { robot: self.id, ends: m.ends() })?;
+            self.seqs.binary_search(&own.seq).map_err(|_| GraphsError::NoPose(own))?;
+        }
+        if !loops.is_empty() {
+            self.loops.extend(loops.into_iter().map(|m| (m.ends(), m)));
+            self.choose_shared();
+            self.condense()?;
+        }
+        Ok(self.loops.len())
+    }
+
+    /// Its loops to others, its own and those that others reported.
+    pub fn loops(&self) -> impl Iterator<Item = &Measurement<G, D>> {
+        self.loops.values()
     }
 
     /// Numbers its messages and epochs from here on: above all that it sent before it was started again, or others take its messages
@@ -340,7 +364,9 @@ impl<G: Rigid<D>, const D: usize> Robot<G, D> {
             self.loops.values().filter_map(|m| Some(m.own_end(self.id)?.0.seq)).collect();
         let shared: Vec<bool> = self.seqs.iter().map(|seq| ends.contains(seq)).collect();
         let edges: Vec<(usize, usize)> = self.graph.edges().iter().map(|e| (e.a, e.b)).collect();
-        self.keep = choose::<D>(&shared, &edges);
+        let bits = |e: &Edge<G, D>| e.information.iter().map(|v| v.to_bits()).collect::<Vec<u64>>();
+        let informations: BTreeSet<Vec<u64>> = self.graph.edges().iter().map(bits).collect();
+        self.keep = choose::<D>(&shared, &edges, informations.len());
         if ends.is_empty() {
             self.keep.fill(false);
         }

@@ -237,7 +237,8 @@ fn least(mut work: impl FnMut()) -> f64 {
 /// Seconds to compare the words of two key frames of two robots.
 fn compare_s(bags: &[BagOfWords]) -> f64 {
     let mut random = Random::new(1);
-    let [a, b] = [0, 1].map(|_| MapWords::new((0..COMPARED).map(|_| mixed(bags, &mut random)).collect()));
+    let [a, b] =
+        [0, 1].map(|_| MapWords::new((0..COMPARED).map(|k| (k as u32, mixed(bags, &mut random))).collect()));
     let seconds = least(|| {
         black_box(a.similar(&b));
     });

@@ -113,6 +113,54 @@ fn three_processes_agree_on_a_graph_that_none_of_them_knows_whole() {
     );
 }
 
+/// Two robots with a saved map each agree on poses, without either map leaving its process.
+#[test]
+fn two_processes_agree_on_the_pose_graph_of_their_maps() {
+    let folder = folder("team-agree-maps");
+    let path = |name: String| folder.join(name).to_str().unwrap().to_owned();
+    let walks = ["duration=12", "start=4&duration=10&speed=1.05&height=1.4"];
+    let mut bytes = 0;
+    for (robot, walk) in (1..).zip(walks) {
+        let source = format!("sim:demo?resolution=320x240&rate=10&detail=0.5&sensor=rgbd&seed=5&{walk}");
+        let map = path(format!("{robot}.map"));
+        json(&cairn(&["run", &source, "--robot", &robot.to_string(), "--map-out", &map, "--json"]));
+        bytes += std::fs::metadata(&map).unwrap().len();
+    }
+    let first = path("1.map".into());
+    let out = path("never.g2o".into());
+    fails(&["team", "agree", &first, "--out", &out], &["--robot", "a map needs the number of its robot"]);
+    fails(&["team", "agree", &first, "--robot", "7", "--out", &out], &["no key frame of robot 7"]);
+    let hub = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let mut running = Vec::new();
+    for robot in 1..=2 {
+        let [map, out, poses] = ["map", "g2o", "tum"].map(|kind| path(format!("{robot}.{kind}")));
+        let mut agree = Command::new(env!("CARGO_BIN_EXE_cairn"));
+        agree.args(["team", "agree", &map, "--robot", &robot.to_string(), "--out", &out]);
+        agree.args(["--trajectory", &poses, "--json", "--for", "25"]);
+        let address = match robot {
+            1 => ["--listen", &hub].map(str::to_owned).to_vec(),
+            _ => ["--listen", "127.0.0.1:0", "--peer", &hub].map(str::to_owned).to_vec(),
+        };
+        agree.args(address).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+        running.push(agree.spawn().expect("the binary starts"));
+    }
+    let agreed: Vec<Value> =
+        running.into_iter().map(|process| json(&process.wait_with_output().unwrap())).collect();
+    let sent: u64 = agreed.iter().map(|agreed| agreed["sent_bytes"].as_u64().unwrap()).sum();
+    for (n, agreed) in agreed.iter().enumerate() {
+        assert_eq!((&agreed["settled"], &agreed["refused"]), (&Value::Bool(true), &0.into()), "{agreed}");
+        assert_eq!(agreed["agreed_with"], serde_json::json!([2 - n]), "{agreed}");
+        assert!(agreed["loops"].as_u64().unwrap() >= 3 && agreed["rejected"] == 0, "{agreed}");
+        let poses = std::fs::read_to_string(path(format!("{}.tum", n + 1))).unwrap();
+        let lines = poses.lines().filter(|line| !line.starts_with('#')).count();
+        assert_eq!(agreed["poses"].as_u64().unwrap() as usize, lines, "{agreed}");
+    }
+    assert!(agreed[1]["sent_bytes_of"]["places"].is_null() && sent < bytes / 4, "{sent} of {bytes} B");
+    // The number of a robot in a graph is that of its vertices.
+    let graph = path("1.g2o".into());
+    fails(&["team", "agree", &graph, "--robot", "1", "--out", &out], &["--robot", "belongs to a saved map"]);
+}
+
 #[test]
 fn what_is_no_team_is_said_in_one_line() {
     let folder = folder("team-wrong");

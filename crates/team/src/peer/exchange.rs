@@ -15,7 +15,7 @@ impl Peer {
         wants: MapSubscription,
     ) -> Vec<Outgoing> {
         let has: BTreeMap<Topic, Stamp> = has.into_iter().collect();
-        let goes = |(robot, layer): &Topic| *layer == Layer::Words || wants.includes(*robot);
+        let goes = |(robot, layer): &Topic| layer.goes_to(from, *robot, &wants);
         let is_newer = |topic: &Topic, part: &Part| has.get(topic).is_none_or(|s| *s < part.stamp);
         let newer = self.parts.iter().filter(|(topic, part)| goes(topic) && is_newer(topic, part));
         let (now, offered) = (self.ticks, &mut self.offered);
@@ -47,7 +47,7 @@ impl Peer {
         }
         self.heard.entry(from).or_default().has.insert(topic, stamp);
         let is_own = robot == self.robot();
-        if topic.1 == Layer::Map && !is_own && !self.subscription.includes(robot) {
+        if !is_own && !topic.1.goes_to(self.robot(), robot, &self.subscription) {
             return Ok(Vec::new());
         }
         // One that is newer still is waited for, unless everyone who had it has left.

@@ -1,7 +1,7 @@
 //! Messages between peers: what each has and wants, what a robot published, and its blocks on request.
 
 use super::seal::{Identity, hash, is_signed};
-use crate::{MAX_ROBOTS, Refused, RobotId};
+use crate::{MAX_REQUESTS_BYTES, MAX_ROBOTS, Refused, RobotId};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -15,6 +15,8 @@ const ENTRY_BYTES: usize = 16 + 3;
 pub const MAX_PART_BYTES: usize = 64 << 20;
 /// Greatest length of the words that a robot publishes, in bytes.
 pub const MAX_WORDS_PART_BYTES: usize = 8 << 20;
+/// Greatest length of the features of key frames that look like what others saw, in bytes.
+pub const MAX_PLACES_PART_BYTES: usize = 16 << 20;
 /// Greatest length of a message between peers, in bytes.
 pub const MAX_PEER_MESSAGE_BYTES: usize = MAX_BLOCKS * ENTRY_BYTES + 1024;
 /// Blocks that may be on their way from one peer, by number and bytes.
@@ -32,6 +34,26 @@ pub(super) enum Layer {
     Words,
     /// Its map: only robots that want it get it.
     Map,
+    /// Features of those of its key frames that look like what others saw. Of two robots one looks whether the other saw the same:
+    /// that of the greater number, where it wants the map of the other.
+    Places,
+    /// Which further key frames of others it needs features of to tell that: these are of smaller numbers.
+    Requests,
+}
+
+/// How many layers there are.
+const LAYERS: usize = 4;
+
+impl Layer {
+    /// Whether a robot that `wants` maps gets this layer of another robot; its own it gets back where it has lost it.
+    pub fn goes_to(self, to: RobotId, of: RobotId, wants: &MapSubscription) -> bool {
+        match self {
+            Self::Words => true,
+            Self::Map => wants.includes(of),
+            Self::Places => of <= to && wants.includes(of),
+            Self::Requests => of >= to && wants.includes(of),
+        }
+    }
 }
 
 /// A layer of a robot.
@@ -74,6 +96,10 @@ pub enum PeerKind {
     Words,
     /// A block of a robot's map.
     Block,
+    /// A block of the features of its key frames that look like what others saw.
+    Places,
+    /// A request for features of further key frames.
+    Requests,
 }
 
 impl std::fmt::Display for PeerKind {
@@ -84,6 +110,8 @@ impl std::fmt::Display for PeerKind {
             Self::Want => "want",
             Self::Words => "words",
             Self::Block => "block",
+            Self::Places => "places",
+            Self::Requests => "requests",
         })
     }
 }
@@ -109,6 +137,8 @@ impl PeerMessage {
             Body::Manifest(_) => PeerKind::Manifest,
             Body::Want { .. } => PeerKind::Want,
             Body::Block { topic: (_, Layer::Words), .. } => PeerKind::Words,
+            Body::Block { topic: (_, Layer::Places), .. } => PeerKind::Places,
+            Body::Block { topic: (_, Layer::Requests), .. } => PeerKind::Requests,
             Body::Block { .. } => PeerKind::Block,
         }
     }
@@ -116,7 +146,7 @@ impl PeerMessage {
     pub fn decode(body: &[u8]) -> Result<Self, Refused> {
         let (message, rest) = postcard::take_from_bytes::<Self>(body).map_err(|_| Refused::Encoding)?;
         let sound = match &message.body {
-            Body::Have { has, wants } => has.len() <= 2 * MAX_ROBOTS && wants.is_bounded(),
+            Body::Have { has, wants } => has.len() <= LAYERS * MAX_ROBOTS && wants.is_bounded(),
             Body::Want { blocks, .. } => blocks.len() <= WINDOW,
             Body::Block { bytes, .. } => bytes.len() <= BLOCK_BYTES,
             Body::Manifest(manifest) => manifest.blocks.len() <= MAX_BLOCKS,
@@ -156,6 +186,8 @@ impl Manifest {
         let mut bytes = match self.layer {
             Layer::Words => b"cairn words".to_vec(),
             Layer::Map => b"cairn map".to_vec(),
+            Layer::Places => b"cairn places".to_vec(),
+            Layer::Requests => b"cairn requests".to_vec(),
         };
         bytes.extend(self.robot.to_le_bytes());
         bytes.extend(self.version.to_le_bytes());
@@ -182,6 +214,8 @@ impl Manifest {
         let most = match self.layer {
             Layer::Words => MAX_WORDS_PART_BYTES,
             Layer::Map => MAX_PART_BYTES,
+            Layer::Places => MAX_PLACES_PART_BYTES,
+            Layer::Requests => MAX_REQUESTS_BYTES,
         };
         if self.length() > most {
             return Err(Refused::TooLong(self.length()));

@@ -8,8 +8,9 @@
 //! maintenance", 1987) and fetch what they miss in blocks, from anyone who has it: the robot that published it may have
 //! left long ago.
 //!
-//! A robot publishes two things: the bags of words of its key frames, a kilobyte each, which everyone gets, and its map,
-//! which only those get that want it ([`Peer::subscribe`]). Whom a robot shares a place with follows from the words alone, and
+//! A robot publishes the bags of words of its key frames, a kilobyte each, which everyone gets, and its map,
+//! which only those get that want it ([`Peer::subscribe`]); where robots agree on a pose graph made of their maps, features of some
+//! key frames ([`Peer::publish_places`]) and, in place of the map, the graph. Whom a robot shares a place with follows from the words alone, and
 //! so every robot comes to the same answer (Cieslewski et al., "Data-efficient decentralized visual SLAM", 2018, and
 //! Lajoie et al., "DOOR-SLAM", 2020, exchange in this order).
 //!
@@ -24,13 +25,14 @@ mod seal;
 mod traffic;
 
 pub use message::{
-    BLOCK_BYTES, MAX_PART_BYTES, MAX_PEER_MESSAGE_BYTES, MAX_WORDS_PART_BYTES, MapSubscription, PeerKind,
+    BLOCK_BYTES, MAX_PART_BYTES, MAX_PEER_MESSAGE_BYTES, MAX_PLACES_PART_BYTES, MAX_WORDS_PART_BYTES,
+    MapSubscription, PeerKind,
 };
 pub use refusal_log::RefusalLog;
 pub use seal::{Identity, IdentityError, TeamKey};
 pub use traffic::{Amount, Traffic};
 
-use crate::{MAX_ROBOTS, Refused, RobotId};
+use crate::{MAX_ROBOTS, PlaceRequests, Refused, RobotId};
 use message::{Body, Layer, PeerMessage, Stamp, Topic};
 use part::Part;
 use std::collections::{BTreeMap, BTreeSet};
@@ -106,6 +108,8 @@ pub struct Peer {
     fetched: BTreeMap<RobotId, usize>,
     /// With [`Peer::subscribe`]: the words that were there then; others are not said to be here yet.
     judged: Option<BTreeMap<RobotId, Stamp>>,
+    /// The features of each robot that were compared with the own map; others are not said to be here yet.
+    compared: BTreeMap<RobotId, u32>,
     /// The key that each robot signed with first; any other is refused.
     keys: BTreeMap<RobotId, [u8; 32]>,
     heard: BTreeMap<RobotId, Heard>,
@@ -128,6 +132,7 @@ impl Peer {
             refresh_ticks: 0,
             fetched: BTreeMap::new(),
             judged: None,
+            compared: BTreeMap::new(),
             keys,
             heard: BTreeMap::new(),
             offered: BTreeMap::new(),
@@ -161,8 +166,7 @@ impl Peer {
         self.subscription = subscription;
         let robot = self.robot();
         let subscription = &self.subscription;
-        self.coming
-            .retain(|(r, layer), _| *layer == Layer::Words || *r == robot || subscription.includes(*r));
+        self.coming.retain(|(r, layer), _| *r == robot || layer.goes_to(robot, *r, subscription));
     }
 
     /// Whose maps are fetched.
@@ -188,11 +192,13 @@ impl Peer {
         out
     }
 
-    /// What it says to have: words only once they were judged.
+    /// What it says to have: words only once they were judged, and features once they were compared.
     fn said(&self) -> Vec<(Topic, Stamp)> {
-        let is_said = |(robot, layer): &Topic, stamp: &Stamp| {
-            let judged = self.judged.as_ref().is_none_or(|judged| judged.get(robot) == Some(stamp));
-            *layer == Layer::Map || *robot == self.robot() || judged
+        let is_said = |(robot, layer): &Topic, stamp: &Stamp| match layer {
+            _ if *robot == self.robot() => true,
+            Layer::Words => self.judged.as_ref().is_none_or(|judged| judged.get(robot) == Some(stamp)),
+            Layer::Places => self.compared.get(robot) == Some(&stamp.0),
+            Layer::Map | Layer::Requests => true,
         };
         let all = self.parts.iter().map(|(topic, part)| (*topic, part.stamp));
         all.filter(|(topic, stamp)| is_said(topic, stamp)).collect()
@@ -289,6 +295,37 @@ impl Peer {
         words.map(|(_, part)| (holding(part), part.bytes()))
     }
 
+    /// Of which robots there are complete features of key frames that look like what this robot saw: those of smaller numbers whose
+    /// maps are wanted ([`Peer::publish_places`]).
+    pub fn places(&self) -> impl Iterator<Item = Holding> {
+        let own = self.robot();
+        let listed = move |(robot, layer): &Topic| {
+            *layer == Layer::Places && *robot != own && layer.goes_to(own, *robot, &self.subscription)
+        };
+        self.parts.iter().filter(move |(topic, _)| listed(topic)).map(|(_, part)| holding(part))
+    }
+
+    /// These features of one robot; `None` where there are none.
+    pub fn places_of(&self, robot: RobotId) -> Option<Vec<u8>> {
+        self.parts.get(&(robot, Layer::Places)).map(Part::bytes)
+    }
+
+    /// Says that features of this version were compared with the own map, and that what follows from that was published: their robot
+    /// can rely on it, and leave.
+    pub fn compared_places(&mut self, of: &Holding) {
+        self.compared.insert(of.robot, of.version);
+    }
+
+    /// What robots of greater numbers whose maps are wanted ask for, with its version; an error where that is not valid.
+    pub fn requests(&self) -> impl Iterator<Item = (Holding, Result<PlaceRequests, Refused>)> {
+        let own = self.robot();
+        let listed = move |(robot, layer): &Topic| {
+            *layer == Layer::Requests && *robot != own && layer.goes_to(own, *robot, &self.subscription)
+        };
+        let listed = self.parts.iter().filter(move |(topic, _)| listed(topic));
+        listed.map(|((robot, _), part)| (holding(part), PlaceRequests::decode(*robot, &part.bytes())))
+    }
+
     fn maps(&self) -> impl Iterator<Item = &Part> {
         let own = self.robot();
         let listed = move |(robot, layer): &Topic| {
@@ -304,7 +341,19 @@ impl Peer {
         let has = |layer| heard.has.get(&(self.robot(), layer)).copied();
         let has_words = own(Layer::Words).is_none_or(|stamp| has(Layer::Words) == Some(stamp));
         let is_without = has(Layer::Map).is_none() && !heard.wants.includes(self.robot());
-        has_words && (own(Layer::Map) == has(Layer::Map) || is_without && own(Layer::Words).is_some())
+        let looks = Layer::Places.goes_to(other, self.robot(), &heard.wants);
+        let has_places = !looks || own(Layer::Places).is_none() || own(Layer::Places) == has(Layer::Places);
+        let has_map = own(Layer::Map) == has(Layer::Map) || is_without && own(Layer::Words).is_some();
+        has_words && has_places && has_map
+    }
+
+    /// Whether another peer published something for this one, as it said last, that has not come.
+    pub fn is_behind(&self, other: RobotId) -> bool {
+        let Some(heard) = self.heard.get(&other) else { return false };
+        let goes = |layer: &Layer| layer.goes_to(self.robot(), other, &self.subscription);
+        let has = |layer| self.parts.get(&(other, layer)).map(|part| part.stamp);
+        let published = heard.has.iter().filter(|((robot, layer), _)| *robot == other && goes(layer));
+        published.into_iter().any(|((_, layer), stamp)| has(*layer).is_none_or(|held| held < *stamp))
     }
 
     /// Whether something newer than what is held is on its way.

@@ -1,9 +1,11 @@
-//! What a robot publishes: the words of its key frames and its map, each with a version that rises when it changes.
+//! What a robot publishes: the words of its key frames, features of some of them, and its map, each with a version that rises when it changes.
 
 use super::Peer;
-use super::message::{BLOCK_BYTES, Layer, MAX_BLOCKS, MAX_PART_BYTES, MAX_WORDS_PART_BYTES, Manifest};
+use super::message::{
+    BLOCK_BYTES, Layer, MAX_BLOCKS, MAX_PART_BYTES, MAX_PLACES_PART_BYTES, MAX_WORDS_PART_BYTES, Manifest,
+};
 use super::part::Part;
-use crate::Refused;
+use crate::{PlaceRequests, Refused};
 
 impl Peer {
     /// Publishes this robot's map in place of the one before, and returns its version: the same one if it has not
@@ -36,6 +38,27 @@ impl Peer {
             return Err(Refused::TooLong(bytes.len()));
         }
         self.publish_layer(Layer::Words, bytes, lengths)
+    }
+
+    /// As [`Peer::publish_pieces`], for the features of key frames that, by their words, show what robots of greater numbers saw.
+    ///
+    /// # Errors
+    /// As [`Peer::publish_pieces`], with [`MAX_PLACES_PART_BYTES`].
+    pub fn publish_places(&mut self, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {
+        if bytes.is_empty() || bytes.len() > MAX_PLACES_PART_BYTES {
+            return Err(Refused::TooLong(bytes.len()));
+        }
+        self.publish_layer(Layer::Places, bytes, lengths)
+    }
+
+    /// Publishes which key frames of robots of smaller numbers this one needs features of, in place of what it asked for before.
+    ///
+    /// # Errors
+    /// When more is asked for than a robot may ([`crate::MAX_REQUESTED`] of one robot).
+    pub fn publish_requests(&mut self, requests: &PlaceRequests) -> Result<u32, Refused> {
+        let too_much = Refused::Inconsistent("it asks for more key frames than a robot may");
+        let bytes = requests.encode(self.robot()).ok_or(too_much)?;
+        self.publish_layer(Layer::Requests, &bytes, &[bytes.len()])
     }
 
     fn publish_layer(&mut self, layer: Layer, bytes: &[u8], lengths: &[usize]) -> Result<u32, Refused> {

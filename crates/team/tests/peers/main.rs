@@ -2,5 +2,6 @@
 //! believed that its robot did not sign.
 
 mod maps;
+mod places;
 mod team;
 mod words;

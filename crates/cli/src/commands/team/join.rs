@@ -1,7 +1,6 @@
 //! `cairn team join`: shares a saved map, as it grows, with other robots, and keeps the atlas of all of them.
 
 use super::member::{Reach, identity, team_key};
-use super::overlaps::MapOverlaps;
 use super::paths::beside;
 use super::status::{Shown, TeamStatus};
 use crate::commands::map::failed;
@@ -13,7 +12,7 @@ use crate::output::{Output, note, warn};
 use crate::outputs::Outputs;
 use cairn::team::RobotId;
 use cairn::team::peer::{MapSubscription, Peer};
-use cairn::{Config, SharedAtlas, TeamAtlas, in_reach, own_part, words_of_map};
+use cairn::{Config, MapOverlaps, SharedAtlas, TeamAtlas, in_reach, own_part, words_of_map};
 use cairn_atlas::store::pieces::Pieces;
 use cairn_wire::Member;
 use std::collections::{BTreeMap, BTreeSet};

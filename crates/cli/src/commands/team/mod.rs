@@ -5,7 +5,6 @@ mod fleet;
 mod graph;
 pub mod join;
 pub mod member;
-mod overlaps;
 mod paths;
 mod scale;
 pub mod status;

@@ -14,7 +14,8 @@ mod tests;
 use super::Closer;
 use super::scales::{FusedScales, ScaleConflict, ScaleMatch, fuse_scales};
 use super::visits::metre_in_map_units;
-use cairn_atlas::{Change, KeyFrame, MapId, Snapshot};
+use cairn_adjust::Recognised;
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Sim3, Vec3};
 use consistency::{agreeing, rivals};
 use seams::Found;
@@ -162,6 +163,20 @@ pub struct Agreement {
     pub support: Support,
     /// From the younger map to the older one, by the seam in the middle.
     pub into_from: Sim3,
+    /// The key frames of the younger map that should show the older one by these seams, and whether each does.
+    pub expected: Vec<(KeyFrameId, bool)>,
+    /// The seams that agree: key frames of the younger map, and the place of the older one that was recognised in each.
+    pub recognised: Vec<(KeyFrameId, Recognised)>,
+}
+
+/// What was decided of two maps.
+struct Decided {
+    /// The seams that are believed, as indices.
+    chosen: Vec<usize>,
+    /// The key frames that should show the older map, and whether they do.
+    expected: Vec<(KeyFrameId, bool)>,
+    /// How the scales of both maps fit.
+    scales: FusedScales,
 }
 
 impl Closer {
@@ -169,15 +184,18 @@ impl Closer {
     pub fn compare_maps(&self, snapshot: &Snapshot, a: MapId, b: MapId) -> MapComparison {
         let (into, from) = (a.min(b), a.max(b));
         let (compared, mut found) = self.seams(snapshot, from, into);
-        let result = self.decide(snapshot, from, into, &mut found).map(|(chosen, support, _)| {
-            let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
-            Agreement {
-                seams: chosen.len(),
-                left_out: found.len() - chosen.len(),
-                support,
-                into_from: stitch::middle(snapshot, &agreeing).seam.into_from,
-            }
-        });
+        let result =
+            self.decide(snapshot, from, into, &mut found).map(|Decided { chosen, expected, .. }| {
+                let agreeing: Vec<&Found> = chosen.iter().map(|k| &found[*k]).collect();
+                Agreement {
+                    seams: chosen.len(),
+                    left_out: found.len() - chosen.len(),
+                    support: Support::of(&expected),
+                    expected,
+                    into_from: stitch::middle(snapshot, &agreeing).seam.into_from,
+                    recognised: agreeing.iter().map(|f| (f.seam.key_frame, f.place.clone())).collect(),
+                }
+            });
         MapComparison { from, into, compared, result }
     }
 
@@ -190,10 +208,10 @@ impl Closer {
         let (into, from) = (a.min(b), a.max(b));
         let (compared, mut found) = self.seams(snapshot, from, into);
         match self.decide(snapshot, from, into, &mut found) {
-            Ok((chosen, support, scales)) => {
+            Ok(Decided { chosen, expected, scales }) => {
                 let (mut junction, draft) =
                     self.stitch(snapshot, [from, into], &found, &chosen, scales, adjust);
-                junction.support = support;
+                junction.support = Support::of(&expected);
                 let (joined, changes) = draft.into_parts();
                 MapJoin { from, into, compared, result: Ok(junction), changes, joined: Some(joined) }
             }
@@ -203,14 +221,14 @@ impl Closer {
         }
     }
 
-    /// The seams that are believed, as indices, and how the scales of both maps fit; all seams then have the scale between both.
+    /// Which seams are believed; all then have the scale between both maps.
     fn decide(
         &self,
         snapshot: &Snapshot,
         from: MapId,
         into: MapId,
         found: &mut [Found],
-    ) -> Result<(Vec<usize>, Support, FusedScales), Apart> {
+    ) -> Result<Decided, Apart> {
         if found.is_empty() {
             return Err(Apart::NoPlace);
         }
@@ -224,13 +242,14 @@ impl Closer {
         if self.independent(snapshot, found, &rival) as f64 >= RIVAL * independent as f64 {
             return Err(Apart::Ambiguous { agree: chosen.len(), rival: rival.len() });
         }
-        let support = self.support(snapshot, from, into, found, &chosen);
+        let expected = self.expected(snapshot, from, into, found, &chosen);
+        let support = Support::of(&expected);
         if support.shown < NEED || (support.shown as f64) < SUPPORT * support.expected as f64 {
             return Err(Apart::Unsupported(support));
         }
         let scales = self.fused_scales(snapshot, [into, from], found, &chosen).map_err(Apart::MetricScale)?;
         found.iter_mut().for_each(|f| f.scale(snapshot, scales.ratio()));
-        Ok((chosen, support, scales))
+        Ok(Decided { chosen, expected, scales })
     }
 
     /// The scales of two maps (the older one first), weighed by the seams chosen.
@@ -268,18 +287,18 @@ impl Closer {
         counted.len()
     }
 
-    /// Of the key frames of the younger map that stand, by the seams chosen, within a metre of a key frame of the older
-    /// one and look the same way: how many show the place, and how many there are. Where words did not find the place
+    /// The key frames of the younger map that stand, by the seams chosen, within a metre of a key frame of the older
+    /// one and look the same way, and whether each shows the place. Where words did not find the place
     /// it is looked for directly.
-    fn support(
+    fn expected(
         &self,
         snapshot: &Snapshot,
         from: MapId,
         into: MapId,
         found: &[Found],
         chosen: &[usize],
-    ) -> Support {
-        let mut support = Support::default();
+    ) -> Vec<(KeyFrameId, bool)> {
+        let mut expected = Vec::new();
         for here in snapshot.key_frames_of(from).filter(|k| !k.landmarks.iter().all(Option::is_none)) {
             // By the seam next to it in time: what both maps have drifted since does not count.
             let between = |k: &&usize| found[**k].seam.key_frame.index().abs_diff(here.id.index());
@@ -293,16 +312,15 @@ impl Closer {
                 .filter(|k| far(k) < metre && (k.world_from_camera.rotation * Vec3::z()).dot(&axis) > 0.94)
                 .min_by(|a, b| far(a).total_cmp(&far(b)));
             let Some(place) = covering else { continue };
-            support.expected += 1;
             let agrees = |f: Found| {
                 let off = (f.world_from_here.translation - there.translation).norm();
                 off < 0.5 * metre && (f.world_from_here.rotation.inverse() * there.rotation).angle() < 0.2
             };
             let by_words = || chosen.iter().any(|k| found[*k].seam.key_frame == here.id);
             let shows = by_words() || self.seam(snapshot, here, place.id).is_some_and(agrees);
-            support.shown += usize::from(shows);
+            expected.push((here.id, shows));
         }
-        support
+        expected
     }
 }
 
@@ -313,4 +331,10 @@ pub struct Support {
     pub shown: usize,
     /// Key frames that should.
     pub expected: usize,
+}
+
+impl Support {
+    fn of(expected: &[(KeyFrameId, bool)]) -> Self {
+        Self { shown: expected.iter().filter(|(_, shows)| *shows).count(), expected: expected.len() }
+    }
 }

@@ -1,8 +1,8 @@
 //! Who shares places with whom, as far as the words of their key frames say.
 
-use cairn::MapWords;
-use cairn::team::RobotId;
-use cairn::team::peer::Peer;
+use crate::MapWords;
+use cairn_team::RobotId;
+use cairn_team::peer::Peer;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What the words of the robots say about each other.
@@ -47,6 +47,11 @@ impl MapOverlaps {
             }
         }
         lines
+    }
+
+    /// The words of a robot; `None` where there are none that can be compared.
+    pub fn words(&self, robot: RobotId) -> Option<&MapWords> {
+        self.words.get(&robot)?.1.as_ref()
     }
 
     /// Every two robots that may share a place.
