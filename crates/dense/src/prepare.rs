@@ -2,7 +2,7 @@
 
 use crate::backend::dispatch;
 use crate::frame::DepthFrame;
-use crate::pixel::{WEIGHT_BITS, depth_of};
+use crate::pixel::{WEIGHT_BITS, depth_of, weight_of};
 use crate::pyramid::{DepthPyramid, greater};
 use crate::submap::{PackedDepth, PackedGray, Rows, broken};
 use crate::{Backend, DenseError, DepthNoise};
@@ -21,7 +21,7 @@ pub struct DepthConfig {
     pub edge_share: f64,
     /// ...and by more than this many metres.
     pub edge_m: f64,
-    /// Depth noise model; pixels are weighted by the inverse variance.
+    /// Depth noise model; pixels are weighted by the inverse variance, and by how their surface stands to the ray.
     pub noise: DepthNoise,
 }
 
@@ -42,7 +42,7 @@ pub struct DepthPreparer {
     metres_per_unit: f64,
     /// For each pixel of the pinhole the pixel of the image, or `u32::MAX`; empty when the two cameras are the same.
     remap: Vec<u32>,
-    /// Three rows of pixels, see [`pack`].
+    /// Rows of pixels, see [`pack`].
     rows: Vec<u32>,
     /// The pixel of each number of the packed image that was prepared last, see [`Rows`].
     by_number: Option<Box<[u32; 1 << 16]>>,
@@ -71,7 +71,7 @@ impl DepthPreparer {
         }
         let pinhole = Camera { distortion: Distortion::None, ..camera };
         let remap = if camera.distortion == Distortion::None { Vec::new() } else { remap(&camera, &pinhole) };
-        let rows = vec![0; 3 * (camera.width + 2)];
+        let rows = vec![0; ROWS * (camera.width + 2 * REACH)];
         let pixels = vec![0; camera.width * camera.height];
         let frame = DepthFrame { camera: pinhole, pixels, pyramid: DepthPyramid::default(), valid: 0 };
         Ok(Self {
@@ -125,9 +125,9 @@ impl DepthPreparer {
         let mut by_number = self.by_number.take().unwrap_or_else(|| Box::new([0; 1 << 16]));
         by_number.iter_mut().zip(packed.values()).for_each(|(pixel, v)| *pixel = words.of(v.metres(scale)));
         let (config, table, packed) = (&self.config, &*by_number, &mut packed);
-        let (rows, pixels) = (&mut self.rows[..], &mut self.frame.pixels[..]);
+        let (camera, rows, pixels) = (&self.frame.camera, &mut self.rows[..], &mut self.frame.pixels[..]);
         let backend = self.backend;
-        let valid = dispatch!(backend, from_packed(config: &DepthConfig, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32], backend: Backend) -> Option<usize>);
+        let valid = dispatch!(backend, from_packed(config: &DepthConfig, camera: &Camera, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32], backend: Backend) -> Option<usize>);
         self.by_number = Some(by_number);
         let least = self.least_valid();
         match valid {
@@ -144,8 +144,9 @@ impl DepthPreparer {
 
     fn prepare_units(&mut self, data: &[u16]) -> Result<&DepthFrame, DenseError> {
         let (config, scale) = (&self.config, self.metres_per_unit as f32);
-        let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_units(config: &DepthConfig, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        let (remap, rows) = (&self.remap[..], &mut self.rows[..]);
+        let (camera, pixels) = (&self.frame.camera, &mut self.frame.pixels[..]);
+        let valid = dispatch!(self.backend, from_units(config: &DepthConfig, camera: &Camera, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
         self.finish_or_refuse(valid, data, |v| f32::from(v) * scale)
     }
 
@@ -200,8 +201,9 @@ impl DepthPreparer {
     pub fn prepare_metres(&mut self, image: &Image<f32>) -> Result<&DepthFrame, DenseError> {
         self.check("depth", [image.width(), image.height()])?;
         let (config, data) = (&self.config, image.data());
-        let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_metres(config: &DepthConfig, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        let (remap, rows) = (&self.remap[..], &mut self.rows[..]);
+        let (camera, pixels) = (&self.frame.camera, &mut self.frame.pixels[..]);
+        let valid = dispatch!(self.backend, from_metres(config: &DepthConfig, camera: &Camera, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
         self.finish_or_refuse(valid, data, |v| if v.is_finite() { v } else { 0.0 })
     }
 
@@ -306,15 +308,22 @@ struct Words {
     floor: f32,
     growth: f32,
     from: f32,
+    /// 31 times the least variance.
+    greatest: f32,
 }
+
+/// What images of one surface differ by beside their noise, in metres: their poses and the sensor's lens.
+const BETWEEN_M: f32 = 0.003;
 
 impl Words {
     #[inline(always)]
     fn new(config: &DepthConfig) -> Self {
         let noise = &config.noise;
+        let floor = noise.floor_m as f32;
         Self {
             range: [config.nearest_m as f32, config.farthest_m as f32],
-            floor: noise.floor_m as f32,
+            floor,
+            greatest: 31.0 * (BETWEEN_M * BETWEEN_M + floor * floor),
             growth: noise.growth as f32,
             from: noise.nearest_m as f32,
         }
@@ -324,9 +333,9 @@ impl Words {
     #[inline(always)]
     fn of(&self, z: f32) -> u32 {
         let past = z - self.from;
-        let ratio = self.floor / (self.floor + self.growth * (past * past));
+        let sigma = self.floor + self.growth * (past * past);
         // Weights go down to 1/31 of the greatest; adding 2^23 rounds and leaves the integer in the lowest bits.
-        let weight = (31.0 * (ratio * ratio)).max(1.0) + 8_388_608.0;
+        let weight = (self.greatest / (BETWEEN_M * BETWEEN_M + sigma * sigma)).max(1.0) + 8_388_608.0;
         let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);
         // False for NaN.
         if (z >= self.range[0]) & (z <= self.range[1]) { pixel } else { NONE }
@@ -385,6 +394,7 @@ impl RowSource for PackedRows<'_, '_> {
 #[inline(always)]
 fn from_units(
     config: &DepthConfig,
+    camera: &Camera,
     scale: f32,
     data: &[u16],
     remap: &[u32],
@@ -392,70 +402,83 @@ fn from_units(
     pixels: &mut [u32],
 ) -> usize {
     let source = ImageRows { words: Words::new(config), scale, data, remap };
-    pack(config, rows, pixels, source).unwrap_or(0)
+    pack(config, camera, rows, pixels, source).unwrap_or(0)
 }
 
 #[inline(always)]
 fn from_metres(
     config: &DepthConfig,
+    camera: &Camera,
     data: &[f32],
     remap: &[u32],
     rows: &mut [u32],
     pixels: &mut [u32],
 ) -> usize {
     let source = ImageRows { words: Words::new(config), scale: 1.0, data, remap };
-    pack(config, rows, pixels, source).unwrap_or(0)
+    pack(config, camera, rows, pixels, source).unwrap_or(0)
 }
 
 #[inline(always)]
 fn from_packed(
     config: &DepthConfig,
+    camera: &Camera,
     packed: &mut Rows,
     table: &[u32; 1 << 16],
     rows: &mut [u32],
     pixels: &mut [u32],
     backend: Backend,
 ) -> Option<usize> {
-    let valid = pack(config, rows, pixels, PackedRows { packed: &mut *packed, table, backend })?;
+    let valid = pack(config, camera, rows, pixels, PackedRows { packed: &mut *packed, table, backend })?;
     packed.end().map(|()| valid)
 }
 
-/// Drops the edges of an image, which comes row by row, and counts the valid pixels; `None` where a row does not come. `rows` holds
-/// three rows with a pixel of border at both ends: the row above the one that is looked at, that row, and the one below.
+/// Pixels on each side that the slope of a surface is found from.
+const REACH: usize = 2;
+/// Rows that are looked at for one of them.
+const ROWS: usize = 2 * REACH + 1;
+
+/// Drops the edges of an image, which comes row by row, weights what is left by its slope, and counts it; `None` where a row does not
+/// come. `rows` holds [`ROWS`] rows with [`REACH`] pixels of border at both ends, around the one that is looked at.
 #[inline(always)]
 fn pack(
     config: &DepthConfig,
+    camera: &Camera,
     rows: &mut [u32],
     pixels: &mut [u32],
     mut source: impl RowSource,
 ) -> Option<usize> {
-    let stride = rows.len() / 3;
-    let width = stride - 2;
+    let stride = rows.len() / ROWS;
+    let width = stride - 2 * REACH;
     let height = pixels.len() / width;
+    let slant = Slant::new(camera);
     rows.fill(NONE);
     let mut valid = 0;
-    for y in 0..=height {
-        let below = &mut rows[y % 3 * stride..][..stride][1..=width];
+    for y in 0..height + REACH {
+        let lowest = &mut rows[y % ROWS * stride..][..stride][REACH..REACH + width];
         if y < height {
-            source.next_row(y, below)?;
+            source.next_row(y, lowest)?;
         } else {
-            below.fill(NONE);
+            lowest.fill(NONE);
         }
-        if y > 0 {
-            let [up, here, down] = [1, 2, 0].map(|i| (y + i) % 3 * stride);
-            let rows = [&rows[up..][..stride], &rows[here..][..stride], &rows[down..][..stride]];
-            valid += pack_row(config, rows, &mut pixels[(y - 1) * width..][..width]);
+        if y >= REACH {
+            let around = std::array::from_fn(|i| &rows[(y + 1 + i) % ROWS * stride..][..stride]);
+            valid += pack_row(config, &slant, y - REACH, around, &mut pixels[(y - REACH) * width..][..width]);
         }
     }
     Some(valid)
 }
 
 #[inline(always)]
-fn pack_row(config: &DepthConfig, [up, here, down]: [&[u32]; 3], out: &mut [u32]) -> usize {
+fn pack_row(config: &DepthConfig, slant: &Slant, y: usize, rows: [&[u32]; ROWS], out: &mut [u32]) -> usize {
     let [share, least] = [config.edge_share as f32, config.edge_m as f32];
     let width = out.len();
-    let (left, right, here) = (&here[..width], &here[2..][..width], &here[1..][..width]);
-    let (up, down) = (&up[1..][..width], &down[1..][..width]);
+    // Of a row, and of the middle one so many pixels to the right of the border's first.
+    let column = |row: usize| &rows[row][REACH..][..width];
+    let shifted = |by: usize| &rows[REACH][by..][..width];
+    let (here, v) = (column(REACH), y as f32 - slant.centre[1]);
+    let (left, right, up, down) =
+        (shifted(REACH - 1), shifted(REACH + 1), column(REACH - 1), column(REACH + 1));
+    let (before, after, above, below) = (shifted(0), shifted(2 * REACH), column(0), column(2 * REACH));
     let mut count = 0;
     for x in 0..width {
         let z = depth_of(here[x]);
@@ -464,16 +487,96 @@ fn pack_row(config: &DepthConfig, [up, here, down]: [&[u32]; 3], out: &mut [u32]
         let nearest = around.iter().fold(here[x], |nearest, &n| nearest.min(n));
         let farthest = around.iter().fold(here[x] as i32, |farthest, &n| farthest.max(n as i32));
         let jump = greater(z - depth_of(nearest), depth_of(farthest as u32) - z);
-        let keep = (here[x] != NONE) & (jump <= greater(share * z, least));
-        out[x] = if keep { here[x] } else { 0 };
+        let most = greater(share * z, least);
+        let keep = (here[x] != NONE) & (jump <= most);
+        let slope = |a: u32, b: u32| slope(z - depth_of(a), depth_of(b) - z, most);
+        let slopes = [slope(before[x], after[x]), slope(above[x], below[x])];
+        let weight =
+            weight_of(here[x]) as f32 * slant.square_of_cosine(z, x as f32 - slant.centre[0], v, slopes);
+        // Adding 2^23 rounds and leaves the integer in the lowest bits.
+        let weight = (weight.max(1.0) + 8_388_608.0).to_bits() & WEIGHT_BITS;
+        out[x] = if keep { (here[x] & !WEIGHT_BITS) | weight } else { 0 };
         count += u32::from(keep);
     }
     count as usize
 }
 
+/// Change of depth a pixel, from those to the pixels at [`REACH`] on both sides: the lesser, since an edge lies on one side; none where
+/// both sides are edges or have no depth.
+#[inline(always)]
+fn slope(before: f32, after: f32, edge: f32) -> f32 {
+    let lesser = if before.abs() < after.abs() { before } else { after };
+    if lesser.abs() <= REACH as f32 * edge { lesser * (1.0 / REACH as f32) } else { 0.0 }
+}
+
+/// How a surface stands to the rays of a pinhole.
+///
+/// What images differ by across a surface moves it along a ray by one over the cosine between the ray and the normal, so a depth has
+/// that much more variance where its surface is seen at a slant (Curless and Levoy 1996 weight by the cosine itself).
+struct Slant {
+    focal: [f32; 2],
+    by_focal: [f32; 2],
+    centre: [f32; 2],
+}
+
+impl Slant {
+    fn new(camera: &Camera) -> Self {
+        let focal = [camera.fx as f32, camera.fy as f32];
+        Self { focal, by_focal: focal.map(|f| 1.0 / f), centre: [camera.cx as f32, camera.cy as f32] }
+    }
+
+    /// The square of the cosine between the ray of a pixel, `u` and `v` from the centre, and the normal of the surface
+    /// whose depth `z` changes by `slopes` a pixel.
+    #[inline(always)]
+    fn square_of_cosine(&self, z: f32, u: f32, v: f32, slopes: [f32; 2]) -> f32 {
+        // The normal is (fx dz/du, fy dz/dv, -z - u dz/du - v dz/dv); times the ray it is -z.
+        let normal =
+            [self.focal[0] * slopes[0], self.focal[1] * slopes[1], z + u * slopes[0] + v * slopes[1]];
+        let ray = [u * self.by_focal[0], v * self.by_focal[1]];
+        let square = |v: [f32; 3]| v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+        z * z / (square(normal) * square([ray[0], ray[1], 1.0]))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Pixels of a plane through (0, 0, 2) weigh as much less as the square of the cosine says; beside an edge, too.
+    #[test]
+    fn what_is_seen_at_a_slant_weighs_less() {
+        let camera = Camera::pinhole(64, 48, 60.0, 60.0, 31.5, 23.5);
+        let mut preparer = DepthPreparer::new(DepthConfig::default(), camera, 0.001).expect("a camera");
+        let noise = DepthConfig::default().noise;
+        let mut seen = [0, 0];
+        for normal in [[0.0, 0.0, 1.0f64], [0.6, 0.0, 0.8], [0.0, -0.8, 0.6], [0.6, 0.6, 0.53]] {
+            let length = normal.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let ray = |i: usize| [((i % 64) as f64 - 31.5) / 60.0, ((i / 64) as f64 - 23.5) / 60.0, 1.0];
+            let along = |i: usize| (0..3).map(|k| ray(i)[k] * normal[k]).sum::<f64>();
+            // The right half is a wall far behind it.
+            let depth = |i: usize| if i % 64 < 32 { (2.0 * normal[2] / along(i)) as f32 } else { 4.5 };
+            let image = Image::from_vec(64, 48, (0..64 * 48).map(depth).collect()).expect("all pixels");
+            let frame = preparer.prepare_metres(&image).expect("depth");
+            // The borders' slopes are those of one side.
+            for i in (0..64 * 48).filter(|i| i % 64 < 32) {
+                let (pixel, z) = (frame.pixels[i], f64::from(depth(i)));
+                if weight_of(pixel) == 0 {
+                    continue;
+                }
+                let variance = |sigma: f64| f64::from(BETWEEN_M).powi(2) + sigma * sigma;
+                let norm = ray(i).iter().map(|v| v * v).sum::<f64>().sqrt();
+                let cosine = along(i) / (norm * length);
+                let head_on = 31.0 * variance(noise.floor_m) / variance(noise.sigma_m(z));
+                let (expected, found) = (head_on * cosine * cosine, f64::from(weight_of(pixel)));
+                // Rounded twice; the slope over two pixels is that of a chord.
+                let off = (found - expected.max(1.0)).abs();
+                assert!(off <= 1.01 + 0.12 * expected, "{normal:?} {i}: {found} {expected}");
+                seen[0] += 1;
+                seen[1] += usize::from(expected < 0.5 * head_on && head_on > 6.0);
+            }
+        }
+        assert!(seen[0] > 3000 && seen[1] > 500, "{seen:?}");
+    }
 
     #[test]
     fn packed_images_are_prepared_as_plain_ones() {
