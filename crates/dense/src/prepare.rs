@@ -2,7 +2,7 @@
 
 use crate::backend::dispatch;
 use crate::frame::DepthFrame;
-use crate::pixel::{WEIGHT_BITS, depth_of, weight_of};
+use crate::pixel::{WEIGHT_BITS, depth_of};
 use crate::pyramid::{DepthPyramid, greater};
 use crate::submap::{PackedDepth, PackedGray, Rows, broken};
 use crate::{Backend, DenseError, DepthNoise};
@@ -117,6 +117,19 @@ impl DepthPreparer {
     /// # Errors
     /// As [`Self::prepare`]; bytes that do not decode to an image.
     pub fn prepare_packed(&mut self, image: &PackedDepth) -> Result<&DepthFrame, DenseError> {
+        self.prepare_packed_as(image, true)
+    }
+
+    /// [`Self::prepare_packed`] for an occupancy grid, which asks whether there is a depth, not what it weighs: weights do not follow the
+    /// slant of the surface, which saves a quarter of the time.
+    ///
+    /// # Errors
+    /// As [`Self::prepare_packed`].
+    pub fn prepare_packed_for_occupancy(&mut self, image: &PackedDepth) -> Result<&DepthFrame, DenseError> {
+        self.prepare_packed_as(image, false)
+    }
+
+    fn prepare_packed_as(&mut self, image: &PackedDepth, slanted: bool) -> Result<&DepthFrame, DenseError> {
         self.check("depth", image.size())?;
         let rows = if self.remap.is_empty() { image.rows()? } else { None };
         let Some(mut packed) = rows else { return self.prepare_units(image.unpack()?.data()) };
@@ -124,10 +137,11 @@ impl DepthPreparer {
         let scale = self.metres_per_unit as f32;
         let mut by_number = self.by_number.take().unwrap_or_else(|| Box::new([0; 1 << 16]));
         by_number.iter_mut().zip(packed.values()).for_each(|(pixel, v)| *pixel = words.of(v.metres(scale)));
-        let (config, table, packed) = (&self.config, &*by_number, &mut packed);
-        let (camera, rows, pixels) = (&self.frame.camera, &mut self.rows[..], &mut self.frame.pixels[..]);
+        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted };
+        let (table, packed) = (&*by_number, &mut packed);
+        let (rows, pixels) = (&mut self.rows[..], &mut self.frame.pixels[..]);
         let backend = self.backend;
-        let valid = dispatch!(backend, from_packed(config: &DepthConfig, camera: &Camera, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32], backend: Backend) -> Option<usize>);
+        let valid = dispatch!(backend, from_packed(packing: Packing, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32], backend: Backend) -> Option<usize>);
         self.by_number = Some(by_number);
         let least = self.least_valid();
         match valid {
@@ -143,10 +157,11 @@ impl DepthPreparer {
     }
 
     fn prepare_units(&mut self, data: &[u16]) -> Result<&DepthFrame, DenseError> {
-        let (config, scale) = (&self.config, self.metres_per_unit as f32);
+        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted: true };
+        let scale = self.metres_per_unit as f32;
         let (remap, rows) = (&self.remap[..], &mut self.rows[..]);
-        let (camera, pixels) = (&self.frame.camera, &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_units(config: &DepthConfig, camera: &Camera, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        let pixels = &mut self.frame.pixels[..];
+        let valid = dispatch!(self.backend, from_units(packing: Packing, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
         self.finish_or_refuse(valid, data, |v| f32::from(v) * scale)
     }
 
@@ -200,10 +215,11 @@ impl DepthPreparer {
     /// An image of another size; too few pixels with a depth in range.
     pub fn prepare_metres(&mut self, image: &Image<f32>) -> Result<&DepthFrame, DenseError> {
         self.check("depth", [image.width(), image.height()])?;
-        let (config, data) = (&self.config, image.data());
+        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted: true };
+        let data = image.data();
         let (remap, rows) = (&self.remap[..], &mut self.rows[..]);
-        let (camera, pixels) = (&self.frame.camera, &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_metres(config: &DepthConfig, camera: &Camera, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        let pixels = &mut self.frame.pixels[..];
+        let valid = dispatch!(self.backend, from_metres(packing: Packing, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
         self.finish_or_refuse(valid, data, |v| if v.is_finite() { v } else { 0.0 })
     }
 
@@ -393,92 +409,145 @@ impl RowSource for PackedRows<'_, '_> {
 
 #[inline(always)]
 fn from_units(
-    config: &DepthConfig,
-    camera: &Camera,
+    packing: Packing,
     scale: f32,
     data: &[u16],
     remap: &[u32],
     rows: &mut [u32],
     pixels: &mut [u32],
 ) -> usize {
-    let source = ImageRows { words: Words::new(config), scale, data, remap };
-    pack(config, camera, rows, pixels, source).unwrap_or(0)
+    let source = ImageRows { words: Words::new(packing.config), scale, data, remap };
+    pack(packing, rows, pixels, source).unwrap_or(0)
 }
 
 #[inline(always)]
-fn from_metres(
-    config: &DepthConfig,
-    camera: &Camera,
-    data: &[f32],
-    remap: &[u32],
-    rows: &mut [u32],
-    pixels: &mut [u32],
-) -> usize {
-    let source = ImageRows { words: Words::new(config), scale: 1.0, data, remap };
-    pack(config, camera, rows, pixels, source).unwrap_or(0)
+fn from_metres(packing: Packing, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize {
+    let source = ImageRows { words: Words::new(packing.config), scale: 1.0, data, remap };
+    pack(packing, rows, pixels, source).unwrap_or(0)
 }
 
 #[inline(always)]
 fn from_packed(
-    config: &DepthConfig,
-    camera: &Camera,
+    packing: Packing,
     packed: &mut Rows,
     table: &[u32; 1 << 16],
     rows: &mut [u32],
     pixels: &mut [u32],
     backend: Backend,
 ) -> Option<usize> {
-    let valid = pack(config, camera, rows, pixels, PackedRows { packed: &mut *packed, table, backend })?;
+    let valid = pack(packing, rows, pixels, PackedRows { packed: &mut *packed, table, backend })?;
     packed.end().map(|()| valid)
 }
 
+/// How pixels are packed.
+#[derive(Clone, Copy)]
+struct Packing<'a> {
+    config: &'a DepthConfig,
+    camera: &'a Camera,
+    /// Whether weights follow the slant of the surface.
+    slanted: bool,
+}
+
+/// Rows that are looked at together, and share the slant of one of them.
+const STRIP: usize = 4;
+/// Rows that are kept: those of a strip, the one above it, and the one below.
+const ROWS: usize = 8;
 /// Pixels on each side that the slope of a surface is found from.
 const REACH: usize = 2;
-/// Rows that are looked at for one of them.
-const ROWS: usize = 2 * REACH + 1;
 
-/// Drops the edges of an image, which comes row by row, weights what is left by its slope, and counts it; `None` where a row does not
-/// come. `rows` holds [`ROWS`] rows with [`REACH`] pixels of border at both ends, around the one that is looked at.
+/// Drops the edges of an image, which comes row by row, weights what is left by its slant, and counts it; `None` where a row does not
+/// come. `rows` holds [`ROWS`] rows with [`REACH`] pixels of border at both ends.
 #[inline(always)]
-fn pack(
-    config: &DepthConfig,
-    camera: &Camera,
-    rows: &mut [u32],
-    pixels: &mut [u32],
-    mut source: impl RowSource,
-) -> Option<usize> {
+fn pack(packing: Packing, rows: &mut [u32], pixels: &mut [u32], mut source: impl RowSource) -> Option<usize> {
+    let Packing { config, slanted, .. } = packing;
     let stride = rows.len() / ROWS;
     let width = stride - 2 * REACH;
     let height = pixels.len() / width;
-    let slant = Slant::new(camera);
+    let mut slants = vec![1.0; width];
     rows.fill(NONE);
-    let mut valid = 0;
-    for y in 0..height + REACH {
-        let lowest = &mut rows[y % ROWS * stride..][..stride][REACH..REACH + width];
-        if y < height {
-            source.next_row(y, lowest)?;
-        } else {
-            lowest.fill(NONE);
+    let (mut valid, mut read) = (0, 0);
+    for strip in (0..height).step_by(STRIP) {
+        while read <= strip + STRIP {
+            let row = &mut rows[read % ROWS * stride..][..stride][REACH..REACH + width];
+            if read < height {
+                source.next_row(read, row)?;
+            } else {
+                row.fill(NONE);
+            }
+            read += 1;
         }
-        if y >= REACH {
-            let around = std::array::from_fn(|i| &rows[(y + 1 + i) % ROWS * stride..][..stride]);
-            valid += pack_row(config, &slant, y - REACH, around, &mut pixels[(y - REACH) * width..][..width]);
+        let row = |y: usize| &rows[y % ROWS * stride..][..stride];
+        // The second of its rows, so that the one above the strip and its last are those that are needed.
+        let of = strip + 1;
+        if slanted {
+            slant_row(packing, of, [of + ROWS - REACH, of, of + REACH].map(row), &mut slants);
+        }
+        for y in strip..(strip + STRIP).min(height) {
+            let around = [y + ROWS - 1, y, y + 1].map(row);
+            let out = &mut pixels[y * width..][..width];
+            valid += if slanted {
+                pack_row::<true>(config, around, &slants, out)
+            } else {
+                pack_row::<false>(config, around, &slants, out)
+            };
         }
     }
     Some(valid)
 }
 
+/// A pixel with so much of its weight, at least 1.
 #[inline(always)]
-fn pack_row(config: &DepthConfig, slant: &Slant, y: usize, rows: [&[u32]; ROWS], out: &mut [u32]) -> usize {
+fn times(pixel: u32, slant: f32) -> u32 {
+    // Adding 2^23 rounds and leaves the integer in the lowest bits.
+    let weight = greater((pixel & WEIGHT_BITS) as i32 as f32 * slant, 1.0) + 8_388_608.0;
+    (pixel & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS)
+}
+
+/// What the weights of a row's pixels are multiplied by, 1 at most.
+///
+/// What images differ by across a surface moves its depth by one over the product of its normal with the ray (of length 1 along the
+/// optical axis): a depth has so much more variance where its surface is seen at a slant. Curless and Levoy (1996) weight by the cosine.
+#[inline(always)]
+fn slant_row(packing: Packing, y: usize, [above, here, below]: [&[u32]; 3], out: &mut [f32]) {
+    let Packing { config, camera, .. } = packing;
+    let [share, least] = [config.edge_share as f32, config.edge_m as f32];
+    let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v as f32);
+    let width = out.len();
+    let (before, after, here) = (&here[..width], &here[2 * REACH..][..width], &here[REACH..][..width]);
+    let (above, below) = (&above[REACH..][..width], &below[REACH..][..width]);
+    let v = y as f32 - cy;
+    for x in 0..width {
+        let z = depth_of(here[x]);
+        let edge = REACH as f32 * greater(share * z, least);
+        let by_u = slope(z - depth_of(before[x]), depth_of(after[x]) - z, edge);
+        let by_v = slope(z - depth_of(above[x]), depth_of(below[x]) - z, edge);
+        // The normal is (fx dz/du, fy dz/dv, -z - u dz/du - v dz/dv); times the ray it is -z.
+        let normal = [fx * by_u, fy * by_v, z + (x as f32 - cx) * by_u + v * by_v];
+        let square = normal.iter().map(|n| n * n).sum::<f32>();
+        out[x] = if here[x] != NONE && z * z < square { z * z / square } else { 1.0 };
+    }
+}
+
+/// Change of depth a pixel, from those to the pixels at [`REACH`] on both sides: the lesser, since an edge lies on one side; none where
+/// both sides are edges or have no depth.
+#[inline(always)]
+fn slope(before: f32, after: f32, edge: f32) -> f32 {
+    let lesser = if before.abs() < after.abs() { before } else { after };
+    if lesser.abs() <= edge { lesser * (1.0 / REACH as f32) } else { 0.0 }
+}
+
+#[inline(always)]
+fn pack_row<const SLANTED: bool>(
+    config: &DepthConfig,
+    [up, here, down]: [&[u32]; 3],
+    slants: &[f32],
+    out: &mut [u32],
+) -> usize {
     let [share, least] = [config.edge_share as f32, config.edge_m as f32];
     let width = out.len();
-    // Of a row, and of the middle one so many pixels to the right of the border's first.
-    let column = |row: usize| &rows[row][REACH..][..width];
-    let shifted = |by: usize| &rows[REACH][by..][..width];
-    let (here, v) = (column(REACH), y as f32 - slant.centre[1]);
-    let (left, right, up, down) =
-        (shifted(REACH - 1), shifted(REACH + 1), column(REACH - 1), column(REACH + 1));
-    let (before, after, above, below) = (shifted(0), shifted(2 * REACH), column(0), column(2 * REACH));
+    let (left, right) = (&here[REACH - 1..][..width], &here[REACH + 1..][..width]);
+    let [here, up, down] = [here, up, down].map(|row| &row[REACH..][..width]);
+    let slants = &slants[..width];
     let mut count = 0;
     for x in 0..width {
         let z = depth_of(here[x]);
@@ -487,60 +556,18 @@ fn pack_row(config: &DepthConfig, slant: &Slant, y: usize, rows: [&[u32]; ROWS],
         let nearest = around.iter().fold(here[x], |nearest, &n| nearest.min(n));
         let farthest = around.iter().fold(here[x] as i32, |farthest, &n| farthest.max(n as i32));
         let jump = greater(z - depth_of(nearest), depth_of(farthest as u32) - z);
-        let most = greater(share * z, least);
-        let keep = (here[x] != NONE) & (jump <= most);
-        let slope = |a: u32, b: u32| slope(z - depth_of(a), depth_of(b) - z, most);
-        let slopes = [slope(before[x], after[x]), slope(above[x], below[x])];
-        let weight =
-            weight_of(here[x]) as f32 * slant.square_of_cosine(z, x as f32 - slant.centre[0], v, slopes);
-        // Adding 2^23 rounds and leaves the integer in the lowest bits.
-        let weight = (weight.max(1.0) + 8_388_608.0).to_bits() & WEIGHT_BITS;
-        out[x] = if keep { (here[x] & !WEIGHT_BITS) | weight } else { 0 };
+        let keep = (here[x] != NONE) & (jump <= greater(share * z, least));
+        let pixel = if SLANTED { times(here[x], slants[x]) } else { here[x] };
+        out[x] = if keep { pixel } else { 0 };
         count += u32::from(keep);
     }
     count as usize
 }
 
-/// Change of depth a pixel, from those to the pixels at [`REACH`] on both sides: the lesser, since an edge lies on one side; none where
-/// both sides are edges or have no depth.
-#[inline(always)]
-fn slope(before: f32, after: f32, edge: f32) -> f32 {
-    let lesser = if before.abs() < after.abs() { before } else { after };
-    if lesser.abs() <= REACH as f32 * edge { lesser * (1.0 / REACH as f32) } else { 0.0 }
-}
-
-/// How a surface stands to the rays of a pinhole.
-///
-/// What images differ by across a surface moves it along a ray by one over the cosine between the ray and the normal, so a depth has
-/// that much more variance where its surface is seen at a slant (Curless and Levoy 1996 weight by the cosine itself).
-struct Slant {
-    focal: [f32; 2],
-    by_focal: [f32; 2],
-    centre: [f32; 2],
-}
-
-impl Slant {
-    fn new(camera: &Camera) -> Self {
-        let focal = [camera.fx as f32, camera.fy as f32];
-        Self { focal, by_focal: focal.map(|f| 1.0 / f), centre: [camera.cx as f32, camera.cy as f32] }
-    }
-
-    /// The square of the cosine between the ray of a pixel, `u` and `v` from the centre, and the normal of the surface
-    /// whose depth `z` changes by `slopes` a pixel.
-    #[inline(always)]
-    fn square_of_cosine(&self, z: f32, u: f32, v: f32, slopes: [f32; 2]) -> f32 {
-        // The normal is (fx dz/du, fy dz/dv, -z - u dz/du - v dz/dv); times the ray it is -z.
-        let normal =
-            [self.focal[0] * slopes[0], self.focal[1] * slopes[1], z + u * slopes[0] + v * slopes[1]];
-        let ray = [u * self.by_focal[0], v * self.by_focal[1]];
-        let square = |v: [f32; 3]| v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
-        z * z / (square(normal) * square([ray[0], ray[1], 1.0]))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pixel::weight_of;
 
     /// Pixels of a plane through (0, 0, 2) weigh as much less as the square of the cosine says; beside an edge, too.
     #[test]
@@ -564,13 +591,12 @@ mod tests {
                     continue;
                 }
                 let variance = |sigma: f64| f64::from(BETWEEN_M).powi(2) + sigma * sigma;
-                let norm = ray(i).iter().map(|v| v * v).sum::<f64>().sqrt();
-                let cosine = along(i) / (norm * length);
+                let slant = along(i) / length;
                 let head_on = 31.0 * variance(noise.floor_m) / variance(noise.sigma_m(z));
-                let (expected, found) = (head_on * cosine * cosine, f64::from(weight_of(pixel)));
-                // Rounded twice; the slope over two pixels is that of a chord.
+                let (expected, found) = (head_on * (slant * slant).min(1.0), f64::from(weight_of(pixel)));
+                // Rounded twice; the slope over two pixels is that of a chord, and of one row for four.
                 let off = (found - expected.max(1.0)).abs();
-                assert!(off <= 1.01 + 0.12 * expected, "{normal:?} {i}: {found} {expected}");
+                assert!(off <= 1.01 + 0.15 * expected, "{normal:?} {i}: {found} {expected}");
                 seen[0] += 1;
                 seen[1] += usize::from(expected < 0.5 * head_on && head_on > 6.0);
             }
@@ -591,6 +617,10 @@ mod tests {
                 let mut preparer = new().with_backend(backend);
                 let packed = preparer.prepare_packed(&PackedDepth::pack(&image)).expect("depth");
                 assert!(packed.pixels == plain.pixels && packed.valid() == plain.valid(), "{backend:?}");
+                let depths =
+                    |frame: &DepthFrame| frame.pixels.iter().map(|p| p & !WEIGHT_BITS).collect::<Vec<_>>();
+                let shape = preparer.prepare_packed_for_occupancy(&PackedDepth::pack(&image)).expect("depth");
+                assert!(depths(shape) == depths(plain) && shape.valid() == plain.valid(), "{backend:?}");
             }
         }
         let broken = PackedDepth::from_bytes(37, 21, vec![0; 9].into());
