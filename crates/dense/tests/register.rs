@@ -141,9 +141,10 @@ fn a_bare_box_is_ambiguous_and_things_in_it_settle_it() {
         let low_room = (Vec3::new(-2.0, -0.7, -1.5), Vec3::new(2.0, 0.7, 1.5));
         let room = scene::Scene { spheres, room: Some(low_room) };
         let here = seen(&room, &Se3::identity(), &poses);
-        for frame in [turned(5), turned(8)] {
-            let again = registered(&here, &seen(&room, &frame, &poses), false);
-            assert_eq!(again.verdict, expected, "{again:?}");
+        // Matches of features propose the other pose with some of these turns only.
+        for k in 1..=8 {
+            let again = registered(&here, &seen(&room, &turned(k), &poses), false);
+            assert_eq!(again.verdict, expected, "turned({k}): {again:?}");
         }
     }
 }

@@ -49,7 +49,7 @@ pub fn submaps(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
     let (ms, _) = least(3, || {
         let mut grid = OccupancyGrid::new(OccupancyConfig::default())?;
         for ((_, pose), packed) in bent.iter().zip(packed.iter().cycle()) {
-            grid.integrate(preparer.prepare_packed(packed)?, pose)?;
+            grid.integrate(preparer.prepare_packed_for_occupancy(packed)?, pose)?;
         }
         Ok(grid)
     })?;

@@ -48,18 +48,18 @@ pub struct Mesh {
 /// How a surface is extracted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeshConfig {
-    /// Voxels with less weight are left out; one near pixel contributes up to 31.
+    /// Voxels with less weight are left out; one near pixel contributes up to 31, less where its surface is seen at a slant.
     pub least_weight: i32,
 }
 
 impl Default for MeshConfig {
     fn default() -> Self {
-        Self { least_weight: 4 }
+        Self { least_weight: 8 }
     }
 }
 
 impl MeshConfig {
-    /// For fields of key frames, each of which may be the only one that saw a place: nothing is left out. From 1.5 m on
+    /// For fields of key frames, each of which may be the only one that saw a place: nothing is left out. From 1.9 m on
     /// one pixel of the default noise model weighs less than the default asks for.
     pub fn of_key_frames() -> Self {
         Self { least_weight: 1 }

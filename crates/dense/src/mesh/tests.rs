@@ -80,7 +80,7 @@ fn by_voxels(volume: &TsdfVolume, config: MeshConfig) -> (BTreeSet<[[i32; 3]; 3]
 #[test]
 fn meshes_are_those_of_marching_cubes_over_single_voxels() {
     let volume = volume();
-    for least_weight in [1, 4, 5] {
+    for least_weight in [1, 4, 5, 14] {
         let config = MeshConfig { least_weight };
         let (expected, [count, torn]) = by_voxels(&volume, config);
         let enough_torn = least_weight > 1 || torn > 5;
@@ -118,7 +118,7 @@ fn meshes_are_those_of_marching_cubes_over_single_voxels() {
 #[test]
 fn meshes_are_the_same_with_all_instructions() {
     let volume = volume();
-    for least_weight in [1, 4, 5] {
+    for least_weight in [1, 4, 5, 14] {
         let of = |backend: Backend| {
             let mut mesher = Mesher::new(MeshConfig { least_weight }).with_backend(backend);
             let pieces: Vec<_> = mesher.changed(&volume, 0).collect();

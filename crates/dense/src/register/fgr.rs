@@ -81,7 +81,7 @@ fn about(cross: &Mat3, up: &Vec3, other: &Vec3) -> Option<So3> {
 }
 
 /// A rotation that takes `other` to `up`.
-fn upright(up: &Vec3, other: &Vec3) -> So3 {
+pub(super) fn upright(up: &Vec3, other: &Vec3) -> So3 {
     let axis = other.cross(up);
     let (sin, cos) = (axis.norm(), other.dot(up));
     if sin > 1e-12 {

@@ -11,6 +11,7 @@ mod matches;
 mod refine;
 mod surfels;
 mod verify;
+mod walls;
 
 use crate::sample::Sampler;
 use crate::{DenseError, OccupancyGrid, TsdfVolume};
@@ -19,6 +20,8 @@ use surfels::Surfels;
 
 /// A point this near to the other surface lies on it, in metres (a voxel where that is more).
 const ON_M: f64 = 0.05;
+/// Poses that put walls onto walls, the best of them, are tried for a rival.
+const BY_WALLS: usize = 4;
 /// Points that hypotheses are judged with, and those of the last judgement.
 const FEW: usize = 300;
 const MANY: usize = 1500;
@@ -40,7 +43,8 @@ pub struct RegisterConfig {
     pub least_overlap: f64,
     /// At most this share of what the other has looked at lies in its free space.
     pub most_violation: f64,
-    /// Another pose that would be accepted by itself may have at most this share of the best one's overlap.
+    /// For another pose that would be accepted by itself may speak at most this share of what speaks for the best: the
+    /// overlap, less twice what lies in free space.
     pub most_rival: f64,
 }
 
@@ -176,6 +180,12 @@ impl Registration {
     pub fn accepted(&self) -> bool {
         self.verdict == Verdict::Accepted
     }
+
+    /// What speaks for the pose: the overlap, less twice the share in free space, as [`verify::Seen::score`] counts points.
+    pub(crate) fn support(&self) -> f64 {
+        let free_by_on = self.violation / (1.0 - self.violation).max(1e-9);
+        self.overlap * (1.0 - 2.0 * free_by_on)
+    }
 }
 
 /// Looks for the pose of `source` in `target`, whatever it is.
@@ -211,7 +221,7 @@ pub fn register(
         && let Some(rival) = search.rival(&out, nothing)
     {
         out.rival = rival.overlap;
-        if rival.overlap > config.most_rival * out.overlap {
+        if rival.support() > config.most_rival * out.support() {
             out.verdict = Verdict::Ambiguous;
         }
     }
@@ -254,17 +264,20 @@ impl Search<'_> {
     /// The pose of the group that the surfaces speak for most, near the surface, and the matches that agree with it; with `but`
     /// of those in another place.
     fn best(&self, all: &[matches::Match], but: Option<&Se3>) -> Option<(Se3, usize)> {
-        let tolerance_m = self.config.tolerance_m;
         let planes = refine::Planes::new(self.target.features, 2.0 * self.target.features.surfels.cell_m);
         let few = refine::sampled(self.source.features, FEW, &self.centre);
         let source_from_centred = Se3::new(So3::identity(), self.centre);
         let mut best: Option<(i64, Se3, usize)> = None;
-        for group in matches::groups(all, self.ups, tolerance_m, self.config.groups) {
-            let group: Vec<matches::Match> = group.into_iter().map(|i| all[i]).collect();
-            let Some((pose, agree)) = fgr::align(&group, self.ups, tolerance_m) else { continue };
-            let start = pose * source_from_centred;
+        let but = but.map(|but| *but * source_from_centred);
+        let is_elsewhere = |pose: &Se3| but.as_ref().is_none_or(|but| !is_same_place(but, pose));
+        let mut starts: Vec<(Se3, usize)> =
+            self.by_matches(all).map(|(pose, agree)| (pose * source_from_centred, agree)).collect();
+        if but.is_some() {
+            starts.extend(self.by_walls(&few, is_elsewhere).into_iter().map(|pose| (pose, 0)));
+        }
+        for (start, agree) in starts {
             let pose = refine::to_planes(&planes, &few, &start, self.source_up(), 6);
-            if but.is_some_and(|but| is_same_place(&(*but * source_from_centred), &pose)) {
+            if !is_elsewhere(&pose) {
                 continue;
             }
             let score = verify::look(self.target, &self.samplers[0], &few, &pose).score();
@@ -275,6 +288,26 @@ impl Search<'_> {
         let (_, pose, agree) = best?;
         let many = refine::sampled(self.source.features, MANY, &self.centre);
         Some((refine::to_planes(&planes, &many, &pose, self.source_up(), 12), agree))
+    }
+
+    /// The pose of each group of matches, and those that agree with it.
+    fn by_matches<'a>(&'a self, all: &'a [matches::Match]) -> impl Iterator<Item = (Se3, usize)> + 'a {
+        let tolerance_m = self.config.tolerance_m;
+        matches::groups(all, self.ups, tolerance_m, self.config.groups).into_iter().filter_map(move |group| {
+            let group: Vec<matches::Match> = group.into_iter().map(|i| all[i]).collect();
+            fgr::align(&group, self.ups, tolerance_m)
+        })
+    }
+
+    /// The poses of the centred source, of those that put walls onto walls, that the surfaces speak for most.
+    fn by_walls(&self, points: &[(Vec3, Vec3)], is_elsewhere: impl Fn(&Se3) -> bool) -> Vec<Se3> {
+        let target = refine::sampled(self.target.features, FEW, &Vec3::zeros());
+        let fewer: Vec<(Vec3, Vec3)> = points.iter().step_by(3).copied().collect();
+        let score = |pose: &Se3| verify::look(self.target, &self.samplers[0], &fewer, pose).score();
+        let poses = walls::poses(&target, points, self.ups).into_iter().filter(is_elsewhere);
+        let mut ranked: Vec<(i64, Se3)> = poses.map(|pose| (score(&pose), pose)).collect();
+        ranked.sort_by_key(|r| std::cmp::Reverse(r.0));
+        ranked.into_iter().take(BY_WALLS).map(|r| r.1).collect()
     }
 
     fn source_up(&self) -> Option<&Vec3> {

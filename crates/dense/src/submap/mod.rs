@@ -430,7 +430,7 @@ impl DenseMap {
             let Some(anchor) = self.anchors.get(&kept.anchored.anchor).filter(|a| a.map == map) else {
                 continue;
             };
-            let frame = self.preparer.prepare_packed(&kept.depth)?;
+            let frame = self.preparer.prepare_packed_for_occupancy(&kept.depth)?;
             out.integrate(frame, &(anchor.world_from_anchor * kept.anchored.pose))?;
         }
         Ok(out)

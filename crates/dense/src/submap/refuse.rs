@@ -132,7 +132,7 @@ impl DenseMap {
             (submap.occupancy, submap.stale) = (Arc::new(grid), false);
             return true;
         };
-        if let Ok(frame) = self.preparer.prepare_packed(&self.kept[next].depth) {
+        if let Ok(frame) = self.preparer.prepare_packed_for_occupancy(&self.kept[next].depth) {
             // A pose that the field accepted is also accepted by the grid.
             let _ = grid.integrate(frame, &pose);
         }

@@ -1,13 +1,15 @@
 //! From a sensor's depth image to a [`DepthFrame`]: unit, range, lens, edges, noise.
 
+mod pack;
+
 use crate::backend::dispatch;
 use crate::frame::DepthFrame;
-use crate::pixel::{WEIGHT_BITS, depth_of};
-use crate::pyramid::{DepthPyramid, greater};
+use crate::pyramid::DepthPyramid;
 use crate::submap::{PackedDepth, PackedGray, Rows, broken};
 use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::Vec2;
 use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, Image};
+use pack::{Measured, Packing, REACH, ROWS, Words, from_metres, from_packed, from_units};
 
 /// How depth images are interpreted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,7 +23,7 @@ pub struct DepthConfig {
     pub edge_share: f64,
     /// ...and by more than this many metres.
     pub edge_m: f64,
-    /// Depth noise model; pixels are weighted by the inverse variance.
+    /// Depth noise model; pixels are weighted by the inverse variance, and by how their surface stands to the ray.
     pub noise: DepthNoise,
 }
 
@@ -42,7 +44,7 @@ pub struct DepthPreparer {
     metres_per_unit: f64,
     /// For each pixel of the pinhole the pixel of the image, or `u32::MAX`; empty when the two cameras are the same.
     remap: Vec<u32>,
-    /// Three rows of pixels, see [`pack`].
+    /// Rows of pixels, see [`pack`].
     rows: Vec<u32>,
     /// The pixel of each number of the packed image that was prepared last, see [`Rows`].
     by_number: Option<Box<[u32; 1 << 16]>>,
@@ -71,7 +73,7 @@ impl DepthPreparer {
         }
         let pinhole = Camera { distortion: Distortion::None, ..camera };
         let remap = if camera.distortion == Distortion::None { Vec::new() } else { remap(&camera, &pinhole) };
-        let rows = vec![0; 3 * (camera.width + 2)];
+        let rows = vec![0; ROWS * (camera.width + 2 * REACH)];
         let pixels = vec![0; camera.width * camera.height];
         let frame = DepthFrame { camera: pinhole, pixels, pyramid: DepthPyramid::default(), valid: 0 };
         Ok(Self {
@@ -117,6 +119,19 @@ impl DepthPreparer {
     /// # Errors
     /// As [`Self::prepare`]; bytes that do not decode to an image.
     pub fn prepare_packed(&mut self, image: &PackedDepth) -> Result<&DepthFrame, DenseError> {
+        self.prepare_packed_as(image, true)
+    }
+
+    /// [`Self::prepare_packed`] for an occupancy grid, which asks whether there is a depth, not what it weighs: weights do not follow the
+    /// slant of the surface, which saves a quarter of the time.
+    ///
+    /// # Errors
+    /// As [`Self::prepare_packed`].
+    pub fn prepare_packed_for_occupancy(&mut self, image: &PackedDepth) -> Result<&DepthFrame, DenseError> {
+        self.prepare_packed_as(image, false)
+    }
+
+    fn prepare_packed_as(&mut self, image: &PackedDepth, slanted: bool) -> Result<&DepthFrame, DenseError> {
         self.check("depth", image.size())?;
         let rows = if self.remap.is_empty() { image.rows()? } else { None };
         let Some(mut packed) = rows else { return self.prepare_units(image.unpack()?.data()) };
@@ -124,10 +139,11 @@ impl DepthPreparer {
         let scale = self.metres_per_unit as f32;
         let mut by_number = self.by_number.take().unwrap_or_else(|| Box::new([0; 1 << 16]));
         by_number.iter_mut().zip(packed.values()).for_each(|(pixel, v)| *pixel = words.of(v.metres(scale)));
-        let (config, table, packed) = (&self.config, &*by_number, &mut packed);
+        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted };
+        let (table, packed) = (&*by_number, &mut packed);
         let (rows, pixels) = (&mut self.rows[..], &mut self.frame.pixels[..]);
         let backend = self.backend;
-        let valid = dispatch!(backend, from_packed(config: &DepthConfig, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32], backend: Backend) -> Option<usize>);
+        let valid = dispatch!(backend, from_packed(packing: Packing, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32], backend: Backend) -> Option<usize>);
         self.by_number = Some(by_number);
         let least = self.least_valid();
         match valid {
@@ -143,9 +159,11 @@ impl DepthPreparer {
     }
 
     fn prepare_units(&mut self, data: &[u16]) -> Result<&DepthFrame, DenseError> {
-        let (config, scale) = (&self.config, self.metres_per_unit as f32);
-        let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_units(config: &DepthConfig, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted: true };
+        let scale = self.metres_per_unit as f32;
+        let (remap, rows) = (&self.remap[..], &mut self.rows[..]);
+        let pixels = &mut self.frame.pixels[..];
+        let valid = dispatch!(self.backend, from_units(packing: Packing, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
         self.finish_or_refuse(valid, data, |v| f32::from(v) * scale)
     }
 
@@ -199,9 +217,11 @@ impl DepthPreparer {
     /// An image of another size; too few pixels with a depth in range.
     pub fn prepare_metres(&mut self, image: &Image<f32>) -> Result<&DepthFrame, DenseError> {
         self.check("depth", [image.width(), image.height()])?;
-        let (config, data) = (&self.config, image.data());
-        let (remap, rows, pixels) = (&self.remap[..], &mut self.rows[..], &mut self.frame.pixels[..]);
-        let valid = dispatch!(self.backend, from_metres(config: &DepthConfig, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted: true };
+        let data = image.data();
+        let (remap, rows) = (&self.remap[..], &mut self.rows[..]);
+        let pixels = &mut self.frame.pixels[..];
+        let valid = dispatch!(self.backend, from_metres(packing: Packing, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
         self.finish_or_refuse(valid, data, |v| if v.is_finite() { v } else { 0.0 })
     }
 
@@ -278,202 +298,10 @@ fn remap(source: &Camera, pinhole: &Camera) -> Vec<u32> {
     table
 }
 
-/// What a pixel of an image says.
-trait Measured: Copy {
-    /// Metres, with `scale` metres a unit; 0 for none.
-    fn metres(self, scale: f32) -> f32;
-}
-
-impl Measured for u16 {
-    #[inline(always)]
-    fn metres(self, scale: f32) -> f32 {
-        // 65535 means no depth, however short the unit.
-        if self == u16::MAX { 0.0 } else { f32::from(self) * scale }
-    }
-}
-
-impl Measured for f32 {
-    #[inline(always)]
-    fn metres(self, _: f32) -> f32 {
-        self
-    }
-}
-
-/// From metres to pixels with a weight.
-#[derive(Clone, Copy)]
-struct Words {
-    range: [f32; 2],
-    floor: f32,
-    growth: f32,
-    from: f32,
-}
-
-impl Words {
-    #[inline(always)]
-    fn new(config: &DepthConfig) -> Self {
-        let noise = &config.noise;
-        Self {
-            range: [config.nearest_m as f32, config.farthest_m as f32],
-            floor: noise.floor_m as f32,
-            growth: noise.growth as f32,
-            from: noise.nearest_m as f32,
-        }
-    }
-
-    /// The pixel of a depth, with its weight; [`NONE`] for one out of range.
-    #[inline(always)]
-    fn of(&self, z: f32) -> u32 {
-        let past = z - self.from;
-        let ratio = self.floor / (self.floor + self.growth * (past * past));
-        // Weights go down to 1/31 of the greatest; adding 2^23 rounds and leaves the integer in the lowest bits.
-        let weight = (31.0 * (ratio * ratio)).max(1.0) + 8_388_608.0;
-        let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);
-        // False for NaN.
-        if (z >= self.range[0]) & (z <= self.range[1]) { pixel } else { NONE }
-    }
-}
-
-/// A pixel without depth while edges are looked for: greater than any other as a number without a sign, less than any with one.
-const NONE: u32 = 1 << 31;
-
-/// Gives the pixels of an image row by row.
-trait RowSource {
-    /// The next row, which is the `y`-th; `None` where there is none.
-    fn next_row(&mut self, y: usize, out: &mut [u32]) -> Option<()>;
-}
-
-struct ImageRows<'a, T> {
-    words: Words,
-    scale: f32,
-    data: &'a [T],
-    remap: &'a [u32],
-}
-
-impl<T: Measured> RowSource for ImageRows<'_, T> {
-    #[inline(always)]
-    fn next_row(&mut self, y: usize, out: &mut [u32]) -> Option<()> {
-        let Self { words, scale, data, remap } = *self;
-        let width = out.len();
-        if remap.is_empty() {
-            for (o, v) in out.iter_mut().zip(&data[y * width..]) {
-                *o = words.of(v.metres(scale));
-            }
-        } else {
-            for (o, &i) in out.iter_mut().zip(&remap[y * width..]) {
-                *o = data.get(i as usize).map_or(NONE, |v| words.of(v.metres(scale)));
-            }
-        }
-        Some(())
-    }
-}
-
-struct PackedRows<'a, 'b> {
-    packed: &'a mut Rows<'b>,
-    table: &'a [u32; 1 << 16],
-    backend: Backend,
-}
-
-impl RowSource for PackedRows<'_, '_> {
-    #[inline(always)]
-    fn next_row(&mut self, _: usize, out: &mut [u32]) -> Option<()> {
-        self.packed.next(self.backend)?;
-        self.packed.pixels(self.backend, out, self.table, NONE);
-        Some(())
-    }
-}
-
-#[inline(always)]
-fn from_units(
-    config: &DepthConfig,
-    scale: f32,
-    data: &[u16],
-    remap: &[u32],
-    rows: &mut [u32],
-    pixels: &mut [u32],
-) -> usize {
-    let source = ImageRows { words: Words::new(config), scale, data, remap };
-    pack(config, rows, pixels, source).unwrap_or(0)
-}
-
-#[inline(always)]
-fn from_metres(
-    config: &DepthConfig,
-    data: &[f32],
-    remap: &[u32],
-    rows: &mut [u32],
-    pixels: &mut [u32],
-) -> usize {
-    let source = ImageRows { words: Words::new(config), scale: 1.0, data, remap };
-    pack(config, rows, pixels, source).unwrap_or(0)
-}
-
-#[inline(always)]
-fn from_packed(
-    config: &DepthConfig,
-    packed: &mut Rows,
-    table: &[u32; 1 << 16],
-    rows: &mut [u32],
-    pixels: &mut [u32],
-    backend: Backend,
-) -> Option<usize> {
-    let valid = pack(config, rows, pixels, PackedRows { packed: &mut *packed, table, backend })?;
-    packed.end().map(|()| valid)
-}
-
-/// Drops the edges of an image, which comes row by row, and counts the valid pixels; `None` where a row does not come. `rows` holds
-/// three rows with a pixel of border at both ends: the row above the one that is looked at, that row, and the one below.
-#[inline(always)]
-fn pack(
-    config: &DepthConfig,
-    rows: &mut [u32],
-    pixels: &mut [u32],
-    mut source: impl RowSource,
-) -> Option<usize> {
-    let stride = rows.len() / 3;
-    let width = stride - 2;
-    let height = pixels.len() / width;
-    rows.fill(NONE);
-    let mut valid = 0;
-    for y in 0..=height {
-        let below = &mut rows[y % 3 * stride..][..stride][1..=width];
-        if y < height {
-            source.next_row(y, below)?;
-        } else {
-            below.fill(NONE);
-        }
-        if y > 0 {
-            let [up, here, down] = [1, 2, 0].map(|i| (y + i) % 3 * stride);
-            let rows = [&rows[up..][..stride], &rows[here..][..stride], &rows[down..][..stride]];
-            valid += pack_row(config, rows, &mut pixels[(y - 1) * width..][..width]);
-        }
-    }
-    Some(valid)
-}
-
-#[inline(always)]
-fn pack_row(config: &DepthConfig, [up, here, down]: [&[u32]; 3], out: &mut [u32]) -> usize {
-    let [share, least] = [config.edge_share as f32, config.edge_m as f32];
-    let width = out.len();
-    let (left, right, here) = (&here[..width], &here[2..][..width], &here[1..][..width]);
-    let (up, down) = (&up[1..][..width], &down[1..][..width]);
-    let mut count = 0;
-    for x in 0..width {
-        let z = depth_of(here[x]);
-        // A neighbour without depth is neither of them, and makes no edge. Weights follow depths: of equal depths they are equal.
-        let around = [left[x], right[x], up[x], down[x]];
-        let nearest = around.iter().fold(here[x], |nearest, &n| nearest.min(n));
-        let farthest = around.iter().fold(here[x] as i32, |farthest, &n| farthest.max(n as i32));
-        let jump = greater(z - depth_of(nearest), depth_of(farthest as u32) - z);
-        let keep = (here[x] != NONE) & (jump <= greater(share * z, least));
-        out[x] = if keep { here[x] } else { 0 };
-        count += u32::from(keep);
-    }
-    count as usize
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pixel::WEIGHT_BITS;
 
     #[test]
     fn packed_images_are_prepared_as_plain_ones() {
@@ -488,6 +316,10 @@ mod tests {
                 let mut preparer = new().with_backend(backend);
                 let packed = preparer.prepare_packed(&PackedDepth::pack(&image)).expect("depth");
                 assert!(packed.pixels == plain.pixels && packed.valid() == plain.valid(), "{backend:?}");
+                let depths =
+                    |frame: &DepthFrame| frame.pixels.iter().map(|p| p & !WEIGHT_BITS).collect::<Vec<_>>();
+                let shape = preparer.prepare_packed_for_occupancy(&PackedDepth::pack(&image)).expect("depth");
+                assert!(depths(shape) == depths(plain) && shape.valid() == plain.valid(), "{backend:?}");
             }
         }
         let broken = PackedDepth::from_bytes(37, 21, vec![0; 9].into());
