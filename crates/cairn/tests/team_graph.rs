@@ -319,7 +319,7 @@ fn four_robots_in_rooms_that_look_alike_have_no_false_loops() {
     assert_eq!(look_alike(2..=12, &[0, 26, 52, 78], 26), [66, 0]);
 }
 
-/// Each stays in its room, so that nothing that it sees contradicts another room like it, except that all of it is shorter than what is asked for.
+/// Each stays in its room, so that hardly anything that it sees contradicts another room like it.
 #[test]
 #[ignore = "three minutes"]
 fn robots_that_stay_in_rooms_that_look_alike_have_no_false_loops() {

@@ -10,13 +10,10 @@ use cairn_team::{Viewpoint, Viewpoints};
 use std::collections::BTreeSet;
 
 /// Key frames that are asked for, at most.
-const MOST_CHECKS: usize = 4;
+const MOST_CHECKS: usize = 6;
 /// Positions that both robots must have been at, looking the same way: twice as many as places must agree at. A shorter way can look like
 /// another one from end to end (offices in which all rooms of a side look the same: 4; three walks of one house: 12 to 14).
 const LEAST_POSITIONS: usize = 6;
-/// So far apart two of these positions must be, metres: what is no longer than a room can be another room in which nobody left it (four robots
-/// that stay in rooms that look the same). Walks of many recordings become one by the same rule.
-const LEAST_EXTENT_M: f64 = 5.0;
 /// A key frame looks like another one from this likeness on, and so many of those that coincide must (three walks in each of six houses: all, at 0.50
 /// or more; rooms that look alike, where both robots leave them: 0.64 to 0.88 of them).
 const ALIKE: f64 = 0.3;
@@ -77,12 +74,6 @@ fn positions(all: &[Coinciding]) -> usize {
     counted.len()
 }
 
-/// How far those are apart that are farthest from each other, metres.
-fn extent_m(all: &[Coinciding]) -> f64 {
-    let position = |k: &Coinciding| k.viewpoint.position;
-    all.iter().flat_map(|a| all.iter().map(move |b| (position(a) - position(b)).norm())).fold(0.0, f64::max)
-}
-
 /// The key frames to ask for: the one that looks least alike of each stretch of the way.
 ///
 /// # Errors
@@ -101,13 +92,6 @@ pub fn checks(own: Seen, other: Seen, seams: &[(u32, Se3)]) -> Result<BTreeSet<u
         let agree = seams.len();
         return Err(format!(
             "{agree} places agree, but by them both robots were at {positions} positions, where {LEAST_POSITIONS} are needed"
-        ));
-    }
-    let extent = extent_m(&all);
-    if extent < LEAST_EXTENT_M {
-        let agree = seams.len();
-        return Err(format!(
-            "{agree} places agree, but by them both robots were in one place {extent:.1} m long, where {LEAST_EXTENT_M} m are needed: rooms can look alike"
         ));
     }
     let stretches = all.chunks(all.len().div_ceil(MOST_CHECKS));
