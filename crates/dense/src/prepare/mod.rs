@@ -25,11 +25,21 @@ pub struct DepthConfig {
     pub edge_m: f64,
     /// Depth noise model; pixels are weighted by the inverse variance, and by how their surface stands to the ray.
     pub noise: DepthNoise,
+    /// Standard deviation of what images of one surface differ by beside their noise, in metres: their poses and the sensor's lens. It
+    /// makes what is near weigh less beside what is far.
+    pub between_m: f64,
 }
 
 impl Default for DepthConfig {
     fn default() -> Self {
-        Self { nearest_m: 0.3, farthest_m: 5.0, edge_share: 0.05, edge_m: 0.04, noise: DepthNoise::default() }
+        Self {
+            nearest_m: 0.3,
+            farthest_m: 5.0,
+            edge_share: 0.05,
+            edge_m: 0.04,
+            noise: DepthNoise::default(),
+            between_m: 0.003,
+        }
     }
 }
 
@@ -63,13 +73,16 @@ impl DepthPreparer {
         if !(metres_per_unit.is_finite() && metres_per_unit > 0.0) {
             return Err(DenseError::Camera(format!("{metres_per_unit} metres per unit")));
         }
-        let DepthConfig { nearest_m, farthest_m, edge_share, edge_m, noise } = config;
+        let DepthConfig { nearest_m, farthest_m, edge_share, edge_m, noise, between_m } = config;
         if !(nearest_m >= 0.05 && farthest_m > nearest_m && farthest_m <= 100.0) {
             let why = format!("depths from {nearest_m} to {farthest_m} m; 0.05 to 100 are possible");
             return Err(DenseError::Config(why));
         }
         if !(edge_share > 0.0 && edge_m > 0.0 && noise.floor_m > 0.0 && noise.growth >= 0.0) {
             return Err(DenseError::Config(format!("edge {edge_share}, {edge_m} m, noise {noise:?}")));
+        }
+        if !(0.0..=1.0).contains(&between_m) {
+            return Err(DenseError::Config(format!("{between_m} m between images; 0 to 1 are possible")));
         }
         let pinhole = Camera { distortion: Distortion::None, ..camera };
         let remap = if camera.distortion == Distortion::None { Vec::new() } else { remap(&camera, &pinhole) };

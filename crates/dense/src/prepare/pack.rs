@@ -36,22 +36,23 @@ pub(super) struct Words {
     floor: f32,
     growth: f32,
     from: f32,
+    /// The variance between images.
+    between: f32,
     /// 31 times the least variance.
     greatest: f32,
 }
-
-/// What images of one surface differ by beside their noise, in metres: their poses and the sensor's lens.
-const BETWEEN_M: f32 = 0.003;
 
 impl Words {
     #[inline(always)]
     pub(super) fn new(config: &DepthConfig) -> Self {
         let noise = &config.noise;
-        let floor = noise.floor_m as f32;
+        let (floor, between_m) = (noise.floor_m as f32, config.between_m as f32);
+        let between = between_m * between_m;
         Self {
             range: [config.nearest_m as f32, config.farthest_m as f32],
             floor,
-            greatest: 31.0 * (BETWEEN_M * BETWEEN_M + floor * floor),
+            between,
+            greatest: 31.0 * (between + floor * floor),
             growth: noise.growth as f32,
             from: noise.nearest_m as f32,
         }
@@ -63,7 +64,7 @@ impl Words {
         let past = z - self.from;
         let sigma = self.floor + self.growth * (past * past);
         // Weights go down to 1/31 of the greatest; adding 2^23 rounds and leaves the integer in the lowest bits.
-        let weight = (self.greatest / (BETWEEN_M * BETWEEN_M + sigma * sigma)).max(1.0) + 8_388_608.0;
+        let weight = (self.greatest / (self.between + sigma * sigma)).max(1.0) + 8_388_608.0;
         let pixel = (z.to_bits() & !WEIGHT_BITS) | (weight.to_bits() & WEIGHT_BITS);
         // False for NaN.
         if (z >= self.range[0]) & (z <= self.range[1]) { pixel } else { NONE }
@@ -310,7 +311,7 @@ mod tests {
                 if weight_of(pixel) == 0 {
                     continue;
                 }
-                let variance = |sigma: f64| f64::from(BETWEEN_M).powi(2) + sigma * sigma;
+                let variance = |sigma: f64| DepthConfig::default().between_m.powi(2) + sigma * sigma;
                 let slant = along(i) / length;
                 let head_on = 31.0 * variance(noise.floor_m) / variance(noise.sigma_m(z));
                 let (expected, found) = (head_on * (slant * slant).min(1.0), f64::from(weight_of(pixel)));

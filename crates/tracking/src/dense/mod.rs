@@ -92,6 +92,10 @@ pub(crate) struct DenseAligner {
     limit_m: f64,
 }
 
+/// What images that follow each other differ by, metres. With the 3 mm of maps what is near holds the pose less, and two of six walks along
+/// a bare wall were 0.09 m off in place of 0.02 m.
+const BETWEEN_M: f64 = 0.001;
+
 impl std::fmt::Debug for DenseAligner {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("DenseAligner").field("is_active", &self.is_active).finish_non_exhaustive()
@@ -107,7 +111,7 @@ impl DenseAligner {
         limit_m: f64,
         is_front_end: bool,
     ) -> Option<Self> {
-        let config = DepthConfig::default();
+        let config = DepthConfig { between_m: BETWEEN_M, ..DepthConfig::default() };
         Some(Self {
             preparer: DepthPreparer::new(config, sensor.camera, sensor.metres_per_unit).ok()?,
             camera_from_depth,
