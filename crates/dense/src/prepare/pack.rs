@@ -265,7 +265,7 @@ fn pack_row<const SLANTED: bool>(
     let [share, least] = [config.edge_share as f32, config.edge_m as f32];
     let width = out.len();
     let (left, right) = (&here[REACH - 1..][..width], &here[REACH + 1..][..width]);
-    let [here, up, down] = [here, up, down].map(|row| &row[REACH..][..width]);
+    let (here, up, down) = (&here[REACH..][..width], &up[REACH..][..width], &down[REACH..][..width]);
     let slants = &slants[..width];
     let mut count = 0;
     for x in 0..width {
