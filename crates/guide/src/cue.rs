@@ -20,6 +20,15 @@ pub enum Priority {
     Low,
 }
 
+/// A step that a walker is told to make who stands before something, so that he gets past it; plus one for left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Step {
+    /// Half a metre back and to a side, halfway between the two.
+    BackAside(f64),
+    /// A small one to a side.
+    Aside(f64),
+}
+
 /// Why the walker must stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
@@ -193,8 +202,10 @@ pub enum CueKind {
     },
     /// Walking backwards: the leg is over, stop and look behind.
     CheckBehind,
-    /// Walking backwards: off the line; metres to the walker's own left (negative right).
+    /// One step back and to a side, off the line or before something in the way; metres to the walker's own left (negative right).
     StepAside(f64),
+    /// One small step to a side, before something in the way: plus one for the walker's own left.
+    SmallStep(f64),
     /// Walking backwards: too fast.
     SlowDown,
     /// Tracking is bridged (low confidence): go slowly.
@@ -268,6 +279,7 @@ impl Cue {
             | WrongWay(_)
             | CheckBehind
             | StepAside(_)
+            | SmallStep(_)
             | EndMissed { .. }
             | Arrived => Priority::High,
             Start { .. }
@@ -304,7 +316,7 @@ impl Cue {
         use CueKind::*;
         match self.kind {
             OnCourse | BackOnPath => Some(Earcon::OnCourse),
-            OffPath { .. } | WrongWay(_) | StepAside(_) => Some(Earcon::OffCourse),
+            OffPath { .. } | WrongWay(_) | StepAside(_) | SmallStep(_) => Some(Earcon::OffCourse),
             TurnNow { .. } | Rotate(_) | Correction(First::Turn(_)) | Around(_) | EndMissed { .. } => {
                 Some(Earcon::Turn)
             }

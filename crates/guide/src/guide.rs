@@ -10,7 +10,7 @@
 
 use crate::config::GuideConfig;
 use crate::correction::Corrections;
-use crate::cue::{AT_START_M, Cue, CueKind, First, StopReason};
+use crate::cue::{AT_START_M, Cue, CueKind, First, Step, StopReason};
 use crate::facing::{Facing, Heading};
 use crate::follow::{Follower, Now, Phase, Turning};
 use crate::free_way::FreeWay;
@@ -64,8 +64,10 @@ pub struct Guide {
     /// The next first direction follows a stop for something in the way.
     cleared: bool,
     last_match: Option<Match>,
-    /// Which side a walker who was stopped is to step back to, plus one for left.
-    step_back: Option<f64>,
+    /// The step that a walker who was stopped is to make, and whether he was told.
+    step: Option<(Step, bool)>,
+    /// A step that he was told to make was made or given up since the last time.
+    stepped: bool,
     /// Since when tracking has been weak, and whether that was said.
     weak: Option<(Stamp, bool)>,
     /// When a walker who is not on the route was last told where it is.
@@ -99,7 +101,8 @@ impl Guide {
             again: false,
             cleared: false,
             last_match: None,
-            step_back: None,
+            step: None,
+            stepped: false,
             weak: None,
             away_said: None,
         })
@@ -159,10 +162,12 @@ impl Guide {
         self.follower.way = way;
     }
 
-    /// Where there is no way past what the walker was stopped for from where he stands: which side he is to step back to instead of
-    /// hearing "stop" again, plus one for left.
-    pub fn step_back(&mut self, side: Option<f64>) {
-        self.step_back = side;
+    /// Where there is no way past what the walker was stopped for from where he stands: the step that he is to make. It is said at once,
+    /// and "stop" is not said again while he makes it, which would cut it short. `None` once it has been made.
+    pub fn take_step(&mut self, step: Option<Step>) {
+        let before = self.step.filter(|(_, told)| *told).map(|(before, _)| before);
+        self.stepped |= before.is_some() && step.is_none();
+        self.step = step.map(|step| (step, before == Some(step)));
     }
 
     /// Whether the walker walks, or will without another word when his turn has ended.
@@ -289,14 +294,26 @@ impl Guide {
     }
 
     fn halt(&mut self, reason: StopReason, now: Stamp) -> Option<CueKind> {
-        let turn_rate = self.follower.motion.turn_rate();
-        let kind = self.stops.halt(reason, now, &self.follower.config, turn_rate, self.started)?;
-        match (self.step_back, kind, self.stops.is_repeated()) {
-            (Some(side), CueKind::Stop(reason), true) if reason.is_in_the_way() => {
-                Some(CueKind::StepAside(side))
-            }
-            _ => Some(kind),
+        if std::mem::take(&mut self.stepped) {
+            self.stops.told_to_step(now);
         }
+        let turn_rate = self.follower.motion.turn_rate();
+        let kind = self.stops.halt(reason, now, &self.follower.config, turn_rate, self.started);
+        let step = self.step.filter(|_| reason.is_in_the_way());
+        let Some((step, _)) = step.filter(|(_, told)| self.stops.may_step(*told, now)) else {
+            // Not while he makes a step: it would be cut short.
+            let kind = kind.filter(|_| step.is_none_or(|(_, told)| !told));
+            if kind.is_some() {
+                self.stops.spoke(now);
+            }
+            return kind;
+        };
+        self.step = Some((step, true));
+        self.stops.told_to_step(now);
+        Some(match step {
+            Step::BackAside(left) => CueKind::StepAside(left),
+            Step::Aside(left) => CueKind::SmallStep(left),
+        })
     }
 
     /// True when guidance may go on.

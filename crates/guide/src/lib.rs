@@ -36,7 +36,7 @@ pub use anchor::Anchor;
 pub use announcer::{Announcer, AnnouncerConfig, Utterance, WORDS_PER_MINUTE, speaking_time};
 pub use clean::{CleanConfig, CleanedRoute, Cut, clean, clean_line, largest_distance, length};
 pub use config::GuideConfig;
-pub use cue::{Cue, CueKind, Earcon, First, Next, Obstacle, Priority, StopReason, UpcomingManeuver};
+pub use cue::{Cue, CueKind, Earcon, First, Next, Obstacle, Priority, Step, StopReason, UpcomingManeuver};
 pub use direction::{Direction, Side};
 pub use facing::{Facing, Heading};
 pub use free_way::FreeWay;

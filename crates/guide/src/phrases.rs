@@ -115,6 +115,7 @@ impl PhraseConfig {
             CueKind::Stopped { ahead, on_path: false } => self.go(&ahead, back, false),
             CueKind::CheckBehind => after("guide-stop", text("guide-check-behind")),
             CueKind::StepAside(left_m) => self.with("guide-step-aside", "side", Side::of(left_m).name()),
+            CueKind::SmallStep(left) => self.with("guide-small-step", "side", Side::of(left).name()),
             CueKind::SlowDown => text("guide-slow-down"),
             CueKind::Weak => text("guide-weak"),
             CueKind::EndMissed { distance_m, turn_rad } => self.measured(

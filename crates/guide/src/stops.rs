@@ -16,6 +16,10 @@ use cairn_sensor::Stamp;
 const STOPS_BEFORE_LOOK_ROUND: u32 = 4;
 /// Seconds for which the first pose is waited for in silence.
 const SILENT_S: f64 = 10.0;
+/// A step is said so long after "stop", which is heard first, seconds, ...
+const STEP_AFTER_S: f64 = 1.0;
+/// ... and again where it has not been made after so long.
+const STEP_AGAIN_S: f64 = 6.0;
 /// Angle of each turn that a lost walker is asked for, radians.
 const LOOK_ROUND_RAD: f64 = 0.7;
 
@@ -23,7 +27,9 @@ const LOOK_ROUND_RAD: f64 = 0.7;
 #[derive(Clone, Copy, Debug)]
 struct Halt {
     reason: StopReason,
+    /// When it was due last, and when that or a step was said last.
     said: Stamp,
+    spoke: Stamp,
     /// How many times it was said.
     times: u32,
     good_since: Option<Stamp>,
@@ -61,9 +67,24 @@ impl Stops {
         self.halted.map(|halt| halt.reason)
     }
 
-    /// Whether "stop" was said more than once for it.
-    pub(crate) fn is_repeated(&self) -> bool {
-        self.halted.is_some_and(|halt| halt.times > 1)
+    /// Whether a walker who stands may be told to make a step, for the first time or again.
+    pub(crate) fn may_step(&self, told: bool, now: Stamp) -> bool {
+        let wait_s = if told { STEP_AGAIN_S } else { STEP_AFTER_S };
+        self.halted.is_some_and(|halt| now - halt.spoke >= wait_s)
+    }
+
+    /// A walker was told to make a step, or has made it: "stop" is due again as long after it as after "stop".
+    pub(crate) fn told_to_step(&mut self, now: Stamp) {
+        if let Some(halt) = &mut self.halted {
+            (halt.said, halt.spoke) = (now, now);
+        }
+    }
+
+    /// "Stop" is said now.
+    pub(crate) fn spoke(&mut self, now: Stamp) {
+        if let Some(halt) = &mut self.halted {
+            halt.spoke = now;
+        }
     }
 
     /// The poses from now on have nothing to do with those before.
@@ -166,7 +187,8 @@ impl Stops {
             None => (now, 1),
         };
         let due = before.is_none_or(|(_, n)| n != times);
-        self.halted = Some(Halt { reason, said, times, good_since: None });
+        let spoke = self.halted.map_or(now, |halt| halt.spoke);
+        self.halted = Some(Halt { reason, said, spoke, times, good_since: None });
         // Waiting does not recover tracking; mapped views do. They lie on the side that the walker turned from.
         if reason == StopReason::TrackingLost && times > STOPS_BEFORE_LOOK_ROUND {
             let back = if turn_rate > 0.0 { -1.0 } else { 1.0 };

@@ -158,6 +158,10 @@ guide-step-aside = Halt. Einen Schritt zurück und nach { $side ->
     [left] links
    *[right] rechts
 }.
+guide-small-step = Einen kleinen Schritt nach { $side ->
+    [left] links
+   *[right] rechts
+}.
 guide-slow-down = Langsamer.
 guide-weak = Langsamer. Ich sehe nicht gut.
 guide-end-missed = Halt. { CAPITAL($turn) }, das Ziel ist { distance } entfernt.

@@ -144,6 +144,10 @@ guide-step-aside = Stop. Step back and to your { $side ->
     [left] left
    *[right] right
 }.
+guide-small-step = Take a small step to your { $side ->
+    [left] left
+   *[right] right
+}.
 guide-slow-down = Slow down.
 guide-weak = Slow down. I cannot see well.
 guide-end-missed = Stop. { CAPITAL($turn) }, the end is { distance } away.

@@ -147,6 +147,10 @@ guide-step-aside = Alto. Dé un paso atrás y a la { $side ->
     [left] izquierda
    *[right] derecha
 }.
+guide-small-step = Dé un paso pequeño a la { $side ->
+    [left] izquierda
+   *[right] derecha
+}.
 guide-slow-down = Más despacio.
 guide-weak = Más despacio. No veo bien.
 guide-end-missed = Alto. { CAPITAL($turn) }, el final está a { distance }.

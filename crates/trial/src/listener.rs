@@ -21,6 +21,8 @@ pub(crate) enum Meaning {
     Back,
     /// One step back and to a side: plus one for left.
     Step(f64),
+    /// A small step to a side: plus one for left.
+    SmallStep(f64),
     Slow,
 }
 
@@ -80,6 +82,7 @@ fn english(words: &[&str]) -> Option<Meaning> {
         ["move", "slowly", ..] => Meaning::ForwardSlowly,
         ["move", ..] => Meaning::Forward,
         ["step", "back", ..] => Meaning::Step(side),
+        ["take", "a", "small", "step", ..] => Meaning::SmallStep(side),
         ["slow", "down", ..] => Meaning::Slow,
         ["bear", ..] | ["rotate", _, "a", "little", ..] => Meaning::Bear(side),
         ["turn" | "rotate", "to", at, ..] => return hour(at),
@@ -104,6 +107,7 @@ fn spanish(words: &[&str]) -> Option<Meaning> {
         ["avance", "despacio", ..] => Meaning::ForwardSlowly,
         ["retroceda", ..] => Meaning::Back,
         ["dé", "un", "paso", "atrás", ..] => Meaning::Step(side),
+        ["dé", "un", "paso", "pequeño", ..] => Meaning::SmallStep(side),
         ["dé", "media", "vuelta", ..] => Meaning::TurnAround,
         ["más", "despacio", ..] => Meaning::Slow,
         ["más", "a", "la", ..] | ["gire", "un", "poco", ..] => Meaning::Bear(side),
@@ -126,6 +130,7 @@ fn german(words: &[&str]) -> Option<Meaning> {
         ["halt", ..] => Meaning::Stop,
         ["nicht", "weiter", "drehen", ..] => Meaning::StopTurning,
         ["langsamer", ..] => Meaning::Slow,
+        ["einen", "kleinen", "schritt", ..] => Meaning::SmallStep(side),
         ["einen", "schritt", "zurück", ..] => Meaning::Step(side),
         _ if has("rückwärtsgehen") => Meaning::Back,
         _ if has("weitergehen") && has("langsam") => Meaning::ForwardSlowly,

@@ -24,6 +24,8 @@ enum Action {
     Back,
     /// One step back and to a side: plus one for left.
     Step(f64),
+    /// One small step to a side: metres, to the left.
+    SmallStep(f64),
     Slow,
 }
 
@@ -37,7 +39,7 @@ enum Activity {
         left: f64,
         then: f64,
     },
-    /// Stepping half a metre in a straight line: metres left, and the direction relative to the heading.
+    /// Stepping in a straight line: metres left, and the direction relative to the heading.
     Stepping {
         left: f64,
         direction: f64,
@@ -131,6 +133,11 @@ impl Walker {
         (self.x, self.y) = (x, y);
     }
 
+    /// True while the walker makes a step to a side, or back and to a side.
+    pub fn is_stepping(&self) -> bool {
+        matches!(self.activity, Activity::Stepping { .. })
+    }
+
     /// True when the walker neither moves nor turns.
     pub fn is_standing(&self) -> bool {
         self.activity == Activity::Standing && self.bearing == 0.0
@@ -176,6 +183,8 @@ impl Walker {
             Meaning::ForwardSlowly => Action::ForwardSlowly,
             Meaning::Back => Action::Back,
             Meaning::Step(side) => Action::Step(side),
+            // People's small steps differ.
+            Meaning::SmallStep(side) => Action::SmallStep(side * self.random.uniform(0.15, 0.3)),
             Meaning::Slow => Action::Slow,
             Meaning::Bear(side) => {
                 // A small course change is overshot by a share of the overshoot of a full turn.
@@ -247,6 +256,10 @@ impl Walker {
                 let direction = if side > 0.0 { 0.75 } else { -0.75 } * std::f64::consts::PI;
                 self.activity = Activity::Stepping { left: 0.5 * self.step_scale, direction };
             }
+            Action::SmallStep(left_m) => {
+                let direction = left_m.signum() * std::f64::consts::FRAC_PI_2;
+                self.activity = Activity::Stepping { left: left_m.abs() * self.step_scale, direction };
+            }
             Action::Slow => self.speed = self.speed.min((0.75 * self.speed).max(0.4)),
         }
     }
@@ -308,7 +321,12 @@ pub fn side_of(text: &str, language: Language) -> Option<Side> {
                 break;
             }
             match understand(language, clause) {
-                Some(Meaning::Turn(side) | Meaning::Bear(side) | Meaning::Step(side)) => {
+                Some(
+                    Meaning::Turn(side)
+                    | Meaning::Bear(side)
+                    | Meaning::Step(side)
+                    | Meaning::SmallStep(side),
+                ) => {
                     return Some(Side::of(side));
                 }
                 // What follows is for later.

@@ -28,6 +28,7 @@ fn sides_are_the_same_in_every_language() {
             off(a, false),
             CueKind::WrongWay(a),
             CueKind::StepAside(a),
+            CueKind::SmallStep(a),
             CueKind::EndMissed { distance_m: 1.0, turn_rad: a },
             CueKind::LookRound(a),
             CueKind::Go { ahead, check: false },

@@ -79,6 +79,9 @@ impl Follower {
 
     /// The turn has ended: go on, or turn further.
     fn turned(&mut self, turning: &Turning, left: f64, now: &Now) -> Option<CueKind> {
+        if let Some(arrived) = self.arrival(now) {
+            return Some(arrived);
+        }
         let off = left.abs().to_degrees();
         let small: f64 = if turning.goes_on() { 60.0 } else { 45.0 };
         let admitted = self.may_set_out(now);
@@ -95,9 +98,6 @@ impl Follower {
             self.phase = Phase::Turning(Turning::new(now, moving));
             self.memory.last_direction = Some(now.stamp);
             return Some(CueKind::Rotate(self.worded(left)));
-        }
-        if let Some(arrived) = self.arrival(now) {
-            return Some(arrived);
         }
         let check = self.config.facing == Facing::Backwards;
         self.set_out(now);

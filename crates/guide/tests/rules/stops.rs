@@ -171,20 +171,31 @@ fn nobody_is_sent_where_it_is_not_free() {
 }
 
 #[test]
-fn who_is_too_near_to_something_steps_back() {
+fn who_is_told_to_make_a_step_hears_no_stop_while_he_makes_it() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(2.0, 1.0);
     walker.hazard = Some(StopReason::Obstacle(Obstacle::at(0.6, 0.0, false)));
-    walker.guide.step_back(Some(1.0));
-    walker.stand(4.0);
-    walker.guide.step_back(None);
-    walker.stand(3.0);
-    let expected = [
-        "Stop. Something is in the way, half a metre ahead.",
-        "Stop. Step back and to your left.",
-        "Stop. Something is in the way, half a metre ahead.",
-    ];
-    assert_eq!(&walker.words()[1..], expected);
+    walker.guide.take_step(Some(Step::BackAside(1.0)));
+    let stop = "Stop. Something is in the way, half a metre ahead.";
+    let back = "Stop. Step back and to your left.";
+    // "Stop" would cut the step short.
+    walker.stand(6.0);
+    assert_eq!(&walker.words()[1..], [stop, back]);
+    // He has not made it: once more.
+    walker.stand(2.0);
+    assert_eq!(&walker.words()[1..], [stop, back, back]);
+    // It is made, and the next is said as soon as it is known.
+    walker.guide.take_step(None);
+    walker.stand(1.2);
+    walker.guide.take_step(Some(Step::Aside(-1.0)));
+    walker.stand(0.3);
+    let small = "Take a small step to your right.";
+    assert_eq!(&walker.words()[1..], [stop, back, back, small]);
+    walker.guide.take_step(None);
+    walker.stand(2.5);
+    assert_eq!(walker.words().len(), 5);
+    walker.stand(1.0);
+    assert_eq!(&walker.words()[1..], [stop, back, back, small, stop]);
 }
 
 #[test]

@@ -11,9 +11,11 @@
 mod attempts;
 mod pace;
 mod past;
+mod stepping;
 mod strip;
 #[cfg(test)]
 mod tests;
+mod turns;
 mod watch;
 
 use cairn_dense::DenseError;

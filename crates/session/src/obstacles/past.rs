@@ -1,60 +1,57 @@
-//! A way past what is in the way, back to the route beyond it, in what a walker who goes by words does exactly: he walks straight
-//! on, and he steps back and to a side without turning. Turns end somewhere about where they should.
+//! A way past what is in the way, back to the route beyond it, in what a walker who goes by words does: he turns about as far as people
+//! turn who are told to bear, walks straight on, steps half a metre back and to a side, or a little to a side.
 //!
-//! On which side of it he is led past is decided by a way that is searched on a grid of what is seen (A*), with as much clearance
-//! as there is, and kept as long as there is one on that side. Of the moves that lead past on that side the fewest are taken: turns
-//! by as much as people turn who are told to bear, then steps back and aside, then straight on. Where none do, he comes nearer,
-//! passes it on the other side, steps back from it, or follows the way that was searched in straight legs.
+//! Dijkstra's search over where he would stand after such moves: on until he would be stopped again, until a straight leg leads past
+//! the obstacle. Moves cost what it takes to say and to make them; a leg with little room beside it costs more, and so does passing the
+//! obstacle on the other side than before. The first of the cheapest moves is told, and after it the search is made anew, from where it
+//! ended: nobody steps or turns exactly.
 
 use super::strip::direction;
-use cairn_dense::walk::Blocked;
-use cairn_geometry::{Se2, Vec2};
-use cairn_guide::{FreeWay, Guide, Heading, wrap};
-use cairn_plan::search::{self, AStar, free_cell};
-use cairn_plan::{Cell, DistanceField, Grid, GridFrame, Passable};
+use cairn_geometry::Vec2;
+use cairn_guide::{FreeWay, Guide, Heading, Step, wrap};
 use std::f64::consts::FRAC_PI_2;
-
-/// Distances of the way past an obstacle from what is seen, metres: the first that leaves a way. The last is a gap as wide as
-/// a narrow door.
-const CLEARANCES_M: [f64; 4] = [0.7, 0.55, 0.42, 0.32];
-/// The way back to the route is searched up to this far beyond the obstacle, metres.
-const BEYOND_M: [f64; 2] = [0.6, 2.4];
-/// ... and no farther aside from it, metres: what lies behind the walls is unknown, not free.
-const ASIDE_M: f64 = 1.3;
-/// The way is searched this far around the walker, metres.
-const SEARCHED_M: f64 = 4.4;
-/// Side of the cells that are searched, metres.
-const CELL_M: f64 = 0.05;
-/// A leg of the way is looked for within this angle of where the way leads, degrees ...
-const LEG_DEG: f64 = 60.0;
-/// ... so free on both sides, degrees: people who are told to bear or to stop turning end up about so far from where they should.
-const OFF_DEG: [f64; 3] = [12.0, 8.0, 5.0];
 
 /// What is in the way is passed so far beyond where it begins, metres, as far as can be seen.
 const PAST_M: f64 = 0.75;
 const FARTHEST_M: f64 = 4.0;
-/// Past it he is sent in a heading at most so far off the route's, radians.
+/// Past it he is sent in a heading at most so far off the route's, radians, and before that in one at most so far off.
 const MOST_AWAY_RAD: f64 = 0.45;
+const FARTHEST_RAD: f64 = 1.2;
+/// Nobody is led farther aside from the route than this, metres: what lies behind the walls is unknown, not free.
+const ASIDE_M: f64 = 1.3;
 /// Who faces nearer than this to a heading is not turned to it, radians: a turn that people make by words ends no nearer.
 pub(super) const NEARLY_RAD: f64 = 0.17;
-/// People who are told to bear turn by about this, radians.
+/// People who are told to bear turn by about this, radians; they are told up to so many times.
 const BEAR_RAD: f64 = 0.33;
-/// Half of the strip in which he is sent past something, metres: wider than the one for which he is stopped, since he veers.
-const ROOM_M: f64 = 0.38;
-/// At most so many steps aside.
-const MOST_STEPS: i32 = 5;
-/// A side is kept while what is in the way is no farther than this from where it was, metres; beside it the other side is closed
-/// so far along the route.
-const SAME_M: f64 = 0.8;
-const CLOSED_M: f64 = 0.5;
-/// A step back and to a side: halfway between the two, radians, half a metre, with so much free beyond it.
+const BEARS: i32 = 3;
+/// A step back and to a side: halfway between the two, radians, metres, and what must be free beyond it.
 const STEP_RAD: f64 = 0.75 * std::f64::consts::PI;
 const STEP_M: f64 = 0.5;
 const BESIDE_M: f64 = 0.35;
-/// From what is nearer than this straight ahead he steps back where no way leads past it, metres.
-const TOO_NEAR_M: f64 = 2.0;
-/// A leg is walked no farther than this before he is directed anew, metres: beyond it what is seen is too coarse.
-const LONGEST_M: f64 = 3.2;
+/// A small step to a side.
+const SMALL_M: f64 = 0.22;
+const BESIDE_SMALL_M: f64 = 0.3;
+/// Who walks until he is stopped before something stands so far before it, metres.
+const STOPPED_M: f64 = 0.8;
+/// Half of the strips in which he is sent past something, metres, wider than the one for which he is stopped, since he veers; what it
+/// costs where one has no room, in moves.
+const ROOM_M: [f64; 2] = [0.38, 0.33];
+const NARROW: f64 = 0.75;
+/// What a turn costs besides the walk after it, each time he is told to bear, and a metre.
+const TURN: f64 = 1.5;
+const BEAR: f64 = 0.2;
+const METRE: f64 = 0.2;
+/// What it costs to pass on the other side than before, and to step back to where he has just come from.
+const OTHER_SIDE: f64 = 1.5;
+const TO_AND_FRO: f64 = 1.0;
+/// It is the same obstacle while it is no farther than this from where it was, metres.
+const SAME_M: f64 = 0.8;
+/// At most so many places are looked at; two are the same within this, metres.
+const MOST_PLACES: usize = 250;
+const SAME_PLACE_M: f64 = 0.1;
+/// Within this of where a step could not be made, metres, and of its direction (the cosine), it is not tried again.
+const FAILED_M: f64 = 0.2;
+const FAILED_COS: f64 = 0.7;
 
 /// The first leg of a way past what is in the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,23 +66,33 @@ pub(super) struct Leg {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Plan {
     Walk(Leg),
-    /// Step back and to a side: plus one for left.
-    StepBack(f64),
+    Step(Step),
+}
+
+/// Where a step leads a walker with a heading, from where he is.
+pub(super) fn of_step(step: &Step, heading: f64) -> Vec2 {
+    match step {
+        Step::BackAside(left) => direction(heading + left * STEP_RAD) * STEP_M,
+        Step::Aside(left) => direction(heading + left * FRAC_PI_2) * SMALL_M,
+    }
 }
 
 /// Searches ways past obstacles.
+#[derive(Default)]
 pub(super) struct Past {
-    search: AStar,
-    /// Where the obstacle that he is led past was when a side was chosen, and the side: plus one for left.
+    /// Where the obstacle that he is led past was when he was first led, and on which side: plus one where he passes to the left of it.
     side: Option<(Vec2, f64)>,
+    /// The last step that he was told to make.
+    last: Option<Step>,
+    /// Steps that could not be made: from where, and where they would have led.
+    failed: Vec<(Vec2, Vec2)>,
 }
 
 /// What a way is searched for.
 pub(super) struct Blocking<'a> {
     pub guide: &'a Guide,
     pub walker: &'a Heading,
-    pub obstacles: &'a [Blocked],
-    /// They are known this far, metres.
+    /// Obstacles are known this far, metres.
     pub reach_m: f64,
     /// What is in the way lies this far along it, metres; `None` where only the way to the route is not free.
     pub along_m: Option<f64>,
@@ -94,236 +101,163 @@ pub(super) struct Blocking<'a> {
     pub free: &'a FreeWay,
     /// Metres that are free straight ahead from a place in a heading, in a strip of half this width.
     pub free_from: &'a dyn Fn(&Vec2, f64, f64) -> f64,
+    /// Whether turns from where he stands are exact enough.
+    pub turns: bool,
+}
+
+/// A place where a walker would stand after some moves.
+#[derive(Clone, Copy)]
+struct Standing {
+    at: Vec2,
+    heading: f64,
+    cost: f64,
+    /// The first of the moves.
+    first: Option<Plan>,
+}
+
+/// Moves that lead past it.
+struct Way {
+    cost: f64,
+    first: Plan,
+    /// On which side: plus one to the left of it.
+    side: Option<f64>,
+}
+
+/// A search under way.
+struct Search<'a> {
+    what: &'a Blocking<'a>,
+    past: &'a Past,
+    /// The heading of the route beside the obstacle, and points of it there.
+    route: f64,
+    near: Vec<Vec2>,
+    /// Metres beyond where he stands, along the route, at which he has passed it.
+    past_m: f64,
+    open: Vec<Standing>,
+    best: Option<Way>,
 }
 
 impl Past {
-    pub fn new() -> Self {
-        Self { search: AStar::new(), side: None }
-    }
-
     /// Nothing is in the way any more: the next obstacle may be passed on either side.
     pub fn passed(&mut self) {
-        self.side = None;
+        *self = Self::default();
     }
 
-    /// What leads past it, if anything does.
+    /// A step was not made, from a place to another.
+    pub fn failed(&mut self, from: Vec2, to: Vec2) {
+        self.failed.push((from, to - from));
+    }
+
+    /// The first move of what leads past it, if anything does.
     pub fn plan(&mut self, what: &Blocking) -> Option<Plan> {
-        let at = what.guide.place()?.along_m + what.along_m.unwrap_or(0.0);
+        let at_m = what.guide.place()?.along_m + what.along_m.unwrap_or(0.0);
         let plan = what.guide.plan();
-        let leg = plan.point_at((at + 0.3).min(plan.length())) - plan.point_at((at - 0.3).max(0.0));
+        let leg = plan.point_at((at_m + 0.3).min(plan.length())) - plan.point_at((at_m - 0.3).max(0.0));
         let route = leg.y.atan2(leg.x);
-        let path = self.path(what, route);
-        let side = self.side.map(|(_, side)| side);
         // Free so far, he has passed it.
         let past_m = what.along_m.map_or(0.0, |m| (m + PAST_M).min(FARTHEST_M)).max(what.free.needed_m());
-        let leg = || {
-            let leg = first_leg(&path?, &what.walker.position, what.free)?;
-            // Where he faces already, it leads past nothing.
-            (what.walker.turn_to(leg.heading).abs() > NEARLY_RAD).then_some(Plan::Walk(leg))
-        };
-        moves(what, route, past_m, side)
-            .or_else(|| approach(what, route))
-            .or_else(|| side.and_then(|_| moves(what, route, past_m, None)))
-            .or_else(|| step_back(what, side).map(Plan::StepBack))
-            .or_else(leg)
+        if wrap(what.walker.course - route).abs() > MOST_AWAY_RAD + 2.0 * BEAR_RAD {
+            return Some(Plan::Walk(Leg { heading: route, free_m: past_m }));
+        }
+        let from_m = (at_m - what.reach_m).max(0.0);
+        let samples = 4.0 * (2.0 * what.reach_m).min(plan.length() - from_m).max(0.0);
+        let near = (0..=samples as usize).map(|k| plan.point_at(from_m + 0.25 * k as f64)).collect();
+        let is_same = |(before, _): &(Vec2, f64)| what.at.is_none_or(|at| (before - at).norm() < SAME_M);
+        self.side = self.side.filter(is_same);
+        let way = Search { what, past: self, route, near, past_m, open: Vec::new(), best: None }.run()?;
+        self.side = what.at.zip(way.side).or(self.side);
+        self.last = if let Plan::Step(step) = way.first { Some(step) } else { None };
+        Some(way.first)
     }
+}
 
-    /// A way past it that is searched: on the side that was chosen, as long as there is one.
-    fn path(&mut self, what: &Blocking, route: f64) -> Option<Vec<Vec2>> {
-        let Some(at) = what.at else { return self.search(what, None) };
-        let left = direction(route + FRAC_PI_2);
-        let kept = self.side.filter(|(before, _)| (before - at).norm() < SAME_M);
-        if let Some((_, side)) = kept {
-            // Beside the obstacle, the other side is closed.
-            let closed = |p: &Vec2| {
-                let d = p - at;
-                side * d.dot(&left) < 0.0 && d.dot(&direction(route)).abs() < CLOSED_M
+impl Search<'_> {
+    fn run(mut self) -> Option<Way> {
+        let walker = self.what.walker;
+        self.open.push(Standing { at: walker.position, heading: walker.course, cost: 0.0, first: None });
+        let mut closed: Vec<Standing> = Vec::new();
+        while let Some(next) =
+            (0..self.open.len()).min_by(|a, b| self.open[*a].cost.total_cmp(&self.open[*b].cost))
+        {
+            let from = self.open.swap_remove(next);
+            if closed.len() >= MOST_PLACES
+                || self.best.as_ref().is_some_and(|way| way.cost <= from.cost + 1.0)
+            {
+                break;
+            }
+            let is_same = |other: &Standing| {
+                (other.at - from.at).norm() < SAME_PLACE_M
+                    && wrap(other.heading - from.heading).abs() < 0.5 * BEAR_RAD
             };
-            if let Some(path) = self.search(what, Some(&closed)) {
-                return Some(path);
-            }
-        }
-        let path = self.search(what, None);
-        let beside = path.iter().flatten().min_by(|a, b| {
-            let along = |p: &Vec2| (p - at).dot(&direction(route)).abs();
-            along(a).total_cmp(&along(b))
-        });
-        self.side = beside.map(|p| (at, (p - at).dot(&left).signum()));
-        path
-    }
-
-    /// The points of a way back to the route beyond it, outside of what is closed.
-    fn search(&mut self, what: &Blocking, closed: Option<&dyn Fn(&Vec2) -> bool>) -> Option<Vec<Vec2>> {
-        let Blocking { guide, walker, obstacles, reach_m, along_m, .. } = *what;
-        let (place, plan) = (guide.place()?, guide.plan());
-        let begin = place.along_m + along_m.unwrap_or(0.0);
-        let reach = reach_m.min(SEARCHED_M);
-        let side = (2.0 * reach / CELL_M) as usize;
-        let corner = walker.position - Vec2::repeat(reach);
-        let frame = GridFrame::new(side, side, CELL_M, Se2::from_xy_angle(corner.x, corner.y, 0.0)).ok()?;
-        let mut blocked = Grid::filled(frame, false);
-        for b in obstacles {
-            if let Some(cell) = frame.cell_at(b.at) {
-                blocked.set(cell, true);
-            }
-        }
-        // The route where it passes through the window, with the way to it.
-        let mut near: Vec<Vec2> = vec![walker.position];
-        let window = (begin - reach).max(0.0)..(begin + reach).min(plan.length());
-        let samples = ((window.end - window.start) / 0.25).max(0.0) as usize;
-        near.extend((0..=samples).map(|k| plan.point_at(window.start + 0.25 * k as f64)));
-        let beside = |at: &Vec2| near.iter().any(|p| (p - at).norm() <= ASIDE_M);
-        let distances = DistanceField::new(&blocked);
-        for clearance_m in CLEARANCES_M {
-            let mut free = distances.at_least(clearance_m);
-            // The walker stands where he stands: out of there in any direction.
-            let here = frame.cell_at(walker.position)?;
-            free_around(&mut free, &distances, clearance_m, here);
-            for i in 0..side * side {
-                let cell = frame.cell(i);
-                let centre = frame.centre(cell);
-                if !beside(&centre) || closed.is_some_and(|closed| closed(&centre)) {
-                    free.set(cell, false);
-                }
-            }
-            let passable = Passable::new(&free);
-            let Ok(start) = free_cell(&passable, search::Place::Start, walker.position) else { continue };
-            let mut ahead = BEYOND_M[0];
-            while ahead <= BEYOND_M[1] {
-                let goal = plan.point_at((begin + ahead).min(plan.length()));
-                if let Ok(goal) = free_cell(&passable, search::Place::Goal, goal)
-                    && let Ok(path) = self.search.search(&passable, start, goal)
+            if !closed.iter().any(is_same) {
+                closed.push(from);
+                (-BEARS..=BEARS).for_each(|bears| self.walk(&from, bears));
+                for step in
+                    [1.0, -1.0].into_iter().flat_map(|left| [Step::BackAside(left), Step::Aside(left)])
                 {
-                    return Some(path.points(&frame));
+                    self.step(&from, step);
                 }
-                ahead += 0.3;
             }
         }
-        None
+        self.best
     }
-}
 
-/// The first of the fewest moves that lead past it, on `side` where that was chosen: turns by as much as people turn who are told to
-/// bear, then steps back and aside, then straight on. Of equally many those with room beside the way.
-fn moves(what: &Blocking, route: f64, past_m: f64, side: Option<f64>) -> Option<Plan> {
-    let (from, course) = (what.walker.position, what.walker.course);
-    let off = wrap(course - route);
-    if off.abs() > MOST_AWAY_RAD + 2.0 * BEAR_RAD {
-        return Some(Plan::Walk(Leg { heading: route, free_m: past_m }));
-    }
-    let mut best: Option<(f64, Plan)> = None;
-    let mut offer = |cost: f64, plan: Plan| {
-        if best.as_ref().is_none_or(|(least, _)| cost < *least) {
-            best = Some((cost, plan));
+    /// He bears so many times to the left and walks on: past it, or until he is stopped again.
+    fn walk(&mut self, from: &Standing, bears: i32) {
+        let what = self.what;
+        let heading = wrap(from.heading + f64::from(bears) * BEAR_RAD);
+        let away = wrap(heading - self.route).abs();
+        let is_first = from.first.is_none();
+        // Where he faces he is sent as the guide judges it: else he would stand there without a word.
+        let is_barred = is_first && if bears == 0 { !what.free.admits(heading) } else { !what.turns };
+        let (free_m, needed_m) = ((what.free_from)(&from.at, heading, 0.0), what.free.needed_m());
+        if is_barred || free_m < needed_m || away > FARTHEST_RAD {
+            return;
         }
-    };
-    for bears in -3..=3i32 {
-        let heading = wrap(course + f64::from(bears) * BEAR_RAD);
-        let away = wrap(heading - route).abs();
-        if away > MOST_AWAY_RAD {
-            continue;
-        }
-        let far_m = past_m / away.cos();
-        for steps in -MOST_STEPS..=MOST_STEPS {
-            let (aside, far) = (f64::from(steps.signum()), STEP_M * f64::from(steps.abs()));
-            let back = heading + aside * STEP_RAD;
-            let there = from + direction(back) * far;
-            if steps != 0 && (what.free_from)(&from, back, 0.0) < far + BESIDE_M {
-                continue;
+        let turn = if bears == 0 { 0.0 } else { TURN + BEAR * f64::from(bears.abs()) };
+        let cost = from.cost + 1.0 + turn;
+        let gone_m = (from.at - what.walker.position).dot(&direction(self.route));
+        let ahead_m = ((self.past_m - gone_m) / away.cos()).max(needed_m);
+        let first = |free_m: f64| from.first.unwrap_or(Plan::Walk(Leg { heading, free_m }));
+        if away <= MOST_AWAY_RAD && free_m >= ahead_m {
+            let side = what.at.map(|at| -direction(heading).perp(&(at - from.at)).signum());
+            let has_room = |half_m: &f64| (what.free_from)(&from.at, heading, *half_m) >= ahead_m;
+            let narrow = NARROW * ROOM_M.iter().position(has_room).unwrap_or(ROOM_M.len()) as f64;
+            let is_other = self.past.side.zip(side).is_some_and(|((_, before), side)| side != before);
+            let cost = cost + narrow + away + if is_other { OTHER_SIDE } else { 0.0 };
+            if self.best.as_ref().is_none_or(|way| cost < way.cost) {
+                let free_m = if is_first && bears == 0 { needed_m } else { ahead_m };
+                self.best = Some(Way { cost, first: first(free_m), side });
             }
-            let ahead_m = far_m - far * STEP_RAD.cos();
-            let free = |half_m: f64| (what.free_from)(&there, heading, half_m) >= ahead_m;
-            let narrow = match (free(ROOM_M), free(0.0)) {
-                (true, _) => 0.0,
-                (false, true) => 1.5,
-                _ => continue,
-            };
-            let other = side
-                .zip(what.at)
-                .is_some_and(|(side, at)| side * direction(heading).perp(&(at - there)) > 0.0);
-            if other {
-                continue;
-            }
-            let cost = f64::from(bears.abs() + steps.abs()) + narrow + away;
-            if bears != 0 {
-                let free_m = if steps == 0 { ahead_m } else { what.free.needed_m() };
-                offer(cost, Plan::Walk(Leg { heading, free_m }));
-            } else if steps != 0 {
-                offer(cost, Plan::StepBack(aside));
-            } else if what.free.admits(course) {
-                // As the guide judges it too: else he would stand there without a word.
-                offer(cost, Plan::Walk(Leg { heading: course, free_m: what.free.needed_m() }));
-            }
+        } else if free_m < what.reach_m {
+            let metres = free_m - STOPPED_M;
+            let (at, cost) = (from.at + direction(heading) * metres, cost + 1.0 + METRE * metres);
+            self.push(Standing { at, heading, cost, first: Some(first(needed_m)) });
         }
     }
-    best.map(|(_, plan)| plan)
-}
 
-/// Straight on towards it, where he faces along the route and has room to stop: from near by fewer steps and turns lead past it, and
-/// an error of his heading matters less.
-fn approach(what: &Blocking, route: f64) -> Option<Plan> {
-    let course = what.walker.course;
-    let faces = wrap(course - route).abs() < MOST_AWAY_RAD;
-    let leg = Leg { heading: course, free_m: what.free.needed_m() };
-    (what.at.is_some() && faces && what.free.admits(course)).then_some(Plan::Walk(leg))
-}
-
-/// Where something is so near that no straight leg leads past it, or he may not be sent where he faces: the side to step back to,
-/// where there is room the one that was chosen.
-fn step_back(what: &Blocking, side: Option<f64>) -> Option<f64> {
-    let course = what.walker.course;
-    let free = |heading: f64| (what.free_from)(&what.walker.position, heading, 0.0);
-    let room = |side: f64| free(course + side * STEP_RAD);
-    let enough = |side: &f64| room(*side) >= STEP_M + BESIDE_M;
-    let wider = if room(1.0) > room(-1.0) { 1.0 } else { -1.0 };
-    let side = side.filter(enough).or_else(|| Some(wider).filter(enough));
-    // What is free straight ahead but not a little beside it leads past nothing either: the guide does not send him there.
-    let is_kept = what.at.is_some() && !what.free.admits(course);
-    side.filter(|_| free(course) < TOO_NEAR_M || is_kept)
-}
-
-/// A straight leg along a path: free to the farthest point of the path that is in a straight line from here, also when the walker
-/// does not turn to it exactly, and near to where the path leads.
-fn first_leg(path: &[Vec2], from: &Vec2, way: &FreeWay) -> Option<Leg> {
-    let mut seen = path.iter().filter(|p| {
-        let d = *p - from;
-        d.norm() > 0.3 && way.free_m(d.y.atan2(d.x)) >= d.norm()
-    });
-    let to = seen.next_back().or(path.last())? - from;
-    if to.norm() < 0.05 {
-        return None;
+    /// He makes a step.
+    fn step(&mut self, from: &Standing, step: Step) {
+        let by = of_step(&step, from.heading);
+        let beside_m = if matches!(step, Step::Aside(_)) { BESIDE_SMALL_M } else { BESIDE_M };
+        let failed = |(at, to): &(Vec2, Vec2)| {
+            (at - from.at).norm() < FAILED_M && to.dot(&by) > FAILED_COS * to.norm() * by.norm()
+        };
+        if (self.what.free_from)(&from.at, by.y.atan2(by.x), 0.0) < by.norm() + beside_m
+            || self.past.failed.iter().any(failed)
+        {
+            return;
+        }
+        let returns = |last: Step| of_step(&last, from.heading).dot(&by) < 0.0;
+        let to_and_fro = from.first.is_none() && self.past.last.is_some_and(returns);
+        let cost = from.cost + 1.0 + if to_and_fro { TO_AND_FRO } else { 0.0 };
+        let first = Some(from.first.unwrap_or(Plan::Step(step)));
+        self.push(Standing { at: from.at + by, cost, first, ..*from });
     }
-    let along = to.y.atan2(to.x);
-    let mut candidates: Vec<f64> = (0..=(LEG_DEG / 2.0) as i32)
-        .flat_map(|k| [along + f64::from(2 * k).to_radians(), along - f64::from(2 * k).to_radians()])
-        .collect();
-    candidates.retain(|heading| direction(*heading).dot(&to) > 0.0);
-    // To the end of the leg, or at least as far as he needs to stop.
-    let far = to.norm().clamp(way.needed_m(), LONGEST_M.max(way.needed_m()));
-    [far, way.needed_m()].into_iter().find_map(|free_m| {
-        let way = way.requiring(free_m);
-        OFF_DEG.iter().find_map(|off_deg| {
-            let off = off_deg.to_radians();
-            let heading = candidates.iter().find(|heading| way.admits_within(**heading, off))?;
-            Some(Leg { heading: wrap(*heading), free_m })
-        })
-    })
-}
 
-/// Frees the cells within half a metre of the walker that are no nearer to an obstacle than he is himself.
-fn free_around(free: &mut Grid<bool>, distances: &DistanceField, clearance_m: f64, here: Cell) {
-    let at_least = clearance_m.min(distances.distance_m(here).unwrap_or(0.0) - 0.5 * CELL_M);
-    let reach = (0.5 / CELL_M) as i64;
-    for dy in -reach..=reach {
-        for dx in -reach..=reach {
-            let (x, y) = (i64::from(here.x) + dx, i64::from(here.y) + dy);
-            if dx * dx + dy * dy > reach * reach || x < 0 || y < 0 {
-                continue;
-            }
-            let cell = Cell::new(x as u32, y as u32);
-            if distances.distance_m(cell).is_some_and(|d| d >= at_least && d > 0.0) {
-                free.set(cell, true);
-            }
+    fn push(&mut self, to: Standing) {
+        let aside_m = |at: &Vec2| self.near.iter().map(|p| (p - at).norm()).fold(f64::INFINITY, f64::min);
+        if aside_m(&to.at) <= ASIDE_M.max(aside_m(&self.what.walker.position)) {
+            self.open.push(to);
         }
     }
 }

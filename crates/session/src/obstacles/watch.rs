@@ -6,10 +6,12 @@
 use super::attempts::Attempts;
 use super::pace::Pace;
 use super::past::{Blocking, Leg, NEARLY_RAD, Past, Plan};
+use super::stepping::{Outcome, Stepping};
 use super::strip::{STRAIGHT_HALF_M, direction, half_within, stopped_for, strip};
+use super::turns::Turns;
 use cairn_dense::walk::{Blocked, Hit, first_hit, free_around};
 use cairn_geometry::Vec2;
-use cairn_guide::{FreeWay, Guide, GuideState, Heading, Obstacle, StopReason};
+use cairn_guide::{FreeWay, Guide, GuideState, Heading, Obstacle, Step, StopReason};
 use cairn_sensor::Stamp;
 
 /// Half of the strip that must be free along the route: half the width of a person, and five centimetres.
@@ -38,22 +40,25 @@ const CLUSTER_VOXELS: u32 = 4;
 /// What was in the way is gone when the strip has been free this far, metres, for this long, seconds.
 const HELD_M: f64 = 3.0;
 const FREE_S: f64 = 0.5;
-/// A walker who was stopped is led past the obstacle once he has stood for this long, seconds.
+/// A walker who was stopped is led past the obstacle once he has stood for this long, seconds, and after a step for this long.
 const STOOD_S: f64 = 1.5;
+const STEPPED_S: f64 = 0.7;
 /// Who was told to turn so long ago, seconds, and faces the way this exactly, radians, has turned to it.
 const FACED_S: f64 = 3.0;
 const FACES_RAD: f64 = 0.09;
 /// A way past is searched at this interval, seconds: a walker who stands has time, and the search takes some.
 const SEARCH_S: f64 = 0.2;
-/// A step aside is begun within this time, seconds, and has been made when he is so far from where he stood, metres.
-const STEPS_S: f64 = 8.0;
-const STEPPED_M: f64 = 0.15;
 /// Who stands is led past something for so long, seconds.
 const LED_S: f64 = 12.0;
+/// Facing nearer than this to where he is to go, radians, he faces about there.
+const ABOUT_RAD: f64 = 0.5;
+/// Turns end about so far from where they should, degrees.
+const ABOUT_DEG: [f64; 6] = [-20.0, -13.0, -7.0, 7.0, 13.0, 20.0];
 /// A leg stays free when it is shorter by this than when it was found, metres.
 const SLACK_M: f64 = 0.1;
 /// A way that was found is not given up because it is not found for a moment, seconds: what is seen has noise.
 const FOUND_S: f64 = 0.6;
+
 /// What a step found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Found {
@@ -62,8 +67,8 @@ pub(crate) struct Found {
     pub detour: Option<f64>,
     /// Where the walker may be sent.
     pub free: Option<FreeWay>,
-    /// He stands too near to something to get past it: the side to step back to, plus one for left.
-    pub step_back: Option<f64>,
+    /// From where he stands nothing leads past something: the step that he is to make.
+    pub step: Option<Step>,
 }
 
 /// Metres along a line at which the ground drops, within half a strip's width and a length.
@@ -88,8 +93,10 @@ pub(super) struct Watch {
     state: State,
     /// When a way past was last searched.
     searched: Option<Stamp>,
-    /// The step aside that he is to make, since when, and from where.
-    step: Option<(f64, Stamp, Vec2)>,
+    step: Option<Stepping>,
+    /// The last that he was told to do was a step.
+    stepped: bool,
+    turns: Turns,
     tries: Attempts,
     past: Past,
 }
@@ -136,8 +143,10 @@ impl Watch {
             state: State::Free,
             searched: None,
             step: None,
+            stepped: false,
+            turns: Turns::default(),
             tries: Attempts::default(),
-            past: Past::new(),
+            past: Past::default(),
         }
     }
 
@@ -162,6 +171,11 @@ impl Watch {
         let reach_m = sight.reach_m;
         let free_m = free_around(obstacles, &walker.position, half_m, reach_m, CLUSTER_VOXELS, HEADINGS);
         let turning = guide.state() == GuideState::Turning;
+        // About where he is to go, by turns that end somewhere about it.
+        let aim = self.way.filter(|_| self.state == State::Passing).map(|way| way.leg.heading);
+        let aim = aim.or_else(|| guide.route_heading(walker, now));
+        let about = aim.is_some_and(|aim| walker.turn_to(aim).abs() < ABOUT_RAD);
+        self.turns.step(walker.position, turning && self.pace.stands(), about, now);
         let speed = self.pace.speed().max(self.expected());
         let near_m = self.needed(guide, walker, speed);
         let along = |heading: f64, half_m: f64| {
@@ -182,7 +196,7 @@ impl Watch {
         // Who turns at a corner is looked at when he sets out, from where he stands then.
         let faces = route_heading.is_some_and(|h| walker.turn_to(h).abs() < FACES_RAD);
         let turned = faces && !guide.goes_on() && self.pace.has_stood(FACED_S, now);
-        let waits = turning && self.state == State::Free && !turned;
+        let waits = turning && self.state == State::Free && !turned && !self.turns.are_in_vain();
         let found = match strip(guide, walker).filter(|_| !waits) {
             Some(line) => self.on_line(&mut seen, &line),
             None if waits && seen.near.is_some() => self.decide(&seen),
@@ -223,8 +237,9 @@ impl Watch {
             let faces = seen.walker.turn_to(h).abs() < FACES_RAD;
             way.admits(h) && (!faces || way.admits(seen.walker.course))
         };
-        let may_go =
-            !self.pace.stands() || seen.guide.goes_on() || seen.route_heading.is_none_or(may_turn_to);
+        let may_go = !self.pace.stands()
+            || seen.guide.goes_on()
+            || !self.turns.are_in_vain() && seen.route_heading.is_none_or(may_turn_to);
         let is_free = self.free.is_some_and(|since| seen.now - since >= FREE_S);
         match self.state {
             State::Free if hit.is_none() && may_go => Found::default(),
@@ -233,21 +248,26 @@ impl Watch {
                 self.stop(seen)
             }
             _ if is_free && seen.near.is_none() && may_go => {
-                self.state = State::Free;
+                (self.state, self.step, self.stepped) = (State::Free, None, false);
                 self.past.passed();
                 Found::default()
             }
             State::Stopped => {
                 // A step is made before the next is planned.
                 let here = seen.walker.position;
-                self.step = self.step.filter(|(_, since, from)| {
-                    seen.now - *since < STEPS_S && (here - from).norm() < STEPPED_M
-                });
-                if let Some((side, ..)) = self.step {
-                    return Found { step_back: Some(side), ..self.stop(seen) };
+                if let Some(stepping) = self.step.take() {
+                    match stepping.outcome(&here, self.pace.stands(), seen.now) {
+                        Outcome::Due => {
+                            self.step = Some(stepping);
+                            return Found { step: Some(stepping.step), ..self.stop(seen) };
+                        }
+                        Outcome::Made => {}
+                        Outcome::Failed => self.past.failed(stepping.from, stepping.to),
+                    }
                 }
                 let due = self.searched.is_none_or(|last| seen.now - last >= SEARCH_S);
-                let searches = due && self.pace.has_stood(STOOD_S, seen.now) && !self.tries.are_exhausted();
+                let stood_s = if self.stepped { STEPPED_S } else { STOOD_S };
+                let searches = due && self.pace.has_stood(stood_s, seen.now) && !self.tries.are_exhausted();
                 let plan = searches.then(|| self.search(seen)).flatten();
                 if searches {
                     self.searched = Some(seen.now);
@@ -256,12 +276,14 @@ impl Watch {
                 match plan {
                     Some(Plan::Walk(leg)) => {
                         self.way = Some(Way { since: seen.now, found: seen.now, leg });
-                        self.state = State::Passing;
+                        (self.state, self.stepped) = (State::Passing, false);
+                        self.turns.clear();
                         Found { detour: Some(leg.heading), ..Found::default() }
                     }
-                    Some(Plan::StepBack(side)) => {
-                        self.step = Some((side, seen.now, here));
-                        Found { step_back: Some(side), ..self.stop(seen) }
+                    Some(Plan::Step(step)) => {
+                        self.step = Some(Stepping::new(step, seen.walker, seen.now));
+                        self.stepped = true;
+                        Found { step: Some(step), ..self.stop(seen) }
                     }
                     None if self.pace.stands() && self.tries.have_failed(seen.now) => {
                         Found { stop: Some(StopReason::NoWayPast), ..Found::default() }
@@ -283,7 +305,9 @@ impl Watch {
     fn passing(&mut self, seen: &Seen) -> Option<Leg> {
         let Way { since, found, leg } = self.way?;
         // He was led there for long and stands: he is told anew, whatever kept him.
-        if seen.now - since > LED_S && self.pace.has_stood(LED_S, seen.now) {
+        if self.turns.are_in_vain() && self.pace.stands() && !seen.guide.goes_on()
+            || seen.now - since > LED_S && self.pace.has_stood(LED_S, seen.now)
+        {
             return None;
         }
         let free = self.free_way(seen, self.slowed());
@@ -309,7 +333,15 @@ impl Watch {
             let line = [seen.walker.position, seen.walker.position + direction(heading) * 4.0];
             first_hit(&seen.sight.obstacles, &line, HALF_M, 4.0, CLUSTER_VOXELS)
         };
-        let hit = seen.near.or(seen.on_route).or_else(|| seen.route_heading.and_then(ahead));
+        // Or what is nearest about where he would go.
+        let about = |heading: f64| {
+            let hits = ABOUT_DEG.iter().filter_map(|deg: &f64| ahead(heading + deg.to_radians()));
+            hits.min_by(|a, b| a.along_m.total_cmp(&b.along_m))
+        };
+        let hit = seen.near.or(seen.on_route).or_else(|| {
+            let heading = seen.route_heading?;
+            ahead(heading).or_else(|| about(heading))
+        });
         let obstacle = hit.map(|hit| {
             let to = hit.at - seen.walker.position;
             let (ahead, left) = (to.dot(&direction(seen.walker.heading)), seen.walker.to_left(&hit.at));
@@ -330,8 +362,16 @@ impl Watch {
             first_hit(obstacles, &line, half_m, reach_m, CLUSTER_VOXELS).map_or(reach_m, |hit| hit.along_m)
         };
         let at = seen.on_route.map(|hit| hit.at);
-        let what =
-            Blocking { guide, walker, obstacles, reach_m, along_m, at, free: &free, free_from: &free_from };
+        let what = Blocking {
+            guide,
+            walker,
+            reach_m,
+            along_m,
+            at,
+            free: &free,
+            free_from: &free_from,
+            turns: !self.turns.are_in_vain(),
+        };
         self.past.plan(&what)
     }
 

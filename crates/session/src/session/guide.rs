@@ -137,7 +137,7 @@ impl<S: Slam> Session<S> {
             let found = self.obstacles.as_mut()?.look(&guiding.guide, &walker, now);
             guiding.guide.detour(found.detour);
             guiding.guide.free_way(found.free);
-            guiding.guide.step_back(found.step_back);
+            guiding.guide.take_step(found.step);
             found.stop
         });
         let cue = guiding.step(&map, &held.route, &place, self.confidence, hazard, now);

@@ -55,8 +55,14 @@ impl Body {
         self.walker.step(dt, now);
         let step = self.place() - from;
         if step.norm() > 1e-9 {
-            let free = self.free(world, from, step);
-            let to = if free { from + step } else { self.around(world, from, step) };
+            // The cane is ahead of him: a step to a side ends where his body touches something.
+            let stepping = self.walker.is_stepping();
+            let free = if stepping { clear(world, &(from + step)) } else { self.free(world, from, step) };
+            let to = match (free, stepping) {
+                (true, _) => from + step,
+                (false, true) => from,
+                (false, false) => self.around(world, from, step),
+            };
             // What he does not feel he runs into, and it holds him.
             let into = obstacles.clearance(&to) < BODY_M - HELD_M
                 && obstacles.clearance(&to) < obstacles.clearance(&from);

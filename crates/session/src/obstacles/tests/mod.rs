@@ -142,7 +142,7 @@ fn walk(seed: u64, things: usize, sensor: Sensor) -> Walked {
             };
             guide.detour(found.detour);
             guide.free_way(found.free);
-            guide.step_back(found.step_back);
+            guide.take_step(found.step);
             found.stop
         });
         let cue = guide.step(&GuideInput {
@@ -169,7 +169,7 @@ fn walk(seed: u64, things: usize, sensor: Sensor) -> Walked {
             break;
         }
     }
-    walked.told = walked.said.last().is_some_and(|said| said.contains("no way past"));
+    walked.told = walked.said.last().is_some_and(|said| said.contains("find a way past"));
     walked.error_m = (body.place() - back[back.len() - 1]).norm();
     walked.obstacles = obstacles;
     walked

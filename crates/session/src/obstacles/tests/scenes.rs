@@ -4,7 +4,7 @@ use super::super::watch::{Found, ObstacleScan, Watch};
 use cairn_dense::walk::Blocked;
 use cairn_geometry::{Camera, Odom, Pose, Se3, So3, Vec2, Vec3};
 use cairn_guide::{
-    Confidence, Facing, Ground, Guide, GuideConfig, GuideInput, ManeuverPlan, ManeuverPlanConfig,
+    Confidence, Facing, Ground, Guide, GuideConfig, GuideInput, ManeuverPlan, ManeuverPlanConfig, Step,
 };
 use cairn_sensor::Stamp;
 
@@ -54,7 +54,7 @@ impl Scene {
         let found = self.watch.look(&self.guide, &walker, sight, self.now);
         self.guide.detour(found.detour);
         self.guide.free_way(found.free.clone());
-        self.guide.step_back(found.step_back);
+        self.guide.take_step(found.step);
         self.guide.step(&GuideInput {
             now: self.now,
             pose_stamp: self.now,
@@ -86,9 +86,14 @@ impl Scene {
     }
 }
 
+/// The side of a step.
+fn step(found: &Found) -> Option<f64> {
+    found.step.map(|(Step::BackAside(left) | Step::Aside(left))| left)
+}
+
 /// The side to which he who faces along the route is led: plus one for left, zero for none.
 fn side(found: &Found) -> f64 {
-    found.step_back.or(found.detour.filter(|heading| heading.abs() > 0.1)).map_or(0.0, f64::signum)
+    step(found).or(found.detour.filter(|heading| heading.abs() > 0.1)).map_or(0.0, f64::signum)
 }
 
 /// A box to the right of the middle: there is room on the left.
@@ -98,30 +103,45 @@ const RIGHT: [f64; 4] = [3.0, 3.4, -0.5, 0.1];
 fn a_step_is_made_before_the_next_is_planned_and_to_the_side_with_room() {
     let mut scene = Scene::new(corridor(1.2, &[RIGHT]));
     let found = scene.stand(4.0, 1.6, -0.1, 0.0);
-    assert_eq!(found.step_back, Some(1.0), "{found:?}");
+    assert_eq!(found.step, Some(Step::BackAside(1.0)), "{found:?}");
     // He begins to step: nothing else is planned from halfway.
     let found = scene.go(0.3, [1.6, -0.1], [1.57, -0.07], 0.0);
-    assert_eq!(found.step_back, Some(1.0), "{found:?}");
+    assert_eq!(found.step, Some(Step::BackAside(1.0)), "{found:?}");
     // He stands where it led, and is told no other step while nothing is planned from there.
-    let found = scene.go(0.7, [1.57, -0.07], [1.25, 0.25], 0.0);
-    assert_eq!((found.step_back, found.detour), (None, None), "{found:?}");
+    scene.go(0.7, [1.57, -0.07], [1.25, 0.25], 0.0);
+    let found = scene.stand(0.6, 1.25, 0.25, 0.0);
+    assert_eq!((found.step, found.detour), (None, None), "{found:?}");
     let found = scene.stand(2.0, 1.25, 0.25, 0.0);
-    assert_eq!(found.step_back, Some(1.0), "{found:?}");
+    assert_eq!(step(&found), Some(1.0), "{found:?}");
     scene.go(1.0, [1.25, 0.25], [0.9, 0.6], 0.0);
     let found = scene.stand(2.0, 0.9, 0.6, 0.0);
     assert!(found.detour.is_some_and(|heading| heading.abs() < 0.01), "{found:?}");
 }
 
 #[test]
-fn a_side_is_kept_until_no_way_leads_past_there() {
+fn a_small_step_leads_into_a_gap_that_is_narrow() {
+    // A gap of 0.8 m, of which the middle is 0.2 m to the left of him.
+    let mut scene = Scene::new(corridor(1.2, &[[3.0, 3.4, -1.2, -0.2], [2.6, 3.6, 0.6, 1.2]]));
+    let found = scene.stand(4.0, 1.2, 0.0, 0.0);
+    assert_eq!(found.step, Some(Step::Aside(1.0)), "{found:?}");
+    // It cannot be made: it is not tried again from there.
+    let found = scene.stand(12.0, 1.2, 0.0, 0.0);
+    assert_ne!(found.step, Some(Step::Aside(1.0)), "{found:?}");
+    scene.go(0.5, [1.2, 0.0], [1.2, 0.2], 0.0);
+    let found = scene.stand(2.0, 1.2, 0.2, 0.0);
+    assert!(found.step.is_none() && (found.stop.is_none() || found.detour.is_some()), "{found:?}");
+}
+
+#[test]
+fn a_side_is_kept_where_the_other_is_little_nearer() {
     let mut scene = Scene::new(corridor(1.5, &[[3.0, 3.4, -0.45, 0.0]]));
     assert_eq!(side(&scene.stand(4.0, 1.6, -0.1, 0.0)), 1.0);
-    // He gets to where the other side is nearer: the side stays.
-    scene.go(1.0, [1.6, -0.1], [1.3, -0.45], 0.0);
-    assert_eq!(side(&scene.stand(3.0, 1.3, -0.45, 0.0)), 1.0);
+    // He gets to where the other side is nearer by a step: the side stays.
+    scene.go(1.0, [1.6, -0.1], [1.3, -0.4], 0.0);
+    assert_eq!(side(&scene.stand(3.0, 1.3, -0.4, 0.0)), 1.0);
     // Something closes that side: then the other, once he was led there in vain.
     scene.obstacles = corridor(1.5, &[[3.0, 3.4, -0.45, 1.5]]);
-    scene.go(1.0, [1.3, -0.45], [1.0, -0.45], 0.0);
+    scene.go(1.0, [1.3, -0.4], [1.0, -0.45], 0.0);
     assert_eq!(side(&scene.stand(16.0, 1.0, -0.45, 0.0)), -1.0);
 }
 
@@ -131,7 +151,7 @@ fn nobody_is_told_to_walk_where_nothing_leads_past() {
     let mut scene = Scene::new(corridor(0.55, &[[1.6, 2.0, -0.55, 0.55]]));
     for heading in [0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3] {
         let found = scene.stand(4.0, 0.6, 0.0, heading);
-        assert_eq!((found.detour, found.step_back), (None, None), "{heading}: {found:?}");
+        assert_eq!((found.detour, found.step), (None, None), "{heading}: {found:?}");
         assert!(found.stop.is_some());
     }
 }
