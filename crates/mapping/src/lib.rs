@@ -28,8 +28,9 @@ mod triangulation;
 #[doc(no_inline)]
 pub use cairn_adjust::Recognised;
 pub use closing::{
-    Accepted, Adjust, Agreement, Apart, Closed, Closer, CloserConfig, FusedScales, Joined, Junction,
-    MapComparison, MapJoin, Refusal, ScaleConflict, Seam, Support, Verdict,
+    Accepted, Adjust, Agreement, Apart, Closed, Closer, CloserConfig, FusedScales, INDEPENDENT_M,
+    INDEPENDENT_RAD, Joined, Junction, MapComparison, MapJoin, Refusal, SAME_PLACE_M, SAME_WAY_COS,
+    ScaleConflict, Seam, Support, Verdict,
 };
 pub use depth_views::DepthViews;
 pub use inertial::InertialConfig;

@@ -6,6 +6,7 @@
 
 use crate::MapWords;
 use cairn_geometry::Se3;
+use cairn_mapping::{INDEPENDENT_M, INDEPENDENT_RAD, SAME_PLACE_M, SAME_WAY_COS};
 use cairn_team::{Viewpoint, Viewpoints};
 use std::collections::BTreeSet;
 
@@ -18,13 +19,6 @@ const LEAST_POSITIONS: usize = 6;
 /// or more; rooms that look alike, where both robots leave them: 0.64 to 0.88 of them).
 const ALIKE: f64 = 0.3;
 const LEAST_ALIKE: f64 = 0.9;
-/// Two key frames coincide within this distance, metres, and with this cosine between their axes, as where saved maps become one.
-const WITHIN: f64 = 1.0;
-const ALONG: f64 = 0.94;
-/// Two key frames are at different positions from this distance, metres, or this angle between their axes on, likewise.
-const INDEPENDENT_M: f64 = 1.0;
-const INDEPENDENT_RAD: f64 = 0.6;
-
 /// A robot's key frames as others know them.
 #[derive(Clone, Copy)]
 pub struct Seen<'a> {
@@ -51,7 +45,8 @@ fn coinciding<'a>(own: Seen, other: Seen<'a>, seams: &[(u32, Se3)]) -> Vec<Coinc
         }
         let there = viewpoint.moved(own_from_other);
         let far = |v: &Viewpoint| (v.position - there.position).norm();
-        let near = |(_, v): &(&u32, &Viewpoint)| far(v) < WITHIN && v.axis.dot(&there.axis) > ALONG;
+        let near =
+            |(_, v): &(&u32, &Viewpoint)| far(v) < SAME_PLACE_M && v.axis.dot(&there.axis) > SAME_WAY_COS;
         let nearest = own.viewpoints.0.iter().filter(near).min_by(|a, b| far(a.1).total_cmp(&far(b.1)));
         let likeness = nearest.and_then(|(here, _)| other.words.likeness(*seq, own.words, *here));
         all.extend(likeness.map(|likeness| Coinciding { seq: *seq, viewpoint, likeness }));

@@ -29,7 +29,10 @@ use cairn_settings::Settings;
 use cairn_vision::RectifiedCamera;
 use draft::Draft;
 use hypothesis::Hypothesis;
-pub use join::{Adjust, Agreement, Apart, Junction, MapComparison, MapJoin, Seam, Support};
+pub use join::{
+    Adjust, Agreement, Apart, INDEPENDENT_M, INDEPENDENT_RAD, Junction, MapComparison, MapJoin, SAME_PLACE_M,
+    SAME_WAY_COS, Seam, Support,
+};
 use relax::{Freedom, Loop, relax};
 use relocation_prior::{prior_displacement, prior_rotation};
 pub use scales::{FusedScales, ScaleConflict};

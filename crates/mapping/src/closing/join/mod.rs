@@ -26,8 +26,14 @@ use std::fmt;
 const NEED: usize = 3;
 /// Two seams are independent when their key frames are this far apart, metres (or a fourth of the median depth for
 /// each, where lengths are not metres), or turned by this much against each other.
-const INDEPENDENT_M: f64 = 1.0;
-const INDEPENDENT_RAD: f64 = 0.6;
+pub const INDEPENDENT_M: f64 = 1.0;
+/// See [`INDEPENDENT_M`].
+pub const INDEPENDENT_RAD: f64 = 0.6;
+/// Two key frames of two maps that lie as seams say stand at one place and look the same way within this distance, metres, and with a
+/// greater cosine between their optical axes.
+pub const SAME_PLACE_M: f64 = 1.0;
+/// See [`SAME_PLACE_M`].
+pub const SAME_WAY_COS: f64 = 0.94;
 /// Places that agree on something else make a decision doubtful from this share on.
 const RIVAL: f64 = 0.5;
 /// Of the key frames that stand where the other map was mapped and look the same way, the share that must show it
@@ -306,10 +312,13 @@ impl Closer {
             let there = next.seam.into_from.transform_pose(&here.world_from_camera);
             let axis = there.rotation * Vec3::z();
             let metre = metre_in_map_units(snapshot, here, next.freedom) * next.seam.into_from.scale;
+            let near = SAME_PLACE_M * metre;
             let far = |k: &KeyFrame| (k.world_from_camera.translation - there.translation).norm();
             let covering = snapshot
                 .key_frames_of(into)
-                .filter(|k| far(k) < metre && (k.world_from_camera.rotation * Vec3::z()).dot(&axis) > 0.94)
+                .filter(|k| {
+                    far(k) < near && (k.world_from_camera.rotation * Vec3::z()).dot(&axis) > SAME_WAY_COS
+                })
                 .min_by(|a, b| far(a).total_cmp(&far(b)));
             let Some(place) = covering else { continue };
             let agrees = |f: Found| {
