@@ -2,7 +2,7 @@
 
 use super::Row;
 use super::kitchen::{Kitchen, VOXELS_M, least, median, now_ms};
-use cairn_dense::{DenseError, MeshConfig, Mesher, TsdfConfig, TsdfVolume, raycast};
+use cairn_dense::{Backend, DenseError, MeshConfig, Mesher, TsdfConfig, TsdfVolume, raycast};
 
 /// Greatest depth of a ray in metres, and of a measured depth that counts.
 const FARTHEST_M: [f64; 2] = [6.0, 5.0];
@@ -48,9 +48,10 @@ pub fn mesh(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
         let what = format!("mesh {:.0} cm, {} triangles", voxel_m * 100.0, mesh.triangles.len());
         rows.push(Row::at_most(what, ms, "ms", goal));
     }
-    for voxel_m in VOXELS_M {
+    let backends = Backend::ALL.into_iter().rev().filter(|backend| backend.available());
+    for (backend, voxel_m) in backends.flat_map(|backend| VOXELS_M.map(|voxel_m| (backend, voxel_m))) {
         let mut volume = TsdfVolume::new(TsdfConfig { voxel_m, ..TsdfConfig::default() })?;
-        let mut mesher = Mesher::new(MeshConfig::default());
+        let mut mesher = Mesher::new(MeshConfig::default()).with_backend(backend);
         let mut times = Vec::new();
         for (frame, _, pose) in &kitchen.fused {
             let revision = volume.revision();
@@ -59,8 +60,11 @@ pub fn mesh(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
             mesher.changed(&volume, revision).for_each(|piece| drop(std::hint::black_box(piece)));
             times.push(now_ms() - start);
         }
-        let what = format!("mesh {:.0} cm, changed blocks, median", voxel_m * 100.0);
-        rows.push(Row::at_most(what, median(times), "ms a frame", 2.0));
+        let what = format!("mesh {:.0} cm, changed blocks, {backend:?}, median", voxel_m * 100.0);
+        rows.push(match backend == Backend::best() {
+            true => Row::at_most(what, median(times), "ms a frame", 2.0),
+            false => Row::told(what, median(times), "ms a frame"),
+        });
     }
     Ok(rows)
 }

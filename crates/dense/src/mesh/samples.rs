@@ -98,7 +98,10 @@ impl Samples {
             Backend::Avx512 => unsafe {
                 kernel_x86::divide(planes, &live.rows, least_weight, steps, enough);
             },
-            _ => divide_rows(planes, &live.rows, least_weight, steps, enough),
+            _ => {
+                let rows = &live.rows;
+                dispatch!(backend, divide_rows(planes: &[Option<&Planes>; 8], rows: &[u64; 8], least_weight: i32, steps: &mut [f32; NUMBERS], enough: &mut Rows) -> ())
+            }
         }
     }
 
@@ -259,6 +262,7 @@ fn divide_edges(steps: &[f32; NUMBERS], edges: &mut Edges) -> f32 {
 
 /// Distances of the rows of corners that are needed, eight of a block and the first of the next along x, and which corners have
 /// enough weight.
+#[inline(always)]
 fn divide_rows(
     planes: &[Option<&Planes>; 8],
     rows: &[u64; 8],
@@ -268,21 +272,29 @@ fn divide_rows(
 ) {
     for (block, (planes, mut rest)) in planes.iter().zip(*rows).enumerate() {
         let Some(planes) = planes else { continue };
-        let (first, count) = if block & 1 == 0 { (0, SIDE) } else { (SIDE, 1) };
         while rest != 0 {
             let there = rest.trailing_zeros() as usize;
             rest &= rest - 1;
             let (from, row) = (SIDE * there, row_in(block, there));
-            let to = &mut steps[LAYER * row + first..][..count];
-            let (sum, weight) = (&planes.sum[from..from + count], &planes.weight[from..from + count]);
-            let mut bits = 0;
-            for (i, to) in to.iter_mut().enumerate() {
-                *to = sum[i] as f32 / weight[i].max(1) as f32;
-                bits |= u64::from(weight[i] >= least_weight) << (first + i);
-            }
+            let to = &mut steps[LAYER * row..][..LAYER];
+            let bits = if block & 1 == 0 {
+                divide_row::<SIDE>(planes, from, least_weight, to)
+            } else {
+                divide_row::<1>(planes, from, least_weight, &mut to[SIDE..]) << SIDE
+            };
             *enough.at_mut(row / 4) |= bits << (row % 4 * 16);
         }
     }
+}
+
+/// Distances of `N` corners side by side, and a bit for each with enough weight.
+#[inline(always)]
+fn divide_row<const N: usize>(planes: &Planes, from: usize, least_weight: i32, to: &mut [f32]) -> u64 {
+    let (sum, weight, to) = (&planes.sum[from..][..N], &planes.weight[from..][..N], &mut to[..N]);
+    for i in 0..N {
+        to[i] = sum[i] as f32 / weight[i].max(1) as f32;
+    }
+    (0..N).fold(0, |bits, i| bits | u64::from(weight[i] >= least_weight) << i)
 }
 
 /// Neighbouring distances that differ by more than this belong to two surfaces, one behind the other: there is no
