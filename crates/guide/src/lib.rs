@@ -39,7 +39,7 @@ pub use config::GuideConfig;
 pub use cue::{Cue, CueKind, Earcon, First, Next, Obstacle, Priority, Step, StopReason, UpcomingManeuver};
 pub use direction::{Direction, Side};
 pub use facing::{Facing, Heading};
-pub use free_way::FreeWay;
+pub use free_way::{ANSWER_S, FreeWay};
 pub use ground::{Ground, camera_pose, cross, direction, heading_of, wrap};
 pub use guide::{Guide, GuideError, GuideState};
 pub use info::{RouteDrawing, RouteInfo, survey};

@@ -150,12 +150,12 @@ impl Follower {
 
     /// Whether a walker may walk on in the heading that he has.
     pub(crate) fn may_set_out(&self, now: &Now) -> bool {
-        self.may_bear(now, 0.0)
+        self.way.as_ref().is_none_or(|way| way.admits(now.walker.course))
     }
 
-    /// Whether he may walk on after a turn of so many radians, positive left.
+    /// Whether who walks may be told to bear by so many radians, positive left.
     pub(crate) fn may_bear(&self, now: &Now, turn_rad: f64) -> bool {
-        self.way.as_ref().is_none_or(|way| way.admits(now.walker.course + turn_rad))
+        self.way.as_ref().is_none_or(|way| way.admits_bearing(now.walker.course + turn_rad))
     }
 
     /// True when the walker is stuck beside the route and is best led straight back to it, because an obstacle lies

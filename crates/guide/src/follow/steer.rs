@@ -7,11 +7,10 @@
 
 use super::{Follower, Now, STANDING_M_S, since};
 use crate::cue::CueKind;
+use crate::free_way::ANSWER_S;
 
 /// The change of course that people make on "bear left", degrees.
 pub(super) const BEAR_DEG: f64 = 19.0;
-/// Seconds from a short direction until the walker follows it.
-const ANSWER_S: f64 = 1.6;
 /// A correction must bring the walker nearer to the route by this share of his offset.
 const WORTH: f64 = 0.3;
 

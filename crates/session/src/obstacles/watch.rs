@@ -11,7 +11,7 @@ use super::strip::{STRAIGHT_HALF_M, direction, half_within, stopped_for, strip};
 use super::turns::Turns;
 use cairn_dense::walk::{Blocked, Hit, first_hit, free_around};
 use cairn_geometry::Vec2;
-use cairn_guide::{FreeWay, Guide, GuideState, Heading, Obstacle, Step, StopReason};
+use cairn_guide::{ANSWER_S, FreeWay, Guide, GuideState, Heading, Obstacle, Step, StopReason};
 use cairn_sensor::Stamp;
 
 /// Half of the strip that must be free along the route: half the width of a person, and five centimetres.
@@ -192,6 +192,12 @@ impl Watch {
             None if !self.pace.stands() || guide.goes_on() && !turning => along(walker.course, half_m),
             None => None,
         };
+        // Who walks follows a direction from where he will be by then.
+        let walks = (!self.pace.stands()).then(|| {
+            let there = walker.position + direction(walker.course) * (ANSWER_S * self.pace.speed());
+            let half_m = half_within(obstacles, &there, STRAIGHT_HALF_M[1]);
+            free_around(obstacles, &there, half_m, reach_m, CLUSTER_VOXELS, HEADINGS)
+        });
         let mut seen = Seen { guide, walker, now, sight, free_m, on_route: None, near, route_heading };
         // Who turns at a corner is looked at when he sets out, from where he stands then.
         let faces = route_heading.is_some_and(|h| walker.turn_to(h).abs() < FACES_RAD);
@@ -206,6 +212,9 @@ impl Watch {
         // Past something he is sent where the whole leg is free.
         if let Some(Way { leg, .. }) = self.way.filter(|_| found.detour.is_some() && self.pace.stands()) {
             free = free.requiring(free.needed_m().max(leg.free_m - SLACK_M));
+        }
+        if let Some(free_m) = walks {
+            free = free.answered(free_m);
         }
         Found { free: Some(free), ..found }
     }
