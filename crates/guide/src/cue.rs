@@ -20,13 +20,21 @@ pub enum Priority {
     Low,
 }
 
-/// A step that a walker is told to make who stands before something, so that he gets past it; plus one for left.
+/// A step that a walker is told to make; the side is the walker's own, positive for left.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
-    /// Half a metre back and to a side, halfway between the two.
+    /// Half a metre back and to a side, halfway between the two: off the line, or before something in the way.
     BackAside(f64),
-    /// A small one to a side.
+    /// A small one to a side, before something in the way.
     Aside(f64),
+}
+
+impl Step {
+    /// To which side: positive for left.
+    pub fn side(&self) -> f64 {
+        let (Self::BackAside(left) | Self::Aside(left)) = self;
+        *left
+    }
 }
 
 /// Why the walker must stop.
@@ -202,10 +210,8 @@ pub enum CueKind {
     },
     /// Walking backwards: the leg is over, stop and look behind.
     CheckBehind,
-    /// One step back and to a side, off the line or before something in the way; metres to the walker's own left (negative right).
-    StepAside(f64),
-    /// One small step to a side, before something in the way: plus one for the walker's own left.
-    SmallStep(f64),
+    /// One step.
+    Step(Step),
     /// Walking backwards: too fast.
     SlowDown,
     /// Tracking is bridged (low confidence): go slowly.
@@ -278,8 +284,7 @@ impl Cue {
             | OffPath { .. }
             | WrongWay(_)
             | CheckBehind
-            | StepAside(_)
-            | SmallStep(_)
+            | Step(_)
             | EndMissed { .. }
             | Arrived => Priority::High,
             Start { .. }
@@ -316,7 +321,7 @@ impl Cue {
         use CueKind::*;
         match self.kind {
             OnCourse | BackOnPath => Some(Earcon::OnCourse),
-            OffPath { .. } | WrongWay(_) | StepAside(_) | SmallStep(_) => Some(Earcon::OffCourse),
+            OffPath { .. } | WrongWay(_) | Step(_) => Some(Earcon::OffCourse),
             TurnNow { .. } | Rotate(_) | Correction(First::Turn(_)) | Around(_) | EndMissed { .. } => {
                 Some(Earcon::Turn)
             }

@@ -66,12 +66,21 @@ pub struct Guide {
     last_match: Option<Match>,
     /// The step that a walker who was stopped is to make, and whether he was told.
     step: Option<(Step, bool)>,
-    /// A step that he was told to make was made or given up since the last time.
-    stepped: bool,
+    /// How a step that he was told to make has ended since the last time.
+    step_ended: Option<StepEnd>,
     /// Since when tracking has been weak, and whether that was said.
     weak: Option<(Stamp, bool)>,
     /// When a walker who is not on the route was last told where it is.
     away_said: Option<Stamp>,
+}
+
+/// How a step that a walker was told to make ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum StepEnd {
+    /// It was made, or given up.
+    Over,
+    /// He went elsewhere.
+    Astray,
 }
 
 /// Seconds that it takes to say the warning before walking backwards.
@@ -102,7 +111,7 @@ impl Guide {
             cleared: false,
             last_match: None,
             step: None,
-            stepped: false,
+            step_ended: None,
             weak: None,
             away_said: None,
         })
@@ -166,8 +175,16 @@ impl Guide {
     /// and "stop" is not said again while he makes it, which would cut it short. `None` once it has been made.
     pub fn take_step(&mut self, step: Option<Step>) {
         let before = self.step.filter(|(_, told)| *told).map(|(before, _)| before);
-        self.stepped |= before.is_some() && step.is_none();
+        if before.is_some() && step.is_none() {
+            self.step_ended = Some(StepEnd::Over);
+        }
         self.step = step.map(|step| (step, before == Some(step)));
+    }
+
+    /// The walker goes elsewhere than the step leads that he was told to make: he hears "stop" at once.
+    pub fn went_astray(&mut self) {
+        self.step = None;
+        self.step_ended = Some(StepEnd::Astray);
     }
 
     /// Whether the walker walks, or will without another word when his turn has ended.
@@ -294,8 +311,10 @@ impl Guide {
     }
 
     fn halt(&mut self, reason: StopReason, now: Stamp) -> Option<CueKind> {
-        if std::mem::take(&mut self.stepped) {
-            self.stops.told_to_step(now);
+        match self.step_ended.take() {
+            Some(StepEnd::Over) => self.stops.told_to_step(now),
+            Some(StepEnd::Astray) => self.stops.say_again(),
+            None => {}
         }
         let turn_rate = self.follower.motion.turn_rate();
         let kind = self.stops.halt(reason, now, &self.follower.config, turn_rate, self.started);
@@ -310,10 +329,7 @@ impl Guide {
         };
         self.step = Some((step, true));
         self.stops.told_to_step(now);
-        Some(match step {
-            Step::BackAside(left) => CueKind::StepAside(left),
-            Step::Aside(left) => CueKind::SmallStep(left),
-        })
+        Some(CueKind::Step(step))
     }
 
     /// True when guidance may go on.

@@ -4,7 +4,7 @@
 //! be acted on while the rest is still being said. Here the clauses are chosen and put together; their words are in
 //! the language's file.
 
-use crate::cue::{AT_START_M, Cue, CueKind, First, Next, Obstacle, StopReason, UpcomingManeuver};
+use crate::cue::{AT_START_M, Cue, CueKind, First, Next, Obstacle, Step, StopReason, UpcomingManeuver};
 use crate::direction::{Direction, Side};
 use crate::facing::Facing;
 use crate::maneuvers::Stairs;
@@ -114,8 +114,13 @@ impl PhraseConfig {
             CueKind::Stopped { ahead, on_path: true } => after("guide-on-path", self.go(&ahead, back, false)),
             CueKind::Stopped { ahead, on_path: false } => self.go(&ahead, back, false),
             CueKind::CheckBehind => after("guide-stop", text("guide-check-behind")),
-            CueKind::StepAside(left_m) => self.with("guide-step-aside", "side", Side::of(left_m).name()),
-            CueKind::SmallStep(left) => self.with("guide-small-step", "side", Side::of(left).name()),
+            CueKind::Step(step) => {
+                let text = match step {
+                    Step::BackAside(_) => "guide-step-aside",
+                    Step::Aside(_) => "guide-small-step",
+                };
+                self.with(text, "side", Side::of(step.side()).name())
+            }
             CueKind::SlowDown => text("guide-slow-down"),
             CueKind::Weak => text("guide-weak"),
             CueKind::EndMissed { distance_m, turn_rad } => self.measured(

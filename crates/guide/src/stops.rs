@@ -32,6 +32,8 @@ struct Halt {
     spoke: Stamp,
     /// How many times it was said.
     times: u32,
+    /// It is to be said at once, however short ago it was said.
+    at_once: bool,
     good_since: Option<Stamp>,
 }
 
@@ -77,6 +79,13 @@ impl Stops {
     pub(crate) fn told_to_step(&mut self, now: Stamp) {
         if let Some(halt) = &mut self.halted {
             (halt.said, halt.spoke) = (now, now);
+        }
+    }
+
+    /// "Stop" is due at once.
+    pub(crate) fn say_again(&mut self) {
+        if let Some(halt) = &mut self.halted {
+            halt.at_once = true;
         }
     }
 
@@ -172,7 +181,8 @@ impl Stops {
                 return None;
             }
         }
-        let before = self.halted.filter(|h| h.reason.is_like(&reason)).map(|h| (h.said, h.times));
+        let before =
+            self.halted.filter(|h| h.reason.is_like(&reason) && !h.at_once).map(|h| (h.said, h.times));
         // Advice is two sentences and a turn of the body: it takes a while to say and to follow.
         let again_s = match reason {
             StopReason::ScaleUncertain
@@ -188,7 +198,7 @@ impl Stops {
         };
         let due = before.is_none_or(|(_, n)| n != times);
         let spoke = self.halted.map_or(now, |halt| halt.spoke);
-        self.halted = Some(Halt { reason, said, spoke, times, good_since: None });
+        self.halted = Some(Halt { reason, said, spoke, times, at_once: false, good_since: None });
         // Waiting does not recover tracking; mapped views do. They lie on the side that the walker turned from.
         if reason == StopReason::TrackingLost && times > STOPS_BEFORE_LOOK_ROUND {
             let back = if turn_rate > 0.0 { -1.0 } else { 1.0 };

@@ -88,7 +88,7 @@ pub fn turn_of(cue: &Cue) -> Option<f64> {
         | Clear(First::Turn(a))
         | Around(First::Turn(a)) => Some(a),
         Approach(ahead) => of_next(ahead.next),
-        StepAside(left) | SmallStep(left) => Some(left.signum() * std::f64::consts::FRAC_PI_2),
+        Step(step) => Some(step.side().signum() * std::f64::consts::FRAC_PI_2),
         _ => None,
     }
 }

@@ -1,7 +1,7 @@
 //! What the guide says, as a listener of each language understands it.
 
 use cairn_guide::{
-    Cue, CueKind, DirectionStyle, Facing, First, Language, Next, PhraseConfig, Side, Stairs, Unit,
+    Cue, CueKind, DirectionStyle, Facing, First, Language, Next, PhraseConfig, Side, Stairs, Step, Unit,
     UpcomingManeuver,
 };
 use cairn_sensor::Stamp;
@@ -27,8 +27,8 @@ fn sides_are_the_same_in_every_language() {
             off(a, true),
             off(a, false),
             CueKind::WrongWay(a),
-            CueKind::StepAside(a),
-            CueKind::SmallStep(a),
+            CueKind::Step(Step::BackAside(a)),
+            CueKind::Step(Step::Aside(a)),
             CueKind::EndMissed { distance_m: 1.0, turn_rad: a },
             CueKind::LookRound(a),
             CueKind::Go { ahead, check: false },

@@ -19,6 +19,7 @@ const LEAST_POSITIONS: usize = 6;
 /// or more; rooms that look alike, where both robots leave them: 0.64 to 0.88 of them).
 const ALIKE: f64 = 0.3;
 const LEAST_ALIKE: f64 = 0.9;
+
 /// A robot's key frames as others know them.
 #[derive(Clone, Copy)]
 pub struct Seen<'a> {

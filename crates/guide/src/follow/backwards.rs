@@ -1,7 +1,7 @@
 //! Walking backwards: legs that end in a look behind, steps back to the line, and a pace that stays slow.
 
 use super::{Follower, Now, Phase, Turning, since};
-use crate::cue::CueKind;
+use crate::cue::{CueKind, Step};
 use crate::ground::{cross, direction, wrap};
 use cairn_sensor::Stamp;
 
@@ -81,7 +81,7 @@ impl Follower {
         }
         self.direction_given(now);
         self.phase = Phase::SteppingAside { since: now.stamp };
-        Some(CueKind::StepAside(self.off_line(now)))
+        Some(CueKind::Step(Step::BackAside(self.off_line(now))))
     }
 
     pub(crate) fn stepping_aside(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {

@@ -199,6 +199,26 @@ fn who_is_told_to_make_a_step_hears_no_stop_while_he_makes_it() {
 }
 
 #[test]
+fn who_walks_elsewhere_than_a_step_leads_hears_stop_at_once() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(2.0, 1.0);
+    walker.hazard = Some(StopReason::Obstacle(Obstacle::at(0.6, 0.0, false)));
+    walker.guide.take_step(Some(Step::Aside(1.0)));
+    walker.stand(2.0);
+    let (stop, small) =
+        ("Stop. Something is in the way, half a metre ahead.", "Take a small step to your left.");
+    assert_eq!(&walker.words()[1..], [stop, small]);
+    walker.guide.take_step(None);
+    walker.guide.went_astray();
+    walker.go(0.2, 1.0);
+    assert_eq!(&walker.words()[1..], [stop, small, stop]);
+    walker.stand(2.0);
+    assert_eq!(&walker.words()[1..], [stop, small, stop]);
+    walker.stand(1.5);
+    assert_eq!(&walker.words()[1..], [stop, small, stop, stop]);
+}
+
+#[test]
 fn flickering_confidence_does_not_resume() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(2.0, 1.0);

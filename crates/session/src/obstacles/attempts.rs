@@ -4,6 +4,7 @@
 //! in vain. Out: when to give up: nothing was found for a while from where he stands, or he has been led around before the same
 //! obstacle for minutes and got no farther.
 
+use super::seconds_since;
 use cairn_sensor::Stamp;
 
 /// Nothing was found from where he stands for this long, seconds: a person or a door may be gone by then.
@@ -12,8 +13,6 @@ const NOTHING_S: f64 = 12.0;
 const TRIED_S: f64 = 150.0;
 /// Who has got so much farther along the route than ever before, metres, has passed it.
 const FARTHER_M: f64 = 1.0;
-/// Steps farther apart than this count as this, seconds.
-const LONGEST_STEP_S: f64 = 0.5;
 
 /// What was tried before one obstacle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -30,7 +29,7 @@ pub(super) struct Attempts {
 impl Attempts {
     /// Takes a step of a walker so far along the route, metres.
     pub fn step(&mut self, along_m: f64, blocked: bool, now: Stamp) {
-        let dt = self.last.replace(now).map_or(0.0, |last| (now - last).clamp(0.0, LONGEST_STEP_S));
+        let dt = seconds_since(&mut self.last, now);
         let from_m = *self.from_m.get_or_insert(along_m);
         if along_m > from_m + FARTHER_M {
             (self.from_m, self.blocked_s) = (Some(along_m), 0.0);

@@ -30,6 +30,13 @@ use watch::{ObstacleScan, Watch};
 
 /// A sensor that gave no usable depth for this long is blind, seconds.
 const BLIND_S: f64 = 1.0;
+/// Looks farther apart than this count as this, seconds.
+const LONGEST_STEP_S: f64 = 0.5;
+
+/// Seconds since the last look, which is now.
+fn seconds_since(last: &mut Option<Stamp>, now: Stamp) -> f64 {
+    last.replace(now).map_or(0.0, |last| (now - last).clamp(0.0, LONGEST_STEP_S))
+}
 
 /// Watches for obstacles on the way of one walker.
 pub(crate) struct ObstacleMonitor {

@@ -82,8 +82,6 @@ pub(super) fn of_step(step: &Step, heading: f64) -> Vec2 {
 pub(super) struct Past {
     /// Where the obstacle that he is led past was when he was first led, and on which side: plus one where he passes to the left of it.
     side: Option<(Vec2, f64)>,
-    /// The last step that he was told to make.
-    last: Option<Step>,
     /// Steps that could not be made: from where, and where they would have led.
     failed: Vec<(Vec2, Vec2)>,
 }
@@ -103,6 +101,8 @@ pub(super) struct Blocking<'a> {
     pub free_from: &'a dyn Fn(&Vec2, f64, f64) -> f64,
     /// Whether turns from where he stands are exact enough.
     pub turns: bool,
+    /// The last that he was told to do, where that was a step.
+    pub last: Option<Step>,
 }
 
 /// A place where a walker would stand after some moves.
@@ -165,7 +165,6 @@ impl Past {
         self.side = self.side.filter(is_same);
         let way = Search { what, past: self, route, near, past_m, open: Vec::new(), best: None }.run()?;
         self.side = what.at.zip(way.side).or(self.side);
-        self.last = if let Plan::Step(step) = way.first { Some(step) } else { None };
         Some(way.first)
     }
 }
@@ -248,7 +247,7 @@ impl Search<'_> {
             return;
         }
         let returns = |last: Step| of_step(&last, from.heading).dot(&by) < 0.0;
-        let to_and_fro = from.first.is_none() && self.past.last.is_some_and(returns);
+        let to_and_fro = from.first.is_none() && self.what.last.is_some_and(returns);
         let cost = from.cost + 1.0 + if to_and_fro { TO_AND_FRO } else { 0.0 };
         let first = Some(from.first.unwrap_or(Plan::Step(step)));
         self.push(Standing { at: from.at + by, cost, first, ..*from });

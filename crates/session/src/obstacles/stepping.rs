@@ -29,7 +29,10 @@ pub(super) struct Stepping {
 pub(super) enum Outcome {
     Due,
     Made,
+    /// Not made in time.
     Failed,
+    /// He goes elsewhere, or has.
+    Astray,
 }
 
 impl Stepping {
@@ -47,7 +50,9 @@ impl Stepping {
             moved.norm() > ASTRAY_M[usize::from(stands)] && share * whole.norm() < 0.5 * moved.norm();
         if stands && share > MADE {
             Outcome::Made
-        } else if is_astray || now - self.since >= LONGEST_S {
+        } else if is_astray {
+            Outcome::Astray
+        } else if now - self.since >= LONGEST_S {
             Outcome::Failed
         } else {
             Outcome::Due
@@ -74,9 +79,9 @@ mod tests {
         assert_eq!(outcome(0.7, true, 7.5), Outcome::Made);
         assert_eq!(outcome(0.2, true, 16.0), Outcome::Failed);
         let ahead = walker.position + Vec2::new(0.3, 0.0);
-        assert_eq!(stepping.outcome(&ahead, false, at(6.0)), Outcome::Failed, "he went straight on");
+        assert_eq!(stepping.outcome(&ahead, false, at(6.0)), Outcome::Astray, "he goes straight on");
         let ahead = walker.position + Vec2::new(0.15, 0.0);
         assert_eq!(stepping.outcome(&ahead, false, at(6.0)), Outcome::Due);
-        assert_eq!(stepping.outcome(&ahead, true, at(6.0)), Outcome::Failed, "and stands there");
+        assert_eq!(stepping.outcome(&ahead, true, at(6.0)), Outcome::Astray, "and stands there");
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! In: at each look where he stands, and whether the guide turns him about where he is to go. Out: whether to lead him elsewhere first.
 
+use super::seconds_since;
 use cairn_geometry::Vec2;
 use cairn_sensor::Stamp;
 
@@ -9,8 +10,6 @@ use cairn_sensor::Stamp;
 const LONGEST_S: f64 = 12.0;
 /// ... until he stands so far from there, metres.
 const ELSEWHERE_M: f64 = 0.12;
-/// Looks farther apart than this count as this, seconds.
-const LONGEST_STEP_S: f64 = 0.5;
 
 /// The turns of a walker at one place.
 #[derive(Clone, Copy, Debug, Default)]
@@ -23,7 +22,7 @@ pub(super) struct Turns {
 impl Turns {
     /// Takes a look at a walker who is here: whether he stands and is being turned, and whether he faces about where he is to go.
     pub fn step(&mut self, here: Vec2, turns: bool, about: bool, now: Stamp) {
-        let dt = self.last.replace(now).map_or(0.0, |last| (now - last).clamp(0.0, LONGEST_STEP_S));
+        let dt = seconds_since(&mut self.last, now);
         self.turned_s = match (turns, about) {
             (true, true) => self.turned_s + dt,
             (true, false) => self.turned_s,

@@ -69,6 +69,21 @@ pub(crate) struct Found {
     pub free: Option<FreeWay>,
     /// From where he stands nothing leads past something: the step that he is to make.
     pub step: Option<Step>,
+    /// He goes elsewhere than the step leads that he was told to make.
+    pub is_astray: bool,
+}
+
+impl Found {
+    /// Tells the guide; why the walker must stop, if he must.
+    pub fn tell(self, guide: &mut Guide) -> Option<StopReason> {
+        guide.detour(self.detour);
+        guide.free_way(self.free);
+        guide.take_step(self.step);
+        if self.is_astray {
+            guide.went_astray();
+        }
+        self.stop
+    }
 }
 
 /// Metres along a line at which the ground drops, within half a strip's width and a length.
@@ -94,8 +109,8 @@ pub(super) struct Watch {
     /// When a way past was last searched.
     searched: Option<Stamp>,
     step: Option<Stepping>,
-    /// The last that he was told to do was a step.
-    stepped: bool,
+    /// The last that he was told to do, where that was a step.
+    last_step: Option<Step>,
     turns: Turns,
     tries: Attempts,
     past: Past,
@@ -143,7 +158,7 @@ impl Watch {
             state: State::Free,
             searched: None,
             step: None,
-            stepped: false,
+            last_step: None,
             turns: Turns::default(),
             tries: Attempts::default(),
             past: Past::default(),
@@ -173,7 +188,8 @@ impl Watch {
         let turning = guide.state() == GuideState::Turning;
         // About where he is to go, by turns that end somewhere about it.
         let aim = self.way.filter(|_| self.state == State::Passing).map(|way| way.leg.heading);
-        let aim = aim.or_else(|| guide.route_heading(walker, now));
+        let route_heading = guide.route_heading(walker, now);
+        let aim = aim.or(route_heading);
         let about = aim.is_some_and(|aim| walker.turn_to(aim).abs() < ABOUT_RAD);
         self.turns.step(walker.position, turning && self.pace.stands(), about, now);
         let speed = self.pace.speed().max(self.expected());
@@ -182,7 +198,6 @@ impl Watch {
             let line = [walker.position, walker.position + direction(heading) * (reach_m + 0.5)];
             first_hit(obstacles, &line, half_m, near_m, CLUSTER_VOXELS)
         };
-        let route_heading = guide.route_heading(walker, now);
         // After a turn at a corner he goes on by himself: then what is squarely in the way behind it counts.
         let behind = route_heading.filter(|h| {
             turning && guide.goes_on() && self.pace.stands() && walker.turn_to(*h).abs() < TURNS_RAD
@@ -257,7 +272,7 @@ impl Watch {
                 self.stop(seen)
             }
             _ if is_free && seen.near.is_none() && may_go => {
-                (self.state, self.step, self.stepped) = (State::Free, None, false);
+                (self.state, self.step, self.last_step) = (State::Free, None, None);
                 self.past.passed();
                 Found::default()
             }
@@ -272,26 +287,30 @@ impl Watch {
                         }
                         Outcome::Made => {}
                         Outcome::Failed => self.past.failed(stepping.from, stepping.to),
+                        Outcome::Astray => {
+                            self.past.failed(stepping.from, stepping.to);
+                            return Found { is_astray: true, ..self.stop(seen) };
+                        }
                     }
                 }
-                let due = self.searched.is_none_or(|last| seen.now - last >= SEARCH_S);
-                let stood_s = if self.stepped { STEPPED_S } else { STOOD_S };
-                let searches = due && self.pace.has_stood(stood_s, seen.now) && !self.tries.are_exhausted();
+                let stood_s = if self.last_step.is_some() { STEPPED_S } else { STOOD_S };
+                let searches = self.search_is_due(seen.now)
+                    && self.pace.has_stood(stood_s, seen.now)
+                    && !self.tries.are_exhausted();
                 let plan = searches.then(|| self.search(seen)).flatten();
                 if searches {
-                    self.searched = Some(seen.now);
                     self.tries.searched(plan.is_some(), seen.now);
                 }
                 match plan {
                     Some(Plan::Walk(leg)) => {
                         self.way = Some(Way { since: seen.now, found: seen.now, leg });
-                        (self.state, self.stepped) = (State::Passing, false);
+                        (self.state, self.last_step) = (State::Passing, None);
                         self.turns.clear();
                         Found { detour: Some(leg.heading), ..Found::default() }
                     }
                     Some(Plan::Step(step)) => {
                         self.step = Some(Stepping::new(step, seen.walker, seen.now));
-                        self.stepped = true;
+                        self.last_step = Some(step);
                         Found { step: Some(step), ..self.stop(seen) }
                     }
                     None if self.pace.stands() && self.tries.have_failed(seen.now) => {
@@ -328,7 +347,8 @@ impl Watch {
             self.way = Some(Way { since, found: seen.now, leg });
             return (!(stands && faces) || free.admits(seen.walker.course)).then_some(leg);
         }
-        if let Some(Plan::Walk(leg)) = self.search(seen) {
+        let plan = if self.search_is_due(seen.now) { self.search(seen) } else { None };
+        if let Some(Plan::Walk(leg)) = plan {
             self.way = Some(Way { since, found: seen.now, leg });
             return Some(leg);
         }
@@ -359,8 +379,14 @@ impl Watch {
         Found { stop: obstacle.or_else(|| stopped_for(seen.guide)), ..Found::default() }
     }
 
+    /// Whether a way past may be searched again.
+    fn search_is_due(&self, now: Stamp) -> bool {
+        self.searched.is_none_or(|last| now - last >= SEARCH_S)
+    }
+
     /// What leads past what is in the way.
     fn search(&mut self, seen: &Seen) -> Option<Plan> {
+        self.searched = Some(seen.now);
         let free = self.free_way(seen, self.slowed());
         let along_m = seen.on_route.map(|hit| hit.along_m);
         let Seen { guide, walker, sight: ObstacleScan { obstacles, reach_m, .. }, .. } = seen;
@@ -380,6 +406,7 @@ impl Watch {
             free: &free,
             free_from: &free_from,
             turns: !self.turns.are_in_vain(),
+            last: self.last_step,
         };
         self.past.plan(&what)
     }

@@ -134,11 +134,7 @@ impl<S: Slam> Session<S> {
         guiding.started = true;
         let hazard = hazard.or_else(|| {
             let walker = guiding.walker(&place).filter(|_| guiding.facing == Facing::Home)?;
-            let found = self.obstacles.as_mut()?.look(&guiding.guide, &walker, now);
-            guiding.guide.detour(found.detour);
-            guiding.guide.free_way(found.free);
-            guiding.guide.take_step(found.step);
-            found.stop
+            self.obstacles.as_mut()?.look(&guiding.guide, &walker, now).tell(&mut guiding.guide)
         });
         let cue = guiding.step(&map, &held.route, &place, self.confidence, hazard, now);
         let ahead = guiding.bearing_of_route(&place);

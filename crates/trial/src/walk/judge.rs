@@ -208,7 +208,7 @@ impl Judge {
             Side::Right => needed > limit,
         };
         match self.last_kind {
-            Some(CueKind::StepAside(_) | CueKind::SmallStep(_)) => {
+            Some(CueKind::Step(_)) => {
                 let foot = self.plan.point_at(along_m);
                 against(truth.to_left(&foot), 0.1)
             }
@@ -259,7 +259,7 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::WrongWay(_) => "wrong way",
         CueKind::Stopped { .. } => "stopped",
         CueKind::CheckBehind => "check behind",
-        CueKind::StepAside(_) | CueKind::SmallStep(_) => "step aside",
+        CueKind::Step(_) => "step aside",
         CueKind::SlowDown | CueKind::Weak => "slow down",
         CueKind::Arrived => "arrived",
         CueKind::EndMissed { .. } => "end missed",

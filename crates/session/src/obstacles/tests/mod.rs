@@ -140,10 +140,7 @@ fn walk(seed: u64, things: usize, sensor: Sensor) -> Walked {
             } else {
                 watch.look(&guide, &walker, now)
             };
-            guide.detour(found.detour);
-            guide.free_way(found.free);
-            guide.take_step(found.step);
-            found.stop
+            found.tell(&mut guide)
         });
         let cue = guide.step(&GuideInput {
             now,

@@ -52,16 +52,14 @@ impl Scene {
             self.obstacles.iter().filter(|b| (b.at - walker.position).norm() < 4.4).copied().collect();
         let sight = ObstacleScan { obstacles, reach_m: 4.4, chest_m: 1.1, drop_along: &|_, _, _| None };
         let found = self.watch.look(&self.guide, &walker, sight, self.now);
-        self.guide.detour(found.detour);
-        self.guide.free_way(found.free.clone());
-        self.guide.take_step(found.step);
+        let hazard = found.clone().tell(&mut self.guide);
         self.guide.step(&GuideInput {
             now: self.now,
             pose_stamp: self.now,
             odom_from_camera: pose,
             confidence: Confidence::Good,
             speed: None,
-            hazard: found.stop,
+            hazard,
         });
         found
     }
@@ -88,7 +86,7 @@ impl Scene {
 
 /// The side of a step.
 fn step(found: &Found) -> Option<f64> {
-    found.step.map(|(Step::BackAside(left) | Step::Aside(left))| left)
+    found.step.map(|step| step.side())
 }
 
 /// The side to which he who faces along the route is led: plus one for left, zero for none.
