@@ -301,9 +301,10 @@ pub fn first_hit(
     length_m: f64,
     least: u32,
 ) -> Option<Hit> {
+    let legs = Leg::all(line);
     let mut near: Vec<(f64, &Blocked)> = obstacles
         .iter()
-        .filter_map(|b| Some((project(line, &b.at, half_m)?, b)))
+        .filter_map(|b| Some((project(&legs, &b.at, half_m)?, b)))
         .filter(|n| n.0 <= length_m)
         .collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -320,18 +321,36 @@ pub fn first_hit(
     None
 }
 
-/// Metres along a line of the first place within `half_m` of a point; `None` where there is none, or only behind its start.
-fn project(line: &[Vec2], p: &Vec2, half_m: f64) -> Option<f64> {
-    let mut begin = 0.0;
-    for (i, leg) in line.windows(2).enumerate() {
-        let d = leg[1] - leg[0];
-        let length = d.norm();
-        let along = (p - leg[0]).dot(&d) / length.max(1e-9);
-        let off = (leg[0] + d * (along / length.max(1e-9)).clamp(0.0, 1.0) - p).norm();
-        if off <= half_m && (i > 0 || along > 0.0) {
-            return Some(begin + along.clamp(0.0, length));
-        }
-        begin += length;
+/// A straight piece of a line, `length` metres long, that begins so far along it; `unit` is zero where it has no length.
+struct Leg {
+    from: Vec2,
+    unit: Vec2,
+    length: f64,
+    begin: f64,
+}
+
+impl Leg {
+    /// Those of a line.
+    fn all(line: &[Vec2]) -> Vec<Self> {
+        let mut begin = 0.0;
+        line.windows(2)
+            .map(|leg| {
+                let d = leg[1] - leg[0];
+                let length = d.norm();
+                let leg = Self { from: leg[0], unit: d / length.max(1e-9), length, begin };
+                begin += length;
+                leg
+            })
+            .collect()
     }
-    None
+}
+
+/// Metres along a line of the first place within `half_m` of a point; `None` where there is none, or only behind its start.
+fn project(legs: &[Leg], p: &Vec2, half_m: f64) -> Option<f64> {
+    legs.iter().enumerate().find_map(|(i, leg)| {
+        let along = (p - leg.from).dot(&leg.unit);
+        let on = along.clamp(0.0, leg.length);
+        let is_near = (leg.from + leg.unit * on - p).norm_squared() <= half_m * half_m;
+        (is_near && (i > 0 || along > 0.0)).then_some(leg.begin + on)
+    })
 }
