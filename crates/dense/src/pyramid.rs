@@ -9,6 +9,8 @@ use crate::pixel::{WEIGHT_BITS, weight_of};
 
 /// The level whose squares have eight pixels a side: the finest one that blocks are compared with.
 pub(crate) const TILE_LEVEL: usize = 3;
+/// Rows of pixels that are added at once: those of a row of tiles.
+pub(crate) const STRIP: usize = 1 << TILE_LEVEL;
 
 /// Squares of `2^level` pixels a side; those at the right and lower border may extend past the image.
 #[derive(Clone, Debug, Default)]
@@ -28,6 +30,8 @@ pub(crate) struct Level {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct DepthPyramid {
     levels: Vec<Level>,
+    /// Number of pixels with a depth in each square of the rows that were added last, up to the tile level.
+    seen: Vec<Vec<u8>>,
 }
 
 impl DepthPyramid {
@@ -54,40 +58,77 @@ impl DepthPyramid {
         let this = self;
         dispatch!(backend, build(this: &mut DepthPyramid, pixels: &[u32], width: usize, height: usize) -> ());
     }
+
+    /// Begins an image of this size.
+    #[inline(always)]
+    pub fn begin(&mut self, width: usize, height: usize) {
+        let mut count = TILE_LEVEL;
+        while (1 << count) < width.max(height) {
+            count += 1;
+        }
+        self.levels.resize_with(count, Level::default);
+        let (mut finer_width, mut finer_height) = (width, height);
+        for (i, level) in self.levels.iter_mut().enumerate() {
+            level.reset(finer_width, finer_height, i + 1 >= TILE_LEVEL);
+            (finer_width, finer_height) = (level.width, level.height);
+        }
+        let levels = self.levels.iter();
+        self.seen.resize_with(TILE_LEVEL, Vec::new);
+        for ((seen, level), rows) in self.seen.iter_mut().zip(levels).zip([4, 2, 1]) {
+            seen.resize(rows * level.width, 0);
+        }
+    }
+
+    /// Adds rows of an image of this width: [`STRIP`] of them from a multiple of that on, fewer at its end. Returns how many of their pixels
+    /// have a depth.
+    #[inline(always)]
+    pub fn add(&mut self, pixels: &[u32], y: usize, width: usize) -> usize {
+        let Self { levels, seen } = self;
+        let [seen_1, seen_2, seen_3] = &mut seen[..] else { return 0 };
+        let [one, two, three] = &mut levels[..TILE_LEVEL] else { return 0 };
+        let (w1, w2, w3) = (one.width, two.width, three.width);
+        // The rows of a level, from this strip's first.
+        let h1 = (pixels.len() / width).div_ceil(2);
+        let (h2, h3) = (h1.div_ceil(2), h1.div_ceil(2).div_ceil(2));
+        let at = |level: usize, w: usize, h: usize| (y >> level) * w..((y >> level) + h) * w;
+        let (at_1, at_2, at_3) = (at(1, w1, h1), at(2, w2, h2), at(3, w3, h3));
+        let (least, greatest) = (&mut one.least[at_1.clone()], &mut one.greatest[at_1.clone()]);
+        let (seen_1, seen_2, seen_3) =
+            (&mut seen_1[..h1 * w1], &mut seen_2[..h2 * w2], &mut seen_3[..h3 * w3]);
+        first(least, greatest, seen_1, w1, pixels, width);
+        halve(&one.least[at_1.clone()], w1, &mut two.least[at_2.clone()], w2, f32::INFINITY, lesser);
+        halve(&one.greatest[at_1], w1, &mut two.greatest[at_2.clone()], w2, 0.0, greater);
+        halve(seen_1, w1, seen_2, w2, 0, |a, b| a + b);
+        halve(&two.least[at_2.clone()], w2, &mut three.least[at_3.clone()], w3, f32::INFINITY, lesser);
+        halve(&two.greatest[at_2], w2, &mut three.greatest[at_3.clone()], w3, 0.0, greater);
+        halve(seen_2, w2, seen_3, w3, 0, |a, b| a + b);
+        let tiles = three.least[at_3.clone()].iter().zip(&*seen_3);
+        for (sure, (&least, &seen)) in three.sure[at_3].iter_mut().zip(tiles) {
+            *sure = if seen >= 32 { least } else { 0.0 };
+        }
+        seen_3.iter().map(|&seen| usize::from(seen)).sum()
+    }
+
+    /// Ends the image of which all rows were added.
+    #[inline(always)]
+    pub fn end(&mut self) {
+        for i in TILE_LEVEL..self.levels.len() {
+            let (below, rest) = self.levels.split_at_mut(i);
+            let (from, to) = (&below[i - 1], &mut rest[0]);
+            halve(&from.least, from.width, &mut to.least, to.width, f32::INFINITY, lesser);
+            halve(&from.greatest, from.width, &mut to.greatest, to.width, 0.0, greater);
+            halve(&from.sure, from.width, &mut to.sure, to.width, f32::INFINITY, lesser);
+        }
+    }
 }
 
 #[inline(always)]
 fn build(pyramid: &mut DepthPyramid, pixels: &[u32], width: usize, height: usize) {
-    let mut count = TILE_LEVEL;
-    while (1 << count) < width.max(height) {
-        count += 1;
+    pyramid.begin(width, height);
+    for (i, rows) in pixels.chunks(STRIP * width).enumerate() {
+        pyramid.add(rows, i * STRIP, width);
     }
-    pyramid.levels.resize_with(count, Level::default);
-    let levels = &mut pyramid.levels;
-    levels[0].reset(width, height);
-    // Number of pixels with a depth in each square, up to the tile level.
-    let mut seen = vec![0u8; levels[0].least.len()];
-    first(&mut levels[0], &mut seen, pixels, width, height);
-    for i in 1..count {
-        let (below, rest) = levels.split_at_mut(i);
-        let (from, to) = (&below[i - 1], &mut rest[0]);
-        to.reset(from.width, from.height);
-        halve(&from.least, from.width, &mut to.least, to.width, f32::INFINITY, lesser);
-        halve(&from.greatest, from.width, &mut to.greatest, to.width, 0.0, greater);
-        if i < TILE_LEVEL {
-            let mut coarse = vec![0u8; to.least.len()];
-            halve(&seen, from.width, &mut coarse, to.width, 0, |a, b| a + b);
-            seen = coarse;
-        }
-        if i + 1 == TILE_LEVEL {
-            let sure = to.least.iter().zip(&seen).map(|(&d, &n)| if n >= 32 { d } else { 0.0 });
-            to.sure.clear();
-            to.sure.extend(sure);
-        } else if i >= TILE_LEVEL {
-            to.sure.resize(to.width * to.height, 0.0);
-            halve(&from.sure, from.width, &mut to.sure, to.width, f32::INFINITY, lesser);
-        }
-    }
+    pyramid.end();
 }
 
 /// The lesser of two numbers; neither is NaN.
@@ -103,40 +144,45 @@ pub(crate) fn greater(a: f32, b: f32) -> f32 {
 }
 
 impl Level {
-    fn reset(&mut self, finer_width: usize, finer_height: usize) {
+    fn reset(&mut self, finer_width: usize, finer_height: usize, sure: bool) {
         (self.width, self.height) = (finer_width.div_ceil(2), finer_height.div_ceil(2));
-        self.least.resize(self.width * self.height, 0.0);
-        self.greatest.resize(self.width * self.height, 0.0);
+        let squares = self.width * self.height;
+        self.least.resize(squares, 0.0);
+        self.greatest.resize(squares, 0.0);
+        self.sure.resize(if sure { squares } else { 0 }, 0.0);
     }
 }
 
-/// Level 1 from the pixels, and how many of each four have a depth.
+/// Rows of level 1 from those of the pixels, and how many of each four have a depth.
 #[inline(always)]
-fn first(level: &mut Level, seen: &mut [u8], pixels: &[u32], width: usize, height: usize) {
+fn first(
+    least: &mut [f32],
+    greatest: &mut [f32],
+    seen: &mut [u8],
+    half_width: usize,
+    pixels: &[u32],
+    width: usize,
+) {
     // Depths are not negative, so their bit patterns have the same order.
     let near = |p: u32| if weight_of(p) > 0 { p & !WEIGHT_BITS } else { f32::INFINITY.to_bits() };
     let far = |p: u32| if weight_of(p) > 0 { p & !WEIGHT_BITS } else { 0 };
     let has = |p: u32| u8::from(weight_of(p) > 0);
-    for y in 0..level.height {
-        let upper = &pixels[2 * y * width..(2 * y + 1) * width];
-        let lower =
-            if 2 * y + 1 < height { &pixels[(2 * y + 1) * width..(2 * y + 2) * width] } else { upper };
-        let twice = u8::from(2 * y + 1 < height);
-        let at = y * level.width;
-        let least = &mut level.least[at..at + level.width];
-        let greatest = &mut level.greatest[at..at + level.width];
-        let count = &mut seen[at..at + level.width];
-        let outs = least.iter_mut().zip(greatest.iter_mut()).zip(count.iter_mut());
+    let outs = (least.chunks_exact_mut(half_width).zip(greatest.chunks_exact_mut(half_width)))
+        .zip(seen.chunks_exact_mut(half_width));
+    for (((least, greatest), seen), rows) in outs.zip(pixels.chunks(2 * width)) {
+        let (upper, lower) = rows.split_at(width);
+        let (lower, twice) = if lower.is_empty() { (upper, 0) } else { (lower, 1) };
+        let outs = least.iter_mut().zip(greatest.iter_mut()).zip(seen.iter_mut());
         for (((l, g), c), (a, b)) in outs.zip(upper.chunks_exact(2).zip(lower.chunks_exact(2))) {
             *l = f32::from_bits(near(a[0]).min(near(a[1])).min(near(b[0]).min(near(b[1]))));
             *g = f32::from_bits(far(a[0]).max(far(a[1])).max(far(b[0]).max(far(b[1]))));
             *c = has(a[0]) + has(a[1]) + twice * (has(b[0]) + has(b[1]));
         }
         if width % 2 == 1 {
-            let (a, b, i) = (upper[width - 1], lower[width - 1], level.width - 1);
+            let (a, b, i) = (upper[width - 1], lower[width - 1], half_width - 1);
             least[i] = f32::from_bits(near(a).min(near(b)));
             greatest[i] = f32::from_bits(far(a).max(far(b)));
-            count[i] = has(a) + twice * has(b);
+            seen[i] = has(a) + twice * has(b);
         }
     }
 }

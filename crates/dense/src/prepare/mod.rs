@@ -152,31 +152,36 @@ impl DepthPreparer {
         let scale = self.metres_per_unit as f32;
         let mut by_number = self.by_number.take().unwrap_or_else(|| Box::new([0; 1 << 16]));
         by_number.iter_mut().zip(packed.values()).for_each(|(pixel, v)| *pixel = words.of(v.metres(scale)));
-        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted };
+        let packing = Packing { config: &self.config, slanted };
         let (table, packed) = (&*by_number, &mut packed);
-        let (rows, pixels) = (&mut self.rows[..], &mut self.frame.pixels[..]);
+        let (rows, frame) = (&mut self.rows[..], &mut self.frame);
         let backend = self.backend;
-        let valid = dispatch!(backend, from_packed(packing: Packing, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], pixels: &mut [u32], backend: Backend) -> Option<usize>);
+        let valid = dispatch!(backend, from_packed(packing: Packing, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], frame: &mut DepthFrame, backend: Backend) -> Option<usize>);
         self.by_number = Some(by_number);
         let least = self.least_valid();
         match valid {
-            Some(valid) if valid >= least => Ok(self.finish(valid)),
+            Some(valid) if valid >= least => {
+                self.frame.valid = valid;
+                Ok(&self.frame)
+            }
             Some(_) => self.prepare_units(image.unpack()?.data()),
             None => {
                 // Half of it is here: of no image that there is.
-                self.frame.pixels.fill(0);
-                self.finish(0);
+                let DepthFrame { camera, pixels, pyramid, valid } = &mut self.frame;
+                pixels.fill(0);
+                pyramid.build(pixels, camera.width, camera.height, backend);
+                *valid = 0;
                 Err(broken())
             }
         }
     }
 
     fn prepare_units(&mut self, data: &[u16]) -> Result<&DepthFrame, DenseError> {
-        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted: true };
+        let packing = Packing { config: &self.config, slanted: true };
         let scale = self.metres_per_unit as f32;
         let (remap, rows) = (&self.remap[..], &mut self.rows[..]);
-        let pixels = &mut self.frame.pixels[..];
-        let valid = dispatch!(self.backend, from_units(packing: Packing, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        let frame = &mut self.frame;
+        let valid = dispatch!(self.backend, from_units(packing: Packing, scale: f32, data: &[u16], remap: &[u32], rows: &mut [u32], frame: &mut DepthFrame) -> usize);
         self.finish_or_refuse(valid, data, |v| f32::from(v) * scale)
     }
 
@@ -230,11 +235,11 @@ impl DepthPreparer {
     /// An image of another size; too few pixels with a depth in range.
     pub fn prepare_metres(&mut self, image: &Image<f32>) -> Result<&DepthFrame, DenseError> {
         self.check("depth", [image.width(), image.height()])?;
-        let packing = Packing { config: &self.config, camera: &self.frame.camera, slanted: true };
+        let packing = Packing { config: &self.config, slanted: true };
         let data = image.data();
         let (remap, rows) = (&self.remap[..], &mut self.rows[..]);
-        let pixels = &mut self.frame.pixels[..];
-        let valid = dispatch!(self.backend, from_metres(packing: Packing, data: &[f32], remap: &[u32], rows: &mut [u32], pixels: &mut [u32]) -> usize);
+        let frame = &mut self.frame;
+        let valid = dispatch!(self.backend, from_metres(packing: Packing, data: &[f32], remap: &[u32], rows: &mut [u32], frame: &mut DepthFrame) -> usize);
         self.finish_or_refuse(valid, data, |v| if v.is_finite() { v } else { 0.0 })
     }
 
@@ -248,19 +253,13 @@ impl DepthPreparer {
         if valid < self.least_valid() {
             return Err(self.no_depth(valid, data.iter().map(|&v| metres(v))));
         }
-        Ok(self.finish(valid))
+        self.frame.valid = valid;
+        Ok(&self.frame)
     }
 
     /// With fewer valid pixels a frame is refused.
     fn least_valid(&self) -> usize {
         (self.source.width * self.source.height / LEAST_VALID).max(1)
-    }
-
-    fn finish(&mut self, valid: usize) -> &DepthFrame {
-        let Camera { width, height, .. } = self.source;
-        self.frame.valid = valid;
-        self.frame.pyramid.build(&self.frame.pixels, width, height, self.backend);
-        &self.frame
     }
 
     /// Refuses an image of another size.

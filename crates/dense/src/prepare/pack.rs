@@ -3,8 +3,9 @@
 
 use super::DepthConfig;
 use crate::Backend;
+use crate::frame::DepthFrame;
 use crate::pixel::{WEIGHT_BITS, depth_of};
-use crate::pyramid::greater;
+use crate::pyramid::{self, greater};
 use crate::submap::Rows;
 use cairn_sensor::Camera;
 
@@ -127,10 +128,10 @@ pub(super) fn from_units(
     data: &[u16],
     remap: &[u32],
     rows: &mut [u32],
-    pixels: &mut [u32],
+    frame: &mut DepthFrame,
 ) -> usize {
     let source = ImageRows { words: Words::new(packing.config), scale, data, remap };
-    pack(packing, rows, pixels, source).unwrap_or(0)
+    pack(packing, rows, frame, source).unwrap_or(0)
 }
 
 #[inline(always)]
@@ -139,10 +140,10 @@ pub(super) fn from_metres(
     data: &[f32],
     remap: &[u32],
     rows: &mut [u32],
-    pixels: &mut [u32],
+    frame: &mut DepthFrame,
 ) -> usize {
     let source = ImageRows { words: Words::new(packing.config), scale: 1.0, data, remap };
-    pack(packing, rows, pixels, source).unwrap_or(0)
+    pack(packing, rows, frame, source).unwrap_or(0)
 }
 
 #[inline(always)]
@@ -151,10 +152,10 @@ pub(super) fn from_packed(
     packed: &mut Rows,
     table: &[u32; 1 << 16],
     rows: &mut [u32],
-    pixels: &mut [u32],
+    frame: &mut DepthFrame,
     backend: Backend,
 ) -> Option<usize> {
-    let valid = pack(packing, rows, pixels, PackedRows { packed: &mut *packed, table, backend })?;
+    let valid = pack(packing, rows, frame, PackedRows { packed: &mut *packed, table, backend })?;
     packed.end().map(|()| valid)
 }
 
@@ -162,7 +163,6 @@ pub(super) fn from_packed(
 #[derive(Clone, Copy)]
 pub(super) struct Packing<'a> {
     pub config: &'a DepthConfig,
-    pub camera: &'a Camera,
     /// Whether weights follow the slant of the surface.
     pub slanted: bool,
 }
@@ -174,20 +174,26 @@ pub(super) const ROWS: usize = 8;
 /// Pixels on each side that the slope of a surface is found from.
 pub(super) const REACH: usize = 2;
 
-/// Drops the edges of an image, which comes row by row, weights what is left by its slant, and counts it; `None` where a row does not
-/// come. `rows` holds [`ROWS`] rows with [`REACH`] pixels of border at both ends.
+/// Drops the edges of an image, which comes row by row, weights what is left by its slant, counts it, and builds its pyramid; `None`
+/// where a row does not come. `rows` holds [`ROWS`] rows with [`REACH`] pixels of border at both ends.
 #[inline(always)]
-fn pack(packing: Packing, rows: &mut [u32], pixels: &mut [u32], mut source: impl RowSource) -> Option<usize> {
-    let Packing { config, slanted, .. } = packing;
-    let stride = rows.len() / ROWS;
-    let width = stride - 2 * REACH;
-    let height = pixels.len() / width;
+fn pack(
+    packing: Packing,
+    rows: &mut [u32],
+    frame: &mut DepthFrame,
+    mut source: impl RowSource,
+) -> Option<usize> {
+    let Packing { config, slanted } = packing;
+    let DepthFrame { camera, pixels, pyramid, .. } = frame;
+    let Camera { width, height, .. } = *camera;
+    let stride = width + 2 * REACH;
     let mut slants = vec![1.0; width];
     rows.fill(NONE);
+    pyramid.begin(width, height);
     let (mut valid, mut read) = (0, 0);
     for strip in (0..height).step_by(STRIP) {
         while read <= strip + STRIP {
-            let row = &mut rows[read % ROWS * stride..][..stride][REACH..REACH + width];
+            let row = &mut rows[read % ROWS * stride..][..stride][REACH..][..width];
             if read < height {
                 source.next_row(read, row)?;
             } else {
@@ -199,18 +205,25 @@ fn pack(packing: Packing, rows: &mut [u32], pixels: &mut [u32], mut source: impl
         // The second of its rows, so that the one above the strip and its last are those that are needed.
         let of = strip + 1;
         if slanted {
-            slant_row(packing, of, [of + ROWS - REACH, of, of + REACH].map(row), &mut slants);
+            slant_row(config, camera, of, [of + ROWS - REACH, of, of + REACH].map(row), &mut slants);
         }
         for y in strip..(strip + STRIP).min(height) {
             let around = [y + ROWS - 1, y, y + 1].map(row);
             let out = &mut pixels[y * width..][..width];
-            valid += if slanted {
-                pack_row::<true>(config, around, &slants, out)
+            if slanted {
+                pack_row::<true>(config, around, &slants, out);
             } else {
-                pack_row::<false>(config, around, &slants, out)
-            };
+                pack_row::<false>(config, around, &slants, out);
+            }
+        }
+        // While they are at hand.
+        let end = (strip + STRIP).min(height);
+        if end % pyramid::STRIP == 0 || end == height {
+            let from = (end - 1) / pyramid::STRIP * pyramid::STRIP;
+            valid += pyramid.add(&pixels[from * width..end * width], from, width);
         }
     }
+    pyramid.end();
     Some(valid)
 }
 
@@ -227,13 +240,18 @@ fn times(pixel: u32, slant: f32) -> u32 {
 /// What images differ by across a surface moves its depth by one over the product of its normal with the ray (of length 1 along the
 /// optical axis): a depth has so much more variance where its surface is seen at a slant. Curless and Levoy (1996) weight by the cosine.
 #[inline(always)]
-fn slant_row(packing: Packing, y: usize, [above, here, below]: [&[u32]; 3], out: &mut [f32]) {
-    let Packing { config, camera, .. } = packing;
+fn slant_row(
+    config: &DepthConfig,
+    camera: &Camera,
+    y: usize,
+    [above, here, below]: [&[u32]; 3],
+    out: &mut [f32],
+) {
     let [share, least] = [config.edge_share as f32, config.edge_m as f32];
     let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v as f32);
     let width = out.len();
-    let (before, after, here) = (&here[..width], &here[2 * REACH..][..width], &here[REACH..][..width]);
-    let (above, below) = (&above[REACH..][..width], &below[REACH..][..width]);
+    let (before, after) = (&here[..width], &here[2 * REACH..][..width]);
+    let [above, here, below] = [above, here, below].map(|row| &row[REACH..][..width]);
     let v = y as f32 - cy;
     for x in 0..width {
         let z = depth_of(here[x]);
@@ -261,13 +279,12 @@ fn pack_row<const SLANTED: bool>(
     [up, here, down]: [&[u32]; 3],
     slants: &[f32],
     out: &mut [u32],
-) -> usize {
+) {
     let [share, least] = [config.edge_share as f32, config.edge_m as f32];
     let width = out.len();
     let (left, right) = (&here[REACH - 1..][..width], &here[REACH + 1..][..width]);
     let (here, up, down) = (&here[REACH..][..width], &up[REACH..][..width], &down[REACH..][..width]);
     let slants = &slants[..width];
-    let mut count = 0;
     for x in 0..width {
         let z = depth_of(here[x]);
         // A neighbour without depth is neither of them, and makes no edge. Weights follow depths: of equal depths they are equal.
@@ -275,12 +292,11 @@ fn pack_row<const SLANTED: bool>(
         let nearest = around.iter().fold(here[x], |nearest, &n| nearest.min(n));
         let farthest = around.iter().fold(here[x] as i32, |farthest, &n| farthest.max(n as i32));
         let jump = greater(z - depth_of(nearest), depth_of(farthest as u32) - z);
-        let keep = (here[x] != NONE) & (jump <= greater(share * z, least));
-        let pixel = if SLANTED { times(here[x], slants[x]) } else { here[x] };
-        out[x] = if keep { pixel } else { 0 };
-        count += u32::from(keep);
+        let keep = jump <= greater(share * z, least);
+        // Without its sign no depth is 0.
+        let pixel = if SLANTED { times(here[x], slants[x]) } else { here[x] & !NONE };
+        out[x] = if keep & (!SLANTED | (here[x] != NONE)) { pixel } else { 0 };
     }
-    count as usize
 }
 
 #[cfg(test)]

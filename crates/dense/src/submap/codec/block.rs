@@ -3,22 +3,37 @@
 /// Pixels of a block.
 pub const BLOCK: usize = 8;
 /// Bytes that a block takes at most.
-pub const MOST_BYTES: usize = 16;
+const MOST_BYTES: usize = 16;
 /// Bits of a difference by the code of its block.
 pub const fn width_of(code: u8) -> usize {
     code as usize + (code == 15) as usize
 }
 
-/// The bytes of a block from a place on, with whatever or nothing behind them; `None` where they are not there.
+/// The bytes of a block, with whatever or nothing behind them; `None` where they are not there.
 #[inline(always)]
-pub fn block_at(bytes: &[u8], at: usize, bits: usize) -> Option<[u8; MOST_BYTES]> {
-    if let Some(whole) = bytes.get(at..at + MOST_BYTES) {
-        return whole.try_into().ok();
+fn block_at(bytes: &[u8], bits: usize) -> Option<[u8; MOST_BYTES]> {
+    if let Some(whole) = bytes.first_chunk() {
+        return Some(*whole);
     }
     let mut padded = [0; MOST_BYTES];
-    let rest = bytes.get(at..).filter(|rest| rest.len() >= bits)?;
-    padded[..rest.len()].copy_from_slice(rest);
+    if bytes.len() < bits {
+        return None;
+    }
+    padded[..bytes.len()].copy_from_slice(bytes);
     Some(padded)
+}
+
+/// Adds the differences of a block of so many bits to the numbers above; returns its bytes.
+#[inline(always)]
+pub fn add_block(bytes: &[u8], bits: usize, above: &mut [u16; BLOCK]) -> Option<usize> {
+    let packed = u128::from_le_bytes(block_at(bytes, bits)?);
+    let mask = (1u64 << bits) - 1;
+    let halves = [packed as u64, (packed >> (4 * bits)) as u64];
+    for k in 0..BLOCK {
+        let step = (halves[k / 4] >> (k % 4 * bits) & mask) as u16;
+        above[k] = above[k].wrapping_add((step >> 1) ^ (step & 1).wrapping_neg());
+    }
+    Some(bits)
 }
 
 /// Writes what a table has for the numbers of a block, and `none` where the mask has no bit.

@@ -17,7 +17,7 @@
 //! Little-endian, lowest bits first. A pixel without depth keeps the number above it. Above the first row all numbers
 //! are 0 and all pixels have depth; so they have to the right of the image, in the last block.
 
-use super::block::{BLOCK, block_at, width_of, write_block};
+use super::block::{BLOCK, add_block, width_of, write_block};
 #[cfg(target_arch = "x86_64")]
 use super::kernel_x86;
 use crate::Backend;
@@ -170,8 +170,8 @@ impl<'a> Rows<'a> {
         let blocks = self.above.len();
         let flags = take(&mut self.bytes, blocks.div_ceil(8))?;
         let widths = take(&mut self.bytes, blocks.div_ceil(2))?;
-        for (flags, masks) in flags.iter().zip(self.masks.chunks_mut(8)) {
-            let mut flags = *flags;
+        for (flags, masks) in flags.chunks(8).zip(self.masks.chunks_mut(64)) {
+            let mut flags = flags.iter().rev().fold(0u64, |all, byte| all << 8 | u64::from(*byte));
             while flags != 0 {
                 if let Some(mask) = masks.get_mut(flags.trailing_zeros() as usize) {
                     *mask = take(&mut self.bytes, 1)?[0];
@@ -256,15 +256,9 @@ fn add_row(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(u
     let mut at = 0;
     let mut largest = [0u16; BLOCK];
     for (i, above) in above.iter_mut().enumerate() {
-        let bits = width_of(widths[i / 2] >> (i % 2 * 4) & 15);
-        let packed = u128::from_le_bytes(block_at(bytes, at, bits)?);
-        at += bits;
-        let mask = (1u64 << bits) - 1;
-        let halves = [packed as u64, (packed >> (4 * bits)) as u64];
-        for k in 0..BLOCK {
-            let step = (halves[k / 4] >> (k % 4 * bits) & mask) as u16;
-            above[k] = above[k].wrapping_add((step >> 1) ^ (step & 1).wrapping_neg());
-            largest[k] = largest[k].max(above[k]);
+        at += add_block(bytes.get(at..)?, width_of(widths[i / 2] >> (i % 2 * 4) & 15), above)?;
+        for (largest, number) in largest.iter_mut().zip(above) {
+            *largest = (*largest).max(*number);
         }
     }
     Some((at, largest.into_iter().max()?))

@@ -1,58 +1,116 @@
 //! Versions of the loops in [`super::blocks`] with the instructions of [`crate::Backend::Avx512`]: the same results.
 #![allow(unsafe_code)]
 
-use super::block::{BLOCK, MOST_BYTES, block_at, width_of, write_block};
+use super::block::{BLOCK, add_block, width_of, write_block};
 use std::arch::x86_64::*;
 
-/// Adds a row's differences to the numbers above, as [`super::blocks`] does: one instruction spreads the bits of four differences.
+/// Adds a row's differences to the numbers above, as [`super::blocks`] does, two blocks at once.
 ///
 /// # Safety
 /// The instructions must be available.
-#[target_feature(enable = "avx,sse4.1,bmi2")]
+#[target_feature(enable = "avx2,bmi2")]
 pub unsafe fn add_row(bytes: &[u8], widths: &[u8], above: &mut [[u16; BLOCK]]) -> Option<(usize, u16)> {
-    let mut at = 0;
-    let (mut largest, one) = (_mm_setzero_si128(), _mm_set1_epi16(1));
-    for (i, above) in above.iter_mut().enumerate() {
-        let code = widths[i / 2] >> (i % 2 * 4) & 15;
-        let (bits, lanes) = CODES[usize::from(code)];
-        let padded;
-        // The second four begin in the middle of a byte where the width is odd.
-        let block = match bytes.get(at..at + MOST_BYTES) {
-            Some(block) => block,
-            None => {
-                padded = block_at(bytes, at, bits)?;
-                &padded
-            }
-        };
-        at += bits;
-        let (first, second) = (block.first_chunk()?, block.get(bits / 2..bits / 2 + 8)?.first_chunk()?);
-        let first = _pdep_u64(u64::from_le_bytes(*first), lanes);
-        let second = _pdep_u64(u64::from_le_bytes(*second) >> (bits % 2 * 4), lanes);
-        let steps = _mm_set_epi64x(second as i64, first as i64);
-        let sign = _mm_sub_epi16(_mm_setzero_si128(), _mm_and_si128(steps, one));
-        let steps = _mm_xor_si128(_mm_srli_epi16::<1>(steps), sign);
-        let to: *mut __m128i = above.as_mut_ptr().cast();
-        // SAFETY: eight numbers are there.
-        unsafe {
-            let numbers = _mm_add_epi16(_mm_loadu_si128(to), steps);
-            _mm_storeu_si128(to, numbers);
-            largest = _mm_max_epu16(largest, numbers);
-        }
+    let (mut at, mut largest) = (0, _mm256_setzero_si256());
+    let (pairs, rest) = above.as_chunks_mut();
+    for (pair, codes) in pairs.iter_mut().zip(widths) {
+        // SAFETY: of the caller.
+        let numbers = unsafe { add_pair(bytes, &mut at, *codes, pair)? };
+        largest = _mm256_max_epu16(largest, numbers);
     }
-    let mut lanes = [0u16; BLOCK];
-    // SAFETY: eight numbers are there.
-    unsafe { _mm_storeu_si128(lanes.as_mut_ptr().cast(), largest) };
-    Some((at, lanes.into_iter().max()?))
+    // SAFETY: of the caller.
+    let mut largest = unsafe { greatest(largest) };
+    if let ([numbers], Some(codes)) = (rest, widths.last()) {
+        at += add_block(bytes.get(at..)?, width_of(codes & 15), numbers)?;
+        largest = largest.max(numbers.iter().copied().max()?);
+    }
+    Some((at, largest))
 }
 
-/// By the code of a block: the bits of a difference, and where they belong in four numbers.
-const CODES: [(usize, u64); 16] = {
-    let mut out = [(0, 0); 16];
-    let mut code = 0;
-    while code < 16 {
-        let bits = width_of(code as u8);
-        out[code] = (bits, ((1 << bits) - 1) * 0x0001_0001_0001_0001);
-        code += 1;
+/// Adds the differences of two blocks that begin at a place, which moves on behind them. One instruction spreads the bits of a block to
+/// bytes, where the eight bytes at hand have both blocks.
+///
+/// # Safety
+/// The instructions must be available.
+#[inline]
+#[target_feature(enable = "avx2,bmi2")]
+unsafe fn add_pair(
+    bytes: &[u8],
+    at: &mut usize,
+    codes: u8,
+    numbers: &mut [[u16; BLOCK]; 2],
+) -> Option<__m256i> {
+    let pair = &PAIRS[usize::from(codes)];
+    let to: *mut __m256i = numbers.as_mut_ptr().cast();
+    let word = bytes.get(*at..).and_then(|rest| rest.first_chunk()).filter(|_| pair.bytes <= 8);
+    let Some(word) = word else {
+        add_each(bytes, at, codes, numbers)?;
+        // SAFETY: sixteen numbers are there.
+        return Some(unsafe { _mm256_loadu_si256(to) });
+    };
+    let word = u64::from_le_bytes(*word);
+    *at += usize::from(pair.bytes);
+    let first = _pdep_u64(word, pair.lanes[0]);
+    // Where the first takes all eight, the second has no lanes.
+    let second = _pdep_u64(word >> (pair.second & 63), pair.lanes[1]);
+    let steps = _mm256_cvtepu8_epi16(_mm_set_epi64x(second as i64, first as i64));
+    let sign = _mm256_sub_epi16(_mm256_setzero_si256(), _mm256_and_si256(steps, _mm256_set1_epi16(1)));
+    let steps = _mm256_xor_si256(_mm256_srli_epi16::<1>(steps), sign);
+    // SAFETY: sixteen numbers are there.
+    unsafe {
+        let numbers = _mm256_add_epi16(_mm256_loadu_si256(to), steps);
+        _mm256_storeu_si256(to, numbers);
+        Some(numbers)
+    }
+}
+
+/// The same for blocks with more bytes, and at the end of the bytes.
+#[cold]
+fn add_each(bytes: &[u8], at: &mut usize, codes: u8, numbers: &mut [[u16; BLOCK]; 2]) -> Option<()> {
+    for (numbers, code) in numbers.iter_mut().zip([codes & 15, codes >> 4]) {
+        *at += add_block(bytes.get(*at..)?, width_of(code), numbers)?;
+    }
+    Some(())
+}
+
+/// The greatest of sixteen numbers.
+///
+/// # Safety
+/// The instructions must be available.
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn greatest(numbers: __m256i) -> u16 {
+    let mut lanes = [0u16; 2 * BLOCK];
+    // SAFETY: there is room for sixteen numbers.
+    unsafe { _mm256_storeu_si256(lanes.as_mut_ptr().cast(), numbers) };
+    lanes.into_iter().fold(0, u16::max)
+}
+
+/// Two blocks of at most eight bits each, by their codes.
+#[derive(Clone, Copy)]
+struct Pair {
+    /// Bytes of both; more than eight where they cannot be read as one word.
+    bytes: u8,
+    /// Where the bits of the second begin.
+    second: u8,
+    /// Where the bits of a difference belong in each of eight bytes.
+    lanes: [u64; 2],
+}
+
+const PAIRS: [Pair; 256] = {
+    let mut out = [Pair { bytes: 0, second: 0, lanes: [0; 2] }; 256];
+    let mut codes = 0;
+    while codes < 256 {
+        let bits = [width_of(codes as u8 & 15), width_of(codes as u8 >> 4)];
+        let mut k = 0;
+        while k < 2 {
+            if bits[k] <= 8 {
+                out[codes].lanes[k] = ((1 << bits[k]) - 1) * 0x0101_0101_0101_0101;
+            }
+            k += 1;
+        }
+        out[codes].bytes = (bits[0] + bits[1]) as u8;
+        out[codes].second = (8 * bits[0]) as u8;
+        codes += 1;
     }
     out
 };
