@@ -2,6 +2,7 @@
 
 mod backend;
 mod block;
+mod colour_image;
 mod error;
 mod export;
 mod frame;
@@ -27,6 +28,7 @@ pub mod walk;
 
 pub use backend::Backend;
 pub use block::BlockKey;
+pub use colour_image::ColourImage;
 pub use error::DenseError;
 pub use export::{PointCloud, write_glb, write_heights, write_obj, write_pcd, write_ply, write_ply_points};
 pub use frame::DepthFrame;

@@ -1,8 +1,8 @@
 //! The signed distance field: equal on all backends, independent of order, reversible, exact, robust to bad input.
 
 use cairn_dense::{
-    Backend, DenseError, DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume,
-    raycast,
+    Backend, ColourImage, DenseError, DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig,
+    TsdfVolume, raycast,
 };
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthImage, Distortion, Image};
@@ -32,9 +32,9 @@ fn voxels(volume: &TsdfVolume) -> BTreeMap<[i32; 3], (f64, i32)> {
     out
 }
 
-fn painted(n: usize) -> Image<[u8; 3]> {
+fn painted(n: usize) -> ColourImage {
     let data = (0..160 * 120).map(|i| [(i % 251) as u8, (i / 160) as u8, n as u8]).collect();
-    Image::from_vec(160, 120, data).expect("all pixels")
+    ColourImage::from_rgb(&Image::from_vec(160, 120, data).expect("all pixels"))
 }
 
 #[test]
@@ -259,7 +259,7 @@ fn bad_input_is_refused_with_a_sentence() {
     assert!(matches!(volume.integrate(&good, None, &nowhere), Err(DenseError::Pose(_))));
     let far = pose([1e9, 0.0, 0.0], [0.0; 3]);
     assert!(matches!(volume.integrate(&good, None, &far), Err(DenseError::Pose(_))));
-    let colour = Image::new(10, 10);
+    let colour = ColourImage::from_rgb(&Image::new(10, 10));
     assert!(matches!(volume.integrate(&good, Some(&colour), &Se3::identity()), Err(DenseError::Size { .. })));
     assert_eq!(volume.blocks(), 0);
     let config = TsdfConfig { voxel_m: 1e-4, ..TsdfConfig::default() };

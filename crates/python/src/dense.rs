@@ -4,8 +4,8 @@ use crate::arrays::{self, Channels, pose, rgb, rows};
 use crate::errors::{DenseError, raise_dense};
 use crate::rig::Camera;
 use cairn::dense::{
-    DepthConfig, DepthPreparer, MeshConfig, Mesher, TsdfConfig, TsdfVolume, raycast, write_glb, write_obj,
-    write_ply,
+    ColourImage, DepthConfig, DepthPreparer, MeshConfig, Mesher, TsdfConfig, TsdfVolume, raycast, write_glb,
+    write_obj, write_ply,
 };
 use cairn::eval::write_bytes_whole;
 use cairn::sensor::{DepthImage, Image};
@@ -122,6 +122,7 @@ impl DenseVolume {
             ));
         }
         let image = image.map(|image| rgb(image, "image", &self.camera, order)).transpose()?;
+        let image = image.as_ref().map(ColourImage::from_rgb);
         let fused = self.with(py, move |Inner { preparer, volume }| {
             let frame = match &depth {
                 Depth::Units(units) => preparer.prepare(units)?,

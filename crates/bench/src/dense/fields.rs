@@ -3,7 +3,7 @@
 use super::Row;
 use super::kitchen::{Kitchen, VOXELS_M, least};
 use crate::memory::resident_mb;
-use cairn_dense::{Backend, DenseError, OccupancyConfig, OccupancyGrid, TsdfConfig, TsdfVolume};
+use cairn_dense::{Backend, ColourImage, DenseError, OccupancyConfig, OccupancyGrid, TsdfConfig, TsdfVolume};
 
 /// Goals in milliseconds a frame at 5, 2 and 1 cm: with AVX-512, and half of Open3D's time (3.1, 7.3 and 18.9 ms) with
 /// AVX2.
@@ -59,7 +59,8 @@ fn fused(kitchen: &Kitchen, config: TsdfConfig, backend: Backend) -> Result<Tsdf
     let mut preparer = kitchen.preparer(backend)?;
     let mut volume = TsdfVolume::new(config)?.with_backend(backend);
     for (image, (_, colour, pose)) in kitchen.raw().zip(&kitchen.fused) {
-        volume.integrate(preparer.prepare(image)?, config.colour.then_some(colour), pose)?;
+        let colour = config.colour.then(|| ColourImage::from_rgb(colour));
+        volume.integrate(preparer.prepare(image)?, colour.as_ref(), pose)?;
     }
     Ok(volume)
 }

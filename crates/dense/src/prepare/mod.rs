@@ -3,6 +3,7 @@
 mod pack;
 
 use crate::backend::dispatch;
+use crate::colour_image::ColourImage;
 use crate::frame::DepthFrame;
 use crate::pyramid::DepthPyramid;
 use crate::submap::{PackedDepth, PackedGray, Rows, broken};
@@ -189,8 +190,10 @@ impl DepthPreparer {
     ///
     /// # Errors
     /// An image of another size.
-    pub fn colours(&self, gray: &GrayImage) -> Result<Image<[u8; 3]>, DenseError> {
-        self.remapped(gray, |v| [v; 3])
+    pub fn colours(&self, gray: &GrayImage) -> Result<ColourImage, DenseError> {
+        let mut out = ColourImage::default();
+        self.remap(gray, &mut out.0, |v| u32::from(v) * 0x01_01_01)?;
+        Ok(out)
     }
 
     /// The shades of a frame's pixels, from such an image.
@@ -198,30 +201,41 @@ impl DepthPreparer {
     /// # Errors
     /// An image of another size.
     pub fn shades(&self, gray: &GrayImage) -> Result<GrayImage, DenseError> {
-        self.remapped(gray, |v| v)
+        let mut out = GrayImage::new(0, 0);
+        self.remap(gray, &mut out, |v| v)?;
+        Ok(out)
     }
 
-    fn remapped<T: Copy + Default>(
-        &self,
-        gray: &GrayImage,
-        of: impl Fn(u8) -> T,
-    ) -> Result<Image<T>, DenseError> {
-        self.check("colour", [gray.width(), gray.height()])?;
-        let data = gray.data();
-        let pixels = match self.remap.is_empty() {
-            true => data.iter().map(|&v| of(v)).collect(),
-            // Where the pinhole sees nothing there is no depth either.
-            false => self.remap.iter().map(|&i| of(data.get(i as usize).copied().unwrap_or(0))).collect(),
-        };
-        Ok(Image::from_vec(gray.width(), gray.height(), pixels).unwrap_or_else(|| Image::new(0, 0)))
-    }
-
-    /// [`Self::colours`] of a packed image, where there is one.
-    pub(crate) fn colours_packed(
+    /// [`Self::colours`] of a packed image, where there is one, in place of what is there.
+    pub(crate) fn colours_packed<'a>(
         &self,
         gray: Option<&PackedGray>,
-    ) -> Result<Option<Image<[u8; 3]>>, DenseError> {
-        gray.map(|gray| self.colours(&gray.unpack()?)).transpose()
+        out: &'a mut ColourImage,
+    ) -> Result<Option<&'a ColourImage>, DenseError> {
+        let Some(gray) = gray else { return Ok(None) };
+        self.remap(&gray.unpack()?, &mut out.0, |v| u32::from(v) * 0x01_01_01)?;
+        Ok(Some(out))
+    }
+
+    fn remap<T: Copy + Default>(
+        &self,
+        gray: &GrayImage,
+        out: &mut Image<T>,
+        of: impl Fn(u8) -> T,
+    ) -> Result<(), DenseError> {
+        self.check("colour", [gray.width(), gray.height()])?;
+        let data = gray.data();
+        out.resize(gray.width(), gray.height());
+        match self.remap.is_empty() {
+            true => out.data_mut().iter_mut().zip(data).for_each(|(out, v)| *out = of(*v)),
+            // Where the pinhole sees nothing there is no depth either.
+            false => out
+                .data_mut()
+                .iter_mut()
+                .zip(&self.remap)
+                .for_each(|(out, &i)| *out = of(data.get(i as usize).copied().unwrap_or(0))),
+        }
+        Ok(())
     }
 
     /// The frame that was prepared last; without any depth before the first.

@@ -19,10 +19,10 @@ impl DenseMap {
             *next -= usize::from(*next > index);
         }
         let Some(was) = kept.inside else { return Ok(true) };
-        let colours = self.preparer.colours_packed(kept.gray.as_ref())?;
+        let colours = self.preparer.colours_packed(kept.gray.as_ref(), &mut self.colours)?;
         let frame = self.preparer.prepare_packed(&kept.depth)?;
         if let Some(submap) = self.submaps.get_mut(was.submap).and_then(Option::as_mut) {
-            Arc::make_mut(&mut submap.tsdf).remove(frame, colours.as_ref(), &was.pose)?;
+            Arc::make_mut(&mut submap.tsdf).remove(frame, colours, &was.pose)?;
             (submap.stale, submap.rebuilt) = (true, None);
         }
         Ok(true)

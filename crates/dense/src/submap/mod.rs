@@ -24,7 +24,8 @@ pub use saved::{SavedFrame, SavedSubmap};
 
 use crate::prepare::DepthPreparer;
 use crate::{
-    DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig, TsdfVolume,
+    ColourImage, DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig,
+    TsdfVolume,
 };
 use cairn_geometry::{Se3, Sim3};
 use cairn_sensor::{Camera, DepthImage, GrayImage};
@@ -148,6 +149,8 @@ pub struct SubmapView<'a> {
 pub struct DenseMap {
     config: SubmapConfig,
     preparer: DepthPreparer,
+    /// Colours of the image that is fused or removed.
+    colours: ColourImage,
     anchors: BTreeMap<AnchorId, Anchor>,
     submaps: Vec<Option<Submap>>,
     kept: Vec<Kept>,
@@ -171,6 +174,7 @@ impl DenseMap {
         Ok(Self {
             config,
             preparer: DepthPreparer::new(config.depth, camera, metres_per_unit)?,
+            colours: ColourImage::default(),
             anchors: BTreeMap::new(),
             submaps: Vec::new(),
             kept: Vec::new(),
@@ -208,7 +212,6 @@ impl DenseMap {
         }
         let frame = self.preparer.prepare(depth)?.clone();
         let gray = gray.filter(|_| self.config.tsdf.colour).map(PackedGray::pack);
-        let colours = self.preparer.colours_packed(gray.as_ref())?;
         let chosen = self.choose(map, &world_from_camera, &frame);
         let anchored = AnchoredPose { anchor: id, pose: Se3::identity() };
         let anchor = Anchor { map, world_from_anchor };
@@ -220,11 +223,12 @@ impl DenseMap {
                 (self.submaps.len(), anchor_from_camera)
             }
         };
+        let colours = self.preparer.colours_packed(gray.as_ref(), &mut self.colours)?;
         let submap = match fresh.as_mut() {
             Some(fresh) => fresh,
             None => self.submaps[index].as_mut().ok_or(DenseError::UnknownAnchor(id.0))?,
         };
-        let result = Arc::make_mut(&mut submap.tsdf).integrate(&frame, colours.as_ref(), &pose)?;
+        let result = Arc::make_mut(&mut submap.tsdf).integrate(&frame, colours, &pose)?;
         Arc::make_mut(&mut submap.occupancy).integrate(&frame, &pose)?;
         self.submaps.extend(fresh.map(Some));
         self.anchors.insert(id, anchor);
@@ -408,9 +412,10 @@ impl DenseMap {
         let mut order: Vec<(&Kept, Anchor)> = self.kept.iter().filter_map(|k| Some((k, of(k)?))).collect();
         order.sort_by_key(|(kept, _)| kept.anchored.anchor);
         for (kept, anchor) in order {
-            let colours = self.preparer.colours_packed(kept.gray.as_ref().filter(|_| colour))?;
+            let gray = kept.gray.as_ref().filter(|_| colour);
+            let colours = self.preparer.colours_packed(gray, &mut self.colours)?;
             let frame = self.preparer.prepare_packed(&kept.depth)?;
-            out.integrate(frame, colours.as_ref(), &(anchor.world_from_anchor * kept.anchored.pose))?;
+            out.integrate(frame, colours, &(anchor.world_from_anchor * kept.anchored.pose))?;
             after(kept.anchored.anchor, &out);
         }
         Ok(out)

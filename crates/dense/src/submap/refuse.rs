@@ -84,17 +84,17 @@ impl DenseMap {
         let kept = &self.kept[index];
         let (was, to) = (kept.inside, kept.target);
         let pose = self.wanted(kept).ok_or(DenseError::UnknownAnchor(kept.anchored.anchor.0))?;
-        let colours = self.preparer.colours_packed(kept.gray.as_ref())?;
+        let colours = self.preparer.colours_packed(kept.gray.as_ref(), &mut self.colours)?;
         let frame = self.preparer.prepare_packed(&kept.depth)?;
         let unknown = DenseError::UnknownAnchor(self.kept[index].anchored.anchor.0);
         let submap = self.submaps.get_mut(to).and_then(Option::as_mut).ok_or(unknown)?;
         // Fuses first: if that fails, nothing has changed. The sums do not depend on the order.
-        Arc::make_mut(&mut submap.tsdf).integrate(frame, colours.as_ref(), &pose)?;
+        Arc::make_mut(&mut submap.tsdf).integrate(frame, colours, &pose)?;
         (submap.stale, submap.rebuilt) = (true, None);
         self.kept[index].inside = Some(Inside { submap: to, pose });
         let Some(was) = was else { return Ok(1) };
         if let Some(submap) = self.submaps.get_mut(was.submap).and_then(Option::as_mut) {
-            Arc::make_mut(&mut submap.tsdf).remove(frame, colours.as_ref(), &was.pose)?;
+            Arc::make_mut(&mut submap.tsdf).remove(frame, colours, &was.pose)?;
             (submap.stale, submap.rebuilt) = (true, None);
         }
         Ok(2)

@@ -12,11 +12,11 @@ pub(crate) use window::Window;
 
 use crate::backend::dispatch;
 use crate::block::{BlockKey, BlockTable, Pages};
+use crate::colour_image::ColourImage;
 use crate::frame::DepthFrame;
 use crate::project::Projection;
 use crate::{Backend, DenseError};
 use cairn_geometry::Se3;
-use cairn_sensor::Image;
 use kernel::{Addition, Pass};
 
 /// Configuration of a field.
@@ -58,7 +58,6 @@ pub struct TsdfVolume {
     images: usize,
     window: Window,
     touched: Vec<BlockKey>,
-    packed: Vec<u32>,
 }
 
 /// Statistics of fusing an image.
@@ -100,7 +99,6 @@ impl TsdfVolume {
             images: 0,
             window: Window::default(),
             touched: Vec::new(),
-            packed: Vec::new(),
         })
     }
 
@@ -127,7 +125,7 @@ impl TsdfVolume {
     pub fn integrate(
         &mut self,
         frame: &DepthFrame,
-        colour: Option<&Image<[u8; 3]>>,
+        colour: Option<&ColourImage>,
         volume_from_camera: &Se3,
     ) -> Result<Fused, DenseError> {
         if self.images >= MOST_IMAGES {
@@ -145,7 +143,7 @@ impl TsdfVolume {
     pub fn remove(
         &mut self,
         frame: &DepthFrame,
-        colour: Option<&Image<[u8; 3]>>,
+        colour: Option<&ColourImage>,
         volume_from_camera: &Se3,
     ) -> Result<Fused, DenseError> {
         let fused = self.pass(frame, colour, volume_from_camera, -1)?;
@@ -156,25 +154,24 @@ impl TsdfVolume {
     fn pass(
         &mut self,
         frame: &DepthFrame,
-        colour: Option<&Image<[u8; 3]>>,
+        colour: Option<&ColourImage>,
         pose: &Se3,
         sign: i32,
     ) -> Result<Fused, DenseError> {
         if !pose.is_finite() {
             return Err(DenseError::Pose("a number is not finite".into()));
         }
-        self.pack_colour(frame, colour)?;
+        let colours = self.words(frame, colour)?;
         let (voxel, band) = (self.config.voxel_m, self.band_m());
         self.window.mark(frame, pose, voxel, band, self.backend)?;
         let mut touched = std::mem::take(&mut self.touched);
         self.window.keys(&mut touched);
         self.revision += 1;
-        let packed = std::mem::take(&mut self.packed);
         let projection = Projection::new(frame, pose, voxel);
         let offsets = projection.offsets();
         let pass = Pass {
             pixels: &frame.pixels,
-            colours: &packed,
+            colours,
             width: frame.width(),
             height: frame.height(),
             offsets: &offsets,
@@ -187,7 +184,7 @@ impl TsdfVolume {
             fused.looked_at += 1;
             self.fuse_block(key, projection.origin(key), &pass, &mut addition, &mut fused);
         }
-        (self.touched, self.packed) = (touched, packed);
+        self.touched = touched;
         Ok(fused)
     }
 
@@ -254,9 +251,13 @@ impl TsdfVolume {
         }
     }
 
-    fn pack_colour(&mut self, frame: &DepthFrame, colour: Option<&Image<[u8; 3]>>) -> Result<(), DenseError> {
-        self.packed.clear();
-        let Some(colour) = colour.filter(|_| self.config.colour) else { return Ok(()) };
+    /// The words of a colour image where colours are kept; empty without.
+    fn words<'a>(
+        &self,
+        frame: &DepthFrame,
+        colour: Option<&'a ColourImage>,
+    ) -> Result<&'a [u32], DenseError> {
+        let Some(colour) = colour.filter(|_| self.config.colour) else { return Ok(&[]) };
         if (colour.width(), colour.height()) != (frame.width(), frame.height()) {
             return Err(DenseError::Size {
                 what: "colour",
@@ -266,8 +267,7 @@ impl TsdfVolume {
                 expected_height: frame.height(),
             });
         }
-        self.packed.extend(colour.data().iter().map(|&[r, g, b]| u32::from_le_bytes([r, g, b, 0])));
-        Ok(())
+        Ok(colour.words())
     }
 
     /// Share of the blocks around an image's surface that already exist, 0 to 1.

@@ -1,5 +1,6 @@
 //! The kitchen recording, read without the other crates of the project.
 
+use cairn_dense::ColourImage;
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, Image};
 use std::path::{Path, PathBuf};
@@ -38,11 +39,11 @@ pub fn frame(folder: &Path, number: usize) -> (DepthImage, Se3) {
 
 /// Colours of a frame.
 #[allow(dead_code)]
-pub fn colour(folder: &Path, number: usize) -> Image<[u8; 3]> {
+pub fn colour(folder: &Path, number: usize) -> ColourImage {
     let bytes = std::fs::read(folder.join(format!("frame-{number:06}.color.jpg"))).expect("a colour image");
     let mut decoder = zune_jpeg::JpegDecoder::new(ZCursor::new(bytes.as_slice()));
     let pixels = decoder.decode().expect("a JPEG");
     let (w, h) = decoder.dimensions().expect("a size");
     let data = pixels.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-    Image::from_vec(w, h, data).expect("three channels")
+    ColourImage::from_rgb(&Image::from_vec(w, h, data).expect("three channels"))
 }

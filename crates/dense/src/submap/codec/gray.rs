@@ -48,13 +48,14 @@ impl PackedGray {
             return Err(broken());
         }
         let mut data = Vec::with_capacity(self.width * self.height);
-        let mut row = Vec::with_capacity(2 * half[0]);
+        let mut row = vec![[0; 2]; half[0]];
         for y in 0..self.height {
             if y % 2 == 0 {
-                row.clear();
-                row.extend(halves[y / 2 * half[0]..][..half[0]].iter().flat_map(|&v| [v as u8; 2]));
+                for (twice, &v) in row.iter_mut().zip(&halves[y / 2 * half[0]..]) {
+                    *twice = [v as u8; 2];
+                }
             }
-            data.extend_from_slice(&row[..self.width]);
+            data.extend_from_slice(&row.as_flattened()[..self.width]);
         }
         GrayImage::from_vec(self.width, self.height, data).ok_or_else(broken)
     }
