@@ -40,12 +40,11 @@ unsafe fn add_pair(
     numbers: &mut [[u16; BLOCK]; 2],
 ) -> Option<__m256i> {
     let pair = &PAIRS[usize::from(codes)];
-    let to: *mut __m256i = numbers.as_mut_ptr().cast();
     let word = bytes.get(*at..).and_then(|rest| rest.first_chunk()).filter(|_| pair.bytes <= 8);
     let Some(word) = word else {
         add_each(bytes, at, codes, numbers)?;
         // SAFETY: sixteen numbers are there.
-        return Some(unsafe { _mm256_loadu_si256(to) });
+        return Some(unsafe { _mm256_loadu_si256(numbers.as_ptr().cast()) });
     };
     let word = u64::from_le_bytes(*word);
     *at += usize::from(pair.bytes);
@@ -55,6 +54,7 @@ unsafe fn add_pair(
     let steps = _mm256_cvtepu8_epi16(_mm_set_epi64x(second as i64, first as i64));
     let sign = _mm256_sub_epi16(_mm256_setzero_si256(), _mm256_and_si256(steps, _mm256_set1_epi16(1)));
     let steps = _mm256_xor_si256(_mm256_srli_epi16::<1>(steps), sign);
+    let to: *mut __m256i = numbers.as_mut_ptr().cast();
     // SAFETY: sixteen numbers are there.
     unsafe {
         let numbers = _mm256_add_epi16(_mm256_loadu_si256(to), steps);

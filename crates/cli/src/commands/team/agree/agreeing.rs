@@ -2,7 +2,7 @@
 
 use super::shown;
 use crate::interrupt;
-use crate::output::warn;
+use crate::output::{note, warn};
 use cairn::AgreeingMap;
 use cairn::geometry::Se3;
 use cairn::team::peer::{Peer, RefusalLog};
@@ -102,7 +102,7 @@ impl<R> Agreeing<R> {
         loop {
             self.member.step(STEP).iter().for_each(|line| warn(line));
             let (update, is_new, lines) = self.robot.update(self.member.peer_mut())?;
-            lines.iter().for_each(|line| warn(line));
+            lines.iter().for_each(|line| note(line));
             for (robot, why) in &update.refused {
                 if let Some(line) = self.refusals.line(why) {
                     warn(&format!("robot {}: {line}", shown(*robot)));
