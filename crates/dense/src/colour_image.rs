@@ -16,8 +16,16 @@ impl ColourImage {
     /// From red, green and blue.
     pub fn from_rgb(image: &Image<[u8; 3]>) -> Self {
         let mut words = Image::new(image.width(), image.height());
-        for (word, &[r, g, b]) in words.data_mut().iter_mut().zip(image.data()) {
-            *word = u32::from_le_bytes([r, g, b, 0]);
+        let (fours, rest) = words.data_mut().as_chunks_mut();
+        let (twelves, bytes) = image.data().as_flattened().as_chunks();
+        for ([v0, v1, v2, v3], twelve) in fours.iter_mut().zip(twelves) {
+            let [a, b, c, d, e, f, g, h, i, j, k, l]: [u8; 12] = *twelve;
+            let [x, y, z] = [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(u32::from_le_bytes);
+            (*v0, *v1) = (x & 0xff_ff_ff, x >> 24 | (y & 0xff_ff) << 8);
+            (*v2, *v3) = (y >> 16 | (z & 0xff) << 16, z >> 8);
+        }
+        for (word, rgb) in rest.iter_mut().zip(bytes.as_chunks::<3>().0) {
+            *word = u32::from_le_bytes([rgb[0], rgb[1], rgb[2], 0]);
         }
         Self(words)
     }
