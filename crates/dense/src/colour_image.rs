@@ -45,3 +45,19 @@ impl ColourImage {
         self.0.data()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_pixel_has_its_colour_whatever_the_size() {
+        for width in 1..=13 {
+            let pixel = |i: usize| [i as u8, (3 * i + 100) as u8, (255 - 2 * i) as u8];
+            let image = Image::from_vec(width, 3, (0..3 * width).map(pixel).collect()).expect("all pixels");
+            let words: Vec<u32> =
+                (0..3 * width).map(pixel).map(|[r, g, b]| u32::from_le_bytes([r, g, b, 0])).collect();
+            assert_eq!(ColourImage::from_rgb(&image).words(), words, "{width}");
+        }
+    }
+}
