@@ -5,7 +5,7 @@
 use cairn_dense::{DepthConfig, DepthPreparer, TsdfConfig, TsdfVolume, raycast};
 use std::error::Error;
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/suite/common/mod.rs"]
 mod common;
 
 /// Greatest depth of a ray in metres, and of a measured depth that counts.

@@ -8,7 +8,7 @@ mod disparity;
 mod fuse;
 mod gravity_refinement;
 #[cfg(test)]
-#[path = "../../adjust/tests/common/imu_walk.rs"]
+#[path = "../../adjust/tests/suite/common/imu_walk.rs"]
 mod imu_walk;
 mod inertial;
 mod initialisation;
@@ -19,7 +19,7 @@ mod mapper_tests;
 mod rotation_only;
 mod scale_check;
 #[cfg(test)]
-#[path = "../../adjust/tests/common/mod.rs"]
+#[path = "../../adjust/tests/suite/common/mod.rs"]
 mod synthetic;
 #[cfg(test)]
 mod tests;

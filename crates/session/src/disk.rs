@@ -168,7 +168,7 @@ impl<M: Medium> Durable for PatientFile<M> {
 }
 
 #[cfg(test)]
-#[path = "../tests/small/mod.rs"]
+#[path = "../tests/suite/small/mod.rs"]
 mod small;
 
 #[cfg(test)]

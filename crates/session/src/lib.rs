@@ -31,7 +31,7 @@ mod slam;
 mod speech;
 mod status;
 #[cfg(test)]
-#[path = "../../adjust/tests/common/mod.rs"]
+#[path = "../../adjust/tests/suite/common/mod.rs"]
 mod synthetic;
 mod take_me;
 mod view;

@@ -1,6 +1,6 @@
 //! Reads frames of a camera and prints their times, and the brightness of eight columns from left to right.
 //!
-//! `cargo run --release -p cairn-sources --features camera --example camera_frames -- v4l2:/dev/video0 [FRAMES]`
+//! `cargo run --release -p cairn-sources --example camera_frames -- v4l2:/dev/video0 [FRAMES]`
 
 use cairn_sensor::Stamp;
 use cairn_sources::{OpenOptions, open};

@@ -2,7 +2,7 @@
 
 mod bag;
 mod bag_reader;
-#[cfg(all(any(feature = "camera", test), target_os = "linux", target_pointer_width = "64"))]
+#[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 pub mod camera;
 mod cancel;
 mod decode;

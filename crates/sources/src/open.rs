@@ -32,8 +32,8 @@ const KINDS: [Kind; 5] = [
 const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI (image_0/), 7-Scenes (frame-*.color.*), a folder of PNG or JPEG images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
 
 /// Opens a recording (a folder, a bag or an MCAP file), a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
-/// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender; with the feature
-/// `camera` on Linux, cameras of the kernel (`v4l2:/dev/video0`, `realsense:`).
+/// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender; on 64-bit
+/// Linux, cameras of the kernel (`v4l2:/dev/video0`, `realsense:`).
 /// Packets are read on a thread, which ends when the source is dropped; live sources deliver the newest
 /// image.
 ///
@@ -79,15 +79,15 @@ pub fn open(source: &str, options: OpenOptions) -> Result<Box<dyn Source>, Sourc
     Ok(Box::new(Prefetch::start(Player::new(recording)?)?.cancelled_by(options.cancel)))
 }
 
-/// A camera of the kernel, in builds that have them.
-#[cfg(all(any(feature = "camera", test), target_os = "linux", target_pointer_width = "64"))]
+/// A camera of the kernel, where there are any.
+#[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 fn camera_of(source: &str, options: &OpenOptions) -> Option<Result<Box<dyn Source>, SourceError>> {
     crate::camera::open(source, options)
 }
 
-#[cfg(not(all(any(feature = "camera", test), target_os = "linux", target_pointer_width = "64")))]
+#[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]
 fn camera_of(source: &str, _: &OpenOptions) -> Option<Result<Box<dyn Source>, SourceError>> {
-    let cure = "build it with them, on 64-bit Linux: cargo build --release --features camera; camera:0 reads a webcam through ffmpeg";
+    let cure = "they need 64-bit Linux; camera:0 reads a webcam through ffmpeg";
     live::is_camera(source)
         .then(|| Err(SourceError::new(source, "this build has no cameras of the kernel", cure)))
 }

@@ -34,7 +34,7 @@ mod state;
 #[cfg(test)]
 mod step_tests;
 #[cfg(test)]
-#[path = "../../adjust/tests/common/mod.rs"]
+#[path = "../../adjust/tests/suite/common/mod.rs"]
 mod synthetic;
 #[cfg(test)]
 mod tests;

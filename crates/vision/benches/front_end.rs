@@ -3,7 +3,7 @@
 //! Prints the fastest of many runs (the figure least disturbed by other load on the machine) and the median; on Linux
 //! also the mean CPU time of the calling thread, which excludes the second thread and waiting for a processor.
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/suite/common/mod.rs"]
 mod common;
 
 use cairn_sensor::{FramePacket, GrayImage, Rig, Stamp};

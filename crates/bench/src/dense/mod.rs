@@ -6,7 +6,7 @@
 mod fields;
 mod kitchen;
 mod motion;
-#[path = "../../../dense/tests/common/pairs.rs"]
+#[path = "../../../dense/tests/suite/common/pairs.rs"]
 mod pairs;
 mod submaps;
 mod views;

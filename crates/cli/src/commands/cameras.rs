@@ -1,6 +1,6 @@
-//! The cameras of the kernel that `cairn doctor` lists, in builds that can read them.
+//! The cameras of the kernel that `cairn doctor` lists, on systems that can read them.
 
-#[cfg(all(feature = "camera", target_os = "linux", target_pointer_width = "64"))]
+#[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 mod built_in {
     pub use cairn_sources::camera::{CamerasReport as Cameras, inspect as found};
 
@@ -22,9 +22,9 @@ mod built_in {
     }
 }
 
-#[cfg(not(all(feature = "camera", target_os = "linux", target_pointer_width = "64")))]
+#[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]
 mod built_in {
-    /// This build has none.
+    /// This system has none.
     #[derive(serde::Serialize)]
     pub struct Cameras {
         built_in: bool,
@@ -35,9 +35,9 @@ mod built_in {
         Cameras { built_in: false }
     }
 
-    /// How to get them.
+    /// What there is in their place.
     pub fn lines(_: &Cameras) -> Vec<(String, String)> {
-        let state = "through ffmpeg (camera:0); build with --features camera on 64-bit Linux for v4l2: and realsense:";
+        let state = "through ffmpeg (camera:0); v4l2: and realsense: need 64-bit Linux";
         vec![("cameras".to_owned(), state.to_owned())]
     }
 }

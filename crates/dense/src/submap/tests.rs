@@ -6,7 +6,7 @@ use cairn_geometry::{So3, Vec3};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
-#[path = "../../tests/wall/mod.rs"]
+#[path = "../../tests/suite/wall/mod.rs"]
 mod wall;
 use wall::{camera, config, pose, wall};
 

@@ -22,7 +22,7 @@ pub const RUNNING: &str = "How it runs";
 ///
 /// SOURCE is the folder of a recording (EuRoC, TUM-VI, TUM RGB-D, KITTI, 7-Scenes, or just PNG or JPEG images), a ROS bag
 /// (.bag, .db3 or the folder of ros2 bag, also of the RealSense SDK), an MCAP file, sim:WORLD, a video file, camera:N,
-/// v4l2:/dev/videoN or realsense: (builds with --features camera), rtsp://..., rtmp://... or
+/// v4l2:/dev/videoN or realsense: (64-bit Linux), rtsp://..., rtmp://... or
 /// rtmp-listen://HOST:PORT/NAME; its kind is detected automatically. On a terminal, in real time, keys give commands; they
 /// are listed below.
 #[derive(clap::Args)]

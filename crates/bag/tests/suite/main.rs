@@ -1,0 +1,5 @@
+//! The integration tests of this crate, as one program.
+
+mod common;
+mod files;
+mod messages;

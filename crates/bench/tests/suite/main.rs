@@ -1,0 +1,12 @@
+//! The integration tests of this crate, as one program.
+
+mod graphs;
+mod inertial;
+mod odometry;
+mod places;
+mod recordings;
+mod revisit;
+mod scale;
+mod spot_turn;
+mod walkers;
+mod walks;

@@ -1,0 +1,11 @@
+//! The integration tests of this crate, as one program.
+
+mod camera;
+mod corner_size;
+mod examples;
+mod merge;
+mod mixed;
+mod refusals;
+mod team;
+mod team_atlas;
+mod team_graph;

@@ -1,0 +1,44 @@
+//! `cairn run` on a bag, and `--mcap`.
+
+use crate::binary::{cairn, fails, folder, stderr, stdout};
+
+/// 1.5 s of the demo world at low resolution, to keep tests short.
+const WORLD: &str = "sim:demo?duration=1.5&resolution=320x240&sensor=rgbd";
+
+#[test]
+fn a_run_is_written_as_mcap_and_its_images_are_a_source() {
+    let folder = folder("mcap");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (file, live) = (path("run.mcap"), path("live.tum"));
+    let output = cairn(&["run", WORLD, "--mcap", &file, "--live-trajectory", &live]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let mut bag = cairn_bag::Bag::open(file.as_ref(), &|_, _| usize::MAX).unwrap();
+    assert!(bag.notes().is_empty(), "{:?}", bag.notes());
+    let poses = bag.topics().iter().find(|t| t.name == "/pose").unwrap().clone();
+    let lines = std::fs::read_to_string(&live).unwrap();
+    let lines: Vec<&str> = lines.lines().filter(|l| !l.starts_with('#')).collect();
+    assert_eq!((poses.entries.len(), lines.len()), (31, 31));
+    for (entry, line) in poses.entries.iter().zip(lines) {
+        let bytes = bag.read(entry).unwrap();
+        let mut wire = cairn_bag::Wire::new(poses.format, &bytes).unwrap();
+        wire.time().unwrap();
+        assert_eq!(wire.string().unwrap(), "map");
+        let written: [f64; 7] = wire.f64s().unwrap();
+        let expected: Vec<f64> = line.split(' ').skip(1).map(|f| f.parse().unwrap()).collect();
+        assert!(written.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-6), "{written:?} {line}");
+    }
+    let count = |name: &str| bag.topics().iter().find(|t| t.name == name).map_or(0, |t| t.count);
+    assert_eq!([count("/tf"), count("/path"), count("/image"), count("/features")], [31, 1, 8, 8]);
+    assert!(count("/points") >= 2 && count("/events") >= 1);
+    fails(&["run", WORLD, "--mcap", &file], &["run.mcap", "exists already"]);
+    fails(&["run", &file], &["run.mcap", "/image: the bag has no camera_info for it", "--rig FILE"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn names_of_topics_are_checked_before_the_run() {
+    let output = cairn(&["run", WORLD, "--topic", "top=/a"]);
+    assert_eq!(output.status.code(), Some(2), "{}", stdout(&output));
+    assert!(stderr(&output).contains("known are left, right, depth, imu"), "{}", stderr(&output));
+    fails(&["run", "Cargo.toml", "--topic", "left=/a"], &["is no bag, so it has no topics"]);
+}

@@ -1,0 +1,270 @@
+//! What people bring from elsewhere: folders of images, associations alone, KITTI roots, and the calibrations of other
+//! programs.
+
+use crate::common;
+
+use cairn_sensor::{Camera, Distortion, Rig, SkipKind, Source};
+use cairn_sources::{OpenOptions, SourceKind, image_size, open, read_rig, read_rig_for};
+use common::{Folder, depth_png, gray_png, rgbd_rig};
+
+fn packets(source: &mut dyn Source) -> Vec<i64> {
+    std::iter::from_fn(|| source.next_packet().unwrap().map(|p| p.stamp.0)).collect()
+}
+
+fn opened(folder: &Folder, options: OpenOptions) -> Box<dyn Source> {
+    open(folder.name(), options).unwrap()
+}
+
+fn refused(source: &str, options: OpenOptions) -> String {
+    open(source, options).map(|source| source.info().name.clone()).expect_err("it is refused").to_string()
+}
+
+fn with_rig() -> OpenOptions {
+    let rig = Some(Rig::mono(Camera::pinhole(8, 6, 7.0, 7.0, 4.0, 3.0)));
+    OpenOptions { rig, ..OpenOptions::default() }
+}
+
+#[test]
+fn images_are_played_in_the_order_of_their_numbers() {
+    let folder = Folder::new();
+    for n in [10, 2, 1] {
+        folder.write(&format!("shot{n}.png"), gray_png(8, 6, n));
+    }
+    folder.write("notes.txt", "not an image");
+    folder.write("._shot1.png", "what a Mac leaves behind");
+    let mut source = opened(&folder, with_rig());
+    assert!(source.info().name.contains("30 images a second"), "{}", source.info().name);
+    let mut first_pixels = Vec::new();
+    let mut stamps = Vec::new();
+    while let Some(packet) = source.next_packet().unwrap() {
+        first_pixels.push(packet.images[0].data()[0]);
+        stamps.push(packet.stamp.0);
+    }
+    assert_eq!((first_pixels, stamps), (vec![1, 2, 10], vec![0, 33_333_333, 66_666_666]));
+}
+
+#[test]
+fn times_of_images_are_those_of_names_or_of_a_file() {
+    let folder = Folder::new();
+    folder.write("1403636579763555584.png", gray_png(8, 6, 0));
+    folder.write("1403636579813555456.png", gray_png(8, 6, 1));
+    assert_eq!(
+        packets(&mut *opened(&folder, with_rig())),
+        [1_403_636_579_763_555_584, 1_403_636_579_813_555_456]
+    );
+    // A file of times counts more than names.
+    folder.write("times.txt", "# seconds\n0.5\n0.75\n");
+    assert_eq!(packets(&mut *opened(&folder, with_rig())), [500_000_000, 750_000_000]);
+    folder.write("times.txt", "0.5\n");
+    let text = refused(folder.name(), with_rig());
+    assert!(text.contains("has 1 lines, the folder 2 images"), "{text}");
+}
+
+#[test]
+fn a_folder_of_images_takes_the_first_camera_of_any_rig_or_guesses() {
+    let folder = Folder::new();
+    folder.write("a.png", gray_png(8, 6, 0));
+    folder.write("b.png", gray_png(8, 6, 1));
+    let rig = rgbd_rig();
+    let source = opened(&folder, OpenOptions { rig: Some(rig.clone()), ..OpenOptions::default() });
+    assert_eq!((source.rig().cameras.len(), source.rig().depth.is_some()), (1, false));
+    assert_eq!(source.rig().cameras[0].camera, rig.cameras[0].camera);
+    assert!(source.info().name.contains("only the first camera"), "{}", source.info().name);
+    let source = opened(&folder, OpenOptions::default());
+    let assumed = source.info().assumed.clone().unwrap();
+    assert!(assumed.contains("0.7 of the longer side") && assumed.contains("30 images"), "{assumed}");
+    folder.write("b.png", gray_png(10, 6, 1));
+    let mut source = opened(&folder, with_rig());
+    assert_eq!(packets(&mut *source).len(), 1);
+    assert_eq!(source.skips().count(SkipKind::Frame), 1);
+}
+
+#[test]
+fn as_decides_where_a_folder_is_two_things() {
+    let folder = Folder::new();
+    folder.write("rgb.txt", "1.0 rgb/a.png\n2.0 rgb/b.png\n");
+    for name in ["rgb/a.png", "rgb/b.png", "image_0/000000.png", "image_0/000001.png"] {
+        folder.write(name, gray_png(8, 6, 0));
+    }
+    let text = refused(folder.name(), with_rig());
+    assert!(text.contains("more than one kind") && text.contains("--as"), "{text}");
+    for (kind, stamps) in
+        [(SourceKind::Tum, [1_000_000_000, 2_000_000_000]), (SourceKind::Kitti, [0, 100_000_000])]
+    {
+        let mut source = opened(&folder, OpenOptions { kind: Some(kind), ..with_rig() });
+        assert_eq!(packets(&mut *source), stamps, "{kind:?}");
+    }
+    let text = refused(folder.name(), OpenOptions { kind: Some(SourceKind::Images), ..with_rig() });
+    assert!(text.contains("holds no PNG or JPEG"), "{text}");
+}
+
+#[test]
+fn tum_with_associations_alone() {
+    let folder = Folder::new();
+    let mut rig = rgbd_rig();
+    rig.depth.as_mut().unwrap().registered = true;
+    for name in ["rgb/a.png", "rgb/b.png"] {
+        folder.write(name, gray_png(8, 6, 0));
+        folder.write(&name.replace("rgb", "depth"), depth_png(8, 6, 1, 2));
+    }
+    for lines in [
+        "1.00 rgb/a.png 1.01 depth/a.png\n2.00 rgb/b.png 2.01 depth/b.png\n",
+        "1.01 depth/a.png 1.00 rgb/a.png\n2.01 depth/b.png 2.00 rgb/b.png\nbroken\n",
+    ] {
+        folder.write("associations.txt", lines);
+        let mut source = opened(&folder, OpenOptions { rig: Some(rig.clone()), ..OpenOptions::default() });
+        let packet = source.next_packet().unwrap().unwrap();
+        assert_eq!(packet.stamp.0, 1_000_000_000);
+        assert_eq!(packet.depth.unwrap().data()[0], 1);
+        assert!(source.next_packet().unwrap().unwrap().depth.is_some());
+        assert!(source.next_packet().unwrap().is_none());
+        assert_eq!(source.skips().count(SkipKind::Line), usize::from(lines.contains("broken")));
+    }
+}
+
+#[test]
+fn kitti_roots_lead_to_their_sequences() {
+    let folder = Folder::new();
+    let sequence = |n: &str| {
+        folder.write(&format!("dataset/sequences/{n}/calib.txt"), "P0: 7 0 4 0 0 7 3 0 0 0 1 0\n");
+        folder.write(&format!("dataset/sequences/{n}/image_0/000000.png"), gray_png(8, 6, 0));
+    };
+    sequence("03");
+    let below = |path: &str| format!("{}/{path}", folder.name());
+    for root in [
+        folder.name().to_owned(),
+        below("dataset"),
+        below("dataset/sequences"),
+        below("dataset/03"),
+        below("03"),
+    ] {
+        let source = open(&root, OpenOptions::default()).unwrap();
+        assert!(source.info().name.ends_with("sequences/03"), "{root}: {}", source.info().name);
+        assert_eq!(image_size(&root), Some([8, 6]), "{root}");
+    }
+    sequence("07");
+    let text = refused(folder.name(), OpenOptions::default());
+    assert!(text.contains("KITTI root with 2 sequences") && text.contains("sequences/03"), "{text}");
+    assert!(open(&below("dataset/07"), OpenOptions::default()).is_ok());
+}
+
+#[test]
+fn orb_slam_settings_without_a_size_take_that_of_the_images() {
+    let folder = Folder::new();
+    let settings = "%YAML:1.0\n\nCamera.fx: 517.3\nCamera.fy: 516.5\nCamera.cx: 318.6\nCamera.cy: 255.3\n\
+        Camera.k1: 0.2624\nCamera.k2: -0.9531\nCamera.p1: -0.0054\nCamera.p2: 0.0026\nCamera.k3: 1.1633\n\
+        Camera.fps: 30.0\nCamera.RGB: 1\n";
+    let path = folder.write("TUM1.yaml", settings);
+    assert!(read_rig(&path).unwrap_err().to_string().contains("Camera.width"));
+    let rig = read_rig_for(&path, Some([640, 480])).unwrap();
+    let camera = rig.cameras[0].camera;
+    assert_eq!((camera.width, camera.height, camera.fx), (640, 480, 517.3));
+    assert_eq!(camera.distortion, Distortion::RadialTangential([0.2624, -0.9531, -0.0054, 0.0026, 1.1633]));
+}
+
+#[test]
+fn stella_vslam_configurations_are_read() {
+    let folder = Folder::new();
+    let camera = |setup: &str, more: &str| {
+        format!(
+            "# of stella_vslam\nCamera:\n  name: \"here\"\n  setup: \"{setup}\"\n  model: \"perspective\"\n\n  fx: 458.654\n  \
+             fy: 457.296\n  cx: 367.215\n  cy: 248.375\n\n  k1: -0.28340811\n  k2: 0.07395907\n  p1: 0.00019359\n  \
+             p2: 1.76187114e-05\n  k3: 0.0\n\n  fps: 20.0\n  cols: 752\n  rows: 480\n{more}\n  color_order: \"Gray\"\n\n\
+             Preprocessing:\n  min_size: 800\n  depthmap_factor: 5000.0\n"
+        )
+    };
+    let rig = read_rig(folder.write("mono.yaml", camera("monocular", ""))).unwrap();
+    let c = rig.cameras[0].camera;
+    assert_eq!((rig.cameras.len(), c.width, c.height, c.fy), (1, 752, 480, 457.296));
+    assert!(matches!(c.distortion, Distortion::RadialTangential(k) if k[0] == -0.283_408_11));
+    let rig = read_rig(folder.write("rgbd.yaml", camera("RGBD", ""))).unwrap();
+    assert!((rig.depth.unwrap().metres_per_unit - 0.0002).abs() < 1e-12);
+    let stereo = camera("stereo", "  focal_x_baseline: 47.90639384423901");
+    let rig = read_rig(folder.write("stereo.yaml", &stereo)).unwrap();
+    assert!((rig.cameras[1].body_from_camera.translation.x - 0.104_450).abs() < 1e-5);
+    // A rotation of both by the same angle leaves the baseline as long as it is, and turns it.
+    let (s, co) = (0.1f64.sin(), 0.1f64.cos());
+    let raw = format!(
+        "{stereo}\nStereoRectifier:\n  model: \"perspective\"\n  K_left: [458.0, 0, 367.0, 0, 457.0, 248.0, 0, 0, 1]\n  \
+         D_left: [-0.28, 0.07, 0.0, 0.0, 0.0]\n  R_left: [{co}, 0, {s}, 0, 1, 0, {0}, 0, {co}]\n  \
+         K_right: [457.0, 0, 379.0, 0, 456.0, 255.0, 0, 0, 1]\n  D_right: [-0.28, 0.07, 0.0, 0.0, 0.0]\n  \
+         R_right: [{co}, 0, {s}, 0, 1, 0, {0}, 0, {co}]\n",
+        -s
+    );
+    let rig = read_rig(folder.write("raw.yaml", raw)).unwrap();
+    let arm = rig.cameras[1].body_from_camera;
+    assert!((arm.translation.norm() - 0.104_450).abs() < 1e-5 && arm.rotation.angle() < 1e-9);
+    assert!((arm.translation.z / arm.translation.x - 0.1f64.tan()).abs() < 1e-9, "{arm:?}");
+    assert_eq!((rig.cameras[0].camera.fx, rig.cameras[1].camera.cx), (458.0, 379.0));
+    // Flat keys, as OpenVSLAM had them.
+    let flat = "Camera.setup: \"monocular\"\nCamera.model: \"fisheye\"\nCamera.fx: 300\nCamera.fy: 300\nCamera.cx: 320\n\
+        Camera.cy: 240\nCamera.k1: 0.01\nCamera.k2: 0.02\nCamera.k3: 0.03\nCamera.k4: 0.04\nCamera.cols: 640\nCamera.rows: 480\n";
+    let rig = read_rig(folder.write("flat.yaml", flat)).unwrap();
+    assert_eq!(rig.cameras[0].camera.distortion, Distortion::Equidistant([0.01, 0.02, 0.03, 0.04]));
+    for (from, to, why) in [
+        ("perspective", "equirectangular", "is not supported"),
+        ("monocular", "quartet", "is not known"),
+        ("fx: 458.654", "fx: far", "line 7"),
+        ("  cols: 752\n", "", "Camera.cols"),
+    ] {
+        let text = camera("monocular", "").replacen(from, to, 1);
+        let error = read_rig(folder.write("wrong.yaml", text)).unwrap_err().to_string();
+        assert!(error.contains(why), "{error}");
+    }
+}
+
+/// The YAML of `camera_calibration`.
+fn camera_info(fx: f64, baseline: f64, model: &str, d: &str) -> String {
+    let count = d.split(',').count();
+    format!(
+        "image_width: 640\nimage_height: 480\ncamera_name: narrow\ncamera_matrix:\n  rows: 3\n  cols: 3\n  \
+         data: [{fx}, 0., 320.5, 0., {fx}, 240.5, 0., 0., 1.]\ndistortion_model: {model}\ndistortion_coefficients:\n  \
+         rows: 1\n  cols: {count}\n  data: [{d}]\nrectification_matrix:\n  rows: 3\n  cols: 3\n  \
+         data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]\nprojection_matrix:\n  rows: 3\n  cols: 4\n  \
+         data: [500., 0., 320., {}, 0., 500., 240., 0., 0., 0., 1., 0.]\n",
+        -500.0 * baseline
+    )
+}
+
+#[test]
+fn ros_camera_info_is_read_alone_and_as_a_pair() {
+    let folder = Folder::new();
+    let left = folder.write("left.yaml", camera_info(430.0, 0.0, "plumb_bob", "-0.3, 0.1, 0.001, 0.002, 0."));
+    let rig = read_rig(&left).unwrap();
+    let c = rig.cameras[0].camera;
+    assert_eq!((rig.cameras.len(), c.width, c.height, c.fx, c.cx), (1, 640, 480, 430.0, 320.5));
+    assert_eq!(c.distortion, Distortion::RadialTangential([-0.3, 0.1, 0.001, 0.002, 0.0]));
+    folder.write("right.yaml", camera_info(431.0, 0.12, "plumb_bob", "0, 0, 0, 0, 0"));
+    let rig = read_rig(&left).unwrap();
+    assert_eq!(rig.cameras[1].camera.distortion, Distortion::None);
+    assert!((rig.cameras[1].body_from_camera.translation.x - 0.12).abs() < 1e-12);
+    folder.write("right.yaml", camera_info(431.0, 0.0, "plumb_bob", "0, 0, 0, 0, 0"));
+    assert!(read_rig(&left).unwrap_err().to_string().contains("no baseline"));
+    // A message as `ros2 topic echo` prints it.
+    let message = "header:\n  frame_id: cam\nheight: 480\nwidth: 640\ndistortion_model: equidistant\nd:\n- 0.1\n- 0.2\n- 0.3\n- 0.4\nk:\n\
+        - 300.0\n- 0.0\n- 320.0\n- 0.0\n- 301.0\n- 240.0\n- 0.0\n- 0.0\n- 1.0\nbinning_x: 0\n";
+    let rig = read_rig(folder.write("info.yaml", message)).unwrap();
+    assert_eq!(rig.cameras[0].camera.distortion, Distortion::Equidistant([0.1, 0.2, 0.3, 0.4]));
+    let rational = camera_info(430.0, 0.0, "rational_polynomial", "1, 2, 3, 4, 5, 6, 7, 8");
+    let rig = read_rig(folder.write("rational.yaml", rational)).unwrap();
+    assert_eq!(rig.cameras[0].camera.distortion, Distortion::Rational([1., 2., 3., 4., 5., 6., 7., 8.]));
+    for (model, d, why) in [
+        ("plumb_bob", "1, 2, 3, 4, 5, 6", "more than the lens model has"),
+        ("equidistant", "1, 2", "is not known"),
+        ("thin_glass", "1, 2, 3, 4", "thin_glass"),
+    ] {
+        let error = read_rig(folder.write("wrong.yaml", camera_info(430.0, 0.0, model, d))).unwrap_err();
+        assert!(error.to_string().contains(why), "{error}");
+    }
+}
+
+#[test]
+fn a_pipe_is_no_source() {
+    if cfg!(unix) {
+        let folder = Folder::new();
+        let path = folder.path().join("pipe.mp4");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        let text = refused(path.to_str().unwrap(), OpenOptions::default());
+        assert!(text.contains("a device or a pipe"), "{text}");
+    }
+}

@@ -1,0 +1,16 @@
+//! The page in a real browser: headless Chromium, whose camera shows a simulated walk. Records, returns with the camera
+//! facing back, reads the directions; axe-core reports nothing; screenshots are left in the target folder.
+//!
+//! Needs Chromium (`CHROMIUM`, else `chromium` on the path) and for the accessibility part axe-core (`AXE_JS`, its
+//! `axe.min.js`); a missing part is reported as skipped. Run by `.ci/run` and by
+//! `cargo test --release -p cairn-web --test browser -- --ignored --nocapture`.
+
+mod cdp;
+mod pace;
+use crate::paced;
+mod parts;
+mod routes;
+mod seen;
+mod session;
+mod walk;
+use crate::walked;
