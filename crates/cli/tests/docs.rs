@@ -9,12 +9,17 @@ fn root() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../.."))
 }
 
-/// All pages that people read: those of the root, of docs/ and of each crate.
+/// The folders in a folder.
+fn folders_in(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    folder.read_dir().unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_dir())
+}
+
+/// All pages that people read: those of the root, of docs/ with its folders, and of each crate.
 fn pages() -> BTreeMap<PathBuf, String> {
-    let mut folders = vec![root()];
-    folders.extend(["docs", "docs/guides", "docs/decisions", "docs/figures"].map(|name| root().join(name)));
-    folders.extend(root().join("crates").read_dir().unwrap().map(|e| e.unwrap().path()));
-    let files = folders.iter().flat_map(|f| f.read_dir().into_iter().flatten()).map(|e| e.unwrap().path());
+    let mut folders = vec![root(), root().join("docs")];
+    folders.extend(folders_in(&root().join("docs")));
+    folders.extend(folders_in(&root().join("crates")));
+    let files = folders.iter().flat_map(|f| f.read_dir().unwrap()).map(|e| e.unwrap().path());
     files
         .filter(|p| p.extension().is_some_and(|e| e == "md"))
         .map(|p| (p.clone(), std::fs::read_to_string(&p).unwrap()))
