@@ -104,18 +104,17 @@ fn figures(row: &Row) -> Option<String> {
     ))
 }
 
-/// The complete page `docs/accuracy.md`.
+/// The complete page `docs/figures/accuracy.md`.
 pub fn page(rows: &[Row]) -> String {
     format!(
-        "# Accuracy\n\n\
-         `cargo run --release -p bench -- accuracy --write` writes this page and the same figures in the README. Recordings are read\n\
-         from `CAIRN_DATA`, else from `../shared/data` beside the checkout. A test fails when the ATE of this page is no longer that\n\
-         of the code.\n\n{}\n\
+        "# Figures: accuracy\n\n\
+         `cargo run --release -p bench -- accuracy --write` writes this page and the same figures in the README. A test fails when\n\
+         the ATE of this page is no longer that of the code. [Accuracy](../accuracy.md) says how errors are measured.\n\n{}\n\
          {}: {}.\n\n\
-         Lockstep, default configuration. ATE is the RMSE of the final trajectory against the ground truth after alignment; coverage\n\
-         is the share of packets that have a pose. A step lasts from the decoded image to the pose; times are those of the run with the lowest median.\n\
-         Peak memory is that of the whole process. In brackets: ORB-SLAM3 V1.0 measured on the same files, on two cores of an\n\
-         Intel Xeon, otherwise idle and fed in real time, range of three runs.\n",
+         Lockstep, default configuration. ATE is the RMSE of the final trajectory against the ground truth after alignment.\n\
+         Coverage is the share of packets that have a pose. A step lasts from the decoded image to the pose; times are those of\n\
+         the run with the lowest median. Peak memory is that of the whole process. In brackets: ORB-SLAM3 V1.0 on the same files\n\
+         and on two cores of an Intel Xeon, otherwise idle and fed in real time, range of three runs.\n",
         table(rows),
         MEASURED,
         crate::build::measured_on()

@@ -30,7 +30,7 @@ pub enum Command {
         /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
-        /// Writes docs/accuracy.md.
+        /// Writes docs/figures/accuracy.md and the table of the README.
         #[arg(long)]
         write: bool,
     },

@@ -41,7 +41,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             print!("{}", accuracy::table(&rows));
             if write {
                 save(
-                    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/accuracy.md").into(),
+                    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/accuracy.md").into(),
                     &accuracy::page(&rows),
                 )?;
                 let readme: PathBuf = concat!(env!("CARGO_MANIFEST_DIR"), "/../../README.md").into();

@@ -28,11 +28,12 @@ fn check(name: &str, ate_at_most_m: f64, coverage_at_least: f64) {
     let Some(m) = run(name, usize::MAX) else { return };
     limit(name, &m, ate_at_most_m, coverage_at_least);
     // Old figures do not stay unnoticed. Processors differ in the last bits.
-    let page = include_str!("../../../../docs/accuracy.md");
-    let (stated, ate) = (stated_ate(page, name).expect("a row of docs/accuracy.md"), m.ate_m.unwrap());
+    let page = include_str!("../../../../docs/figures/accuracy.md");
+    let (stated, ate) =
+        (stated_ate(page, name).expect("a row of docs/figures/accuracy.md"), m.ate_m.unwrap());
     assert!(
         (stated - ate).abs() <= 0.02 * ate + 5e-5,
-        "docs/accuracy.md states {stated} m for {name}, it is {ate:.4} m: cargo run --release -p bench -- accuracy --write"
+        "docs/figures/accuracy.md states {stated} m for {name}, it is {ate:.4} m: cargo run --release -p bench -- accuracy --write"
     );
 }
 
