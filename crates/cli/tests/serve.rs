@@ -312,7 +312,7 @@ fn walk_that_is_killed_goes_on_where_it_was() {
     served.quit();
 }
 
-/// The figures of `docs/processes.md`: SLAM killed and stopped at random moments of guided walks.
+/// The figures of `docs/figures/processes.md`: SLAM killed and stopped at random moments of guided walks.
 #[test]
 #[ignore = "minutes; prints figures"]
 fn fifty_deaths_of_slam_on_guided_walks() {
