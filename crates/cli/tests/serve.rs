@@ -1,7 +1,7 @@
 //! `cairn serve --isolated`: a phone on a simulated walk, as the page behaves, and processes that are killed on the way.
 //!
 //! `cargo test --release -p cairn-cli --test serve -- --ignored --nocapture` kills SLAM at many moments and prints the figures of
-//! `docs/processes.md`.
+//! `docs/figures/processes.md`.
 #![cfg(unix)]
 
 #[path = "../../web/tests/network/phone.rs"]
