@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Prints the tables of docs/team.md: `cairn team graph` over the recorded graphs.
+"""Prints the tables of docs/figures/team.md: `cairn team graph` over the recorded graphs.
 
 usage: tools/team_tables.py [CAIRN]   (the program; default target/release/cairn; recordings in CAIRN_DATA, else ../shared/data)
 """

@@ -10,7 +10,7 @@ use cairn_vision::RectifiedCamera;
 /// mean squares of six and five motions, with exact calibrations); baselines and focal lengths are known to one or two thousandths.
 pub const DEPTH_SCALE_SIGMA: f64 = 0.003;
 /// That of a map of which depth relates most key frames to others, measured on simulated walks around a house with exact calibrations
-/// (`docs/dense.md`).
+/// (`docs/figures/dense.md`).
 pub const RELATED_SCALE_SIGMA: f64 = 0.002;
 /// That of a map with metres from an IMU which nobody stated: an initialisation is accepted up to it.
 pub const INERTIAL_SCALE_SIGMA: f64 = 0.03;

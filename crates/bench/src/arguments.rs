@@ -195,7 +195,7 @@ pub enum Command {
         /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
-        /// Writes the figures into docs/large-maps.md of this checkout.
+        /// Writes the figures into docs/figures/large-maps.md of this checkout.
         #[arg(long)]
         write: bool,
     },
@@ -229,7 +229,7 @@ pub enum Command {
         /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
-        /// Writes the figures into docs/dense.md of this checkout.
+        /// Writes the figures into docs/figures/dense.md of this checkout.
         #[arg(long, conflicts_with = "only")]
         write: bool,
     },
@@ -242,7 +242,7 @@ pub enum Command {
         /// How often each process is killed.
         #[arg(long, default_value_t = 50)]
         times: usize,
-        /// Writes the figures into docs/processes.md of this checkout.
+        /// Writes the figures into docs/figures/processes.md of this checkout.
         #[arg(long)]
         write: bool,
     },
@@ -267,7 +267,7 @@ pub enum Command {
         /// Prints every geometrically verified pair on stderr.
         #[arg(long, short)]
         verbose: bool,
-        /// Writes docs/places.md.
+        /// Writes docs/figures/places.md.
         #[arg(long)]
         write: bool,
     },

@@ -25,6 +25,7 @@ pub struct Figures {
 }
 
 /// The tables with figures of all pages in `docs/` of a checkout, the oldest first.
+/// Rows that moved from one page to another keep their age.
 ///
 /// # Errors
 /// When git does not answer.
@@ -33,7 +34,7 @@ pub fn run(root: &Path) -> Result<Vec<Figures>, MeasureError> {
     let mut since: BTreeMap<String, usize> = BTreeMap::new();
     let mut all = Vec::new();
     for page in pages.lines() {
-        let blame = git(root, &["blame", "--line-porcelain", "--", page])?;
+        let blame = git(root, &["blame", "-C", "--line-porcelain", "--", page])?;
         for mut table in tables(page, &blame) {
             if !since.contains_key(&table.commit) {
                 let range = format!("{}..HEAD", table.commit);

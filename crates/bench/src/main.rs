@@ -166,7 +166,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             let table = street::table(&figures);
             print!("{table}");
             if write {
-                put("large-maps.md", "street", &format!("```text\n{table}```"))?;
+                put("figures/large-maps.md", "street", &format!("```text\n{table}```"))?;
             }
             json.map_or(Ok(()), |path| save(path, &text(&figures)?))
         }
@@ -175,7 +175,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             let table = dense::table(&rows);
             print!("{table}");
             if write {
-                put("dense.md", "dense", &table)?;
+                put("figures/dense.md", "dense", &table)?;
             }
             json.map_or(Ok(()), |path| save(path, &text(&rows)?))
         }
@@ -183,7 +183,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
         Command::Kills { data, times, write } => {
             let table = bench::kills::table(&bench::kills::run(&data.unwrap_or_else(data_folder), times)?);
             print!("{table}");
-            if write { put("processes.md", "kills", &table) } else { Ok(()) }
+            if write { put("figures/processes.md", "kills", &table) } else { Ok(()) }
         }
         #[cfg(unix)]
         Command::Worker { role } => bench::kills::work(&role),
@@ -191,7 +191,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             let data = data.unwrap_or_else(data_folder);
             let text = places::run(&data, &vocab, loops, verbose)?;
             print!("{text}");
-            let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/places.md");
+            let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/places.md");
             if write { save(path.into(), &places::page::page(&text)) } else { Ok(()) }
         }
         Command::Inertial { data, only, condition, every, json, write } => {

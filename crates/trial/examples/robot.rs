@@ -1,5 +1,5 @@
 //! Runs robots with several seeds and prints a row for each: `robot [FIRST [COUNT]] [--write]`. `--write` puts the row of each seed into
-//! the table of `docs/plan.md`, with the build it is of.
+//! the table of `docs/figures/plan.md`, with the build it is of.
 
 use cairn_trial::robot::{End, RobotConfig, Trial};
 use std::path::Path;
@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             began.elapsed().as_secs_f64()
         );
         if write {
-            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/plan.md");
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/figures/plan.md");
             let page = with_row(&std::fs::read_to_string(&path)?, seed, &row(seed, &end)?)?;
             std::fs::write(&path, page)?;
         }

@@ -1,4 +1,4 @@
-//! Tables of `docs/places.md`.
+//! Tables of `docs/figures/places.md`.
 
 use super::loops::{self, Gate, Pair, Walk};
 use super::recall::{ALIKE_DEG, NEAR_M, PARTED_S, Recall};

@@ -1,4 +1,4 @@
-//! Limits for place recognition on the photographs with a loop matrix, slightly below the figures of docs/places.md. A
+//! Limits for place recognition on the photographs with a loop matrix, slightly below the figures of docs/figures/places.md. A
 //! limit is tightened when recognition improves, and never loosened to make a test pass.
 
 use bench::places::loops::{self, CANDIDATES, Gate};

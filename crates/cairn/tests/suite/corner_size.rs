@@ -1,5 +1,5 @@
 //! How long the way would have to be for the corners of a simulated walk to lie where they were found, by how far the size at which a
-//! corner was found is from that of its landmark: the table of docs/team.md, "Why joined maps came out too large".
+//! corner was found is from that of its landmark: the table of docs/figures/team.md, "Corners found at another size".
 
 use cairn::geometry::Se3;
 use cairn::sensor::{Camera, DepthImage, GrayImage, Source, Stamp};
@@ -119,7 +119,7 @@ fn by_size(file: &MapFile, truth: &BTreeMap<Stamp, Se3>, world: &str) -> BTreeMa
 }
 
 #[test]
-#[ignore = "a table for docs/team.md: two minutes"]
+#[ignore = "a table for docs/figures/team.md: two minutes"]
 fn table() {
     for (name, options) in [
         ("RGB-D 320x240", "sensor=rgbd&resolution=320x240&rate=10&duration=24"),

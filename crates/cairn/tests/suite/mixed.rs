@@ -432,7 +432,7 @@ fn rooms_that_look_alike_are_never_joined_wrongly() {
 }
 
 #[test]
-#[ignore = "a table for docs/team.md: ten minutes"]
+#[ignore = "a table for docs/figures/team.md: ten minutes"]
 fn table() {
     for (name, sensors) in [
         ("RGB-D, stereo-imu, mono", [RGBD, STEREO_IMU, MONO]),

@@ -328,7 +328,7 @@ fn bytes_of(walks: &BTreeMap<RobotId, Walk>) {
 }
 
 #[test]
-#[ignore = "a table for docs/team.md: three minutes"]
+#[ignore = "a table for docs/figures/team.md: three minutes"]
 fn table() {
     let options = [
         "duration=24",
@@ -366,7 +366,7 @@ fn table() {
 }
 
 #[test]
-#[ignore = "a table for docs/team.md: two minutes"]
+#[ignore = "a table for docs/figures/team.md: two minutes"]
 fn eight_robots() {
     println!("| house, seed | key frames | alone, m | each in the atlas, m | all, m | seconds to join |");
     for (world, seed, metres) in [

@@ -327,7 +327,7 @@ fn robots_that_stay_in_rooms_that_look_alike_have_no_false_loops() {
 }
 
 #[test]
-#[ignore = "a table for docs/team.md: three minutes"]
+#[ignore = "a table for docs/figures/team.md: three minutes"]
 fn table() {
     println!(
         "| seed | alone, m | agreed, each, m | all | joint map, all, m | kB sent by each | kB of the maps as sent |"

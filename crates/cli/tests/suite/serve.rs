@@ -1,7 +1,7 @@
 //! `cairn serve --isolated`: a phone on a simulated walk, as the page behaves, and processes that are killed on the way.
 //!
 //! `cargo test --release -p cairn-cli --test suite serve:: -- --ignored --nocapture` kills SLAM at many moments and prints the figures of
-//! `docs/processes.md`.
+//! `docs/figures/processes.md`.
 #![cfg(unix)]
 
 #[path = "../../../web/tests/suite/network/phone.rs"]
@@ -312,7 +312,7 @@ fn walk_that_is_killed_goes_on_where_it_was() {
     served.quit();
 }
 
-/// The figures of `docs/processes.md`: SLAM killed and stopped at random moments of guided walks.
+/// The figures of `docs/figures/processes.md`: SLAM killed and stopped at random moments of guided walks.
 #[test]
 #[ignore = "minutes; prints figures"]
 fn fifty_deaths_of_slam_on_guided_walks() {

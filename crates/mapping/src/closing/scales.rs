@@ -18,7 +18,7 @@ const NEGLIGIBLE: f64 = 0.1;
 /// pose along the view, as a share of the median depth.
 const ONE_PLACE: f64 = 0.02;
 /// Several places tell no better than this, however well they agree: what they have in common does not average out. Measured on six walks
-/// in two parts, whose lengths where both were differ from those of the whole by up to a percent (docs/team.md).
+/// in two parts, whose lengths where both were differ from those of the whole by up to a percent (docs/figures/team.md).
 const LEAST: f64 = 5e-3;
 /// From a median absolute deviation to a standard deviation, for Gaussian errors.
 const MAD_TO_SIGMA: f64 = 1.4826;

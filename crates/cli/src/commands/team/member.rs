@@ -27,7 +27,7 @@ pub struct Reach {
     pub send_limit: Option<f64>,
 }
 
-/// What a robot may send in a second: three that share a way stay below it (docs/team.md).
+/// What a robot may send in a second: three that share a way stay below it (docs/figures/team.md).
 const SEND_LIMIT_KB: f64 = 100.0;
 
 impl Reach {
