@@ -131,7 +131,9 @@ fn write_docs(
             "guide.md has no marks <!-- figures --> and <!-- end of figures -->",
         ));
     };
-    let figures = format!("<!-- figures -->\n\n{table}\nUtterances per 100 m by kind:\n\n| route | kinds |\n|---|---|\n{kinds}\n");
+    let figures = format!(
+        "<!-- figures -->\n\n{table}\nUtterances per 100 m by kind:\n\n| route | kinds |\n|---|---|\n{kinds}\n"
+    );
     std::fs::write(&path, format!("{}{figures}{}", &page[..from], &page[to..]))?;
     for (k, (_, seed, row)) in worst.iter().take(3).enumerate() {
         let o = trial(*seed, *row);
