@@ -6,7 +6,7 @@ use crate::{MapId, Snapshot};
 use cairn_geometry::Se3;
 use cairn_vision::RectifiedCamera;
 
-/// Standard deviation of the logarithm of scale of cameras with depth, stereo or RGB-D. In `docs/visual-inertial.md` it is 0.0018 and 0.0011 (root
+/// Standard deviation of the logarithm of scale of cameras with depth, stereo or RGB-D. In `docs/figures/visual-inertial.md` it is 0.0018 and 0.0011 (root
 /// mean squares of six and five motions, with exact calibrations); baselines and focal lengths are known to one or two thousandths.
 pub const DEPTH_SCALE_SIGMA: f64 = 0.003;
 /// That of a map of which depth relates most key frames to others, measured on simulated walks around a house with exact calibrations

@@ -74,7 +74,7 @@ pub enum Command {
         /// Repetitions of each solve.
         #[arg(long, default_value_t = 15)]
         times: usize,
-        /// Writes docs/graphs.md.
+        /// Writes docs/figures/graphs.md.
         #[arg(long)]
         write: bool,
     },
@@ -288,7 +288,7 @@ pub enum Command {
         /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
-        /// Writes docs/inertial.md.
+        /// Writes docs/figures/inertial.md.
         #[arg(long)]
         write: bool,
     },
@@ -349,7 +349,7 @@ pub enum Command {
         /// Writes all figures as JSON here.
         #[arg(long)]
         json: Option<PathBuf>,
-        /// Writes docs/visual-inertial.md.
+        /// Writes docs/figures/visual-inertial.md.
         #[arg(long)]
         write: bool,
     },

@@ -143,45 +143,8 @@ pub fn table(rows: &[Row]) -> String {
     t
 }
 
-/// The complete page `docs/graphs.md`.
+/// The complete page `docs/figures/graphs.md`.
 pub fn page(rows: &[Row]) -> String {
-    format!("{HEAD}{}\nMeasured on {}.\n{TAIL}", table(rows), crate::build::measured_on())
+    let (head, tail) = (include_str!("graphs_head.md"), include_str!("graphs_tail.md"));
+    format!("{head}\n{}\nMeasured on {}.\n\n{tail}", table(rows), crate::build::measured_on())
 }
-
-const HEAD: &str = "# Pose graphs
-
-`cargo run --release -p bench -- graphs --write` writes this page from the g2o files in `graphs/` of the recordings
-(`CAIRN_DATA`, else `../shared/data` beside the checkout).
-
-";
-
-const TAIL: &str = "
-All solves start from odometry: poses chained along the measurements between neighbours. *KnownOptimum optimum* is the optimum of
-SE-Sync's objective (Rosen, Carlone, Bandeira, Leonard, 2019, whose table has its first four digits), and *reached* is the
-value at which `cairn solve graph FILE --init odometry --cost se-sync` ends. `tools/compare_graphs.py` certifies it: the dual
-certificate matrix at our solution is positive semi-definite, so no other poses have a lower cost.
-
-*Default chi2* is the sum of squared whitened residuals with the full information matrices of the file (`cairn solve graph
-FILE`; twice its cost). In 3-D the residual is the Lie logarithm, in 2-D x, y and angle. The time includes chaining the
-odometry, the symbolic analysis, and all iterations until one is predicted to lower the cost by less than 1e-9 of it, on one
-thread: the minimum wall time of the repetitions, which other load on the machine increases, and the mean CPU time of the thread.
-
-## Comparison with other libraries
-
-`tools/compare_graphs.py` on the same files from the same initial poses, on one core of an Intel Xeon with other load and an
-earlier build, so CPU times are given (ms, minimum of five; for cairn of the whole process, including reading the file):
-
-| graph | cairn GN / LM | GTSAM 4.3 GN / LM | g2o 0.0.12 for Python (Eigen) GN |
-|---|---|---|---|
-| sphere2500 | 209 / 211 | 433 / 473 | 2235 |
-| parking-garage | 54 / 72 | 123 / 255 | 118 |
-| smallGrid3D | 8 / 8 | 17 / 18 | 26 |
-| manhattan | 31 / 57 | 110 / 152 | 55 |
-| intel | 11 / 11 | 39 / 58 | 15 |
-| kitti_05 | 12 / 14 | 42 / 59 | 13 |
-
-There, idle, cairn solved sphere2500 in 153 ms (`cargo bench -p cairn-solve --bench graph -- sphere`). In 2-D g2o's
-Gauss-Newton reaches our cost to all nine decimals; its Levenberg-Marquardt stops early with the tool's stopping rule. In 3-D
-GTSAM ends within 6e-8 of our cost, on parking-garage 3e-6 above it; its own error function agrees with ours at our poses within
-4e-8.
-";

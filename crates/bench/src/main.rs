@@ -76,7 +76,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             print!("{}", graphs::table(&rows));
             if write {
                 save(
-                    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/graphs.md").into(),
+                    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/graphs.md").into(),
                     &graphs::page(&rows),
                 )?;
             }
@@ -200,7 +200,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             let figures = inertial::run(&data.unwrap_or_else(data_folder), &chosen)?;
             print!("{}", inertial::tables(&figures));
             if write {
-                let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/inertial.md");
+                let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/inertial.md");
                 save(path.into(), &inertial::page(&figures))?;
             }
             json.map_or(Ok(()), |path| save(path, &text(&figures)?))
@@ -246,7 +246,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             let measured = visual_inertial::run(&data.unwrap_or_else(data_folder), &chosen)?;
             print!("{}", visual_inertial::tables(&measured));
             if write {
-                let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/visual-inertial.md");
+                let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/visual-inertial.md");
                 save(path.into(), &visual_inertial::page(&measured))?;
             }
             json.map_or(Ok(()), |path| save(path, &text(&measured)?))

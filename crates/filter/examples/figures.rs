@@ -2,7 +2,7 @@
 //! speed.
 //!
 //! `cargo run --release -p cairn-filter --example figures [mrclam|noise|victoria|plaza|consistency|speed] [--write]`; logs are read
-//! from `$CAIRN_DATA`, else `../shared/data`. `--write` puts what is printed into `docs/ekf.md`.
+//! from `$CAIRN_DATA`, else `../shared/data`. `--write` puts what is printed into `docs/figures/ekf.md`.
 
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::chi2;
@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let lines = measure(name)?;
         println!("{}\n", lines.join("\n"));
         if write {
-            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/ekf.md");
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/figures/ekf.md");
             let page = with_figures(&std::fs::read_to_string(&path)?, name, &lines)?;
             std::fs::write(&path, page)?;
         }

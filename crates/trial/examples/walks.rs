@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--show SEED ROW] [--docs FOLDER]`:
 //! a table of all rows, the utterances by kind, and the worst seeds; `--show` prints one transcript instead (ROW
-//! counts from 0); `--docs` also writes the table into FOLDER/guide.md, between its marks, and the worst three
+//! counts from 0); `--docs` also writes the table into FOLDER/guide.md (docs/figures), between its marks, and the worst three
 //! transcripts beside it.
 
 use cairn_guide::{Facing, Travel};
@@ -100,7 +100,7 @@ fn main() {
         table += &line;
         let list: Vec<String> = tally.kinds.iter().map(|(k, n)| format!("{k} {:.1}", per_100(*n))).collect();
         println!("    per 100 m: {}", list.join(", "));
-        let _ = writeln!(kinds, "- {}: {}", name(row), list.join(", "));
+        let _ = writeln!(kinds, "| {} | {} |", name(row), list.join(", "));
         worst.sort_by(|a, b| b.0.total_cmp(&a.0));
         let here = worst.iter().filter(|w| w.2 == row).take(5);
         println!("    worst seeds: {:?}", here.map(|w| w.1).collect::<Vec<_>>());
@@ -131,7 +131,9 @@ fn write_docs(
             "guide.md has no marks <!-- figures --> and <!-- end of figures -->",
         ));
     };
-    let figures = format!("<!-- figures -->\n\n{table}\nUtterances per 100 m by kind:\n\n{kinds}\n");
+    let figures = format!(
+        "<!-- figures -->\n\n{table}\nUtterances per 100 m by kind:\n\n| route | kinds |\n|---|---|\n{kinds}\n"
+    );
     std::fs::write(&path, format!("{}{figures}{}", &page[..from], &page[to..]))?;
     for (k, (_, seed, row)) in worst.iter().take(3).enumerate() {
         let o = trial(*seed, *row);

@@ -355,38 +355,8 @@ fn means(rows: &[Figures]) -> String {
     t
 }
 
-/// The page `docs/visual-inertial.md`.
+/// The page `docs/figures/visual-inertial.md`.
 pub fn page(m: &Measured) -> String {
-    format!("{INTRODUCTION}\n{}\nMeasured on {}.\n", tables(m), crate::build::measured_on())
+    let head = include_str!("page.md");
+    format!("{head}\n{}\nMeasured on {}.\n", tables(m), crate::build::measured_on())
 }
-
-const INTRODUCTION: &str = "# Visual-inertial SLAM
-
-`cargo run --release -p bench -- visual-inertial --write` prints and writes this page. Recordings are read from
-`CAIRN_DATA`, else from `../shared/data` beside the checkout. Lockstep, default configuration.
-
-ATE is the RMSE of the final trajectory after SE3 alignment with the ground truth, without scale; in brackets after Sim3
-alignment, whose deviation of scale from 1 is the scale error. Both are missing where the map is not metric at the end. *First
-metric pose*: time from the first frame to the first metric pose. *Resets*: maps started after the first. *Maps*: how many contain
-poses at the end. *Offset error*: error of the time offset that the engine estimated (0 where it estimated none).
-
-*Standing still* at the end of MH_01: the largest distance of the live poses in the last 5 s from the first of them; the same
-for the ground truth, which moves a little; and for one relative to the other, after aligning all live poses with the ground truth.
-
-*Rendered rooms with real motion*: the ground-truth poses of five recordings are smoothed and transformed to the clock and axes of
-the IMU data recorded with them (the first table: the rotation between poses and gyroscope from image to image, before and
-after), a room is rendered around them for three kinds of cameras, and the real IMU data come with the images: the complete
-motion as recorded; and 20 s of it as means of pairs; stamped 20 ms early or late, which the rig does not declare; with one sample
-in a hundred lost; with both biases jumping every 10 s by 3 mrad/s and 0.05 m/s^2 per axis.
-
-The accelerometer limits the accuracy of scale with one camera: *scale error with exact poses* is the error of the scale that the
-same IMU data give (`cairn_inertial::initialise`) with the true poses of the whole stretch instead of the camera's.
-
-*Turning round*: a walker goes 20 m down a corridor, turns round on the spot within 2 to 4 s where walls and end are plain, and
-walks back; simulated IMU data with the noise of an ADIS16448. The end error is measured after aligning the outbound walk.
-
-*One minute of standing*, after 12 m of walking, with the camera open, and covered from 1.5 s on: how far the live poses move from
-the first of that minute.
-
-*Cost*: medians of the fastest of several runs of MH_01; runs with and without IMU alternate.
-";

@@ -1,5 +1,5 @@
 //! Limits for initialisation and drift on real IMU data, 10 % above today's figures, at all starts of two recordings;
-//! docs/inertial.md has the full table.
+//! docs/figures/inertial.md has the full table.
 
 use bench::inertial::{Chosen, Figures, run};
 use bench::recordings::data_folder;

@@ -3,7 +3,7 @@
 //! A frame's pose follows from its features, the map version that tracking used and whether mapping was idle;
 //! the map versions follow from when mapping was told to stop, which places closing compared, and the order
 //! of commits. Everything that depends on the timing of threads is written here; all else is computed again.
-//! The format is specified in `docs/events.md`.
+//! The format is specified in `docs/formats/journal.md`.
 
 mod read;
 mod write;

@@ -145,7 +145,7 @@ async fn silent_page_is_noticed_within_three_seconds() {
 
 /// How long a picture takes until the page knows that it has arrived, over a web socket and over requests, in turn.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[ignore = "prints figures of docs/live.md"]
+#[ignore = "prints figures of docs/figures/live.md"]
 async fn picture_takes_as_long_by_requests() {
     let server = server("latency", CameraSource::Page { rig: None });
     let token = &server.invitation().token;
@@ -195,7 +195,7 @@ async fn picture_takes_as_long_by_requests() {
 
 /// A page that draws the surface of a recording of a depth camera, or of a walk, as it grows.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[ignore = "prints figures of docs/live.md"]
+#[ignore = "prints figures of docs/figures/live.md"]
 async fn surface_keeps_to_its_bytes() {
     let kitchen = std::env::var("CAIRN_DATA").map(|data| format!("{data}/7scenes-kitchen"));
     let walk = "sim:apartment?sensor=rgbd&rate=15".to_owned();
@@ -243,7 +243,7 @@ async fn surface_keeps_to_its_bytes() {
 
 /// Bytes a second of the map, on a walk and when it stands still at its end.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[ignore = "prints figures of docs/live.md"]
+#[ignore = "prints figures of docs/figures/live.md"]
 async fn map_costs_few_bytes() {
     let server = server("bytes", walk());
     let mut page = Plain::enter(&server, "one", true).await;

@@ -1,4 +1,4 @@
-//! `--events`: the changes of the map as lines of JSON; docs/events.md describes the format.
+//! `--events`: the changes of the map as lines of JSON; docs/formats/events.md describes the format.
 
 use crate::failure::Failure;
 use cairn_atlas::{Change, KeyFrameId, MapPrior, Mirror, Published, Subscription};

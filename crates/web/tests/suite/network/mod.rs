@@ -3,7 +3,7 @@
 //!
 //! `cargo test --release -p cairn-web --test network` walks a few legs.
 //! `cargo test --release -p cairn-web --test network -- --ignored --nocapture` walks two hundred and writes
-//! `docs/network.md`;
+//! `docs/figures/network.md`;
 //! `CAIRN_LEGS` sets another number, and `CAIRN_NETS="1:100:0.01:0.03 ..."` names the networks (Mbit/s, round trip in ms, losses up and
 //! down); then nothing is written. `CAIRN_CONNECTIONS` sets how many connections the phone has.
 
@@ -336,7 +336,7 @@ fn old_pictures_guide_nobody_on_a_few_networks() {
 }
 
 #[test]
-#[ignore = "takes about twenty minutes; writes docs/network.md"]
+#[ignore = "takes about twenty minutes; writes docs/figures/network.md"]
 fn old_pictures_guide_nobody_in_two_hundred_legs() {
     let wanted = std::env::var("CAIRN_LEGS").ok().and_then(|n| n.parse().ok());
     let began = std::time::Instant::now();
@@ -346,7 +346,7 @@ fn old_pictures_guide_nobody_in_two_hundred_legs() {
     let text = table::page(&results, began.elapsed().as_secs_f64());
     print!("{text}{}", table::lines(&results));
     if wanted.is_none() && nets.is_none() {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/network.md");
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/figures/network.md");
         std::fs::write(path, text).unwrap();
     }
     check(&results);

@@ -41,21 +41,22 @@ pub fn page(results: &[Result], took_s: f64) -> String {
     let withheld: usize = results.iter().map(|r| r.leg.withheld).sum();
     let oldest = |f: fn(&Result) -> f64| results.iter().map(f).fold(0.0, f64::max);
     let mut text = format!(
-        "# Guidance over bad networks\n\n\
-         Written by `cargo test --release -p cairn-web --test network -- --ignored --nocapture` ({} legs, {:.0} minutes).\n\n\
-         A simulated phone (a walk of 9 s with a corner at 480x360 and 15 pictures a second, a clock of its own with offset and \
-         drift) is guided along it, there and back, by the server on the same machine, through a proxy: 4 to 0.2 Mbit/s each \
-         way for all connections together, round trips of 50 to 500 ms, up to 3 % of the segments lost and sent again as TCP does \
-         (`crates/web/tests/network/proxy.rs` says how), on every third leg a stall of 1 to 10 s. It has up to three \
-         connections, as the page: more than one where the link has room for them. Its walker stands when told to stop. A judge beside the server knows the phone's clock.\n\n\
-         - Directions that the server gave: {said}; the oldest pose that one was from: {:.0} ms, at most 500 ms and the judge's \
-         own hearing are allowed.\n\
+        "# Figures: guidance over bad networks\n\n\
+         Written by `cargo test --release -p cairn-web --test network -- --ignored --nocapture` ({} legs, {:.0} minutes). What it \
+         means: [Slow networks](../network.md).\n\n\
+         A simulated phone is guided along a walk of 9 s with a corner, there and back, by the server on the same machine, \
+         through a proxy. It sends 480x360 at 15 images a second; its clock has an offset and a drift. The proxy gives 4 to 0.2 \
+         Mbit/s each way for all connections together and round trips of 50 to 500 ms. Up to 3 % of the segments are lost and \
+         sent again as TCP does (`crates/web/tests/network/proxy.rs` says how). Every third leg has a stall of 1 to 10 s. The \
+         phone has up to three connections, as the page: more than one where the link has room for them. Its walker stands when \
+         the guide says stop. A judge beside the server knows the phone's clock.\n\n\
+         - Directions that the server gave: {said}; the oldest pose that one was from: {:.0} ms, at most 500 ms and the delay of \
+         the judge itself are allowed.\n\
          - Directions that the phone passed on: {given}; the oldest pose when it was heard: {:.0} ms. Withheld by the phone, \
          because they came too late: {withheld}.\n\n\
          ## Share of the time in which the walker was guided\n\n\
-         Legs without a stall; in brackets the pictures a second. The rest of the time he was told to stop. With one picture on the \
-         link the oldest that a picture gets before the next is heard of is about a round trip, twice its time on the link, 60 ms of \
-         coding and the step of the engine. The three walks side by side share two cores.\n\n",
+         Legs without a stall; in brackets the images a second. The rest of the time the guide said stop. The three walks side \
+         by side share two cores.\n\n",
         results.len(),
         took_s / 60.0,
         oldest(|r| r.oldest_said_ms),
