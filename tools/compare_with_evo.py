@@ -7,7 +7,7 @@
 For each pair of trajectories in DIR/eval, each alignment and each metric, both programs run as child
 processes and every statistic is compared. Prints one row per metric and ends with the largest
 difference; exit code 1 when that is above the tolerance. `--golden` prints evo's numbers alone, in
-the form that crates/eval/tests/evo_golden.rs holds.
+the form that crates/eval/tests/suite/evo_golden.rs holds.
 """
 
 import argparse

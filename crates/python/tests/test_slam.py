@@ -257,5 +257,5 @@ def test_euroc_is_as_accurate_as_in_rust() -> None:
     assert source.truth is not None
     error = slam.accuracy(source.truth)
     print(f"EuRoC MH_01, 100 frames: {error}")
-    # The limit of the same example in Rust (crates/cairn/tests/examples.rs).
+    # The limit of the same example in Rust (crates/cairn/tests/suite/examples.rs).
     assert error.ate_rmse_m < 0.05 and slam.is_metric

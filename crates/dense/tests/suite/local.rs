@@ -218,7 +218,7 @@ fn bad_input_adds_nothing() {
     assert!(LocalSpace::new(bad, camera(), 0.001).is_err());
 }
 
-/// Prints what an image costs; measured with `cargo test --release -p cairn-dense --test local -- --nocapture cost`.
+/// Prints what an image costs; measured with `cargo test --release -p cairn-dense --test suite cost -- --nocapture`.
 #[test]
 fn the_cost_of_an_image_is_small() {
     let cpu_ms = || {

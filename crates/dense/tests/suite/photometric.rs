@@ -187,7 +187,7 @@ fn a_gray_image_of_another_size_is_refused() {
     assert!(matches!(ShadedView::new(frame, &small), Err(DenseError::Size { .. })));
 }
 
-/// Prints what the shades of an image cost beside its surface; measured with `cargo test --release -p cairn-dense --test photometric
+/// Prints what the shades of an image cost beside its surface; measured with `cargo test --release -p cairn-dense --test suite photometric::
 /// -- --nocapture cost`.
 #[test]
 fn the_cost_of_an_image_is_small() {

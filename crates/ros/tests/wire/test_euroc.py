@@ -104,7 +104,7 @@ def check_covariances(out, player):
     trace = np.array([np.trace(c[:3, :3]) for c in matrices])
     turns = np.array([np.trace(c[3:, 3:]) for c in matrices])
     assert turns[-1] > 3 * turns[9] and trace[-1] > 3 * trace[9], "odometry drifts"
-    # The velocity against that of the truth. What the odometry states over a second: tests/covariances.rs.
+    # The velocity against that of the truth. What the odometry states over a second: tests/suite/covariances.rs.
     speed = np.array([np.linalg.norm([v.x, v.y, v.z]) for v in (m.twist.twist.linear for m in odom)])
     true_speed = np.linalg.norm(np.diff(there, axis=0), axis=1) / np.diff(times)
     sigma = np.sqrt([np.trace(c[:3, :3]) / 3 for c in twists])

@@ -1,5 +1,5 @@
 //! A small version of the example `walks`, with required figures, and transcripts that people can read.
-//! `CAIRN_UPDATE=1 cargo test -p cairn-trial --test walks` rewrites the transcripts.
+//! `CAIRN_UPDATE=1 cargo test -p cairn-trial --test suite walks::` rewrites the transcripts.
 
 use cairn_guide::{DirectionStyle, Facing, PhraseConfig, Travel};
 use cairn_phrases::Language;

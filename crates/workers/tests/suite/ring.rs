@@ -177,7 +177,7 @@ fn too_little_room_and_too_large_frames_are_errors() {
     ring.write(0, &[&[0; 100]]).unwrap();
 }
 
-/// `cargo test --release -p cairn-workers --test ring -- --ignored --nocapture`: what a frame of 640x480 costs.
+/// `cargo test --release -p cairn-workers --test suite ring:: -- --ignored --nocapture`: what a frame of 640x480 costs.
 #[test]
 #[ignore = "measures times"]
 fn cost_of_a_frame() {

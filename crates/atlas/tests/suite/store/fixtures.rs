@@ -10,7 +10,7 @@ fn fixture(version: u32) -> PathBuf {
     PathBuf::from(format!("{}/tests/store/fixtures/v{version}.map", env!("CARGO_MANIFEST_DIR")))
 }
 
-/// Run once for a new version: `cargo test -p cairn-atlas --test store -- --ignored writes_the_fixture`.
+/// Run once for a new version: `cargo test -p cairn-atlas --test suite store:: -- --ignored writes_the_fixture`.
 #[test]
 #[ignore = "writes the fixture of this version"]
 fn writes_the_fixture() {

@@ -3,7 +3,7 @@
 //!
 //! Needs Chromium (`CHROMIUM`, else `chromium` on the path) and for the accessibility part axe-core (`AXE_JS`, its
 //! `axe.min.js`); a missing part is reported as skipped. Run by `.ci/run` and by
-//! `cargo test --release -p cairn-web --test browser -- --ignored --nocapture`.
+//! `cargo test --release -p cairn-web --test suite browser:: -- --ignored --nocapture`.
 
 mod cdp;
 mod pace;

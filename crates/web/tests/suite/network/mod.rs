@@ -1,8 +1,8 @@
 //! Guidance over bad networks: a phone on a simulated walk, a proxy that is slow, late, lossy and stalls, and a judge
 //! beside the server that knows the phone's clock. No direction may be given from a pose older than half a second.
 //!
-//! `cargo test --release -p cairn-web --test network` walks a few legs.
-//! `cargo test --release -p cairn-web --test network -- --ignored --nocapture` walks two hundred and writes
+//! `cargo test --release -p cairn-web --test suite network::` walks a few legs.
+//! `cargo test --release -p cairn-web --test suite network:: -- --ignored --nocapture` walks two hundred and writes
 //! `docs/figures/network.md`;
 //! `CAIRN_LEGS` sets another number, and `CAIRN_NETS="1:100:0.01:0.03 ..."` names the networks (Mbit/s, round trip in ms, losses up and
 //! down); then nothing is written. `CAIRN_CONNECTIONS` sets how many connections the phone has.

@@ -42,7 +42,7 @@ pub fn page(results: &[Result], took_s: f64) -> String {
     let oldest = |f: fn(&Result) -> f64| results.iter().map(f).fold(0.0, f64::max);
     let mut text = format!(
         "# Figures: guidance over bad networks\n\n\
-         Written by `cargo test --release -p cairn-web --test network -- --ignored --nocapture` ({} legs, {:.0} minutes). What it \
+         Written by `cargo test --release -p cairn-web --test suite network:: -- --ignored --nocapture` ({} legs, {:.0} minutes). What it \
          means: [Slow networks](../network.md).\n\n\
          A simulated phone is guided along a walk of 9 s with a corner, there and back, by the server on the same machine, \
          through a proxy. It sends 480x360 at 15 images a second; its clock has an offset and a drift. The proxy gives 4 to 0.2 \
