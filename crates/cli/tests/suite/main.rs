@@ -4,3 +4,6 @@ mod binary;
 mod docs;
 mod serve;
 mod serve_dense;
+#[cfg(unix)]
+#[path = "../../../web/tests/suite/walked/mod.rs"]
+mod walked;

@@ -6,9 +6,8 @@
 
 #[path = "../../../web/tests/suite/network/phone.rs"]
 mod phone;
-#[path = "../../../web/tests/suite/walked/mod.rs"]
-mod walked;
 
+use crate::walked;
 use cairn_engine::{Config, SensorMode};
 use cairn_random::Random;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig};

@@ -1,6 +1,5 @@
 //! The page without a web socket, against the real server: the same protocol and the same rules over plain requests.
 
-use crate::client;
 use crate::plain;
 use crate::played;
 

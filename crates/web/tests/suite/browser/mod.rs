@@ -7,10 +7,8 @@
 
 mod cdp;
 mod pace;
-use crate::paced;
 mod parts;
 mod routes;
 mod seen;
 mod session;
 mod walk;
-use crate::walked;
