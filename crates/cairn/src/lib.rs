@@ -35,7 +35,7 @@
 //!
 //! # Map of the crates
 //!
-//! Each crate is a module here and imports only from lower floors of this table (`ARCHITECTURE.md` has the reasons).
+//! Each crate is a module here and imports only from lower floors of this table (`ARCHITECTURE.md` has the path of a frame through them).
 //!
 //! | floor | module | what is in it |
 //! |---|---|---|
