@@ -10,10 +10,11 @@ use crate::Sensors;
 use crate::processor::thread_cpu_ms;
 use crate::revisit::Revisit;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Runner, background};
+use cairn_engine::{Config, Engine, Runner};
 use cairn_eval::Percentiles;
 use cairn_mapping::Closer;
 use cairn_sensor::{FramePacket, Rig, Source};
+use cairn_sources::{background, std_host};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -96,7 +97,7 @@ fn build_map(
     rate_hz: f64,
 ) -> Result<MapFile, MeasureError> {
     let config = Config::default();
-    let mut engine = Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config)?;
+    let mut engine = Engine::new(rig, sensor.mode(), rate_hz, Runner::Lockstep, &config, &std_host())?;
     for packet in packets {
         engine.on_packet(packet)?;
     }
@@ -114,7 +115,7 @@ fn run_once(
     adjust: bool,
 ) -> Result<(Steps, Vec<f64>), MeasureError> {
     let config = Config::default();
-    let opened = Engine::in_map(rig, sensor.mode(), rate_hz, Runner::Threaded, &config, file);
+    let opened = Engine::in_map(rig, sensor.mode(), rate_hz, Runner::Threaded, &config, &std_host(), file);
     let (mut engine, _) = opened?;
     let closer = Closer::new(*engine.front_end().model(), config.closer, config.mapper.window);
     let map = file.snapshot.maps().next().map(|(id, _)| id).ok_or("the file has no map")?;
@@ -147,11 +148,11 @@ fn run_in_real_time(engine: &mut Engine, packets: &[FramePacket]) -> Result<Step
         let before = thread_cpu_ms();
         let out = engine.on_packet(packet)?;
         let after = thread_cpu_ms();
-        if let Some(cause) = out.stage_failed {
-            return Err(MeasureError::Stage(cause));
+        if let Some(cause) = out.stage_failed() {
+            return Err(MeasureError::Stage(cause.to_owned()));
         }
-        if out.anchored.is_some() {
-            steps.ms.push(out.extract_ms + out.track_ms);
+        if out.pose.is_some() {
+            steps.ms.push(out.timings.step_ms());
             steps.processor_ms.extend(before.zip(after).map(|(before, after)| after - before));
         }
     }

@@ -6,7 +6,7 @@ use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_geometry::{Se3, Sim3, Vec3, umeyama};
 use cairn_sensor::{FramePacket, Stamp};
-use cairn_sources::{OpenOptions, open};
+use cairn_sources::{OpenOptions, open, std_host};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -45,7 +45,7 @@ pub fn run(data: &Path, recording: &Recording) -> Result<Halves, MeasureError> {
         packets.push(packet);
     }
     let (one, two) = packets.split_at(packets.len() / 2);
-    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config)?;
+    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config, &std_host())?;
     feed(&mut engine, one)?;
     engine.finish();
     let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
@@ -56,7 +56,7 @@ pub fn run(data: &Path, recording: &Recording) -> Result<Halves, MeasureError> {
     let true_from_map: Sim3 = umeyama(&target, &from, with_scale)?;
     let bytes = engine.to_save("bench", BTreeMap::new()).write()?;
     let file = MapFile::read(&bytes)?;
-    let (second, _) = Engine::in_map(&rig, mode, rate_hz, Runner::Lockstep, &config, &file)?;
+    let (second, _) = Engine::in_map(&rig, mode, rate_hz, Runner::Lockstep, &config, &std_host(), &file)?;
     let mut second = second.localize_only();
     feed(&mut second, two)?;
     let poses = second.trajectory();

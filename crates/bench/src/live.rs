@@ -13,7 +13,7 @@ use cairn_session::{
     Command as Ask, Event, Inbox, NotTracked, Observer, Script, Session, SessionConfig, drive_live, feed,
 };
 use cairn_sim::{LiveRig, SimConfig, SimSensor, WorldKind};
-use cairn_sources::{OpenOptions, open};
+use cairn_sources::{OpenOptions, open, std_host};
 use cairn_voice::{Espeak, SpeechConfig};
 use serde::Serialize;
 use std::fmt::Write as _;
@@ -81,7 +81,8 @@ pub fn run(minutes: f64) -> Result<Live, MeasureError> {
     let rig = Rig::mono(camera());
     let options = OpenOptions { rig: Some(rig.clone()), ..OpenOptions::default() };
     let source = open(&format!("rtmp-listen://{place}"), options)?;
-    let engine = Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Threaded, &Config::default())?;
+    let engine =
+        Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Threaded, &Config::default(), &std_host())?;
     let folder = std::env::temp_dir().join(format!("cairn-live-{}", std::process::id()));
     let mut session =
         Session::new(engine, SessionConfig { folder: folder.clone(), ..SessionConfig::default() });
@@ -250,7 +251,7 @@ impl Observer for Stopwatch {
         let now = Instant::now();
         let began = *self.began.get_or_insert(now);
         let Ok(output) = output else { return };
-        self.step_ms.push(output.extract_ms + output.track_ms);
+        self.step_ms.push(output.timings.step_ms());
         self.posed = Some(now);
         let Some(number) = packet.images.first().and_then(|i| number_of(i)) else { return };
         let handed = self.handed.lock().unwrap_or_else(PoisonError::into_inner).get(number).copied();

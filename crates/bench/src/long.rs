@@ -6,6 +6,7 @@ use crate::memory::resident_mb;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_eval::Percentiles;
 use cairn_sensor::Source;
+use cairn_sources::std_host;
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -39,7 +40,7 @@ pub struct Minute {
 pub fn run(source: &mut dyn Source, sensor: Sensors) -> Result<Vec<Minute>, MeasureError> {
     let rig = source.rig().clone();
     let (config, rate_hz) = (Config::default(), source.info().rate_hz);
-    let mut engine = Engine::new(&rig, sensor.mode(), rate_hz, Runner::Lockstep, &config)?;
+    let mut engine = Engine::new(&rig, sensor.mode(), rate_hz, Runner::Lockstep, &config, &std_host())?;
     let mut minutes = Vec::new();
     let mut first = None;
     let mut current = Costs::default();
@@ -50,13 +51,13 @@ pub fn run(source: &mut dyn Source, sensor: Sensors) -> Result<Vec<Minute>, Meas
             eprintln!("minute {}: {}", minutes.len(), line(&minutes[minutes.len() - 1]));
         }
         let out = engine.on_packet(&packet)?;
-        if let Some(cause) = out.stage_failed {
-            return Err(MeasureError::Stage(cause));
+        if let Some(cause) = out.stage_failed() {
+            return Err(MeasureError::Stage(cause.to_owned()));
         }
-        current.step_ms.push(out.extract_ms + out.track_ms);
-        current.track_ms.push(out.track_ms);
-        current.map_ms.extend(out.map_ms);
-        current.tracked += out.anchored.is_some() as usize;
+        current.step_ms.push(out.timings.step_ms());
+        current.track_ms.push(out.timings.track_ms);
+        current.tracked += usize::from(out.pose.is_some());
+        current.map_ms.extend(out.timings.map_ms);
     }
     engine.snapshot().check()?;
     // The rest counts as a minute if it is longer than half of one.

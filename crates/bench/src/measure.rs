@@ -2,7 +2,7 @@
 
 use crate::{MeasureError, run};
 use cairn_atlas::KeyFrameId;
-use cairn_engine::{Config, Engine, Joined, Runner, Sensors};
+use cairn_engine::{Config, Engine, Joined, Runner, Sensors, StageEvent};
 use cairn_eval::{Align, Percentiles};
 use cairn_geometry::Se3;
 use cairn_sensor::{Source, Stamp};
@@ -123,14 +123,14 @@ pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured
                 out.evidence.matched,
                 out.evidence.inliers,
                 engine.snapshot().key_frame_count(),
-                if out.map_ms.is_empty() { "" } else { " +" },
-                step_error(&truth, &mut before, packet.stamp, out.world_from_body.map(|p| p.se3)),
+                if out.timings.map_ms.is_empty() { "" } else { " +" },
+                step_error(&truth, &mut before, packet.stamp, out.world_from_body().map(|p| p.se3)),
             );
         }
-        if out.metric && metric_s.is_none() {
+        if out.is_metric() && metric_s.is_none() {
             metric_s = Some(packet.stamp - *stamps.first().unwrap_or(&packet.stamp));
         }
-        if let Some(attempt) = out.attempt.filter(|_| options.verbose) {
+        if let Some(attempt) = out.events.iter().find_map(StageEvent::attempt).filter(|_| options.verbose) {
             let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
             let found = attempt.found.as_ref().map(|f| (f.scale, f.scale_sigma, f.bias, f.noise_times));
             eprintln!(
@@ -138,7 +138,7 @@ pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured
                 if gates.is_empty() { "done".into() } else { gates.join("; ") }
             );
         }
-        for v in &out.verdicts {
+        for v in out.verdicts() {
             match v.result {
                 Ok(a) => {
                     loops += usize::from(a.joined == Joined::Loop);
@@ -162,11 +162,11 @@ pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured
             }
         }
         stamps.push(packet.stamp);
-        step_ms.push(out.extract_ms + out.track_ms);
-        track_ms.push(out.track_ms);
-        map_ms.extend(out.map_ms);
+        step_ms.push(out.timings.step_ms());
+        track_ms.push(out.timings.track_ms);
+        map_ms.extend(out.timings.map_ms);
     }
-    map_ms.extend(engine.finish().map_ms);
+    map_ms.extend(engine.finish().timings.map_ms);
     let map = engine.snapshot();
     map.check()?;
     let poses = engine.trajectory();

@@ -8,6 +8,7 @@ use cairn_geometry::{Se3, Sim3, So3, Vec3, umeyama};
 use cairn_random::Random;
 use cairn_sensor::{Source, Stamp};
 use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
+use cairn_sources::std_host;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
@@ -63,7 +64,8 @@ impl Day {
         config.sensor = crate::run::simulated(sensor);
         let mut source = SimSource::new(&config)?;
         let rig = source.rig().clone();
-        let mut engine = Engine::new(&rig, sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default())?;
+        let mut engine =
+            Engine::new(&rig, sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default(), &std_host())?;
         while let Some(packet) = source.next_packet()? {
             engine.on_packet(&packet)?;
         }
@@ -112,8 +114,15 @@ impl Day {
         let mut source = SimSource::in_world(&config, self.source.world().clone())?;
         let file = self.engine.to_save("bench", BTreeMap::new());
         let rig = source.rig().clone();
-        let (engine, _) =
-            Engine::in_map(&rig, self.sensor.mode(), RATE_HZ, Runner::Lockstep, &Config::default(), &file)?;
+        let (engine, _) = Engine::in_map(
+            &rig,
+            self.sensor.mode(),
+            RATE_HZ,
+            Runner::Lockstep,
+            &Config::default(),
+            &std_host(),
+            &file,
+        )?;
         let mut engine = engine.localize_only();
         let truth: BTreeMap<Stamp, Se3> = engine.comparable(&source.info().truth).into_iter().collect();
         let gamma_table: Vec<u8> =
@@ -129,7 +138,9 @@ impl Day {
                     .for_each(|v| *v = gamma_table[usize::from(*v)]);
             }
             let out = engine.on_packet(&packet)?;
-            let (Some(pose), Some(truth)) = (out.world_from_body, truth.get(&packet.stamp)) else { continue };
+            let (Some(pose), Some(truth)) = (out.world_from_body(), truth.get(&packet.stamp)) else {
+                continue;
+            };
             let off = (self.true_from_map * pose.se3.translation - truth.translation).norm();
             match off < RIGHT_M {
                 true => outcome.known_s = outcome.known_s.or(Some(packet.stamp - began)),

@@ -6,6 +6,7 @@ use cairn_eval::{Align, EvalOptions, Evaluation, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, Rig, Source, Stamp};
 use cairn_sim::SimSensor;
+use cairn_sources::std_host;
 
 /// An engine; it uses the rig's IMU if the sensor mode includes it.
 ///
@@ -20,7 +21,7 @@ pub(crate) fn engine(
 ) -> Result<Engine, MeasureError> {
     let mut config = config.clone();
     config.inertial.enabled = sensor.has_imu();
-    Ok(Engine::new(rig, sensor.mode(), rate_hz, runner, &config)?)
+    Ok(Engine::new(rig, sensor.mode(), rate_hz, runner, &config, &std_host())?)
 }
 
 /// What a simulated rig has for these sensors, the IMU left aside.
@@ -43,8 +44,10 @@ pub(crate) fn step(
 ) -> Result<Option<(FramePacket, Output)>, MeasureError> {
     let Some(packet) = source.next_packet()? else { return Ok(None) };
     let out = engine.on_packet(&packet)?;
-    match out.stage_failed {
-        Some(cause) => Err(MeasureError::of(format!("frame {number}"), MeasureError::Stage(cause))),
+    match out.stage_failed() {
+        Some(cause) => {
+            Err(MeasureError::of(format!("frame {number}"), MeasureError::Stage(cause.to_owned())))
+        }
         None => Ok(Some((packet, out))),
     }
 }

@@ -18,7 +18,7 @@ use cairn_inertial::{
 use cairn_mapping::{CameraAndImu, initialise_key_frames};
 use cairn_random::Random;
 use cairn_sensor::{ImuSample, ImuSensor, Source, Stamp};
-use cairn_sources::{OpenOptions, open};
+use cairn_sources::{OpenOptions, open, std_host};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -131,7 +131,8 @@ fn by_images(name: &str, source: &mut dyn Source) -> Result<Vec<Row>, MeasureErr
     let options = RunOptions::new(Sensors::Mono);
     let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
     let sensor = rig.imu.clone().ok_or("no IMU")?;
-    let mut engine = Engine::new(&rig, options.sensor.mode(), rate_hz, Runner::Lockstep, &options.config)?;
+    let mut engine =
+        Engine::new(&rig, options.sensor.mode(), rate_hz, Runner::Lockstep, &options.config, &std_host())?;
     let mut readings: Vec<ImuSample> = Vec::new();
     while let Some(packet) = source.next_packet()? {
         engine.on_packet(&packet)?;

@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     while let Some((stamp, left, right, imu)) = device.grab()? {
         let image = |pixels| GrayImage::from_vec(400, 300, pixels).ok_or("the image has another size");
         let output = slam.track_images(stamp, vec![image(left)?, image(right)?], None, imu)?;
-        if let Some(pose) = output.world_from_body {
+        if let Some(pose) = output.world_from_body() {
             tracked += 1;
             if tracked % 15 != 1 {
                 continue;

@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     while let Some(frame) = source.next_packet()? {
         let output = slam.track(&frame)?;
         frames += 1;
-        if output.world_from_body.is_some() && first.is_none() {
+        if output.pose.is_some() && first.is_none() {
             first = Some(frames);
             println!("found     in frame {frames}, {} matches agree", output.evidence.inliers);
         }

@@ -4,8 +4,9 @@ use crate::{Error, Slam};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner, SensorMode, Sensors};
 use cairn_guide::PhraseConfig;
-use cairn_sensor::{Rig, Source};
+use cairn_sensor::{Host, Rig, Source};
 use cairn_session::{Session, SessionConfig};
+use cairn_sources::std_host;
 
 /// Frames a second where nothing else is said.
 const RATE_HZ: f64 = 30.0;
@@ -23,6 +24,7 @@ pub struct Builder {
     localize_only: bool,
     phrases: PhraseConfig,
     source: String,
+    host: Host,
 }
 
 /// The mode that uses most of a rig's cameras: depth where there is a depth sensor, else stereo where there are
@@ -44,6 +46,7 @@ impl Builder {
             localize_only: false,
             phrases: PhraseConfig::default(),
             source: String::new(),
+            host: std_host(),
         }
     }
 
@@ -79,6 +82,11 @@ impl Builder {
         Self { runner: Runner::Threaded, ..self }
     }
 
+    /// Takes time and threads from another host than this machine: a simulator on virtual time, a page without threads.
+    pub fn host(self, host: Host) -> Self {
+        Self { host, ..self }
+    }
+
     /// Continues in a saved map: the pose is lost until a place is recognised, and mapping goes on from there. Another camera
     /// may have made the map: with depth or an IMU this one continues it where lengths are metres (and, without depth, the map is
     /// aligned with gravity), without both it only localises. [`Slam::notes`] tells which.
@@ -112,9 +120,11 @@ impl Builder {
         config.inertial.enabled = self.with_imu && rig.imu.is_some();
         config.check()?;
         let (engine, notes) = match &self.map {
-            None => (Engine::new(rig, mode, self.rate_hz, self.runner, &config)?, Vec::new()),
+            None => (Engine::new(rig, mode, self.rate_hz, self.runner, &config, &self.host)?, Vec::new()),
             Some(file) if file.snapshot.key_frame_count() == 0 => return Err(Error::EmptyMap),
-            Some(file) => Engine::in_map_of_any_camera(rig, mode, self.rate_hz, self.runner, &config, file)?,
+            Some(file) => {
+                Engine::in_map_of_any_camera(rig, mode, self.rate_hz, self.runner, &config, &self.host, file)?
+            }
         };
         let engine = if self.localize_only { engine.localize_only() } else { engine };
         let session = Session::new(

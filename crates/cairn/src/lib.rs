@@ -13,7 +13,7 @@
 //! let mut slam = Slam::for_source(&*source).build()?;
 //! while let Some(frame) = source.next_packet()? {
 //!     let output = slam.track(&frame)?;
-//!     println!("{} {:?} {:?}", output.stamp, output.state, output.world_from_body);
+//!     println!("{} {:?} {:?}", output.stamp, output.state, output.world_from_body());
 //! }
 //! slam.finish();
 //! let accuracy = slam.accuracy(&source.info().truth)?;
@@ -24,7 +24,7 @@
 //! let mut source = open(walk)?;
 //! let mut again = Slam::for_source(&*source).localize_in(Slam::load_map(&file)?).build()?;
 //! let frame = source.next_packet()?.ok_or("the source is empty")?;
-//! assert!(again.track(&frame)?.world_from_body.is_some());
+//! assert!(again.track(&frame)?.pose.is_some());
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
@@ -93,9 +93,11 @@ pub use shared::{OwnMapError, SharedAtlas, TeamAtlas, own_map, own_part, shared_
 pub use slam::Slam;
 
 #[doc(no_inline)]
-pub use cairn_engine::{Config, MotionSource, Odometry, Output, SensorMode, State};
+pub use cairn_engine::{
+    Config, FramePose, MotionSource, Odometry, Output, SensorMode, StageEvent, State, Timings,
+};
 #[doc(no_inline)]
-pub use cairn_sensor::{FramePacket, GrayImage, ImuSample, Rig, Source, Stamp};
+pub use cairn_sensor::{Clock, FramePacket, GrayImage, Host, ImuSample, Rig, Source, Stamp};
 
 pub use cairn_atlas as atlas;
 pub use cairn_dense as dense;

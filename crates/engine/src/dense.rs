@@ -48,6 +48,9 @@ pub enum DenseSetupError {
     /// Mapping has failed before.
     #[error("mapping is not running")]
     NoMapping,
+    /// The search for a lost camera cannot begin; why.
+    #[error("a lost camera cannot be looked for: {0}")]
+    NoThread(String),
     /// The depth camera or the config cannot be used.
     #[error(transparent)]
     Dense(#[from] DenseError),
@@ -113,8 +116,10 @@ impl DenseMapper {
             Self::following(from, sensor.camera, sensor.metres_per_unit, camera_from_depth, config)?;
         (all.has_colours, all.views) = (has_colours, Some(Views::default()));
         let locator = all.map.locator(RegisterConfig::default())?;
-        let (after_s, threaded) = (engine.find_by_depth_s, engine.is_threaded());
-        all.lost = Some(LostCamera::new(engine.depth_link(), locator, camera_from_depth, after_s, threaded));
+        let (after_s, threaded) = (engine.find_by_depth_s, engine.mapping.is_threaded());
+        let link = engine.depth_link();
+        let lost = LostCamera::new(link, locator, camera_from_depth, after_s, threaded, &engine.host);
+        all.lost = Some(lost.map_err(|e| DenseSetupError::NoThread(e.to_string()))?);
         Ok(all)
     }
 

@@ -1,179 +1,214 @@
 //! The whole system on one page: what happens to a packet.
 
-use crate::Config;
 use crate::depth_link::Link;
 use crate::digest::Digest;
-use crate::journal::{FrameRecord, Header, Journal, ReplayError};
-use crate::log::{Log, Logged};
-use crate::mapping::{Done, Mapping, Replayed, Runner};
-use crate::output::{Finished, Output};
-use crate::scale::{Scale, is_adrift, map_of, scale_of};
-use crate::sensors::has_colours;
-use crate::status::{FrameResult, Status, StatusTracker};
-use cairn_atlas::{KeyFrameId, Readout, Snapshot, Subscription};
+use crate::journal::{Header, Journal, ReplayError};
+use crate::log::Log;
+use crate::mapping::{Done, Mapping, Replayed};
+use crate::observers::{DoneFrame, Observer, Observers, TrackedFrame, TrackingInput};
+use crate::output::{Finished, FramePose, Output, StageEvent, Timings};
+use crate::scale::{Scale, map_of, scale_of};
+use crate::status::Status;
+use cairn_atlas::{KeyFrameId, MapId, Readout, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, World};
-use cairn_mapping::{Closer, DepthViews, Mapper, ScaleVerdict};
-use cairn_sensor::{FramePacket, Rig, RigError, Stamp};
+use cairn_sensor::{FramePacket, Host, Stamp};
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, MeasuredMotion, State, Tracked, Tracker};
 use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
 use nalgebra::SMatrix;
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
 /// The engine: packets in, poses and a map out.
 pub struct Engine {
-    front_end: FrontEnd,
-    tracker: Tracker,
-    mapping: Mapping,
+    pub(crate) front_end: FrontEnd,
+    pub(crate) tracker: Tracker,
+    pub(crate) mapping: Mapping,
+    pub(crate) observers: Observers,
     pub(crate) mode: SensorMode,
     /// Whether the first camera shows the pixels of the depth.
-    has_colours: bool,
+    pub(crate) has_colours: bool,
     /// True where the map must stay unchanged.
     pub(crate) localize_only: bool,
-    /// The journal header, except for the source and the map.
-    header: Header,
-    log: Log,
-    status_tracker: StatusTracker,
-    /// Whether the IMU contradicts the scale of the map at present.
-    scale_contradicted: bool,
-    stage_failed: Option<String>,
-    /// Where a search by depth finds a lost camera, if a dense mapper looks for it.
-    depth_link: Option<Link>,
-    /// Takes the depth of key frames, where there is a depth sensor.
-    depth_views: Option<DepthViews>,
     pub(crate) find_by_depth_s: f64,
+    /// The journal header, except for the source and the map.
+    pub(crate) header: Header,
+    pub(crate) host: Host,
+}
+
+/// A frame between tracking and its output.
+struct Step {
+    tracked: Tracked,
+    input: TrackingInput,
+    /// Whether the map of the pose was in metres when the frame was tracked in it: mapping may gravity-align and scale it before
+    /// the frame is reported.
+    is_metric: bool,
+    key_frame_requested: bool,
+    extract_ms: f64,
+    track_ms: f64,
+}
+
+/// The map that a frame began.
+struct Creation {
+    version: u64,
+    /// The first frame of the pair that began it.
+    first: Option<(Stamp, AnchoredPose)>,
 }
 
 impl Engine {
-    /// An engine without a map, for packets at about `rate_hz`.
+    /// Processes one packet: extract features, track, submit key frames to mapping, and tell who observes frames.
     ///
     /// # Errors
     ///
-    /// [`RigError`] when the rig cannot serve the mode.
-    pub fn new(
-        rig: &Rig,
-        mode: SensorMode,
-        rate_hz: f64,
-        runner: Runner,
-        config: &Config,
-    ) -> Result<Self, RigError> {
-        let front_end = FrontEnd::new(rig, mode, config.front_end_for(rig))?;
-        let snapshot = Snapshot::with_octaves(front_end.octaves());
-        Ok(Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config))
+    /// [`FrontEndError`] when the images of the packet do not fit the rig; the engine can go on with the next
+    /// packet.
+    pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, FrontEndError> {
+        let begin = self.host.clock.now();
+        let extracted = self.front_end.extract(packet);
+        let frame = extracted.inspect_err(|e| self.observers.refused(packet, &e.to_string()))?;
+        let frame = Arc::new(frame);
+        let extract_ms = self.host.clock.ms_since(begin);
+        let mut done = Done::default();
+        let mut step = Step { extract_ms, ..self.track(packet, &frame, &mut done) };
+        let created = self.submit(&mut step.tracked, &mut done);
+        self.mapping.poll(&mut done);
+        Ok(self.observe(packet, frame, step, created, done))
     }
 
-    /// The stages around a front end and a map.
-    pub(crate) fn around(
-        front_end: FrontEnd,
-        snapshot: Snapshot,
-        rig: &Rig,
-        mode: SensorMode,
-        rate_hz: f64,
-        runner: Runner,
-        config: &Config,
-    ) -> Self {
-        let model = *front_end.model();
-        let mut snapshot = snapshot.continued_by(config.robot);
-        // Opened and checked before the first image rather than at it.
-        cairn_vision::bow::Vocabulary::current();
-        let size = rig.cameras.first().map_or([0; 2], |c| [c.camera.width, c.camera.height]);
-        let features = config.front_end_for(rig).orb.features;
-        let tracker = Tracker::new(model, features, rate_hz, config.tracker).with_size(size);
-        let depth = rig.depth.as_ref().filter(|_| mode == SensorMode::Rgbd);
-        let depth = depth.map(|sensor| (sensor, model.body_from_camera.inverse() * sensor.body_from_depth));
-        let tracker = match depth {
-            Some((sensor, camera_from_depth)) => tracker.with_depth(sensor, camera_from_depth),
-            None => tracker,
+    /// Tracks a frame in the map as it is.
+    fn track(&mut self, packet: &FramePacket, frame: &Arc<Frame>, done: &mut Done) -> Step {
+        let (snapshot, idle) = self.mapping.snapshot_for(packet.stamp, done);
+        let begin = self.host.clock.now();
+        let gray = packet.images.first().filter(|_| self.has_colours).cloned();
+        self.tracker.depth_seen(packet.depth.clone(), gray);
+        if let Some(found) = self.observers.search.found() {
+            self.tracker.found_by_depth(found);
+        }
+        let tracked = self.tracker.step(frame.clone(), &packet.imu, &snapshot, idle, !self.localize_only);
+        let map = tracked.pose.and_then(|p| map_of(&snapshot, p.reference));
+        let key_frame_requested = tracked.request.is_some() && !self.localize_only;
+        self.observers.tracked(&TrackedFrame {
+            packet,
+            frame,
+            tracked: &tracked,
+            tracker: &self.tracker,
+            snapshot: &snapshot,
+            key_frame_requested,
+        });
+        Step {
+            input: TrackingInput { version: snapshot.version(), idle },
+            is_metric: self.has_depth() || map.is_some_and(|map| snapshot.is_gravity_aligned(map)),
+            tracked,
+            key_frame_requested,
+            extract_ms: 0.0,
+            track_ms: self.host.clock.ms_since(begin),
+        }
+    }
+
+    /// Submits the result of tracking to mapping; when a map is created, the frame gets its pose from it.
+    fn submit(&mut self, tracked: &mut Tracked, done: &mut Done) -> Option<Creation> {
+        if self.localize_only {
+            return None;
+        }
+        if !tracked.seen.is_empty() {
+            self.mapping.note(std::mem::take(&mut tracked.seen));
+        }
+        let request = tracked.request.take()?;
+        let earlier = match &request {
+            KeyFrameRequest::Pair { first, .. } => Some(first.stamp),
+            _ => None,
         };
-        let mut mapper = config.mapper;
-        if mode != SensorMode::Stereo {
-            mapper.window.right_offset_sigma = 0.0;
-        }
-        mapper.window.hold_poses |= config.tracker.dense && mode == SensorMode::Rgbd;
-        // Poses that stay where depth put them are not aligned again.
-        let aligned = depth.filter(|_| !mapper.window.hold_poses);
-        let closer = Closer::new(model, config.closer, mapper.window);
-        let (mut tracker, mut mapper) = (tracker, Mapper::new(model, mapper));
-        let mut closer = closer.with_motion_links(mapper.motion_links());
-        let depth_views =
-            aligned.and_then(|(sensor, camera_from_depth)| DepthViews::new(sensor, camera_from_depth));
-        if let Some(views) = &depth_views {
-            mapper = mapper.with_depth_views(views.clone());
-            closer = closer.with_depth_views(views.clone());
-        }
-        let imu = rig.imu.as_ref().filter(|_| config.inertial.enabled);
-        let status_tracker =
-            StatusTracker::new(model.has_depth(), imu.map(|imu| 1.0 / imu.rate_hz), &snapshot);
-        if let Some(imu) = imu {
-            let (imu_from_camera, inertial) =
-                (imu.body_from_imu.inverse() * model.body_from_camera, config.inertial);
-            tracker = tracker.with_imu(imu, imu_from_camera, inertial.noise_times);
-            mapper = mapper.with_imu(imu, imu_from_camera, inertial);
-            closer = closer.with_imu(imu, imu_from_camera, inertial);
-            snapshot = snapshot.with_imu_from_camera(imu_from_camera);
-        }
-        let header = Header::of(mode, rate_hz, rig, config);
-        let mapping = Mapping::new(runner, mapper, closer, snapshot);
-        Self {
-            front_end,
-            tracker,
-            mapping,
-            mode,
-            has_colours: has_colours(rig),
-            localize_only: false,
-            header,
-            log: Log::default(),
-            status_tracker,
-            scale_contradicted: false,
-            stage_failed: None,
-            depth_link: None,
-            depth_views,
-            find_by_depth_s: config.tracker.find_by_depth_s,
-        }
+        let starting = !matches!(request, KeyFrameRequest::Next { .. });
+        let id = self.mapping.submit(request, done).filter(|_| starting)?;
+        let snapshot = self.mapping.after_start(done);
+        self.tracker.map_created(&snapshot, id);
+        tracked.pose = at_key_frame(&snapshot, id);
+        tracked.covariance = Some(SMatrix::zeros());
+        tracked.state = State::Tracking;
+        let root = snapshot.key_frame(id).and_then(|k| at_key_frame(&snapshot, k.map.root()));
+        Some(Creation { version: snapshot.version(), first: earlier.zip(root) })
     }
 
+    /// Tells the observers of a frame, and what the packet has brought.
+    fn observe(
+        &mut self,
+        packet: &FramePacket,
+        frame: Arc<Frame>,
+        step: Step,
+        created: Option<Creation>,
+        done: Done,
+    ) -> Output {
+        let snapshot = self.snapshot();
+        let Step { tracked, input, is_metric, key_frame_requested, extract_ms, track_ms } = step;
+        let map = tracked.pose.and_then(|p| map_of(&snapshot, p.reference));
+        let stage_failed = done.stage_failed.clone();
+        let (events, timings) = done.report();
+        let mut output = Output {
+            stamp: tracked.stamp,
+            frame,
+            state: tracked.state,
+            pose: map.and_then(|map| self.pose(&tracked, is_metric, &snapshot, map)),
+            evidence: tracked.evidence,
+            key_frame_requested,
+            events,
+            timings: Timings { extract_ms, track_ms, ..timings },
+            status: Status::default(),
+        };
+        let mut context = DoneFrame {
+            packet,
+            input,
+            earlier: tracked.earlier,
+            map_created: created.as_ref().map(|created| created.version),
+            first_of_pair: created.and_then(|created| created.first),
+            snapshot: &snapshot,
+            map,
+            scale_supported: tracked.scale_supported,
+            stage_failed,
+            mapping: &mut self.mapping,
+        };
+        self.observers.done(&mut context, &mut output);
+        output
+    }
+
+    /// The pose of a frame, with what the latest map knows of its unit of length.
+    fn pose(&self, tracked: &Tracked, metric: bool, snapshot: &Snapshot, map: MapId) -> Option<FramePose> {
+        let anchored = tracked.pose?;
+        Some(FramePose {
+            world_from_body: self.body(&anchored.world_from_camera, metric),
+            odometry: self.tracker.odometry()?,
+            anchored,
+            covariance: tracked.covariance,
+            scale: Scale { metric, ..scale_of(snapshot, map, self.has_depth(), tracked.scale_supported) },
+        })
+    }
+
+    /// Waits for mapping to finish its work and runs the final bundle adjustment; call at the end of a run,
+    /// before [`Engine::trajectory`]. Returns the work finished meanwhile.
+    pub fn finish(&mut self) -> Finished {
+        let mut done = Done::default();
+        if !self.localize_only {
+            self.mapping.finish(&mut done);
+        }
+        let snapshot = self.mapping.latest();
+        let mut digest = Digest::default();
+        digest.snapshot(&snapshot);
+        if !self.mapping.stop().load(Ordering::Relaxed) {
+            self.mapping.record_end(snapshot.version(), digest.value());
+        }
+        let failed = done.stage_failed.clone();
+        failed.iter().for_each(|why| self.observers.failed(why));
+        let (mut events, timings) = done.report();
+        events.extend(failed.map(StageEvent::Failed));
+        Finished { events, timings }
+    }
+}
+
+/// What else is done with an engine.
+impl Engine {
     /// In a map that another engine made until a moment ago, of the same camera: it is looked for where it was then, before any
     /// other place. To be called before the first packet, with its stamp.
     pub fn resume(&mut self, now: Stamp) {
         self.tracker.resume(&self.mapping.latest(), now);
-    }
-
-    /// The link to the search by depth.
-    pub(crate) fn depth_link(&mut self) -> Link {
-        self.depth_link.get_or_insert_default().clone()
-    }
-
-    /// Whether mapping runs on threads.
-    pub(crate) fn is_threaded(&self) -> bool {
-        matches!(self.mapping, Mapping::Thread(_))
-    }
-
-    /// Tells tracking where a search by depth has found the camera; whether it has.
-    fn pass_on_found(&mut self) -> bool {
-        let found = self.depth_link.as_ref().and_then(|link| link.lock().found.take());
-        let is_found = found.is_some();
-        if let Some(found) = found {
-            self.tracker.found_by_depth(found);
-        }
-        is_found
-    }
-
-    /// Tells the search by depth what came of the place it found, and what it has to know of gravity.
-    fn tell_search(&self, frame: &Frame, tracked: &Tracked, was_told: bool, snapshot: &Snapshot) {
-        let Some(link) = &self.depth_link else { return };
-        let is_lost = matches!(tracked.state, State::Lost { .. });
-        if !was_told && !is_lost {
-            return;
-        }
-        let mut shared = link.lock();
-        shared.taken[usize::from(is_lost)] += usize::from(was_told);
-        shared.up = self.tracker.up(tracked.stamp);
-        shared.is_of_use = self.tracker.may_believe_depth(frame);
-        let gravity_aligned =
-            snapshot.maps().map(|(map, _)| map).filter(|map| snapshot.is_gravity_aligned(*map));
-        shared.gravity_aligned = gravity_aligned.collect();
     }
 
     /// Tells what other sensors (the wheels of a robot) measured of the motion of the body since the packet before; to be
@@ -189,147 +224,14 @@ impl Engine {
         self.tracker.readout(&self.snapshot())
     }
 
-    /// Processes one packet: extract features, track, and submit key frames to mapping.
-    ///
-    /// # Errors
-    ///
-    /// [`FrontEndError`] when the images of the packet do not fit the rig; the engine can go on with the next
-    /// packet.
-    pub fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, FrontEndError> {
-        let start = Instant::now();
-        let extracted = self.front_end.extract(packet);
-        let frame = extracted
-            .inspect_err(|e| self.status_tracker.refuse(packet.stamp, &packet.imu, e.to_string()))?;
-        let frame = Arc::new(frame);
-        let extract_ms = start.elapsed().as_secs_f64() * 1e3;
-        let mut done = Done::default();
-        let (snapshot, idle) = self.mapping.snapshot_for(packet.stamp, &mut done);
-        let version = snapshot.version();
-        let tracking_start = Instant::now();
-        let gray = packet.images.first().filter(|_| self.has_colours).cloned();
-        self.tracker.depth_seen(packet.depth.clone(), gray);
-        let was_told = self.pass_on_found();
-        let mut tracked = self.tracker.step(frame.clone(), &packet.imu, &snapshot, idle, !self.localize_only);
-        self.tell_search(&frame, &tracked, was_told, &snapshot);
-        // In the snapshot used for tracking: mapping may gravity-align and scale the map before this frame is
-        // reported.
-        let gravity_aligned = tracked
-            .pose
-            .and_then(|p| map_of(&snapshot, p.reference))
-            .is_some_and(|w| snapshot.is_gravity_aligned(w));
-        drop(snapshot);
-        let track_ms = tracking_start.elapsed().as_secs_f64() * 1e3;
-        let mut digest = Digest::default();
-        for (stamp, anchored) in tracked.earlier.drain(..) {
-            digest.anchored(Some(&anchored));
-            self.log.amend(stamp, anchored);
-        }
-        let key_frame_requested = tracked.request.is_some() && !self.localize_only;
-        if let (Some(views), Some(depth)) = (&self.depth_views, &packet.depth)
-            && key_frame_requested
-        {
-            views.offer(packet.stamp, depth.clone());
-        }
-        let map_created = self.submit(&mut tracked, &mut done);
-        digest.state(tracked.state);
-        digest.anchored(tracked.pose.as_ref());
-        let digest = digest.value();
-        self.mapping.record_frame(&FrameRecord { stamp: packet.stamp, version, idle, map_created, digest });
-        self.mapping.poll(&mut done);
-        let snapshot = self.snapshot();
-        if let Some(check) = done.scale_check {
-            self.scale_contradicted = check.verdict == ScaleVerdict::Contradicted;
-        }
-        let metric = tracked.pose.is_some() && (gravity_aligned || self.front_end.model().has_depth());
-        let scale_supported = tracked.scale_supported;
-        self.log.push(Logged {
-            stamp: tracked.stamp,
-            state: tracked.state,
-            anchored: tracked.pose,
-            odometry: self.tracker.odometry(),
-            metric,
-            scale_supported,
-        });
-        let depth = self.front_end.model().has_depth();
-        let scale = tracked
-            .pose
-            .and_then(|p| map_of(&snapshot, p.reference))
-            .map(|map| Scale { metric, ..scale_of(&snapshot, map, depth, scale_supported) })
-            .map(|scale| {
-                let is_doubtful = self.scale_contradicted || (!depth && is_adrift(&tracked.state));
-                Scale { supported: scale.supported && !is_doubtful, ..scale }
-            });
-        let unreadable = || snapshot.read_fault().map(|fault| format!("the map cannot be read: {fault}"));
-        let stage_failed = done.stage_failed.or_else(unreadable).filter(|_| self.stage_failed.is_none());
-        self.stage_failed = self.stage_failed.take().or_else(|| stage_failed.clone());
-        self.status_tracker.update(&FrameResult {
-            stamp: tracked.stamp,
-            imu: &packet.imu,
-            state: tracked.state,
-            map: tracked
-                .pose
-                .and_then(|p| map_of(&snapshot, p.reference))
-                .map(|w| (w, snapshot.is_gravity_aligned(w))),
-            metric,
-            map_created: map_created.is_some(),
-            others: snapshot.maps().nth(1).is_some(),
-            points: tracked.evidence.inliers,
-            attempt: done.attempt.as_ref(),
-            scale_check: done.scale_check,
-            verdicts: &done.verdicts,
-            stage_failed: self.stage_failed.as_deref(),
-            mapping: !self.localize_only,
-        });
-        Ok(Output {
-            stamp: tracked.stamp,
-            frame,
-            state: tracked.state,
-            world_from_body: tracked.pose.map(|p| self.body(&p.world_from_camera, metric)),
-            odometry: self.tracker.odometry(),
-            metric,
-            scale,
-            attempt: done.attempt,
-            scale_check: done.scale_check,
-            anchored: tracked.pose,
-            covariance: tracked.covariance,
-            evidence: tracked.evidence,
-            key_frame_requested,
-            extract_ms,
-            track_ms,
-            map_ms: done.ms,
-            close_ms: done.close_ms,
-            verdicts: done.verdicts,
-            stage_failed,
-            status: self.status_tracker.status().clone(),
-        })
+    /// The link to a search by depth.
+    pub(crate) fn depth_link(&mut self) -> Link {
+        self.observers.search.link()
     }
 
-    /// Submits the tracking result to mapping; when a map is created, the frame gets its pose from it.
-    /// Returns the version of the map after that.
-    fn submit(&mut self, tracked: &mut Tracked, done: &mut Done) -> Option<u64> {
-        if self.localize_only {
-            return None;
-        }
-        if !tracked.seen.is_empty() {
-            self.mapping.note(std::mem::take(&mut tracked.seen));
-        }
-        let request = tracked.request.take()?;
-        let earlier = match &request {
-            KeyFrameRequest::Pair { first, .. } => Some(first.clone()),
-            _ => None,
-        };
-        let starting = !matches!(request, KeyFrameRequest::Next { .. });
-        let id = self.mapping.submit(request, done).filter(|_| starting)?;
-        let snapshot = self.mapping.after_start(done);
-        self.tracker.map_created(&snapshot, id);
-        tracked.pose = at_key_frame(&snapshot, id);
-        tracked.covariance = Some(SMatrix::zeros());
-        tracked.state = State::Tracking;
-        let root = snapshot.key_frame(id).and_then(|k| at_key_frame(&snapshot, k.map.root()));
-        if let (Some(first), Some(anchored)) = (earlier, root) {
-            self.log.amend(first.stamp, anchored);
-        }
-        Some(snapshot.version())
+    /// Whether the camera measures depth.
+    pub(crate) fn has_depth(&self) -> bool {
+        self.front_end.model().has_depth()
     }
 
     /// The stream of all map changes from now on, every commit in order; `None` when mapping has failed.
@@ -395,35 +297,18 @@ impl Engine {
 
     /// The status after the last packet, for people.
     pub fn status(&self) -> &Status {
-        self.status_tracker.status()
+        self.observers.status.status()
     }
 
     /// The results of all frames.
     pub fn log(&self) -> &Log {
-        &self.log
+        &self.observers.log
     }
 
     /// A flag that ends long work early once it is set: adjustments of whole maps, the final one too, are left without
     /// changes. For a user who does not want to wait; a journal then lacks its end.
     pub fn stop_flag(&self) -> Arc<AtomicBool> {
         self.mapping.stop().clone()
-    }
-
-    /// Waits for mapping to finish its work and runs the final bundle adjustment; call at the end of a run,
-    /// before [`Engine::trajectory`]. Returns the work finished meanwhile.
-    pub fn finish(&mut self) -> Finished {
-        let mut done = Done::default();
-        if !self.localize_only {
-            self.mapping.finish(&mut done);
-        }
-        let snapshot = self.mapping.latest();
-        let mut digest = Digest::default();
-        digest.snapshot(&snapshot);
-        if !self.mapping.stop().load(Ordering::Relaxed) {
-            self.mapping.record_end(snapshot.version(), digest.value());
-        }
-        self.stage_failed = self.stage_failed.take().or(done.stage_failed);
-        Finished { map_ms: done.ms, close_ms: done.close_ms, verdicts: done.verdicts }
     }
 }
 

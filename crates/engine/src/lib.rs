@@ -1,6 +1,6 @@
 #![doc = include_str!("../README.md")]
 
-mod background;
+mod assembly;
 mod config;
 mod dense;
 mod depth_link;
@@ -9,6 +9,7 @@ mod engine;
 pub mod journal;
 mod log;
 mod mapping;
+mod observers;
 mod output;
 mod record;
 mod saved;
@@ -17,9 +18,9 @@ mod sensors;
 mod status;
 mod trajectory;
 
-pub use background::background;
 pub use cairn_inertial::{Gate, GateKind};
 pub use cairn_mapping::{Accepted, Joined, Refusal, ScaleCheck, ScaleVerdict, Verdict};
+pub use cairn_sensor::{Clock, Host};
 pub use cairn_settings::SettingsError as ConfigError;
 pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, Odometry, State};
 pub use cairn_vision::SensorMode;
@@ -32,7 +33,7 @@ pub use engine::Engine;
 pub use journal::{Journal, JournalError, ReplayError};
 pub use log::{Log, Logged};
 pub use mapping::{Delays, Replayed, Runner, Stopped};
-pub use output::{Finished, Output};
+pub use output::{Finished, FramePose, Output, StageEvent, Timings};
 pub use record::record_input;
 pub use saved::{OpenMapError, UnfitMap};
 pub use scale::{Scale, ScaleStretch};

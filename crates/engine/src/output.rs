@@ -1,4 +1,4 @@
-//! What the engine says after each packet, and of the work that is finished after the last one.
+//! What the engine says after each packet, and of the work that is finished after the last one: a pose, events and timings.
 
 use crate::scale::Scale;
 use crate::status::Status;
@@ -20,52 +20,131 @@ pub struct Output {
     pub frame: Arc<Frame>,
     /// The state of tracking.
     pub state: State,
-    /// The pose of the body, when it is known.
-    pub world_from_body: Option<Pose<World, Body>>,
-    /// The pose of the body in the odometry frame, which no correction of the map moves; `None` when the pose is not
-    /// known. `odometry.world_from_odom.then(&odometry.odom_from_body)` is `world_from_body`.
-    pub odometry: Option<Odometry>,
-    /// The camera pose (not the body's), anchored to a key frame.
-    pub anchored: Option<AnchoredPose>,
-    /// Covariance of `anchored.world_from_camera`, of its right perturbation: translation and rotation of the camera. The
-    /// landmarks count as exact: what the map itself is off is not in it. Zero where the frame began the map.
-    pub covariance: Option<SMatrix<f64, 6, 6>>,
-    /// Whether lengths are metres in the map of the pose: always with depth, else once the IMU has been
-    /// initialised.
-    pub metric: bool,
-    /// What is known of the unit of length of the pose.
-    pub scale: Option<Scale>,
-    /// The last attempt to initialise gravity, scale and biases, if there was one.
-    pub attempt: Option<Attempt>,
-    /// What the IMU says of the scale of a metric map, where a key frame was checked since the last packet.
-    pub scale_check: Option<ScaleCheck>,
+    /// Where the body is, when that is known.
+    pub pose: Option<FramePose>,
     /// The evidence for the pose.
     pub evidence: Evidence,
     /// Whether tracking asked mapping to make this frame a key frame; mapping may decline.
     pub key_frame_requested: bool,
-    /// Milliseconds from the decoded image to features.
-    pub extract_ms: f64,
-    /// Milliseconds from features to the pose.
-    pub track_ms: f64,
-    /// Milliseconds of each key frame that mapping has finished since the last packet.
-    pub map_ms: Vec<f64>,
-    /// Milliseconds of each key frame in closing, and of each adjustment of a whole map.
-    pub close_ms: Vec<f64>,
-    /// Verdicts of closing on places that may have been seen before.
-    pub verdicts: Vec<Verdict>,
-    /// Why mapping failed, reported once; tracking goes on with the map as it is.
-    pub stage_failed: Option<String>,
+    /// What mapping and closing did since the last packet.
+    pub events: Vec<StageEvent>,
+    /// How long it took.
+    pub timings: Timings,
     /// The same for people.
     pub status: Status,
+}
+
+impl Output {
+    /// The pose of the body in the map, when it is known.
+    pub fn world_from_body(&self) -> Option<Pose<World, Body>> {
+        self.pose.map(|pose| pose.world_from_body)
+    }
+
+    /// Whether there is a pose in metres.
+    pub fn is_metric(&self) -> bool {
+        self.pose.is_some_and(|pose| pose.scale.metric)
+    }
+
+    /// Verdicts of closing on places that may have been seen before.
+    pub fn verdicts(&self) -> impl Iterator<Item = &Verdict> {
+        self.events.iter().filter_map(StageEvent::verdict)
+    }
+
+    /// Why mapping failed, told once.
+    pub fn stage_failed(&self) -> Option<&str> {
+        self.events.iter().find_map(StageEvent::failed)
+    }
+}
+
+/// The pose of a frame: in the map, in the odometry, at a key frame; and what is known of it.
+#[derive(Clone, Copy, Debug)]
+pub struct FramePose {
+    /// The pose of the body in the map.
+    pub world_from_body: Pose<World, Body>,
+    /// The pose of the body in the odometry frame, which no correction of the map moves:
+    /// `odometry.world_from_odom.then(&odometry.odom_from_body)` is `world_from_body`.
+    pub odometry: Odometry,
+    /// The camera pose (not the body's), anchored to a key frame.
+    pub anchored: AnchoredPose,
+    /// Covariance of `anchored.world_from_camera`, of its right perturbation: translation and rotation of the camera. The
+    /// landmarks count as exact: what the map itself is off is not in it. Zero where the frame began the map.
+    pub covariance: Option<SMatrix<f64, 6, 6>>,
+    /// What is known of its unit of length. It is the metre with depth, else once the IMU has been initialised.
+    pub scale: Scale,
+}
+
+/// What mapping or closing did.
+#[derive(Clone, Debug)]
+pub enum StageEvent {
+    /// An attempt to initialise gravity, scale and biases, the last of several.
+    Attempt(Attempt),
+    /// What the IMU says of the scale of a metric map, where a key frame was checked.
+    ScaleCheck(ScaleCheck),
+    /// The verdict of closing on a place that may have been seen before.
+    Verdict(Verdict),
+    /// Why a stage failed, told once; tracking goes on with the map as it is.
+    Failed(String),
+}
+
+impl StageEvent {
+    /// The verdict on a place, if it is one.
+    pub fn verdict(&self) -> Option<&Verdict> {
+        if let Self::Verdict(verdict) = self { Some(verdict) } else { None }
+    }
+
+    /// The attempt to initialise, if it is one.
+    pub fn attempt(&self) -> Option<&Attempt> {
+        if let Self::Attempt(attempt) = self { Some(attempt) } else { None }
+    }
+
+    /// The check of the scale, if it is one.
+    pub fn scale_check(&self) -> Option<&ScaleCheck> {
+        if let Self::ScaleCheck(check) = self { Some(check) } else { None }
+    }
+
+    /// Why a stage failed, if one did.
+    pub fn failed(&self) -> Option<&str> {
+        if let Self::Failed(why) = self { Some(why) } else { None }
+    }
+}
+
+/// How long things took, in milliseconds of the engine's clock.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Timings {
+    /// From the decoded image to features.
+    pub extract_ms: f64,
+    /// From features to the pose.
+    pub track_ms: f64,
+    /// Each key frame that mapping has finished since the last packet.
+    pub map_ms: Vec<f64>,
+    /// Each key frame in closing, and each adjustment of a whole map.
+    pub close_ms: Vec<f64>,
+}
+
+impl Timings {
+    /// From the decoded image to the pose.
+    pub fn step_ms(&self) -> f64 {
+        self.extract_ms + self.track_ms
+    }
 }
 
 /// The work finished after the last packet.
 #[derive(Clone, Debug, Default)]
 pub struct Finished {
     /// As in [`Output`].
-    pub map_ms: Vec<f64>,
-    /// As in [`Output`].
-    pub close_ms: Vec<f64>,
-    /// As in [`Output`].
-    pub verdicts: Vec<Verdict>,
+    pub events: Vec<StageEvent>,
+    /// As in [`Output`]; no image was extracted or tracked.
+    pub timings: Timings,
+}
+
+impl Finished {
+    /// As [`Output::verdicts`].
+    pub fn verdicts(&self) -> impl Iterator<Item = &Verdict> {
+        self.events.iter().filter_map(StageEvent::verdict)
+    }
+
+    /// As [`Output::stage_failed`].
+    pub fn stage_failed(&self) -> Option<&str> {
+        self.events.iter().find_map(StageEvent::failed)
+    }
 }

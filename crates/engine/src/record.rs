@@ -1,6 +1,6 @@
 //! The input of the path recorder for a frame: the interface between mapping and guidance.
 
-use crate::Output;
+use crate::{FramePose, Output};
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Camera, Pose, Se3, World};
 use cairn_guide::{Anchor, Confidence, RecordInput};
@@ -19,7 +19,7 @@ pub fn record_input(output: &Output, snapshot: &Snapshot) -> RecordInput {
         confidence: Confidence::Lost,
         quality: 0.0,
     };
-    let Some((anchored, odometry)) = output.anchored.zip(output.odometry) else { return lost };
+    let Some(FramePose { anchored, odometry, .. }) = output.pose else { return lost };
     let world_from_camera: Pose<World, Camera> = Pose::new(anchored.world_from_camera);
     let evidence = &output.evidence;
     let name = snapshot.key_frame_name(anchored.reference);

@@ -1,9 +1,10 @@
 //! Starting an engine in a saved map, and saving its map.
 
+use crate::assembly::Setup;
 use crate::{Config, Engine, Runner, SensorMode};
 use cairn_atlas::store::{About, CameraMismatch, MapFile};
 use cairn_atlas::{MapId, Snapshot};
-use cairn_sensor::{Rig, RigError};
+use cairn_sensor::{Host, Rig, RigError};
 use cairn_vision::FrontEnd;
 use std::collections::BTreeMap;
 
@@ -59,6 +60,7 @@ impl Engine {
         rate_hz: f64,
         runner: Runner,
         config: &Config,
+        host: &Host,
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let opened = Opened::new(rig, mode, config, file)?;
@@ -66,7 +68,7 @@ impl Engine {
             return Err(OpenMapError::OtherCamera { mismatch, why: UnfitMap::OnlyLocalises });
         }
         let Opened { front_end, snapshot, notes, .. } = opened;
-        Ok((Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config), notes))
+        Ok((Self::around(front_end, snapshot, Setup { rig, mode, rate_hz, runner, config, host }), notes))
     }
 
     /// The same; a camera that has neither depth nor an IMU only localises in a map of another that is aligned with gravity.
@@ -80,16 +82,17 @@ impl Engine {
         rate_hz: f64,
         runner: Runner,
         config: &Config,
+        host: &Host,
         file: &MapFile,
     ) -> Result<(Self, Vec<String>), OpenMapError> {
         let Opened { front_end, snapshot, notes, only_localises } = Opened::new(rig, mode, config, file)?;
-        let engine = Self::around(front_end, snapshot, rig, mode, rate_hz, runner, config);
+        let engine = Self::around(front_end, snapshot, Setup { rig, mode, rate_hz, runner, config, host });
         Ok((if only_localises.is_some() { engine.localize_only() } else { engine }, notes))
     }
 
     /// The same engine that only localises: the map stays unchanged, and no new map is created.
     pub fn localize_only(mut self) -> Self {
-        self.localize_only = true;
+        (self.localize_only, self.observers.status.mapping) = (true, false);
         self
     }
 

@@ -181,7 +181,7 @@ fn tracked(address: &str, tile: &[u8]) -> Result<[usize; 2], FleetError> {
     while frames < TRACKED {
         let Some(packet) = source.next_packet().map_err(|e| failed(&e))? else { break };
         frames += 1;
-        held += usize::from(slam.track(&packet).is_ok_and(|output| output.world_from_body.is_some()));
+        held += usize::from(slam.track(&packet).is_ok_and(|output| output.pose.is_some()));
     }
     Ok([held, frames])
 }

@@ -95,6 +95,46 @@ fn sibling_unknown_and_upward_imports_are_violations() {
     assert_eq!(wrong("cairn-utils", "cairn-geometry"), 1, "unknown crate");
 }
 
+/// Crates that run in a terminal, on a page and in a simulator on virtual time: they are given a clock and threads
+/// (`cairn_sensor::Host`).
+const GIVEN_A_HOST: &[&str] = &[
+    "geometry", "phrases", "solve", "sensor", "vision", "inertial", "atlas", "adjust", "dense", "guide",
+    "plan", "tracking", "mapping", "lens", "team", "engine",
+];
+
+/// Lines of a source, up to its tests, that take time or a thread from the standard library; threads that end with the call
+/// that began them (`thread::scope`) only divide work, and are not among them.
+fn taken_from_the_machine(source: &str) -> Vec<&str> {
+    let taken = ["Instant::now", "SystemTime::now", "thread::spawn", "thread::Builder", "thread::sleep"];
+    let code = source.lines().take_while(|line| line.trim() != "#[cfg(test)]");
+    code.filter(|line| taken.iter().any(|word| line.contains(word))).collect()
+}
+
+#[test]
+fn clocks_and_threads_come_from_the_host() {
+    let mut files = 0;
+    for name in GIVEN_A_HOST {
+        let mut folders = vec![workspace_root().join("crates").join(name).join("src")];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(&folder).expect("a folder of sources") {
+                let path = entry.expect("an entry").path();
+                if path.is_dir() {
+                    folders.push(path);
+                } else if path.extension().is_some_and(|e| e == "rs") {
+                    files += 1;
+                    let source = std::fs::read_to_string(&path).expect("a source file");
+                    let lines = taken_from_the_machine(&source);
+                    assert!(lines.is_empty(), "{}: {lines:?}", path.display());
+                }
+            }
+        }
+    }
+    assert!(files > 200, "only {files} files were read");
+    let both =
+        "let a = Instant::now();\nstd::thread::spawn(work);\n#[cfg(test)]\nmod tests { Instant::now() }";
+    assert_eq!(taken_from_the_machine(both).len(), 2);
+}
+
 #[test]
 fn architecture_page_has_the_same_floors() {
     let page = std::fs::read_to_string(workspace_root().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md");

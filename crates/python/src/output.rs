@@ -144,7 +144,7 @@ pub struct Output {
 impl Output {
     /// Around an output of the engine, which took `step_ms` milliseconds.
     pub fn new(inner: cairn::Output, step_ms: f64) -> Self {
-        let pose = inner.world_from_body.map(|p| p.se3);
+        let pose = inner.world_from_body().map(|p| p.se3);
         Self { inner, pose, step_ms }
     }
 }
@@ -208,19 +208,19 @@ impl Output {
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         // Symmetric: by columns is by rows.
-        self.inner.covariance.map(|c| rows(py, c.data.0.to_vec())).transpose()
+        self.inner.pose.and_then(|p| p.covariance).map(|c| rows(py, c.data.0.to_vec())).transpose()
     }
 
     /// Whether lengths are metres in the map of the pose.
     #[getter]
     fn metric(&self) -> bool {
-        self.inner.metric
+        self.inner.is_metric()
     }
 
     /// What is known of the unit of length of the pose, or None without a pose.
     #[getter]
     fn scale(&self) -> Option<Scale> {
-        let s = self.inner.scale?;
+        let s = self.inner.pose?.scale;
         let map = s.map.root().index();
         Some(Scale { map, metric: s.metric, sigma_log: s.sigma_log, supported: s.supported })
     }
@@ -247,19 +247,19 @@ impl Output {
     /// Milliseconds from the image to its features.
     #[getter]
     fn extract_ms(&self) -> f64 {
-        self.inner.extract_ms
+        self.inner.timings.extract_ms
     }
 
     /// Milliseconds from the features to the pose.
     #[getter]
     fn track_ms(&self) -> f64 {
-        self.inner.track_ms
+        self.inner.timings.track_ms
     }
 
     /// Milliseconds of each key frame that mapping has finished since the frame before.
     #[getter]
     fn map_ms(&self) -> Vec<f64> {
-        self.inner.map_ms.clone()
+        self.inner.timings.map_ms.clone()
     }
 
     /// Name of the phase, such as "TRACKING" or "WAIT_MOTION".
@@ -277,6 +277,6 @@ impl Output {
     /// Why mapping failed, reported once, or None; tracking goes on with the map as it is.
     #[getter]
     fn stage_failed(&self) -> Option<&str> {
-        self.inner.stage_failed.as_deref()
+        self.inner.stage_failed()
     }
 }

@@ -267,7 +267,7 @@ impl<'a> Node<'a> {
         };
         let before = self.last.replace((packet.stamp, Instant::now()));
         let stamp = self.clock.of_messages(packet.stamp);
-        self.map = output.scale.map(|scale| scale.map).or(self.map);
+        self.map = output.pose.map(|pose| pose.scale.map).or(self.map);
         let aligned = self.map.is_some_and(|map| self.slam.map().snapshot().is_gravity_aligned(map));
         let restarts = self.tree.restarts();
         if before.is_some_and(|(before, _)| self.clock.period(before) != self.clock.period(packet.stamp)) {
@@ -294,17 +294,17 @@ impl<'a> Node<'a> {
             self.counts.ages_ms.push((now.0.saturating_sub(stamp.0)) as f64 * 1e-6);
         }
         self.counts.steps_ms.push(started.elapsed().as_secs_f64() * 1e3);
-        if let Some(why) = &output.stage_failed {
+        if let Some(why) = output.stage_failed() {
             self.faults.say(Severity::Error, &format!("mapping has stopped: {why}"));
         }
     }
 
     /// Lays the depth image into the grid.
     fn lay(&mut self, packet: &FramePacket, output: &Output, transforms: &Transforms) {
-        let (Some(grid), Some(depth), Some(anchored)) = (&mut self.grid, &packet.depth, output.anchored)
-        else {
+        let (Some(grid), Some(depth), Some(pose)) = (&mut self.grid, &packet.depth, output.pose) else {
             return;
         };
+        let anchored = pose.anchored;
         let Some(map_from_world) = self.tree.map_from_world() else { return };
         let map_from_key =
             map_from_world * anchored.world_from_camera * anchored.reference_from_camera.inverse();

@@ -9,7 +9,7 @@ use crate::messages::{
 use cairn::atlas::MapId;
 use cairn::geometry::{Camera, Pose as Framed, Se3, Vec3, World};
 use cairn::session::anchor_in_map;
-use cairn::{Map, Output, Slam, Stamp};
+use cairn::{FramePose, Map, Output, Slam, Stamp};
 use nalgebra::Matrix6;
 
 /// Names of the frames of REP 105.
@@ -25,7 +25,7 @@ pub struct FrameNames {
 
 /// What the tree of frames needs of an output; `None` without a pose.
 pub fn tracked(output: &Output, gravity_aligned: bool) -> Option<Tracked> {
-    let (anchored, odometry) = output.anchored.zip(output.odometry)?;
+    let FramePose { anchored, odometry, covariance, scale, .. } = output.pose?;
     let world_from_camera = anchored.world_from_camera;
     let in_world: Framed<World, Camera> = Framed::new(world_from_camera);
     let odom_from_camera = odometry.world_from_odom.inverse().then(&in_world).se3;
@@ -35,9 +35,9 @@ pub fn tracked(output: &Output, gravity_aligned: bool) -> Option<Tracked> {
         odom_from_camera,
         world_from_camera,
         scale: odometry.world_from_odom.sim3.scale,
-        metric: output.metric,
+        metric: scale.metric,
         gravity_aligned,
-        covariance: output.covariance.unwrap_or_else(|| Matrix6::identity() * UNKNOWN),
+        covariance: covariance.unwrap_or_else(|| Matrix6::identity() * UNKNOWN),
     })
 }
 

@@ -2,6 +2,7 @@
 
 mod camera;
 mod error;
+mod host;
 mod image;
 mod lens;
 mod live;
@@ -14,6 +15,7 @@ mod stamp;
 
 pub use camera::Camera;
 pub use error::RigError;
+pub use host::{Clock, Host, Spawn, Task, Work};
 pub use image::{DepthImage, GrayImage, Image};
 pub use lens::Distortion;
 pub use live::{ClockReading, Live};

@@ -1,6 +1,6 @@
 //! Where the walker is.
 
-use cairn_engine::Output;
+use cairn_engine::{FramePose, Output};
 use cairn_geometry::{Camera, Odom, Pose, Se3, Similarity, World};
 use cairn_guide::{Anchor, RecordInput};
 use cairn_sensor::Stamp;
@@ -24,7 +24,7 @@ pub(crate) struct Place {
 impl Place {
     /// The poses of a frame that has one.
     pub fn of(output: &Output, seen: &RecordInput) -> Option<Self> {
-        let (anchored, odometry) = output.anchored.zip(output.odometry)?;
+        let FramePose { anchored, odometry, .. } = output.pose?;
         Some(Self {
             stamp: seen.stamp,
             world_from_camera: Pose::new(anchored.world_from_camera),

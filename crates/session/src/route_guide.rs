@@ -58,7 +58,7 @@ impl TrackedPlace {
             anchor_from_camera: place.anchor_from_camera,
             confidence: seen.confidence,
             quality: seen.quality,
-            metric: output.metric,
+            metric: output.is_metric(),
         })
     }
 

@@ -228,7 +228,7 @@ impl<S: Slam> Session<S> {
                 self.say(&self.speech.text("walk-picture-back"), Priority::Normal);
             }
         }
-        if output.stage_failed.is_some() {
+        if output.stage_failed().is_some() {
             self.say(&self.speech.text("walk-mapping-failed"), Priority::Urgent);
         }
         let seen = record_input(&output, &self.engine.snapshot());
@@ -236,15 +236,13 @@ impl<S: Slam> Session<S> {
         if tracked(&seen) {
             self.place = Place::of(&output, &seen).or(self.place);
         }
-        if output.scale.is_some() {
-            self.scale = output.scale;
-        }
+        self.scale = output.pose.map(|pose| pose.scale).or(self.scale);
         let rests_on_nothing = self.scale.is_some_and(|s| !s.supported);
         self.unsupported = self.unsupported.or(Some(packet.stamp)).filter(|_| rests_on_nothing);
         self.update_status(&output);
-        if output.anchored.is_some() {
+        if let Some(pose) = &output.pose {
             // The pose of the frame that initialises the scale is still in the previous unit.
-            self.update_metric(output.metric && self.routes_may_have_metres());
+            self.update_metric(pose.scale.metric && self.routes_may_have_metres());
         }
         self.tell_lens();
         self.record(&seen);
@@ -392,9 +390,9 @@ impl<S: Slam> Session<S> {
     fn update_status(&mut self, output: &Output) {
         let s = &mut self.status;
         s.frames += 1;
-        s.tracked += usize::from(output.anchored.is_some());
+        s.tracked += usize::from(output.pose.is_some());
         (s.features, s.inliers) = (output.evidence.features, output.evidence.inliers);
-        s.step_ms = output.extract_ms + output.track_ms;
+        s.step_ms = output.timings.step_ms();
         let map = self.engine.snapshot();
         (s.key_frames, s.landmarks) = (map.key_frame_count(), map.landmark_count());
     }
@@ -404,13 +402,15 @@ impl<S: Slam> Session<S> {
 mod tests {
     use super::*;
     use crate::command::Command;
-    use cairn_engine::{Config, Runner, SensorMode};
+    use cairn_engine::{Config, Host, Runner, SensorMode};
     use cairn_sensor::{Camera, Rig};
 
     #[test]
     fn settings_are_not_said_and_the_answer_is_in_the_language_set() {
         let rig = Rig::mono(Camera::pinhole(320, 240, 220.0, 220.0, 159.5, 119.5));
-        let engine = Engine::new(&rig, SensorMode::Mono, 30.0, Runner::Lockstep, &Config::default()).unwrap();
+        let engine =
+            Engine::new(&rig, SensorMode::Mono, 30.0, Runner::Lockstep, &Config::default(), &Host::bare())
+                .unwrap();
         let mut session = Session::new(engine, SessionConfig::default());
         session.command(&Command::parse("set language de").unwrap()).unwrap();
         session.command(&Command::parse("set speed 90").unwrap()).unwrap();

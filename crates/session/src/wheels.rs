@@ -8,7 +8,8 @@ use crate::slam::{NotTracked, Slam};
 use cairn_atlas::store::{About, MapFile};
 use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_engine::{
-    AnchoredPose, Evidence, MotionSource, Odometry, Output, Phase, Scale, SensorMode, State, Status,
+    AnchoredPose, Evidence, FramePose, MotionSource, Odometry, Output, Phase, Scale, SensorMode, State,
+    Status, Timings,
 };
 use cairn_filter::ekf::{EkfConfig, EkfSlam, FilterError};
 use cairn_filter::log::Step;
@@ -147,32 +148,27 @@ impl Slam for Wheels {
             stamp: packet.stamp,
             frame: Arc::new(frame),
             state,
-            world_from_body: is_known.then(|| Pose::new(world_from_body)),
-            odometry: is_known.then(|| Odometry {
-                segment: 0,
-                source: if first { MotionSource::None } else { MotionSource::Measured },
-                odom_from_body: Pose::new(odom_from_body),
-                world_from_odom: Similarity::new(Sim3::from(world_from_odom)),
+            pose: map.filter(|_| is_known).map(|map| FramePose {
+                world_from_body: Pose::new(world_from_body),
+                odometry: Odometry {
+                    segment: 0,
+                    source: if first { MotionSource::None } else { MotionSource::Measured },
+                    odom_from_body: Pose::new(odom_from_body),
+                    world_from_odom: Similarity::new(Sim3::from(world_from_odom)),
+                },
+                anchored: AnchoredPose {
+                    reference: self.start,
+                    reference_from_camera: start_from_camera,
+                    world_from_camera,
+                },
+                // The filter's covariance is of the position in the plane, and counts the error of the beacons in.
+                covariance: None,
+                scale: Scale { map, metric: true, sigma_log: 0.0, supported: true },
             }),
-            anchored: is_known.then_some(AnchoredPose {
-                reference: self.start,
-                reference_from_camera: start_from_camera,
-                world_from_camera,
-            }),
-            // The filter's covariance is of the position in the plane, and counts the error of the beacons in.
-            covariance: None,
-            metric: true,
-            scale: map.map(|map| Scale { map, metric: true, sigma_log: 0.0, supported: true }),
-            attempt: None,
-            scale_check: None,
             evidence: Evidence { features: beacons, ..Evidence::default() },
             key_frame_requested: false,
-            extract_ms: 0.0,
-            track_ms: 0.0,
-            map_ms: Vec::new(),
-            close_ms: Vec::new(),
-            verdicts: Vec::new(),
-            stage_failed: None,
+            events: Vec::new(),
+            timings: Timings::default(),
             status: self.status.clone(),
         })
     }

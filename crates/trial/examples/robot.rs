@@ -1,6 +1,7 @@
 //! Runs robots with several seeds and prints a row for each: `robot [FIRST [COUNT]] [--write]`. `--write` puts the row of each seed into
 //! the table of `docs/figures/plan.md`, with the build it is of.
 
+use cairn_engine::Host;
 use cairn_trial::robot::{End, RobotConfig, Trial};
 use std::path::Path;
 use std::process::Command;
@@ -16,7 +17,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let count = arguments.next().transpose()?.unwrap_or(1);
     for seed in first..first + count {
         let began = std::time::Instant::now();
-        let end = Trial::new(RobotConfig::new(seed))?.run(|_| ())?;
+        let end = Trial::new(RobotConfig::new(seed), &Host::bare())?.run(|_| ())?;
         let goals: Vec<String> = end
             .goals
             .iter()

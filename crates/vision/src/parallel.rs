@@ -4,6 +4,8 @@ use std::ops::Range;
 use std::sync::mpsc::channel;
 use std::sync::{Mutex, PoisonError};
 
+/// Whether this program has threads: on a page there are none.
+const HAS_THREADS: bool = !cfg!(target_family = "wasm");
 /// Items below which a second thread costs more than it saves.
 const WORTHWHILE: usize = 128;
 
@@ -13,7 +15,7 @@ pub(crate) fn both<A, B: Send>(
     first: impl FnOnce() -> A,
     second: impl FnOnce() -> B + Send,
 ) -> (A, B) {
-    if !two_threads {
+    if !two_threads || !HAS_THREADS {
         return (first(), second());
     }
     std::thread::scope(|s| {
@@ -48,7 +50,7 @@ pub(crate) fn share<T: Send, S: Send>(
     work: impl Fn(T, &mut S) + Sync,
 ) {
     let [here, there] = scratch;
-    if !two_threads {
+    if !two_threads || !HAS_THREADS {
         return make(&mut |item| work(item, here));
     }
     let (give, items) = channel();

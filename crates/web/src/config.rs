@@ -4,6 +4,7 @@ use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_session::{SessionConfig, Slam};
+use cairn_sources::std_host;
 use std::path::PathBuf;
 
 /// Opens a source that is not the page's camera; returns it with its camera mode and whether its IMU is used.
@@ -38,8 +39,8 @@ pub fn engine_here() -> StartSlam {
     Box::new(|s, map| {
         let runner = Runner::Threaded;
         let (engine, notes) = match map {
-            Some(file) => Engine::in_map(s.rig, s.mode, s.rate_hz, runner, s.config, file)?,
-            None => (Engine::new(s.rig, s.mode, s.rate_hz, runner, s.config)?, Vec::new()),
+            Some(file) => Engine::in_map(s.rig, s.mode, s.rate_hz, runner, s.config, &std_host(), file)?,
+            None => (Engine::new(s.rig, s.mode, s.rate_hz, runner, s.config, &std_host())?, Vec::new()),
         };
         Ok((Box::new(engine), notes))
     })

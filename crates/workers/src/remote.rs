@@ -18,7 +18,7 @@ use crate::{Role, capture, depth_log, pixels, sensor_name};
 use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
 use cairn_dense::SubmapConfig;
-use cairn_engine::{Config, DenseSetupError, Engine, OpenMapError, Output, Runner, SensorMode, Status};
+use cairn_engine::{Config, DenseSetupError, Engine, Host, OpenMapError, Output, Runner, SensorMode, Status};
 use cairn_sensor::{FramePacket, ImuSample, Rig, Stamp};
 use cairn_session::{DepthWanted, NotTracked, Slam, Surfaces};
 use cairn_vision::RectifiedCamera;
@@ -114,8 +114,10 @@ impl RemoteSlam {
         checked.inertial.enabled = imu;
         // An engine that tracks nothing: it says whether the map fits, and which camera the poses are of.
         let begin = |map: Option<&MapFile>| match map {
-            Some(file) => Engine::in_map(rig, mode, rate_hz, Runner::Lockstep, &checked, file),
-            None => Ok((Engine::new(rig, mode, rate_hz, Runner::Lockstep, &checked)?, Vec::new())),
+            Some(file) => Engine::in_map(rig, mode, rate_hz, Runner::Lockstep, &checked, &Host::bare(), file),
+            None => {
+                Ok((Engine::new(rig, mode, rate_hz, Runner::Lockstep, &checked, &Host::bare())?, Vec::new()))
+            }
         };
         let followed = recover(folder).map_err(|e| why(&e))?.and_then(|r| begin(Some(&r.file)).ok());
         let goes_on = followed.is_some();
@@ -328,7 +330,7 @@ impl RemoteSlam {
         let output = seen.to_output(Stamp(tracked.stamp)).ok_or_else(|| refused("a pose is none"))?;
         self.status = output.status.clone();
         match &mut self.recovering {
-            Some((died, frames, resumed)) if output.anchored.is_some() => {
+            Some((died, frames, resumed)) if output.pose.is_some() => {
                 let (frames, after_s) = (*frames, died.elapsed().as_secs_f64());
                 let resumed_s = resumed.elapsed().as_secs_f64();
                 (self.tell)(RunEvent::Relocalised { frames, after_s, resumed_s });

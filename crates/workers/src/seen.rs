@@ -5,7 +5,8 @@
 use crate::anchored::{Anchored, numbers, se3};
 use cairn_atlas::{KeyFrameId, MapId};
 use cairn_engine::{
-    Evidence, Gate, ImuStatus, MotionSource, Odometry, Output, Phase, Scale, State, Status, Wait,
+    Evidence, FramePose, Gate, ImuStatus, MotionSource, Odometry, Output, Phase, Scale, StageEvent, State,
+    Status, Timings, Wait,
 };
 use cairn_geometry::{Pose, Se3, Sim3, Similarity};
 use cairn_sensor::Stamp;
@@ -13,16 +14,11 @@ use cairn_vision::Frame;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// The output of the engine; poses are seven numbers as in [`Anchored`].
+/// The output of the engine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Seen {
     state: State,
-    world_from_body: Option<[f64; 7]>,
-    odometry: Option<SeenOdometry>,
-    anchored: Option<Anchored>,
-    covariance: Option<[[f64; 6]; 6]>,
-    metric: bool,
-    scale: Option<SeenScale>,
+    pose: Option<SeenPose>,
     evidence: Evidence,
     key_frame_requested: bool,
     extract_ms: f64,
@@ -31,6 +27,16 @@ pub struct Seen {
     status: SeenStatus,
     /// Pixels of the features in the image as it came.
     raw: Vec<[f32; 2]>,
+}
+
+/// As `cairn_engine::FramePose`; poses are seven numbers as in [`Anchored`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct SeenPose {
+    world_from_body: [f64; 7],
+    odometry: SeenOdometry,
+    anchored: Anchored,
+    covariance: Option<[[f64; 6]; 6]>,
+    scale: SeenScale,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,34 +106,14 @@ enum SeenWait {
 impl Seen {
     /// Of a frame that SLAM's process number `start` has tracked: its odometry is a segment of its own.
     pub fn of(output: &Output, start: u64) -> Self {
-        let odometry = output.odometry.map(|o| {
-            let s = &o.world_from_odom.sim3;
-            SeenOdometry {
-                segment: (start as u32) << 16 | o.segment & 0xffff,
-                source: o.source,
-                odom_from_body: numbers(&o.odom_from_body.se3),
-                world_from_odom: (numbers(&Se3::new(s.rotation, s.translation)), s.scale),
-            }
-        });
-        let scale = output.scale.map(|s| SeenScale {
-            map: s.map.root().index() as u32,
-            metric: s.metric,
-            sigma_log: s.sigma_log,
-            supported: s.supported,
-        });
         Self {
             state: output.state,
-            world_from_body: output.world_from_body.map(|p| numbers(&p.se3)),
-            odometry,
-            anchored: output.anchored.as_ref().map(Anchored::of),
-            covariance: output.covariance.map(|c| c.data.0),
-            metric: output.metric,
-            scale,
+            pose: output.pose.as_ref().map(|pose| SeenPose::of(pose, start)),
             evidence: output.evidence,
             key_frame_requested: output.key_frame_requested,
-            extract_ms: output.extract_ms,
-            track_ms: output.track_ms,
-            stage_failed: output.stage_failed.clone(),
+            extract_ms: output.timings.extract_ms,
+            track_ms: output.timings.track_ms,
+            stage_failed: output.stage_failed().map(str::to_owned),
             status: SeenStatus::of(&output.status),
             raw: output.frame.raw.clone(),
         }
@@ -135,59 +121,70 @@ impl Seen {
 
     /// Back; `None` when a pose is none.
     pub fn to_output(&self, stamp: Stamp) -> Option<Output> {
-        let odometry = match &self.odometry {
-            Some(o) => {
-                let rigid = se3(&o.world_from_odom.0)?;
-                let sim3 = Sim3::new(rigid.rotation, rigid.translation, o.world_from_odom.1);
-                Some(Odometry {
-                    segment: o.segment,
-                    source: o.source,
-                    odom_from_body: Pose::new(se3(&o.odom_from_body)?),
-                    world_from_odom: Similarity::new(sim3),
-                })
-            }
-            None => None,
-        };
-        let anchored = match &self.anchored {
-            Some(pose) => Some(pose.pose()?),
-            None => None,
-        };
-        let scale = match &self.scale {
-            Some(s) => Some(Scale {
-                map: MapId(KeyFrameId::from_index(s.map as usize)?),
-                metric: s.metric,
-                sigma_log: s.sigma_log,
-                supported: s.supported,
-            }),
-            None => None,
-        };
-        let world_from_body = match &self.world_from_body {
-            Some(pose) => Some(Pose::new(se3(pose)?)),
+        let pose = match &self.pose {
+            Some(pose) => Some(pose.to_pose()?),
             None => None,
         };
         let mut frame = Frame::default();
         (frame.stamp, frame.raw) = (stamp, self.raw.clone());
+        let (extract_ms, track_ms) = (self.extract_ms, self.track_ms);
         Some(Output {
             stamp,
             frame: Arc::new(frame),
             state: self.state,
-            world_from_body,
-            odometry,
-            anchored,
-            covariance: self.covariance.map(Into::into),
-            metric: self.metric,
-            scale,
-            attempt: None,
-            scale_check: None,
+            pose,
             evidence: self.evidence,
             key_frame_requested: self.key_frame_requested,
-            extract_ms: self.extract_ms,
-            track_ms: self.track_ms,
-            map_ms: Vec::new(),
-            close_ms: Vec::new(),
-            verdicts: Vec::new(),
-            stage_failed: self.stage_failed.clone(),
+            events: self.stage_failed.clone().map(StageEvent::Failed).into_iter().collect(),
+            timings: Timings { extract_ms, track_ms, ..Timings::default() },
             status: self.status.to_status(),
+        })
+    }
+}
+
+impl SeenPose {
+    fn of(pose: &FramePose, start: u64) -> Self {
+        let FramePose { odometry, scale, .. } = pose;
+        let s = &odometry.world_from_odom.sim3;
+        Self {
+            world_from_body: numbers(&pose.world_from_body.se3),
+            odometry: SeenOdometry {
+                segment: (start as u32) << 16 | odometry.segment & 0xffff,
+                source: odometry.source,
+                odom_from_body: numbers(&odometry.odom_from_body.se3),
+                world_from_odom: (numbers(&Se3::new(s.rotation, s.translation)), s.scale),
+            },
+            anchored: Anchored::of(&pose.anchored),
+            covariance: pose.covariance.map(|c| c.data.0),
+            scale: SeenScale {
+                map: scale.map.root().index() as u32,
+                metric: scale.metric,
+                sigma_log: scale.sigma_log,
+                supported: scale.supported,
+            },
+        }
+    }
+
+    fn to_pose(&self) -> Option<FramePose> {
+        let (o, s) = (&self.odometry, &self.scale);
+        let rigid = se3(&o.world_from_odom.0)?;
+        let sim3 = Sim3::new(rigid.rotation, rigid.translation, o.world_from_odom.1);
+        Some(FramePose {
+            world_from_body: Pose::new(se3(&self.world_from_body)?),
+            odometry: Odometry {
+                segment: o.segment,
+                source: o.source,
+                odom_from_body: Pose::new(se3(&o.odom_from_body)?),
+                world_from_odom: Similarity::new(sim3),
+            },
+            anchored: self.anchored.pose()?,
+            covariance: self.covariance.map(Into::into),
+            scale: Scale {
+                map: MapId(KeyFrameId::from_index(s.map as usize)?),
+                metric: s.metric,
+                sigma_log: s.sigma_log,
+                supported: s.supported,
+            },
         })
     }
 }

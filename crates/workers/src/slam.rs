@@ -17,6 +17,7 @@ use cairn_dense::{PackedDepth, PackedGray};
 use cairn_engine::{Config, Engine, Joined, Offered, OfferedDepth, Runner, Verdict, Views, record_input};
 use cairn_sensor::{FramePacket, ImuSample, Stamp};
 use cairn_session::TrackedPlace;
+use cairn_sources::std_host;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -155,14 +156,15 @@ impl<'a> Slam<'a> {
         let rate_hz = opened.rate_hz;
         let (mut engine, journal) = match &recovered {
             Some(r) => {
-                let engine = Engine::in_map(&rig, mode, rate_hz, runner, &config, &r.file);
+                let engine = Engine::in_map(&rig, mode, rate_hz, runner, &config, &std_host(), &r.file);
                 (
                     engine.map_err(|e| unsuitable(&e))?.0,
                     JournalWriter::resume(folder, r).map_err(|e| stored(&e))?,
                 )
             }
             None => {
-                let engine = Engine::new(&rig, mode, rate_hz, runner, &config).map_err(|e| unsuitable(&e))?;
+                let engine = Engine::new(&rig, mode, rate_hz, runner, &config, &std_host())
+                    .map_err(|e| unsuitable(&e))?;
                 let base = engine.to_save("cairn", BTreeMap::new());
                 (engine, JournalWriter::begin(folder, &base).map_err(|e| stored(&e))?)
             }
@@ -262,16 +264,16 @@ impl<'a> Slam<'a> {
         }
         match self.engine.on_packet(&packet) {
             Ok(output) => {
-                self.count(&output.verdicts);
+                self.count(output.verdicts());
                 if let (Some(depth), true) = (&mut self.depth, output.key_frame_requested) {
                     depth.offer(&packet);
                 }
                 tracked.outcome = Outcome::State(format!("{:?}", output.state));
-                tracked.pose = output.anchored.as_ref().map(Anchored::of);
+                tracked.pose = output.pose.as_ref().map(|pose| Anchored::of(&pose.anchored));
                 let seen = record_input(&output, &self.engine.snapshot());
                 tracked.place = TrackedPlace::of(&output, &seen).map(|p| Place::of(&p, self.start));
                 tracked.seen = self.whole.then(|| Box::new(Seen::of(&output, self.start)));
-                (tracked.metric, tracked.ms) = (output.metric, output.extract_ms + output.track_ms);
+                (tracked.metric, tracked.ms) = (output.is_metric(), output.timings.step_ms());
                 if tracked.pose.is_none() && self.unposed.len() < MOST_UNPOSED {
                     self.unposed.push((frame.number, self.engine.log().frames().len() - 1));
                 }
@@ -318,8 +320,8 @@ impl<'a> Slam<'a> {
         Ok(())
     }
 
-    fn count(&mut self, verdicts: &[Verdict]) {
-        for joined in verdicts.iter().filter_map(|v| v.result.as_ref().ok()).map(|a| &a.joined) {
+    fn count<'v>(&mut self, verdicts: impl Iterator<Item = &'v Verdict>) {
+        for joined in verdicts.filter_map(|v| v.result.as_ref().ok()).map(|a| &a.joined) {
             match joined {
                 Joined::Loop => self.finished.loops += 1,
                 Joined::Merge { .. } => self.finished.merges += 1,
@@ -330,7 +332,7 @@ impl<'a> Slam<'a> {
     /// Finishes the map and saves it.
     fn end(&mut self) -> Result<Report, Failure> {
         let finished = self.engine.finish();
-        self.count(&finished.verdicts);
+        self.count(finished.verdicts());
         self.flush()?;
         let map = self.engine.to_save("cairn", BTreeMap::new());
         map.save(&self.folder.join(FINAL_MAP))

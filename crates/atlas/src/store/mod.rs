@@ -7,6 +7,7 @@
 
 mod about;
 mod atomic;
+mod beside;
 mod changes;
 mod chunks;
 mod container;
@@ -31,6 +32,7 @@ pub use depth::{DEPTH_PREFIX, DepthPart, Place, SavedDepth};
 pub use error::StoreError;
 pub use layout::{MapFile, VERSION};
 
+use beside::both;
 use container::Parts;
 use decode::Damage;
 use in_file::Places;
@@ -132,12 +134,9 @@ fn open(path: &Path) -> Result<Option<MapFile>, StoreError> {
         first.push((&part.0, stored));
     }
     let parts = places.parts(first.iter().map(|(entry, stored)| (*entry, &stored[..])));
-    let (checked, opened) = std::thread::scope(|scope| {
-        let checking = scope.spawn(|| later.check());
-        let opened = decode::read(&parts, &mut Damage::Refuse, Some(&later));
-        (checking.join(), opened)
-    });
-    checked.unwrap_or_else(|_| Err(StoreError::part(FEATURES, "they cannot be checked"))).map_err(named)?;
+    let read = || decode::read(&parts, &mut Damage::Refuse, Some(&later));
+    let (opened, checked) = both(read, || later.check());
+    checked.unwrap_or_else(|| Err(StoreError::part(FEATURES, "they cannot be checked"))).map_err(named)?;
     opened.map(Some).map_err(named)
 }
 

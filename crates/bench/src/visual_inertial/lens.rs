@@ -9,6 +9,7 @@ use cairn_lens::LensProblem;
 use cairn_sensor::{Camera, Distortion, Rig, Source};
 use cairn_session::Slam;
 use cairn_sim::{PhoneTraits, SimConfig, SimSource, Walker, WorldKind};
+use cairn_sources::std_host;
 
 /// Carries the phone of a seed along the demo's route, and prints every 4 s what is estimated of its lens and by how much that
 /// is off.
@@ -35,7 +36,8 @@ pub fn walk(seed: u64, noise: Noise, metres: f64, config: &Config) -> Result<(),
     if let Some(imu) = &mut rig.imu {
         imu.noise = STATED;
     }
-    let mut engine = Engine::new(&rig, SensorMode::Mono, source.info().rate_hz, Runner::Lockstep, &config)?;
+    let mut engine =
+        Engine::new(&rig, SensorMode::Mono, source.info().rate_hz, Runner::Lockstep, &config, &std_host())?;
     let truth = [
         traits.camera.fx / guess.fx,
         match traits.camera.distortion {

@@ -5,7 +5,7 @@ use super::carried::Carried;
 use super::live_scale::LiveScale;
 use crate::{MeasureError, RunOptions, run};
 use cairn_atlas::MapId;
-use cairn_engine::{Engine, Odometry, Runner, State};
+use cairn_engine::{Engine, Odometry, Runner, StageEvent, State};
 use cairn_eval::{Align, Percentiles};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Source, Stamp};
@@ -103,6 +103,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
     let (mut first_sigma, mut sigmas) = (None, BTreeMap::new());
     while stamps.len() < options.frames {
         let Some((packet, out)) = run::step(source, &mut engine, stamps.len())? else { break };
+        let attempt = out.events.iter().find_map(StageEvent::attempt);
         if options.verbose {
             eprintln!(
                 "{:4} {:?} matched {} inliers {}{}",
@@ -110,12 +111,12 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
                 out.state,
                 out.evidence.matched,
                 out.evidence.inliers,
-                if out.metric { "" } else { " not metric" }
+                if out.is_metric() { "" } else { " not metric" }
             );
-            if let Some(check) = &out.scale_check {
+            if let Some(check) = out.events.iter().find_map(StageEvent::scale_check) {
                 eprintln!("{check:?}");
             }
-            if let Some(attempt) = &out.attempt {
+            if let Some(attempt) = attempt {
                 let gates: Vec<String> = attempt.failed().map(|g| g.to_string()).collect();
                 let found = attempt.found.as_ref().map(|f| {
                     (
@@ -135,23 +136,24 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
                 );
             }
         }
-        first_sigma = first_sigma.or(out.attempt.as_ref().and_then(|a| Some(a.accepted()?.scale_sigma)));
+        first_sigma = first_sigma.or(attempt.and_then(|a| Some(a.accepted()?.scale_sigma)));
         for (map, _) in engine.snapshot().maps() {
             if known.insert(map) {
                 map_created.push(packet.stamp);
             }
         }
-        if metric_at.is_none() && out.metric {
+        if metric_at.is_none() && out.is_metric() {
             metric_at = Some(packet.stamp);
         }
-        moved.extend(out.odometry.filter(|_| out.metric).map(|o| (packet.stamp, o)));
-        told.extend(out.scale.filter(|scale| scale.metric && scale.is_known()).map(|_| packet.stamp));
+        let metric = out.pose.filter(|pose| pose.scale.metric);
+        moved.extend(metric.map(|pose| (packet.stamp, pose.odometry)));
+        told.extend(metric.filter(|pose| pose.scale.is_known()).map(|_| packet.stamp));
         if let State::Coasting { sigma, .. } = out.state {
             sigmas.insert(packet.stamp, sigma);
         }
         stamps.push(packet.stamp);
-        track_ms.push(out.track_ms);
-        step_ms.push(out.extract_ms + out.track_ms);
+        track_ms.push(out.timings.track_ms);
+        step_ms.push(out.timings.step_ms());
     }
     engine.finish();
     engine.snapshot().check()?;

@@ -6,7 +6,7 @@ use super::drawn::DrawnPhone;
 use super::live_scale::LiveScale;
 use super::phone::STATED;
 use crate::MeasureError;
-use cairn_engine::{Config, Delays, Engine, Evidence, Odometry, Runner, SensorMode, State};
+use cairn_engine::{Config, Delays, Engine, Evidence, Odometry, Runner, SensorMode, StageEvent, State};
 use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Sim3, So3, Trajectory, Vec2, Vec3};
 use cairn_lens::TurnFactor;
@@ -15,6 +15,7 @@ use cairn_sensor::{Camera, Rig, Source, Stamp};
 use cairn_sim::{
     ContinuousTrajectory, PhoneMotion, PhoneTraits, SimConfig, SimSource, Stride, Walker, WorldKind,
 };
+use cairn_sources::std_host;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
@@ -218,7 +219,7 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Measu
     }
     let runner = walk.delays.map_or(Runner::Lockstep, Runner::Delayed);
     let rate_hz = source.info().rate_hz;
-    let begin = |rig: &Rig| Engine::new(rig, SensorMode::Mono, rate_hz, runner, &config);
+    let begin = |rig: &Rig| Engine::new(rig, SensorMode::Mono, rate_hz, runner, &config, &std_host());
     let mut engine = begin(&rig)?;
     let off = |rig: &Rig| 100.0 * (rig.cameras[0].camera.fx / traits.camera.fx).ln();
     let truth: BTreeMap<Stamp, Se3> = source.info().truth.iter().copied().collect();
@@ -242,14 +243,15 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Measu
     let (mut known, mut segments) = (None, 0);
     while let Some(packet) = source.next_packet()? {
         let out = engine.on_packet(&packet)?;
-        let moves = out.odometry.map(|o| Odometry { segment: o.segment + segments, ..o });
-        moved.extend(moves.filter(|_| out.metric).map(|o| (packet.stamp, o)));
-        told.extend(out.scale.filter(|scale| scale.metric && scale.is_known()).map(|_| packet.stamp));
-        if let Some(cause) = out.stage_failed {
-            return Err(MeasureError::Stage(cause));
+        let moves = out.pose.map(|p| Odometry { segment: p.odometry.segment + segments, ..p.odometry });
+        let metric = out.pose.filter(|pose| pose.scale.metric);
+        moved.extend(moves.filter(|_| metric.is_some()).map(|o| (packet.stamp, o)));
+        told.extend(metric.filter(|pose| pose.scale.is_known()).map(|_| packet.stamp));
+        if let Some(cause) = out.stage_failed() {
+            return Err(MeasureError::Stage(cause.to_owned()));
         }
         let t_s = packet.stamp - first;
-        let pose = out.world_from_body.filter(|_| out.metric);
+        let pose = metric.map(|pose| pose.world_from_body);
         if pose.is_some() && walked.metric_s.is_none() {
             walked.metric_s = Some(t_s);
         }
@@ -259,8 +261,9 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Measu
         });
         if verbose {
             let failed = out
-                .attempt
+                .events
                 .iter()
+                .filter_map(StageEvent::attempt)
                 .flat_map(|a| a.failed())
                 .map(|g| g.to_string())
                 .collect::<Vec<_>>()

@@ -1,7 +1,7 @@
 //! The odometry on recordings: motions between its poses compared with the truth, beside those of the live poses in the map.
 
 use bench::recordings::data_folder;
-use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, Output, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 use cairn_sources::{OpenOptions, open};
@@ -26,7 +26,7 @@ fn run(recording: &str, mode: SensorMode, imu: bool) -> Option<Run> {
     let truth = source.info().truth.clone();
     let mut config = Config::default();
     config.inertial.enabled = imu;
-    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config).unwrap();
+    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config, &Host::bare()).unwrap();
     let mut outputs = Vec::new();
     while let Some(packet) = source.next_packet().unwrap() {
         outputs.push(engine.on_packet(&packet).unwrap());
@@ -49,7 +49,7 @@ impl Run {
     fn poses(&self, pose: impl Fn(&Output) -> Option<(Se3, u32)>) -> Vec<(Stamp, Se3, Se3, u32)> {
         let mut breaks = 0;
         let mut of = |o: &Output| {
-            if o.scale.is_some_and(|scale| !scale.supported) {
+            if o.pose.is_some_and(|pose| !pose.scale.supported) {
                 breaks += 1;
                 return None;
             }
@@ -83,8 +83,8 @@ impl Run {
 
     /// Errors of the odometry and of the live poses over so many frames.
     fn compare(&self, name: &str, frames: usize, metric: bool) -> [MotionError; 2] {
-        let odom = self.poses(|o| o.odometry.map(|d| (d.odom_from_body.se3, d.segment)));
-        let live = self.poses(|o| o.odometry.and_then(|d| Some((o.world_from_body?.se3, d.segment))));
+        let odom = self.poses(|o| o.pose.map(|p| (p.odometry.odom_from_body.se3, p.odometry.segment)));
+        let live = self.poses(|o| o.pose.map(|p| (p.world_from_body.se3, p.odometry.segment)));
         let errors = [&odom, &live].map(|p| self.errors(p, frames, metric));
         println!(
             "{name:12} over {frames:3} frames: odometry rms {:.4} max {:.4} m, live rms {:.4} max {:.4} m",
@@ -96,7 +96,7 @@ impl Run {
     fn summary(&self, name: &str) {
         let mut sources: BTreeMap<String, usize> = BTreeMap::new();
         for o in &self.outputs {
-            let source = o.odometry.map_or("no pose".into(), |d| format!("{:?}", d.source));
+            let source = o.pose.map_or("no pose".into(), |p| format!("{:?}", p.odometry.source));
             *sources.entry(source).or_default() += 1;
         }
         println!("{name}: {sources:?}");
@@ -134,13 +134,14 @@ fn odometry_is_as_accurate_as_the_live_poses_and_does_not_jump() {
             assert!(frames > 1 || odometry.max_m < max_m, "{name}: {odometry:?}");
         }
         run.summary(name);
-        let unsupported = run.outputs.iter().filter(|o| o.scale.is_some_and(|s| !s.supported)).count();
+        let unsupported = run.outputs.iter().filter(|o| o.pose.is_some_and(|p| !p.scale.supported)).count();
         assert!(20 * unsupported < run.outputs.len(), "{name}: {unsupported} frames have no scale");
         // A pose in the map has one in `odom`, and both are one pose.
         for o in &run.outputs {
-            let again = o.odometry.map(|d| d.world_from_odom.then(&d.odom_from_body).se3);
-            let off = again.zip(o.world_from_body).map(|(a, b)| (a.inverse() * b.se3).log().norm());
-            assert_eq!(again.is_some(), o.world_from_body.is_some(), "{}", o.stamp);
+            let off = o.pose.map(|p| {
+                let again = p.odometry.world_from_odom.then(&p.odometry.odom_from_body).se3;
+                (again.inverse() * p.world_from_body.se3).log().norm()
+            });
             assert!(off.is_none_or(|off| off < 1e-9), "{}: {off:?}", o.stamp);
         }
     }

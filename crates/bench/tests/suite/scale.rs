@@ -1,7 +1,7 @@
 //! One camera and a turn on the spot: the unit of length is not invented in silence.
 
 use bench::recordings::data_folder;
-use cairn_engine::{Config, Engine, Runner, ScaleStretch, SensorMode};
+use cairn_engine::{Config, Engine, Host, Runner, ScaleStretch, SensorMode};
 use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Trajectory, Vec3};
 use cairn_sensor::Stamp;
@@ -36,7 +36,8 @@ fn after_the_turn(left_out_s: f64) -> Option<Turned> {
     let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
     let truth = source.info().truth.clone();
     let mut engine =
-        Engine::new(&rig, SensorMode::Mono, rate_hz, Runner::Lockstep, &Config::default()).unwrap();
+        Engine::new(&rig, SensorMode::Mono, rate_hz, Runner::Lockstep, &Config::default(), &Host::bare())
+            .unwrap();
     let (mut first, mut frames, mut posed, mut unknown) = (None, 0, 0, 0);
     let (mut live, mut jump) = (None, 0.0_f64);
     while let Some(packet) = source.next_packet().unwrap() {
@@ -45,9 +46,9 @@ fn after_the_turn(left_out_s: f64) -> Option<Turned> {
         }
         let output = engine.on_packet(&packet).unwrap();
         frames += 1;
-        posed += usize::from(output.world_from_body.is_some());
-        unknown += usize::from(output.scale.is_some_and(|s| !s.is_known()));
-        if let Some(pose) = &output.world_from_body {
+        posed += usize::from(output.pose.is_some());
+        unknown += usize::from(output.pose.is_some_and(|p| !p.scale.is_known()));
+        if let Some(pose) = output.world_from_body() {
             let at = pose.se3.translation;
             jump = live.replace(at).map_or(jump, |last: Vec3| jump.max((at - last).norm()));
         }

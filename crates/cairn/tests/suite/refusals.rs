@@ -34,7 +34,7 @@ fn bad_frames_are_refused_and_the_next_one_is_taken() {
             other => panic!("{why}: {:?}", other.map(|o| o.state)),
         }
     }
-    assert!(track(2.0, 320, vec![]).unwrap().world_from_body.is_none(), "there is nothing to see");
+    assert!(track(2.0, 320, vec![]).unwrap().pose.is_none(), "there is nothing to see");
 }
 
 #[test]

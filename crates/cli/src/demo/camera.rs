@@ -14,6 +14,7 @@ use cairn_guide::Durable;
 use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_session::{Command, Disk, Event, Medium, Said, Session, SessionConfig};
 use cairn_sim::{LiveRig, SmoothRig, Thing};
+use cairn_sources::std_host;
 use std::io;
 use std::path::Path;
 use std::time::Instant;
@@ -79,8 +80,9 @@ impl DemoCamera {
         let mode = config.sensor.mode();
         let mut settings = Config::default();
         settings.inertial.enabled = config.sensor.has_imu();
-        let mut engine = Engine::new(rendered.rig(), mode, sim.rate_hz, Runner::Lockstep, &settings)
-            .map_err(|e| rig_failure(e.to_string()))?;
+        let mut engine =
+            Engine::new(rendered.rig(), mode, sim.rate_hz, Runner::Lockstep, &settings, &std_host())
+                .map_err(|e| rig_failure(e.to_string()))?;
         let dense =
             config.dense.then(|| DenseMapper::new(&mut engine, rendered.rig(), SubmapConfig::default()));
         let dense = dense.transpose().map_err(|e| rig_failure(e.to_string()))?;
@@ -116,7 +118,7 @@ impl DemoCamera {
         self.times.add("render", begin.elapsed());
         self.truth.push(packet.stamp.0, truth).map_err(|e| bug(e.to_string()))?;
         let output = self.session.on_packet(&packet).map_err(|why| bug(why.to_string()))?;
-        if let Some(why) = &output.stage_failed {
+        if let Some(why) = output.stage_failed() {
             return Err(bug(format!("mapping has stopped: {why}")));
         }
         if let Some(dense) = &mut self.dense {
@@ -151,17 +153,18 @@ impl DemoCamera {
     }
 
     fn note(&mut self, output: &Output) {
-        self.times.add_ms("extract", output.extract_ms);
-        self.times.add_ms("track", output.track_ms);
-        self.times.add_ms("step", output.extract_ms + output.track_ms);
+        let timings = &output.timings;
+        self.times.add_ms("extract", timings.extract_ms);
+        self.times.add_ms("track", timings.track_ms);
+        self.times.add_ms("step", timings.step_ms());
         if let Some(ms) = self.session.obstacles_ms() {
             self.times.add_ms("way ahead", ms);
         }
-        self.step_ms.push(output.extract_ms + output.track_ms);
-        for ms in &output.map_ms {
+        self.step_ms.push(timings.step_ms());
+        for ms in &timings.map_ms {
             self.times.add_ms("map", *ms);
         }
-        let tracked = output.anchored.is_some();
+        let tracked = output.pose.is_some();
         match (self.tracked, tracked) {
             (Some(true), false) => self.lost.push((output.stamp.seconds(), 1)),
             (Some(false), false) => self.lost.iter_mut().last().into_iter().for_each(|l| l.1 += 1),

@@ -7,6 +7,7 @@ use crate::outputs::Outputs;
 use crate::progress::Progress;
 use cairn_eval::{Figure, Marker, Page, Percentiles, Plan, PlanLine, Tone, process};
 use cairn_geometry::Vec2;
+use cairn_sources::std_host;
 use cairn_trial::robot::{Collision, End, Goal, Moment, RobotConfig, Touched, Trial};
 use serde::Serialize;
 use std::fmt::Write;
@@ -126,7 +127,7 @@ fn run(seed: u64) -> Result<(Figures, End), Failure> {
     let config = RobotConfig::new(seed);
     let most_s = config.explore_s;
     let failed = |e: cairn_trial::robot::TrialError| bug(e.to_string());
-    let trial = Trial::new(config).map_err(failed)?;
+    let trial = Trial::new(config, &std_host()).map_err(failed)?;
     let end = trial
         .run(|p| {
             progress.step(

@@ -118,7 +118,7 @@ fn surfaces_that_are_killed_or_hang_come_again_and_the_walk_does_not_notice() {
         for _ in 0..packets {
             let packet = source.next_packet().unwrap().expect("a packet");
             match slam.on_packet(&packet) {
-                Ok(output) => assert!(output.anchored.is_some(), "no pose"),
+                Ok(output) => assert!(output.pose.is_some(), "no pose"),
                 // Beside other work an answer may be late.
                 Err(NotTracked::Away(why)) => {
                     assert!(why.contains("late"), "{why}");

@@ -30,6 +30,7 @@ use cairn_engine::{Config, DenseMapper, Engine, Runner, SensorMode};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, Source, Stamp};
 use cairn_sim::{SimConfig, SimSource};
+use cairn_sources::std_host;
 use judge::{Figures, aligned, engine_rms, report, seen, too_large};
 use memory::MemoryLines;
 use std::collections::BTreeMap;
@@ -120,7 +121,8 @@ impl Run {
         let mut settings = Config::default();
         settings.inertial.enabled = rig.imu.is_some();
         let rate_hz = source.info().rate_hz;
-        let mut engine = Engine::new(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &settings)?;
+        let mut engine =
+            Engine::new(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &settings, &std_host())?;
         let mapper = DenseMapper::new(&mut engine, &rig, SubmapConfig { tsdf, ..SubmapConfig::default() })?;
         Ok(Self {
             changes: engine.subscribe().ok_or("mapping is not running")?,
@@ -140,7 +142,7 @@ impl Run {
     /// Walks on by a packet, `at_s` after the walk began.
     fn take(&mut self, packet: &FramePacket, at_s: f64) -> Result<(), Failure> {
         let output = self.engine.on_packet(packet)?;
-        for verdict in &output.verdicts {
+        for verdict in output.verdicts() {
             let Ok(accepted) = &verdict.result else { continue };
             self.joined += 1;
             let (key_frame, candidate) = (verdict.key_frame.index(), verdict.candidate.index());
@@ -151,13 +153,13 @@ impl Run {
         self.follow_ms.push(begin.elapsed().as_secs_f64() * 1e3);
         self.key_frames.extend(key_frames_of(&self.changes));
         if self.mapper.counts().key_frames > self.fused
-            && let (Some(depth), Some(anchored)) = (&packet.depth, output.anchored)
+            && let (Some(depth), Some(pose)) = (&packet.depth, output.pose)
         {
             self.fused = self.mapper.counts().key_frames;
-            let pose = anchored.world_from_camera * self.camera_from_depth;
+            let pose = pose.anchored.world_from_camera * self.camera_from_depth;
             self.as_made.integrate(self.preparer.prepare(depth)?, None, &pose)?;
         }
-        let near = output.world_from_body.map_or_else(Vec3::zeros, |p| p.se3.translation);
+        let near = output.world_from_body().map_or_else(Vec3::zeros, |p| p.se3.translation);
         let begin = Instant::now();
         self.mapper.step(&near, 4);
         self.step_ms += begin.elapsed().as_secs_f64() * 1e3;

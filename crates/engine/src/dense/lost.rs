@@ -2,12 +2,12 @@
 //! where the engine runs in lockstep.
 
 use super::search::{DepthQuery, SearchCounts, Seeker};
-use crate::background;
 use crate::depth_link::Link;
 use cairn_atlas::MapId;
 use cairn_dense::{Locator, Place};
 use cairn_geometry::Se3;
-use cairn_sensor::{DepthImage, Stamp};
+use cairn_sensor::{DepthImage, Host, Stamp, Work};
+use std::io;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -52,22 +52,33 @@ pub(super) struct LostCamera {
 
 impl LostCamera {
     /// For an engine at the other end of `link`; on a thread where `threaded`.
-    pub fn new(link: Link, locator: Locator, camera_from_depth: Se3, after_s: f64, threaded: bool) -> Self {
+    ///
+    /// # Errors
+    /// When the host has no thread for it.
+    pub fn new(
+        link: Link,
+        locator: Locator,
+        camera_from_depth: Se3,
+        after_s: f64,
+        threaded: bool,
+        host: &Host,
+    ) -> io::Result<Self> {
         let depth_from_camera = camera_from_depth.inverse();
-        let seeker = Box::new(Seeker::new(locator, depth_from_camera));
+        let seeker = Box::new(Seeker::new(locator, depth_from_camera, host.clock.clone()));
         let counts = Counts::default();
         let worker = if threaded {
             let (orders, taken) = channel();
             let waiting = Arc::new(AtomicUsize::new(0));
             let (seen, to, done) = (waiting.clone(), link.clone(), counts.clone());
             // It ends when this is dropped, after the look it is at.
-            std::thread::spawn(move || run(*seeker, &taken, &seen, &to, &done));
+            let work = Work::new("cairn-search", move || run(*seeker, &taken, &seen, &to, &done));
+            host.threads.spawn(work.in_background())?;
             Worker::Thread { orders, waiting }
         } else {
             Worker::Inline(seeker)
         };
         let (lost_since, is_searching, last_sent) = (None, false, None);
-        Self { link, counts, worker, depth_from_camera, after_s, lost_since, is_searching, last_sent }
+        Ok(Self { link, counts, worker, depth_from_camera, after_s, lost_since, is_searching, last_sent })
     }
 
     /// Whether the camera has been lost for so long that its place is to be looked for, and no search goes on.
@@ -144,7 +155,6 @@ fn obey(seeker: &mut Seeker, order: &Order, is_newest: bool, link: &Link, counts
 
 /// The thread: images one after the other while a place is followed, else the newest.
 fn run(mut seeker: Seeker, orders: &Receiver<Order>, waiting: &AtomicUsize, link: &Link, counts: &Counts) {
-    background();
     let mut next = orders.recv().ok();
     while let Some(order) = next.take() {
         waiting.fetch_sub(usize::from(matches!(order, Order::See(_))), Ordering::Relaxed);

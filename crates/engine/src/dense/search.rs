@@ -8,11 +8,10 @@
 use cairn_atlas::KeyFrameId;
 use cairn_dense::{Followed, Located, Locator, Place, Verdict};
 use cairn_geometry::{Manifold, Se3, Vec3};
-use cairn_sensor::{DepthImage, Stamp};
+use cairn_sensor::{Clock, DepthImage, Stamp};
 use cairn_tracking::{DepthPlaced, FoundByDepth};
 use nalgebra::{Matrix6, Vector6};
 use std::sync::Arc;
-use std::time::Instant;
 
 /// Images that are aligned one after the other before a second look.
 const FOLLOWED: usize = 5;
@@ -127,12 +126,13 @@ pub(super) struct Seeker {
     /// The first and the last image that was looked at without a guess.
     looked: Option<[Stamp; 2]>,
     pub counts: SearchCounts,
+    clock: Clock,
 }
 
 impl Seeker {
-    pub fn new(locator: Locator, depth_from_camera: Se3) -> Self {
+    pub fn new(locator: Locator, depth_from_camera: Se3, clock: Clock) -> Self {
         let counts = SearchCounts::default();
-        Self { locator, places: Vec::new(), depth_from_camera, candidate: None, looked: None, counts }
+        Self { locator, places: Vec::new(), depth_from_camera, candidate: None, looked: None, counts, clock }
     }
 
     /// Begins anew, in these places; in none it rests.
@@ -180,7 +180,7 @@ impl Seeker {
 
     /// A look without a guess, in all places or in the map of one; refusals are counted.
     fn look_at(&mut self, sight: &DepthQuery, in_map_of: Option<usize>) -> Option<Located> {
-        let start = Instant::now();
+        let start = self.clock.now();
         let map = in_map_of.map(|place| self.places[place].map);
         let kept: Vec<usize> =
             (0..self.places.len()).filter(|&i| map.is_none_or(|m| self.places[i].map == m)).collect();
@@ -193,10 +193,11 @@ impl Seeker {
         {
             registration.verdict = Verdict::FreeSpaceViolated;
         }
+        let ms = self.clock.ms_since(start);
         let counts = &mut self.counts;
         counts.attempts += 1;
         counts.refused.add(found.as_ref());
-        counts.longest_look_ms = counts.longest_look_ms.max(start.elapsed().as_secs_f64() * 1e3);
+        counts.longest_look_ms = counts.longest_look_ms.max(ms);
         let found = found.filter(|l| l.registration.accepted())?;
         Some(Located { place: kept[found.place], ..found })
     }

@@ -17,7 +17,6 @@ use cairn_tracking::KeyFrameRequest;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::time::Instant;
 
 /// The latencies of mapping and closing in [`Runner::Delayed`](super::Runner::Delayed).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -171,10 +170,10 @@ impl Delayed {
             asked += 1;
             stop_after.is_some_and(|n| asked > n)
         };
-        let start = Instant::now();
+        let start = self.stages.clock.now();
         let Inline { mapper, atlas, .. } = &mut self.stages;
         let outcome = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, request, stop)));
-        done.ms.push(start.elapsed().as_secs_f64() * 1e3);
+        done.ms.push(self.stages.clock.ms_since(start));
         self.answer = outcome.map(|taken| done.taken(taken)).unwrap_or_else(|cause| {
             done.stage_failed = Some(text_of(&cause));
             None
@@ -217,9 +216,9 @@ impl Delayed {
             }
         }
         let Some(job) = next else { return };
-        let start = Instant::now();
+        let start = self.stages.clock.now();
         let outcome = catch_unwind(AssertUnwindSafe(|| job.work(&mut self.stages.closer, &self.stages.stop)));
-        done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
+        done.close_ms.push(self.stages.clock.ms_since(start));
         match outcome {
             Ok((snapshot, mut closed)) => {
                 done.verdicts.append(&mut closed.verdicts);

@@ -1,5 +1,6 @@
 //! What mapping and closing report back.
 
+use crate::output::{StageEvent, Timings};
 use cairn_atlas::KeyFrameId;
 use cairn_inertial::Attempt;
 use cairn_mapping::{ScaleCheck, ScaleVerdict, Verdict};
@@ -22,6 +23,14 @@ pub(crate) struct Done {
 }
 
 impl Done {
+    /// Events, a failure aside, and the times of the stages.
+    pub fn report(self) -> (Vec<StageEvent>, Timings) {
+        let initialising = self.attempt.map(StageEvent::Attempt).into_iter();
+        let checking = self.scale_check.map(StageEvent::ScaleCheck);
+        let events = initialising.chain(checking).chain(self.verdicts.into_iter().map(StageEvent::Verdict));
+        (events.collect(), Timings { map_ms: self.ms, close_ms: self.close_ms, ..Timings::default() })
+    }
+
     pub(super) fn take(&mut self, other: Done) {
         self.ms.extend(other.ms);
         self.close_ms.extend(other.close_ms);

@@ -4,11 +4,11 @@ use super::done::Done;
 use super::work::{take, text_of};
 use cairn_atlas::{Atlas, KeyFrameId};
 use cairn_mapping::{Closer, Mapper};
+use cairn_sensor::Clock;
 use cairn_tracking::KeyFrameRequest;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
 /// The stages and the atlas they write to.
 pub(crate) struct Inline {
@@ -17,18 +17,19 @@ pub(crate) struct Inline {
     pub atlas: Atlas,
     /// Ends adjustments of whole maps early.
     pub stop: Arc<AtomicBool>,
+    pub clock: Clock,
 }
 
 impl Inline {
     /// Processes a request, and runs closing after it.
     pub fn submit(&mut self, request: &KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
-        let Self { mapper, closer, atlas, stop } = self;
-        let start = Instant::now();
+        let start = self.clock.now();
+        let Self { mapper, atlas, .. } = self;
         let result = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, request, || false)));
-        done.ms.push(start.elapsed().as_secs_f64() * 1e3);
+        done.ms.push(self.clock.ms_since(start));
         let closed = result.and_then(|taken| {
             let id = done.taken(taken);
-            catch_unwind(AssertUnwindSafe(|| close_inline(closer, atlas, id, stop, done))).map(|()| id)
+            catch_unwind(AssertUnwindSafe(|| self.close(id, done))).map(|()| id)
         });
         closed.unwrap_or_else(|cause| {
             done.stage_failed = Some(text_of(&cause));
@@ -45,26 +46,21 @@ impl Inline {
             done.stage_failed = Some(text_of(&cause));
         }
     }
-}
 
-/// Runs closing for a key frame, and the adjustment of the whole map after it.
-fn close_inline(
-    closer: &mut Closer,
-    atlas: &mut Atlas,
-    id: Option<KeyFrameId>,
-    stop: &AtomicBool,
-    done: &mut Done,
-) {
-    let Some(id) = id else { return };
-    let start = Instant::now();
-    let closed = closer.step(atlas.latest(), id);
-    done.verdicts.extend(closed.verdicts);
-    atlas.commit(closed.changes);
-    done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
-    if let Some(map) = closed.joined.and_then(|id| atlas.latest().key_frame(id)).map(|k| k.map) {
-        let start = Instant::now();
-        let changes = closer.adjust_whole(atlas.latest(), map, || stop.load(Ordering::Relaxed));
-        atlas.commit(changes);
-        done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
+    /// Runs closing for a key frame, and the adjustment of the whole map after it.
+    fn close(&mut self, id: Option<KeyFrameId>, done: &mut Done) {
+        let Some(id) = id else { return };
+        let Self { closer, atlas, stop, clock, .. } = self;
+        let start = clock.now();
+        let closed = closer.step(atlas.latest(), id);
+        done.verdicts.extend(closed.verdicts);
+        atlas.commit(closed.changes);
+        done.close_ms.push(clock.ms_since(start));
+        if let Some(map) = closed.joined.and_then(|id| atlas.latest().key_frame(id)).map(|k| k.map) {
+            let start = clock.now();
+            let changes = closer.adjust_whole(atlas.latest(), map, || stop.load(Ordering::Relaxed));
+            atlas.commit(changes);
+            done.close_ms.push(clock.ms_since(start));
+        }
     }
 }

@@ -13,7 +13,7 @@ pub use replay::{Replayed, Stopped};
 use crate::journal::{FrameRecord, Header, Journal, Record};
 use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, Snapshot, Subscription};
 use cairn_mapping::{Closer, Mapper};
-use cairn_sensor::Stamp;
+use cairn_sensor::{Host, Stamp};
 use cairn_tracking::KeyFrameRequest;
 use delayed::Delayed;
 pub(crate) use done::Done;
@@ -30,7 +30,7 @@ pub enum Runner {
     /// One after the other: bit-identical from run to run, independent of the load of the machine.
     #[default]
     Lockstep,
-    /// Mapping and closing on their own threads; tracking never waits for them.
+    /// Mapping and closing on threads that the host gives; tracking never waits for them.
     Threaded,
     /// As on threads, with latencies drawn by a seed instead of those of the machine: bit-identical from run to run.
     Delayed(Delays),
@@ -45,16 +45,21 @@ pub(crate) enum Mapping {
 }
 
 impl Mapping {
-    pub fn new(runner: Runner, mapper: Mapper, closer: Closer, snapshot: Snapshot) -> Self {
+    pub fn new(runner: Runner, mapper: Mapper, closer: Closer, snapshot: Snapshot, host: &Host) -> Self {
         let atlas = Atlas::new(snapshot);
         if runner == Runner::Threaded {
-            return Self::Thread(Threaded::spawn(mapper, closer, atlas));
+            return Self::Thread(Threaded::spawn(mapper, closer, atlas, host));
         }
-        let stages = Inline { mapper, closer, atlas, stop: Arc::default() };
+        let stages = Inline { mapper, closer, atlas, stop: Arc::default(), clock: host.clock.clone() };
         match runner {
             Runner::Delayed(delays) => Self::Delayed(Box::new(Delayed::new(stages, delays))),
             _ => Self::Inline(Box::new(stages)),
         }
+    }
+
+    /// Whether it runs on threads.
+    pub fn is_threaded(&self) -> bool {
+        matches!(self, Self::Thread(_))
     }
 
     /// Journals the decisions of the threads from now on; in lockstep there is nothing to write.

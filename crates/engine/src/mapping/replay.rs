@@ -17,7 +17,6 @@ use cairn_tracking::KeyFrameRequest;
 use std::collections::{BTreeMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::time::Instant;
 
 /// Progress of a replay.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -255,7 +254,7 @@ impl Replay {
                 None => return self.stop("mapping took a key frame that tracking did not request"),
             }
         };
-        let start = Instant::now();
+        let start = self.stages.clock.now();
         let mut asked = 0;
         let stop = || {
             asked += 1;
@@ -264,7 +263,7 @@ impl Replay {
         let Inline { mapper, atlas, .. } = &mut self.stages;
         let outcome = catch_unwind(AssertUnwindSafe(|| take(mapper, atlas, &request, stop)));
         let id = outcome.map(|taken| done.taken(taken));
-        done.ms.push(start.elapsed().as_secs_f64() * 1e3);
+        done.ms.push(self.stages.clock.ms_since(start));
         self.answer = id.unwrap_or_else(|cause| {
             done.stage_failed = Some(text_of(&cause));
             None
@@ -282,9 +281,9 @@ impl Replay {
         if job.record(number) != recorded {
             return self.stop("closing was given another key frame than in the journal");
         }
-        let start = Instant::now();
+        let start = self.stages.clock.now();
         let outcome = catch_unwind(AssertUnwindSafe(|| job.work(&mut self.stages.closer, &self.stages.stop)));
-        done.close_ms.push(start.elapsed().as_secs_f64() * 1e3);
+        done.close_ms.push(self.stages.clock.ms_since(start));
         match outcome {
             Ok((snapshot, mut closed)) => {
                 done.verdicts.append(&mut closed.verdicts);

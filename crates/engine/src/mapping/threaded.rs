@@ -2,17 +2,16 @@
 
 use super::done::Done;
 use super::work::{take, text_of};
-use crate::background;
 use crate::journal::{JobRecord, JournalWriter, Record};
 use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, MapId, Reader, Snapshot, Subscription};
 use cairn_mapping::{Closed, Closer, Mapper};
+use cairn_sensor::{Clock, Host, Task, Work};
 use cairn_tracking::KeyFrameRequest;
+use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
-use std::thread::JoinHandle;
-use std::time::Instant;
 
 /// Messages to the mapping thread.
 enum Message {
@@ -80,33 +79,49 @@ pub(crate) struct Threaded {
     pub reader: Reader,
     waiting: Arc<AtomicUsize>,
     done: Receiver<Done>,
-    handle: Option<JoinHandle<()>>,
+    thread: Option<Task>,
     pub journal: JournalWriter,
     pub stop: Arc<AtomicBool>,
 }
 
 impl Threaded {
-    pub fn spawn(mapper: Mapper, closer: Closer, atlas: Atlas) -> Self {
+    /// Begins the threads; where the host has none, mapping has failed, which is told as for any other reason.
+    pub fn spawn(mapper: Mapper, closer: Closer, atlas: Atlas, host: &Host) -> Self {
         let reader = atlas.reader();
         let (to, from) = channel::<Message>();
         let (results, done) = channel();
         let waiting = Arc::new(AtomicUsize::new(0));
         let journal = JournalWriter::default();
         let stop = Arc::new(AtomicBool::new(false));
-        let closing = spawn_closing(closer, to.clone(), results.clone(), journal.clone(), stop.clone());
-        let thread = MappingThread {
-            mapper,
-            atlas,
-            waiting: waiting.clone(),
-            results,
-            closing,
-            jobs: 0,
+        let clock = host.clock.clone();
+        let closing = ClosingThread {
+            closer,
+            to: to.clone(),
+            results: results.clone(),
             journal: journal.clone(),
             stop: stop.clone(),
+            clock: clock.clone(),
         };
-        let handle =
-            std::thread::Builder::new().name("cairn-mapping".into()).spawn(move || thread.work(from)).ok();
-        Self { to: Some(to), reader, waiting, done, handle, journal, stop }
+        let failed = results.clone();
+        let thread = closing.spawn(host).and_then(|closing| {
+            let mapping = MappingThread {
+                mapper,
+                atlas,
+                waiting: waiting.clone(),
+                results,
+                closing,
+                jobs: 0,
+                journal: journal.clone(),
+                stop: stop.clone(),
+                clock,
+            };
+            host.threads.spawn(Work::new("cairn-mapping", move || mapping.work(from)))
+        });
+        if let Err(e) = &thread {
+            let stage_failed = Some(format!("mapping could not begin: {e}"));
+            let _ = failed.send(Done { stage_failed, ..Done::default() });
+        }
+        Self { to: Some(to), reader, waiting, done, thread: thread.ok(), journal, stop }
     }
 
     pub fn idle(&self) -> bool {
@@ -147,8 +162,8 @@ impl Threaded {
         if let Some(to) = self.to.take() {
             let _ = to.send(Message::End { final_adjustment });
         }
-        if let Some(handle) = self.handle.take() {
-            let _ = handle.join();
+        if let Some(thread) = self.thread.take() {
+            thread.join();
         }
     }
 }
@@ -170,6 +185,7 @@ struct MappingThread {
     jobs: u64,
     journal: JournalWriter,
     stop: Arc<AtomicBool>,
+    clock: Clock,
 }
 
 impl MappingThread {
@@ -204,7 +220,7 @@ impl MappingThread {
         match message {
             Message::Visibility(seen) => self.mapper.note(&seen),
             Message::KeyFrameRequest(request, reply) => {
-                let start = Instant::now();
+                let start = self.clock.now();
                 // The request in hand counts as waiting: more than one means that another has arrived. Once
                 // `stop` has returned true it stays so.
                 let (waiting, mut asked, mut stop_after) = (&self.waiting, 0, None);
@@ -220,7 +236,7 @@ impl MappingThread {
                 }));
                 self.journal.write(&Record::KeyFrameRequest { stop_after });
                 self.waiting.fetch_sub(1, Ordering::Relaxed);
-                let ms = vec![start.elapsed().as_secs_f64() * 1e3];
+                let ms = vec![self.clock.ms_since(start)];
                 let mut done = Done { ms, ..Done::default() };
                 let id = taken.map(|taken| done.taken(taken));
                 let _ = self.results.send(done);
@@ -245,16 +261,16 @@ impl MappingThread {
     }
 
     fn job(&mut self, job: Job) {
-        if let Some(closing) = &self.closing.0 {
-            let _ = closing.send((self.jobs, job));
+        if let Some(jobs) = &self.closing.jobs {
+            let _ = jobs.send((self.jobs, job));
         }
         self.jobs += 1;
     }
 
     fn end_closing(&mut self) {
-        self.closing.0 = None;
-        if let Some(handle) = self.closing.1.take() {
-            let _ = handle.join();
+        self.closing.jobs = None;
+        if let Some(thread) = self.closing.thread.take() {
+            thread.join();
         }
     }
 }
@@ -266,19 +282,30 @@ impl Drop for MappingThread {
 }
 
 /// The queue of numbered closing jobs, and the closing thread.
-type Closing = (Option<Sender<(u64, Job)>>, Option<JoinHandle<()>>);
+struct Closing {
+    jobs: Option<Sender<(u64, Job)>>,
+    thread: Option<Task>,
+}
 
-/// Starts the thread that recognises places and adjusts whole maps.
-fn spawn_closing(
-    mut closer: Closer,
+/// The thread that recognises places and adjusts whole maps.
+struct ClosingThread {
+    closer: Closer,
     to: Sender<Message>,
     results: Sender<Done>,
     journal: JournalWriter,
     stop: Arc<AtomicBool>,
-) -> Closing {
-    let (jobs, from) = channel::<(u64, Job)>();
-    let work = move || {
-        background();
+    clock: Clock,
+}
+
+impl ClosingThread {
+    /// Begins it, in the background.
+    fn spawn(self, host: &Host) -> io::Result<Closing> {
+        let (jobs, from) = channel::<(u64, Job)>();
+        let work = Work::new("cairn-closing", move || self.work(&from)).in_background();
+        Ok(Closing { jobs: Some(jobs), thread: Some(host.threads.spawn(work)?) })
+    }
+
+    fn work(mut self, from: &Receiver<(u64, Job)>) {
         while let Ok(mut job) = from.recv() {
             // Only the newest place matters: older ones that queued up meanwhile are skipped.
             for newer in from.try_iter() {
@@ -286,29 +313,29 @@ fn spawn_closing(
                     job = newer;
                 }
             }
-            let start = Instant::now();
-            let (number, job) = job;
-            journal.write(&Record::Job(job.record(number)));
-            let result = catch_unwind(AssertUnwindSafe(|| job.work(&mut closer, &stop)));
-            let close_ms = vec![start.elapsed().as_secs_f64() * 1e3];
-            match result {
-                Ok((snapshot, mut closed)) => {
-                    let verdicts = std::mem::take(&mut closed.verdicts);
-                    let _ = results.send(Done { close_ms, verdicts, ..Done::default() });
-                    if !closed.changes.is_empty()
-                        && to.send(Message::Closed(number, snapshot, closed)).is_err()
-                    {
-                        return;
-                    }
-                }
-                Err(cause) => {
-                    let stage_failed = Some(text_of(&cause).replace("mapping", "closing"));
-                    let _ = results.send(Done { close_ms, stage_failed, ..Done::default() });
-                    return;
-                }
+            if !self.close(job) {
+                return;
             }
         }
-    };
-    let handle = std::thread::Builder::new().name("cairn-closing".into()).spawn(work).ok();
-    (Some(jobs), handle)
+    }
+
+    /// Runs a job; false when closing or mapping has ended.
+    fn close(&mut self, (number, job): (u64, Job)) -> bool {
+        let start = self.clock.now();
+        self.journal.write(&Record::Job(job.record(number)));
+        let result = catch_unwind(AssertUnwindSafe(|| job.work(&mut self.closer, &self.stop)));
+        let close_ms = vec![self.clock.ms_since(start)];
+        match result {
+            Ok((snapshot, mut closed)) => {
+                let verdicts = std::mem::take(&mut closed.verdicts);
+                let _ = self.results.send(Done { close_ms, verdicts, ..Done::default() });
+                closed.changes.is_empty() || self.to.send(Message::Closed(number, snapshot, closed)).is_ok()
+            }
+            Err(cause) => {
+                let stage_failed = Some(text_of(&cause).replace("mapping", "closing"));
+                let _ = self.results.send(Done { close_ms, stage_failed, ..Done::default() });
+                false
+            }
+        }
+    }
 }

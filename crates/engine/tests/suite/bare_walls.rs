@@ -1,7 +1,7 @@
 //! Before bare walls the depth camera carries the pose: no frame is lost, the pose is as certain as is said, and depth that cannot
 //! be used does no harm.
 
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_sensor::{DepthImage, FramePacket, Source, Stamp};
 use cairn_sim::{SimConfig, SimSource};
@@ -23,13 +23,14 @@ fn walk(address: &str, config: &Config, spoil: impl Fn(usize, &mut FramePacket))
     let rig = source.rig().clone();
     let truth: BTreeMap<Stamp, Se3> = source.info().truth.iter().copied().collect();
     let rate_hz = source.info().rate_hz;
-    let mut engine = Engine::new(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, config).expect("a rig");
+    let mut engine =
+        Engine::new(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, config, &Host::bare()).expect("a rig");
     let (mut frames, mut packets) = (Vec::new(), 0);
     while let Some(mut packet) = source.next_packet().expect("a packet") {
         spoil(packets, &mut packet);
         packets += 1;
         let Ok(out) = engine.on_packet(&packet) else { continue };
-        frames.push((out.state, out.world_from_body.map(|p| p.se3), truth[&out.stamp]));
+        frames.push((out.state, out.world_from_body().map(|p| p.se3), truth[&out.stamp]));
     }
     Walked { frames, digest: engine.digest() }
 }

@@ -1,7 +1,7 @@
 //! One camera with the IMU of a phone, out, a turn on the spot and home, while mapping and closing lag by latencies drawn
 //! by a seed: the scale stays right, and the run is reproducible.
 
-use cairn_engine::{Config, Delays, Engine, Output, Runner, SensorMode};
+use cairn_engine::{Config, Delays, Engine, Host, Output, Runner, SensorMode};
 use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Trajectory, Vec2};
 use cairn_sensor::{Camera, ImuNoise, Source, Stamp};
@@ -38,12 +38,12 @@ fn walk(delays: Delays) -> (Engine, Vec<Output>, Vec<(Stamp, Se3)>) {
     let mut config = Config::default();
     config.inertial.enabled = true;
     let runner = Runner::Delayed(delays);
-    let mut engine = Engine::new(&rig, SensorMode::Mono, 15.0, runner, &config).unwrap();
+    let mut engine = Engine::new(&rig, SensorMode::Mono, 15.0, runner, &config, &Host::bare()).unwrap();
     let mut outputs = Vec::new();
     while let Some(packet) = source.next_packet().unwrap() {
         outputs.push(engine.on_packet(&packet).unwrap());
     }
-    assert!(outputs.iter().all(|o: &Output| o.stage_failed.is_none()));
+    assert!(outputs.iter().all(|o: &Output| o.stage_failed().is_none()));
     engine.finish();
     engine.snapshot().check().unwrap();
     let truth = source.info().truth.clone();
@@ -54,7 +54,7 @@ fn walk(delays: Delays) -> (Engine, Vec<Output>, Vec<(Stamp, Se3)>) {
 fn wrong_s(outputs: &[Output], truth: &[(Stamp, Se3)]) -> f64 {
     let truth: BTreeMap<Stamp, Se3> = truth.iter().copied().collect();
     let told: Vec<_> =
-        outputs.iter().filter(|o| o.metric).filter_map(|o| Some((o.stamp, o.odometry?))).collect();
+        outputs.iter().filter(|o| o.is_metric()).filter_map(|o| Some((o.stamp, o.pose?.odometry))).collect();
     let mut wrong_s = 0.0;
     for (i, (to, now)) in told.iter().enumerate() {
         let Some((from, then)) = told[..i].iter().rev().find(|(t, _)| *to - *t >= 2.0) else { continue };
@@ -73,7 +73,7 @@ fn wrong_s(outputs: &[Output], truth: &[(Stamp, Se3)]) -> f64 {
 fn scale_stays_right_while_mapping_lags() {
     let delays = Delays { seed: 1, most_frames: 8 };
     let (engine, outputs, truth) = walk(delays);
-    let metric = outputs.iter().find(|o| o.metric).expect("scale is found").stamp - outputs[0].stamp;
+    let metric = outputs.iter().find(|o| o.is_metric()).expect("scale is found").stamp - outputs[0].stamp;
     assert!(metric < 7.0, "{metric} s");
     assert!(wrong_s(&outputs, &truth) <= 2.0, "{} s", wrong_s(&outputs, &truth));
     let trajectory = |poses: Vec<(Stamp, Se3)>| {

@@ -5,7 +5,7 @@ use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_dense::{
     DepthConfig, DepthPreparer, MeshConfig, Mesher, OccupancyConfig, SubmapConfig, TsdfConfig, TsdfVolume,
 };
-use cairn_engine::{DenseMapper, saved_dense_map};
+use cairn_engine::{DenseMapper, Host, saved_dense_map};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use cairn_sensor::{Camera, DepthImage, Stamp};
 use cairn_vision::{Frame, RectifiedCamera};
@@ -319,7 +319,8 @@ fn a_rig_without_depth_is_refused() {
     use cairn_engine::{Config, DenseSetupError, Engine, Runner, SensorMode};
     let rig = cairn_sensor::Rig::mono(Camera::pinhole(640, 480, 500.0, 500.0, 320.0, 240.0));
     let mut engine =
-        Engine::new(&rig, SensorMode::Mono, 30.0, Runner::Lockstep, &Config::default()).expect("a rig");
+        Engine::new(&rig, SensorMode::Mono, 30.0, Runner::Lockstep, &Config::default(), &Host::bare())
+            .expect("a rig");
     let refused = DenseMapper::new(&mut engine, &rig, SubmapConfig::default()).err();
     assert_eq!(refused, Some(DenseSetupError::NoDepth));
 }

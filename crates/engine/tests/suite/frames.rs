@@ -3,7 +3,7 @@
 //! turns the rig to and fro: a lever arm that is left out where lengths are metres, or added where they are not, is
 //! an error of more than a decimetre that no alignment takes away.
 
-use cairn_engine::{Config, Engine, PoseTime, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, PoseTime, Runner, SensorMode};
 use cairn_eval::{Align, EvalOptions, Evaluation, evaluate};
 use cairn_geometry::{Se3, So3, Trajectory, Vec3};
 use cairn_sensor::{Camera, Rig, Source, Stamp};
@@ -73,7 +73,7 @@ fn run(sensor: SimSensor, imu: bool) -> Run {
     };
     let mut settings = Config::default();
     settings.inertial.enabled = imu;
-    let mut engine = Engine::new(&rig, mode, RATE_HZ, Runner::Lockstep, &settings).unwrap();
+    let mut engine = Engine::new(&rig, mode, RATE_HZ, Runner::Lockstep, &settings, &Host::bare()).unwrap();
     while let Some(packet) = source.next_packet().unwrap() {
         engine.on_packet(&packet).unwrap();
     }

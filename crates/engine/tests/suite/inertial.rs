@@ -1,7 +1,7 @@
 //! The IMU on exact simulated worlds: metric scale for one camera, coasting through the dark, a silent
 //! sensor, and a clock offset.
 
-use cairn_engine::{Config, Engine, Output, Runner, SensorMode, State};
+use cairn_engine::{Config, Engine, Host, Output, Runner, SensorMode, State};
 use cairn_eval::{Align, EvalOptions, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, GrayImage, Source, Stamp};
@@ -19,7 +19,8 @@ fn walk(
     let mut config = Config::default();
     config.inertial.enabled = true;
     let rate_hz = source.info().rate_hz;
-    let mut engine = Engine::new(source.rig(), mode, rate_hz, Runner::Lockstep, &config).unwrap();
+    let mut engine =
+        Engine::new(source.rig(), mode, rate_hz, Runner::Lockstep, &config, &Host::bare()).unwrap();
     let mut outputs: Vec<Output> = Vec::new();
     while let Some(mut packet) = source.next_packet().unwrap() {
         let since = outputs.first().map_or(0.0, |first| packet.stamp - first.stamp);
@@ -59,12 +60,12 @@ fn mono_becomes_metric_and_coasts_through_the_dark() {
             black(packet);
         }
     });
-    let metric = outputs.iter().find(|o| o.metric).expect("gravity and scale are initialised");
+    let metric = outputs.iter().find(|o| o.is_metric()).expect("gravity and scale are initialised");
     // A small image and a steady walk reveal scale slowly; it must be known before it gets dark.
     assert!(metric.stamp - outputs[0].stamp < 9.0, "{} s", metric.stamp - outputs[0].stamp);
     let coasting: Vec<&Output> =
         outputs.iter().filter(|o| matches!(o.state, State::Coasting { .. })).collect();
-    assert!(coasting.len() >= 20 && coasting.iter().all(|o| o.anchored.is_some()), "{}", coasting.len());
+    assert!(coasting.len() >= 20 && coasting.iter().all(|o| o.pose.is_some()), "{}", coasting.len());
     assert!(outputs.iter().all(|o| !matches!(o.state, State::Lost { .. })));
     let snapshot = engine.snapshot();
     assert_eq!(snapshot.maps().map(|(w, _)| snapshot.is_gravity_aligned(w)).collect::<Vec<_>>(), [true]);
@@ -99,8 +100,8 @@ fn clock_offset_is_estimated() {
 fn silent_imu_does_no_harm() {
     let (engine, outputs, _) =
         walk(&format!("{HALL}&sensor=mono-imu"), SensorMode::Mono, |_, packet| packet.imu.clear());
-    assert!(outputs.iter().all(|o| !o.metric) && !engine.is_metric());
-    let tracked = outputs.iter().filter(|o| o.anchored.is_some()).count();
+    assert!(outputs.iter().all(|o| !o.is_metric()) && !engine.is_metric());
+    let tracked = outputs.iter().filter(|o| o.pose.is_some()).count();
     assert!(tracked * 10 > outputs.len() * 9, "{tracked} of {}", outputs.len());
     assert_eq!(engine.snapshot().maps().count(), 1);
 }
@@ -110,13 +111,13 @@ fn silent_imu_does_no_harm() {
 #[test]
 fn late_sensor_is_taken_up_and_a_missing_one_costs_no_pose() {
     let address = format!("{HALL}&sensor=mono-imu&imu_rate=60").replace("duration=14", "duration=30");
-    let posed = |outputs: &[Output]| outputs.iter().filter(|o| o.anchored.is_some()).count();
+    let posed = |outputs: &[Output]| outputs.iter().filter(|o| o.pose.is_some()).count();
     let (engine, outputs, _) = walk(&address, SensorMode::Mono, |t, packet| {
         if t < 4.0 {
             packet.imu.clear();
         }
     });
-    assert!(engine.is_metric() && outputs.last().unwrap().metric, "{}", engine.status());
+    assert!(engine.is_metric() && outputs.last().unwrap().is_metric(), "{}", engine.status());
     let late = posed(&outputs);
     let (engine, outputs, _) = walk(&address, SensorMode::Mono, |_, packet| packet.imu.clear());
     println!("{late} poses with a late sensor, {} without, of {}", posed(&outputs), outputs.len());

@@ -2,11 +2,17 @@
 //! to the stream of changes can mirror the map.
 
 use cairn_atlas::{Mirror, Subscription};
-use cairn_engine::{Config, Engine, Journal, ReplayError, Runner, SensorMode, Stopped};
+use cairn_dense::SubmapConfig;
+use cairn_engine::{
+    Clock, Config, DenseMapper, Engine, Host, Journal, Output, Phase, ReplayError, Runner, SensorMode,
+    Stopped, Timings,
+};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, FramePacket, GrayImage, Stamp};
 use cairn_sim::{LiveRig, SimConfig, SimSensor, Walker, WorldKind};
+use cairn_sources::std_host;
 use std::io::Write;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Duration;
 
@@ -57,7 +63,7 @@ fn engine(sensor: SimSensor, runner: Runner, config: &Config) -> Engine {
         SimSensor::Stereo => SensorMode::Stereo,
         _ => SensorMode::Rgbd,
     };
-    Engine::new(&sim_config(sensor).rig(), mode, RATE_HZ, runner, config).unwrap()
+    Engine::new(&sim_config(sensor).rig(), mode, RATE_HZ, runner, config, &std_host()).unwrap()
 }
 
 /// A buffer that outlives the engine writing to it.
@@ -213,4 +219,51 @@ fn subscriber_mirrors_the_map_in_lockstep_and_threaded() {
             assert_eq!(mirror, Mirror::of(&engine.snapshot()), "{runner:?}");
         }
     }
+}
+
+/// A clock that goes on by a millisecond each time it is read.
+fn counting() -> Clock {
+    let readings = AtomicU64::new(0);
+    Clock::new(move || Duration::from_millis(readings.fetch_add(1, Ordering::Relaxed)))
+}
+
+#[test]
+fn times_are_those_of_the_given_clock_and_poses_do_not_depend_on_it() {
+    let run = |clock: Clock| {
+        let (mode, config) = (SensorMode::Rgbd, Config::default());
+        let (rig, host) = (sim_config(SimSensor::Rgbd).rig(), Host::bare().with_clock(clock));
+        let mut engine = Engine::new(&rig, mode, RATE_HZ, Runner::Lockstep, &config, &host).unwrap();
+        let outputs: Vec<Output> = walk().iter().map(|packet| engine.on_packet(packet).unwrap()).collect();
+        let finished = engine.finish();
+        let sum = |ms: &dyn Fn(&Timings) -> f64| outputs.iter().map(|o| ms(&o.timings)).sum::<f64>();
+        let mapped = outputs.iter().map(|o| o.timings.map_ms.len()).sum::<usize>();
+        let in_stages = sum(&|t| t.map_ms.iter().chain(&t.close_ms).sum());
+        assert_eq!((finished.timings.step_ms(), finished.stage_failed()), (0.0, None));
+        assert!(mapped > 5, "{mapped} key frames");
+        (engine.digest(), [sum(&|t| t.extract_ms), sum(&|t| t.track_ms)], in_stages / mapped as f64)
+    };
+    let (digest, [extract_ms, track_ms], stages_ms) = run(counting());
+    let frames = walk().len() as f64;
+    assert_eq!([extract_ms, track_ms], [frames; 2], "one reading before, one after");
+    assert!(stages_ms >= 2.0, "mapping and closing: {stages_ms} ms a key frame");
+    assert_eq!(run(Clock::still()), (digest, [0.0; 2], 0.0));
+}
+
+#[test]
+fn threads_that_the_host_does_not_have_are_a_failure_that_is_told_once() {
+    let rig = sim_config(SimSensor::Rgbd).rig();
+    let (mode, config, host) = (SensorMode::Rgbd, Config::default(), Host::bare());
+    let mut engine = Engine::new(&rig, mode, RATE_HZ, Runner::Threaded, &config, &host).unwrap();
+    let outputs: Vec<Output> = walk()[..3].iter().map(|packet| engine.on_packet(packet).unwrap()).collect();
+    let told: Vec<&str> = outputs.iter().filter_map(Output::stage_failed).collect();
+    assert!(matches!(told[..], [why] if why.contains("mapping could not begin")), "{told:?}");
+    assert!(
+        outputs.iter().all(|o| o.pose.is_none() && o.status.phase == Phase::Error),
+        "{}",
+        engine.status()
+    );
+    assert!(engine.subscribe().is_none());
+    engine.finish();
+    let mut engine = Engine::new(&rig, mode, RATE_HZ, Runner::Threaded, &config, &host).unwrap();
+    assert!(DenseMapper::new(&mut engine, &rig, SubmapConfig::default()).is_err());
 }

@@ -3,11 +3,11 @@
 
 use cairn_atlas::store::{About, MapFile};
 use cairn_dense::SubmapConfig;
-use cairn_engine::{Config, DenseMapper, Engine, Runner, SearchCounts, SensorMode, State};
+use cairn_engine::{Config, DenseMapper, Engine, Host, Runner, SearchCounts, SensorMode, State};
 use cairn_geometry::Se3;
 use cairn_sensor::{FramePacket, Rig, Source, Stamp};
 use cairn_sim::{SimConfig, SimSource};
-use cairn_sources::{OpenOptions, open};
+use cairn_sources::{OpenOptions, open, std_host};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -65,7 +65,8 @@ fn config() -> Config {
 /// before it and the true motion since. (On the kitchen poses by features and by depth differ by up to 6 cm and 3 degrees.)
 fn saved(walk: &Walk, frames: impl Iterator<Item = usize>) -> (MapFile, Vec<Se3>) {
     let mut engine =
-        Engine::new(&walk.rig, SensorMode::Rgbd, walk.rate_hz, Runner::Lockstep, &config()).expect("a rig");
+        Engine::new(&walk.rig, SensorMode::Rgbd, walk.rate_hz, Runner::Lockstep, &config(), &Host::bare())
+            .expect("a rig");
     let mut mapper = DenseMapper::new(&mut engine, &walk.rig, SubmapConfig::default()).expect("depth");
     for k in frames {
         let (packet, _) = &walk.frames[k];
@@ -126,7 +127,8 @@ fn start(
 ) -> Start {
     let mut file = file.clone();
     let (mut engine, _) =
-        Engine::in_map(&walk.rig, SensorMode::Rgbd, rate_hz, runner, &config, &file).expect("a map");
+        Engine::in_map(&walk.rig, SensorMode::Rgbd, rate_hz, runner, &config, &std_host(), &file)
+            .expect("a map");
     let mut mapper = DenseMapper::new(&mut engine, &walk.rig, SubmapConfig::default()).expect("depth");
     let (restored, _) = mapper.restore(file.take_depth().expect("depth"));
     assert!(restored.images > 0, "{restored:?}");
@@ -142,7 +144,7 @@ fn start(
                 break;
             }
         }
-        let Some(pose) = out.world_from_body else { continue };
+        let Some(pose) = out.world_from_body() else { continue };
         assert!(!matches!(out.state, State::Tracking), "there are no features");
         found_after_s.get_or_insert(n as f64 / rate_hz);
         let off = in_map[k].inverse() * pose.se3;
@@ -233,13 +235,14 @@ fn in_a_dark_apartment() {
 fn carried_away(walk: &Walk, mapped: usize, first: usize) -> Start {
     let config = config();
     let mut engine =
-        Engine::new(&walk.rig, SensorMode::Rgbd, walk.rate_hz, Runner::Lockstep, &config).expect("a rig");
+        Engine::new(&walk.rig, SensorMode::Rgbd, walk.rate_hz, Runner::Lockstep, &config, &Host::bare())
+            .expect("a rig");
     let mut mapper = DenseMapper::new(&mut engine, &walk.rig, SubmapConfig::default()).expect("depth");
     let mut map_from_truth = None;
     for (packet, truth) in &walk.frames[..mapped] {
         let out = engine.on_packet(packet).expect("images");
         mapper.on_packet(packet, &out);
-        map_from_truth = out.world_from_body.map(|p| p.se3 * truth.inverse()).or(map_from_truth);
+        map_from_truth = out.world_from_body().map(|p| p.se3 * truth.inverse()).or(map_from_truth);
     }
     let (map_from_truth, last) = (map_from_truth.expect("a pose"), walk.frames[mapped - 1].0.stamp);
     let (mut found_after_s, mut worst) = (None, [0.0f64; 2]);
@@ -248,7 +251,7 @@ fn carried_away(walk: &Walk, mapped: usize, first: usize) -> Start {
         let packet = dark(packet, last.plus_seconds(after_s));
         let out = engine.on_packet(&packet).expect("images");
         mapper.on_packet(&packet, &out);
-        let Some(pose) = out.world_from_body else { continue };
+        let Some(pose) = out.world_from_body() else { continue };
         found_after_s.get_or_insert(after_s);
         let off = (map_from_truth * *truth).inverse() * pose.se3;
         worst[0] = worst[0].max(off.translation.norm());

@@ -1,7 +1,9 @@
 //! A simulated walk round an office with one camera: loops are closed, maps are merged, the pose in the map jumps. The
 //! odometry does not.
 
-use cairn_engine::{Config, Engine, Joined, MotionSource, Odometry, Output, Runner, SensorMode};
+use cairn_engine::{
+    Config, Engine, FramePose, Host, Joined, MotionSource, Odometry, Output, Runner, SensorMode,
+};
 use cairn_geometry::Se3;
 use cairn_sensor::{Source, Stamp};
 use cairn_sim::SimSource;
@@ -37,7 +39,9 @@ fn loops_and_merges_of_a_walk_make_no_step_in_odom() {
     let mut source = SimSource::open(OFFICE).unwrap();
     let rate_hz = source.info().rate_hz;
     let config = Config::default();
-    let mut engine = Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config).unwrap();
+    let mut engine =
+        Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config, &Host::bare())
+            .unwrap();
     let mut outputs: Vec<Output> = Vec::new();
     while let Some(packet) = source.next_packet().unwrap() {
         outputs.push(engine.on_packet(&packet).unwrap());
@@ -46,17 +50,17 @@ fn loops_and_merges_of_a_walk_make_no_step_in_odom() {
     let frames = |pose: &dyn Fn(&Output) -> Option<Se3>| -> Vec<Frame> {
         let known = |d: Odometry| d.source != MotionSource::RotationOnly;
         let frame = |o: &Output| {
-            let odometry = o.odometry?;
+            let odometry = o.pose?.odometry;
             Some((odometry.segment, pose(o)?, *truth.get(&o.stamp)?, known(odometry)))
         };
         outputs.iter().filter_map(frame).collect()
     };
-    let odom = errors(&frames(&|o| o.odometry.map(|d| d.odom_from_body.se3)));
-    let live = errors(&frames(&|o| o.world_from_body.map(|pose| pose.se3)));
+    let odom = errors(&frames(&|o| o.pose.map(|p| p.odometry.odom_from_body.se3)));
+    let live = errors(&frames(&|o| o.pose.map(|p| p.world_from_body.se3)));
     let max = |errors: &[f64]| errors.iter().copied().fold(0.0, f64::max);
-    let joined = outputs.iter().flat_map(|o| &o.verdicts).filter_map(|v| v.result.ok());
+    let joined = outputs.iter().flat_map(Output::verdicts).filter_map(|v| v.result.ok());
     let loops = joined.filter(|a| a.joined == Joined::Loop).count();
-    let segments = outputs.iter().filter_map(|o| o.odometry).map(|d| d.segment).max();
+    let segments = outputs.iter().filter_map(|o| o.pose).map(|p| p.odometry.segment).max();
     println!(
         "{} frames, {loops} loops, last segment {segments:?}: motions off by at most {:.4} m in odom, {:.4} m in the map",
         odom.len(),
@@ -75,14 +79,16 @@ fn loops_and_merges_of_a_walk_make_no_step_in_odom() {
     assert!(segments.is_some_and(|last| last <= 3), "{segments:?}");
     let mut before = None;
     for o in &outputs {
-        let again = o.odometry.map(|d| d.world_from_odom.then(&d.odom_from_body).se3);
-        assert_eq!(again.is_some(), o.world_from_body.is_some(), "{}", o.stamp);
-        let off = again.zip(o.world_from_body).map(|(a, b)| (a.inverse() * b.se3).log().norm());
+        let off = |p: FramePose| {
+            let again = p.odometry.world_from_odom.then(&p.odometry.odom_from_body).se3;
+            (again.inverse() * p.world_from_body.se3).log().norm()
+        };
+        let off = o.pose.map(off);
         assert!(off.is_none_or(|off| off < 1e-9), "{}: {off:?}", o.stamp);
-        let segment = o.odometry.map(|d| d.segment);
+        let segment = o.pose.map(|p| p.odometry.segment);
         assert!(segment.is_none() || segment >= before, "segments count up");
         before = segment.or(before);
     }
     let told: usize = engine.odometry_segments().iter().map(Vec::len).sum();
-    assert_eq!(told, outputs.iter().filter(|o| o.odometry.is_some()).count());
+    assert_eq!(told, outputs.iter().filter(|o| o.pose.is_some()).count());
 }

@@ -1,6 +1,6 @@
 //! An engine that goes on in the map of another that ended a moment ago, where the map shows too little for its place to be recognised.
 
-use cairn_engine::{Config, Engine, Runner, SensorMode, State};
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode, State};
 use cairn_sensor::{FramePacket, Source};
 use cairn_sim::{SimConfig, SimSource};
 use std::collections::BTreeMap;
@@ -16,7 +16,8 @@ fn one_that_resumes_has_a_pose_where_recognition_finds_too_few_landmarks() {
     settings.front_end.orb.features = 52;
     settings.inertial.enabled = false;
     let mut next = || source.next_packet().unwrap().expect("a packet");
-    let mut engine = Engine::new(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &settings).unwrap();
+    let mut engine =
+        Engine::new(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &settings, &Host::bare()).unwrap();
     while engine.snapshot().key_frame_count() < 1 {
         engine.on_packet(&next()).unwrap();
     }
@@ -24,7 +25,8 @@ fn one_that_resumes_has_a_pose_where_recognition_finds_too_few_landmarks() {
     drop(engine);
     let after: Vec<FramePacket> = (0..6).map(|_| next()).collect();
     let go_on = |resumes: bool, packets: &[FramePacket]| -> Vec<bool> {
-        let begun = Engine::in_map(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &settings, &map);
+        let begun =
+            Engine::in_map(&rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &settings, &Host::bare(), &map);
         let mut engine = begun.unwrap().0;
         if resumes {
             engine.resume(packets[0].stamp);

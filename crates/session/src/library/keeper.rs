@@ -19,7 +19,7 @@ use crate::reference_path::unit_of;
 use crate::slam::Slam;
 use cairn_atlas::store::{MapFile, StoreError};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
-use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, OpenMapError, Runner, SensorMode};
 use cairn_guide::Route;
 use cairn_sensor::{Rig, RigError, Stamp};
 use cairn_vision::{FrontEnd, RectifiedCamera};
@@ -102,11 +102,12 @@ impl MapKeeper {
         rate_hz: f64,
         runner: Runner,
         config: &Config,
+        host: &Host,
     ) -> Result<Kept, LibraryError> {
         let camera = LibraryCamera::of(rig, mode, config, true)?;
         Self::open_with(folder, None, &camera, |map| match map {
-            Some(file) => Engine::in_map(rig, mode, rate_hz, runner, config, file),
-            None => Ok((Engine::new(rig, mode, rate_hz, runner, config)?, Vec::new())),
+            Some(file) => Engine::in_map(rig, mode, rate_hz, runner, config, host, file),
+            None => Ok((Engine::new(rig, mode, rate_hz, runner, config, host)?, Vec::new())),
         })
     }
 

@@ -3,7 +3,7 @@
 
 use crate::small;
 
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_guide::{Durable, Route};
 use cairn_sensor::{Camera, FramePacket, Rig, Stamp};
@@ -89,9 +89,16 @@ impl Walk {
     /// A session on the routes of a folder, at a time of day.
     fn on_day(folder: &Path, clock: &Arc<AtomicI64>) -> Self {
         let lock = RoutesLock::take(folder).unwrap();
-        let kept =
-            MapKeeper::open(lock, &rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default())
-                .unwrap();
+        let kept = MapKeeper::open(
+            lock,
+            &rig(),
+            SensorMode::Rgbd,
+            RATE_HZ,
+            Runner::Lockstep,
+            &Config::default(),
+            &Host::bare(),
+        )
+        .unwrap();
         let clock = clock.clone();
         let wall = Arc::new(move || WallTime { unix_s: clock.load(Ordering::Relaxed), offset_s: 3600 });
         let session = Session::new(kept.engine, SessionConfig::default());
@@ -307,7 +314,8 @@ fn killed_in_the_middle_loses_no_route_and_never_misplaces_one() {
 fn routes_of_one_session_do_not_displace_each_other() {
     let folder = folder("plain");
     let engine =
-        Engine::new(&rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap();
+        Engine::new(&rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default(), &Host::bare())
+            .unwrap();
     let config = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
     let mut walk = Walk::of(Session::new(engine, config), Vec::new());
     record_both(&mut walk);
@@ -332,8 +340,16 @@ fn recording_that_nobody_asked_for_leaves_no_short_route() {
     let folder = folder("unasked");
     let clock = Arc::new(AtomicI64::new(20_000 * DAY_S));
     let lock = RoutesLock::take(&folder).unwrap();
-    let kept = MapKeeper::open(lock, &rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default())
-        .unwrap();
+    let kept = MapKeeper::open(
+        lock,
+        &rig(),
+        SensorMode::Rgbd,
+        RATE_HZ,
+        Runner::Lockstep,
+        &Config::default(),
+        &Host::bare(),
+    )
+    .unwrap();
     let config = SessionConfig { auto_record: Some(5), ..SessionConfig::default() };
     let mut walk = Walk::of(Session::new(kept.engine, config).keeping(kept.keeper), Vec::new());
     walk.see(&walk_through()[..10]);
@@ -442,11 +458,17 @@ fn cameras_with_metres_share_one_atlas_and_walk_each_others_routes() {
         MapKeeper::open_with(RoutesLock::take(&folder).unwrap(), None, camera, |map| {
             let (rig, config) = (stereo.rig(), Config::default());
             match map {
-                Some(file) => {
-                    Engine::in_map(&rig, SensorMode::Stereo, RATE_HZ, Runner::Lockstep, &config, file)
-                }
+                Some(file) => Engine::in_map(
+                    &rig,
+                    SensorMode::Stereo,
+                    RATE_HZ,
+                    Runner::Lockstep,
+                    &config,
+                    &Host::bare(),
+                    file,
+                ),
                 None => Ok((
-                    Engine::new(&rig, SensorMode::Stereo, RATE_HZ, Runner::Lockstep, &config)?,
+                    Engine::new(&rig, SensorMode::Stereo, RATE_HZ, Runner::Lockstep, &config, &Host::bare())?,
                     Vec::new(),
                 )),
             }

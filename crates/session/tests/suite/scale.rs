@@ -1,6 +1,6 @@
 //! Mono with IMU: recording starts before the scale is initialised, and the finished route is metric.
 
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_guide::{Facing, Route};
 use cairn_sensor::{FramePacket, Source};
 use cairn_session::{Command, Event, Session, SessionConfig, View, anchor_in_map};
@@ -16,7 +16,9 @@ fn recording_becomes_metric_with_late_scale() {
     let mut config = Config::default();
     config.inertial.enabled = true;
     let rate_hz = source.info().rate_hz;
-    let engine = Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config).unwrap();
+    let engine =
+        Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config, &Host::bare())
+            .unwrap();
     let folder = std::env::temp_dir().join(format!("cairn-session-scale-{}", std::process::id()));
     let config = SessionConfig { folder: folder.clone(), ..SessionConfig::default() };
     let mut session = Session::new(engine, config);
@@ -129,7 +131,9 @@ fn walked_session(name: &str) -> (Session<Engine>, PathBuf) {
     config.inertial.enabled = true;
     let source = SimSource::open(HALL).unwrap();
     let rate_hz = source.info().rate_hz;
-    let engine = Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config).unwrap();
+    let engine =
+        Engine::new(source.rig(), SensorMode::Mono, rate_hz, Runner::Lockstep, &config, &Host::bare())
+            .unwrap();
     let folder = std::env::temp_dir().join(format!("cairn-session-{name}-{}", std::process::id()));
     let mut session =
         Session::new(engine, SessionConfig { folder: folder.clone(), ..SessionConfig::default() });

@@ -1,7 +1,7 @@
 //! A walker who went out is taken back to where the recording started, by the command, over the recorded routes, through
 //! the whole engine; and what cannot be done is refused with the reason.
 
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_guide::GuideState;
 use cairn_sensor::{Camera, Stamp};
@@ -19,8 +19,15 @@ fn a_walker_is_taken_back_to_the_start_of_a_recorded_route() {
         body_from_camera: Se3::identity(),
         ..SimConfig::new(WorldKind::Demo, 3)
     };
-    let engine =
-        Engine::new(&config.rig(), SensorMode::Rgbd, 10.0, Runner::Lockstep, &Config::default()).unwrap();
+    let engine = Engine::new(
+        &config.rig(),
+        SensorMode::Rgbd,
+        10.0,
+        Runner::Lockstep,
+        &Config::default(),
+        &Host::bare(),
+    )
+    .unwrap();
     let mut session =
         Session::new(engine, SessionConfig { folder: folder.clone(), ..SessionConfig::default() });
     let mut rig = LiveRig::new(&config).unwrap();
@@ -93,7 +100,9 @@ fn a_place_that_is_not_recognised_is_not_guided_from() {
     let open = || {
         let lock = RoutesLock::take(&folder).unwrap();
         let (rig, engine) = (config.rig(), Config::default());
-        let kept = MapKeeper::open(lock, &rig, SensorMode::Rgbd, 10.0, Runner::Lockstep, &engine).unwrap();
+        let kept =
+            MapKeeper::open(lock, &rig, SensorMode::Rgbd, 10.0, Runner::Lockstep, &engine, &Host::bare())
+                .unwrap();
         Session::new(kept.engine, SessionConfig::default()).keeping(kept.keeper)
     };
     let mut walk = |session: &mut Session, range: std::ops::Range<u32>, at_s: f64| {

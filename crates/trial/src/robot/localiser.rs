@@ -12,7 +12,7 @@
 
 use super::TrialError;
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
-use cairn_engine::{AnchoredPose, Config, Engine, MeasuredMotion, Runner, SensorMode, State};
+use cairn_engine::{AnchoredPose, Config, Engine, Host, MeasuredMotion, Runner, SensorMode, State};
 use cairn_geometry::{Se2, Se3, So3, Vec3};
 use cairn_sensor::{FramePacket, Rig};
 use std::collections::BTreeMap;
@@ -74,13 +74,13 @@ pub struct Localiser {
 }
 
 impl Localiser {
-    /// For a rig with a depth camera.
+    /// For a rig with a depth camera, with the clock of a host.
     ///
     /// # Errors
     /// When the rig has no camera or does not serve RGB-D.
-    pub fn new(rig: &Rig, rate_hz: f64) -> Result<Self, TrialError> {
+    pub fn new(rig: &Rig, rate_hz: f64, host: &Host) -> Result<Self, TrialError> {
         let camera = rig.cameras.first().ok_or(TrialError::Rig("it has no camera".into()))?;
-        let engine = Engine::new(rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &Config::default())
+        let engine = Engine::new(rig, SensorMode::Rgbd, rate_hz, Runner::Lockstep, &Config::default(), host)
             .map_err(|e| TrialError::Rig(e.to_string()))?;
         Ok(Self {
             engine,
@@ -113,19 +113,19 @@ impl Localiser {
             sigma_rad: sigma[1],
         });
         let output = self.engine.on_packet(packet).map_err(|e| TrialError::Engine(e.to_string()))?;
-        if let Some(why) = output.stage_failed {
-            return Err(TrialError::Engine(why));
+        if let Some(why) = output.stage_failed() {
+            return Err(TrialError::Engine(why.to_owned()));
         }
-        self.step_ms.push(output.extract_ms + output.track_ms);
-        let closed = output.verdicts.iter().filter(|v| v.result.is_ok()).count();
+        self.step_ms.push(output.timings.step_ms());
+        let closed = output.verdicts().filter(|v| v.result.is_ok()).count();
         self.loops += closed;
         self.ground_from_body = self.ground_from_body * wheels;
         (0..2).for_each(|i| self.variance[i] += sigma[i] * sigma[i]);
         let snapshot = self.engine.snapshot();
         let is_tracked = output.state == State::Tracking;
-        match output.anchored {
+        match output.pose {
             None => self.lost += 1,
-            Some(anchored) => self.take(&snapshot, &anchored, is_tracked, wheels),
+            Some(pose) => self.take(&snapshot, &pose.anchored, is_tracked, wheels),
         }
         self.is_corrected = closed > 0;
         let key = self.anchor.and_then(|id| Some((id, self.pose_of(&snapshot, id)?)));

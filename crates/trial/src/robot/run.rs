@@ -9,7 +9,7 @@ use cairn_geometry::{Se2, Vec2};
 use cairn_plan::Grid;
 use cairn_plan::control::State;
 use cairn_plan::control::trial::SimulatedBody;
-use cairn_sensor::Stamp;
+use cairn_sensor::{Host, Stamp};
 use cairn_sim::{LiveRig, World};
 use serde::Serialize;
 use std::sync::Arc;
@@ -130,14 +130,14 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Builds the world and switches the robot on.
+    /// Builds the world and switches the robot on, with the clock of a host.
     ///
     /// # Errors
     /// When the world or the rig cannot be simulated.
-    pub fn new(config: RobotConfig) -> Result<Self, TrialError> {
+    pub fn new(config: RobotConfig, host: &Host) -> Result<Self, TrialError> {
         let household = Household::new(&config);
         let rig = LiveRig::in_world(&config.sim, Arc::clone(household.world()))?;
-        let localiser = Localiser::new(rig.rig(), config.sim.rate_hz)?;
+        let localiser = Localiser::new(rig.rig(), config.sim.rate_hz, host)?;
         let start = household.start();
         let goals = goals(household.world()).map(|(_, at)| start.inverse() * at).collect();
         let pilot = Pilot::new(&config, goals)?;

@@ -1,5 +1,6 @@
 //! The robot's trial: the judge, the household, and a drive of the first seconds judged by the truth.
 
+use cairn_engine::Host;
 use cairn_geometry::Vec2;
 use cairn_trial::robot::{Household, Judge, RobotConfig, Touched, Trial};
 
@@ -73,7 +74,7 @@ fn a_door_closes_only_where_nobody_stands() {
 fn the_first_seconds_give_a_true_map_without_a_touch() {
     let mut config = RobotConfig::new(1);
     (config.explore_s, config.goal_s) = (40.0, 2.0);
-    let end = Trial::new(config).unwrap().run(|_| ()).unwrap();
+    let end = Trial::new(config, &Host::bare()).unwrap().run(|_| ()).unwrap();
     assert!(end.collisions.is_empty(), "{:?}", end.collisions);
     assert!(end.known > 0.25 && end.driven_m > 5.0, "{} known, {} m driven", end.known, end.driven_m);
     assert!(end.position_error_m[0] < 0.06, "{:?} m", end.position_error_m);

@@ -62,7 +62,8 @@ impl SurfaceWork {
         if let Some(to) = &self.to {
             // A thread that is behind misses a packet; one that has ended has said why.
             let _ = to.try_send((packet.clone(), output.clone()));
-        } else if let (Some(pose), Ok(mut surface)) = (output.world_from_body, self.hub.surface.try_lock()) {
+        } else if let (Some(pose), Ok(mut surface)) = (output.world_from_body(), self.hub.surface.try_lock())
+        {
             at(&mut surface, &pose.se3.translation);
         }
     }
@@ -142,7 +143,7 @@ impl Work {
             match from.recv_timeout(MESH_EVERY) {
                 Ok((packet, output)) => {
                     self.mapper.on_packet(&packet, &output);
-                    camera = output.world_from_body.map_or(camera, |pose| pose.se3.translation);
+                    camera = output.world_from_body().map_or(camera, |pose| pose.se3.translation);
                 }
                 // Mapping goes on behind the last packet.
                 Err(RecvTimeoutError::Timeout) => self.mapper.follow(),

@@ -1,7 +1,7 @@
 //! The tests, and the workers that they start.
 
 use cairn_dense::{MeshConfig, Mesher, SubmapConfig, TsdfConfig, write_ply};
-use cairn_engine::{Config, DenseMapper, Engine, PoseTime, Runner, SensorMode};
+use cairn_engine::{Config, DenseMapper, Engine, Host, PoseTime, Runner, SensorMode};
 use cairn_random::Random;
 use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, open};
@@ -181,7 +181,8 @@ fn result_equals_that_of_one_process() {
     let (rate_hz, rig) = (source.info().rate_hz, source.rig().clone());
     let mut config = Config::default();
     config.inertial.enabled = false;
-    let mut engine = Engine::new(&rig, SensorMode::Stereo, rate_hz, Runner::Lockstep, &config).unwrap();
+    let mut engine =
+        Engine::new(&rig, SensorMode::Stereo, rate_hz, Runner::Lockstep, &config, &Host::bare()).unwrap();
     while let Some(packet) = source.next_packet().unwrap() {
         engine.on_packet(&packet).unwrap();
     }

@@ -1,6 +1,7 @@
 //! Landmarks, and what follows from which features show them.
 
 use super::shown::Appearance;
+use crate::store::beside::HAS_THREADS;
 use crate::store::container::Parts;
 use crate::store::error::StoreError;
 use crate::store::layout::NO_PICK;
@@ -94,6 +95,9 @@ pub(in crate::store) fn derive_all(
             }
         })
     };
+    if !HAS_THREADS {
+        return derive_some(0, landmarks);
+    }
     std::thread::scope(|scope| {
         let jobs: Vec<_> = landmarks
             .chunks_mut(each)

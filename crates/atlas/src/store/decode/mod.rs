@@ -17,6 +17,7 @@ pub(super) use features::decode_features;
 pub(super) use landmarks::{derive_all, observe};
 
 use super::about::About;
+use super::beside::both;
 use super::container::Parts;
 use super::error::StoreError;
 use super::later::LaterFeatures;
@@ -113,15 +114,14 @@ pub(super) fn read(
     let some_lost = damage.count() > whole;
     let frames = key_frames.iter().map(|k| k.frame.clone()).collect();
     let owners = Owners { ids: key_frames.iter().map(|k| k.id).collect(), frames, features };
-    let (words, landmarks) = std::thread::scope(|scope| {
-        let words = (!some_lost).then(|| scope.spawn(|| read_words(parts, &owners, later)));
-        let landmarks = read_landmarks(parts, &snapshot, counts.landmarks).and_then(|mut landmarks| {
-            observe(&shown, &mut key_frames, &mut landmarks.0)?;
-            Ok(landmarks)
-        });
-        let failed = |_| Err(StoreError::part("words", "they cannot be read"));
-        (words.map(|job| job.join().unwrap_or_else(failed)), landmarks)
-    });
+    let read_landmarks = || {
+        let mut landmarks = read_landmarks(parts, &snapshot, counts.landmarks)?;
+        observe(&shown, &mut key_frames, &mut landmarks.0)?;
+        Ok::<_, StoreError>(landmarks)
+    };
+    let read_words = || (!some_lost).then(|| read_words(parts, &owners, later));
+    let (landmarks, words) = both(read_landmarks, read_words);
+    let words = words.unwrap_or_else(|| Some(Err(StoreError::part("words", "they cannot be read"))));
     let (mut landmarks, mut picks) = landmarks?;
     let words = match words {
         Some(words) => damage.or(words.map(Some), "computed again", || None)?,

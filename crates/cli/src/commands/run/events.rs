@@ -35,8 +35,8 @@ impl Events {
     }
 
     /// Writes everything that has happened up to a frame.
-    pub fn write(&mut self, stamp: Stamp, verdicts: &[Verdict]) {
-        let mut lines: Vec<Value> = verdicts.iter().map(verdict).collect();
+    pub fn write<'v>(&mut self, stamp: Stamp, verdicts: impl Iterator<Item = &'v Verdict>) {
+        let mut lines: Vec<Value> = verdicts.map(verdict).collect();
         while let Ok(published) = self.from.changes.try_recv() {
             lines.extend(commit_lines(&published, &mut self.mirror));
         }

@@ -98,11 +98,11 @@ impl History {
             }
             None => self.stretches.push(Stretch { tracking, from: at, to: at }),
         }
-        self.joins(at, &done.verdicts);
+        self.joins(at, done.verdicts());
     }
 
     /// Adds the accepted ones of these verdicts.
-    pub fn joins(&mut self, at: Stamp, verdicts: &[Verdict]) {
+    pub fn joins<'v>(&mut self, at: Stamp, verdicts: impl Iterator<Item = &'v Verdict>) {
         for v in verdicts {
             let Ok(accepted) = &v.result else { continue };
             self.joins.push(Join {

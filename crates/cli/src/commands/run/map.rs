@@ -9,6 +9,7 @@ use cairn_atlas::store::{MapFile, StoreError};
 use cairn_engine::{Config, DenseMapper, Engine, OpenMapError, Runner, SensorMode};
 use cairn_sensor::Rig;
 use cairn_session::Session;
+use cairn_sources::std_host;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::thread::JoinHandle;
@@ -49,10 +50,11 @@ pub fn engine(
 ) -> Result<Engine, Failure> {
     let unsuitable = |why: String| Failure::new(&a.source, why, CHOOSE);
     let (Some(file), Some(path)) = (file, &a.map_in) else {
-        return Engine::new(rig, mode, rate_hz, runner, config).map_err(|e| unsuitable(e.to_string()));
+        return Engine::new(rig, mode, rate_hz, runner, config, &std_host())
+            .map_err(|e| unsuitable(e.to_string()));
     };
     let shown = path.display().to_string();
-    let opened = Engine::in_map_of_any_camera(rig, mode, rate_hz, runner, config, file);
+    let opened = Engine::in_map_of_any_camera(rig, mode, rate_hz, runner, config, &std_host(), file);
     let (engine, notes) = opened.map_err(|e| match e {
         OpenMapError::Rig(e) => unsuitable(e.to_string()),
         why => Failure::new(&shown, why.to_string(), "use the camera and --sensor the map was made with"),

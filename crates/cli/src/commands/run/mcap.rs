@@ -89,12 +89,12 @@ impl Recording {
             self.put(self.channels.events, stamp, &message);
         };
         done.status.events.iter().for_each(|event| say(Level::Info, &event.to_string()));
-        done.stage_failed.iter().for_each(|cause| say(Level::Warning, cause));
+        done.stage_failed().iter().for_each(|cause| say(Level::Warning, cause));
         if self.phase.replace(done.status.phase) != Some(done.status.phase) {
             let message = foxglove::log(ns, Level::Info, "cairn", &done.status.phase.to_string());
             self.put(self.channels.events, stamp, &message);
         }
-        if let Some(pose) = &done.world_from_body {
+        if let Some(pose) = done.world_from_body() {
             self.put(self.channels.pose, stamp, &foxglove::pose_in_frame(ns, MAP, &pose.se3));
             self.put(self.channels.tf, stamp, &foxglove::frame_transform(ns, MAP, BODY, &pose.se3));
         }

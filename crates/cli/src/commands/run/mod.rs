@@ -186,7 +186,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     tally.after(&finished, last);
     tally.history.size(last, &session.engine().snapshot());
     let events = events.map_or(Ok(()), |mut events| {
-        events.write(last, &finished.verdicts);
+        events.write(last, finished.verdicts());
         events.end()
     });
     let mcap = mcap.map_or(Ok(()), |mcap| mcap.end(session.engine()));

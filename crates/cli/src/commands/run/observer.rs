@@ -97,8 +97,8 @@ impl<'t, 'a> RunObserver<'t, 'a> {
 /// Logs what a frame brought, for RUST_LOG.
 fn log(done: &Output) {
     let at = done.stamp.seconds();
-    trace!(at, state = ?done.state, extract_ms = done.extract_ms, track_ms = done.track_ms, "frame");
-    for v in &done.verdicts {
+    trace!(at, state = ?done.state, extract_ms = done.timings.extract_ms, track_ms = done.timings.track_ms, "frame");
+    for v in done.verdicts() {
         let (key_frame, candidate) = (v.key_frame.index(), v.candidate.index());
         match &v.result {
             Ok(accepted) => {
@@ -129,7 +129,7 @@ impl Observer for RunObserver<'_, '_> {
     fn on_output(&mut self, session: &Session, packet: &FramePacket, output: &Result<Output, NotTracked>) {
         match output {
             Ok(done) => {
-                if let Some(cause) = &done.stage_failed {
+                if let Some(cause) = done.stage_failed() {
                     self.progress.warn(cause);
                 }
                 self.tally.frame(packet, done);
@@ -139,7 +139,7 @@ impl Observer for RunObserver<'_, '_> {
                 }
                 log(done);
                 if let Some(events) = self.events {
-                    events.write(done.stamp, &done.verdicts);
+                    events.write(done.stamp, done.verdicts());
                 }
                 if let Some(dense) = &mut self.dense {
                     dense.on_packet(packet, done);

@@ -4,7 +4,7 @@ use super::history::History;
 use super::outcome::Outcome;
 use super::status::{self, StatusTally};
 use crate::style::{self, Paint};
-use cairn_engine::{Engine, Finished, Joined, Output, ScaleStretch, State, Verdict};
+use cairn_engine::{Engine, Finished, Joined, Output, ScaleStretch, State, Timings, Verdict};
 use cairn_eval::{
     Align, EvalOptions, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport, SkipReport,
     StageTimes, evaluate,
@@ -65,17 +65,16 @@ impl Tally {
     pub fn frame(&mut self, packet: &FramePacket, done: &Output) {
         self.frames += 1;
         self.history.frame(done);
-        self.step_ms.push(done.extract_ms + done.track_ms);
+        self.step_ms.push(done.timings.step_ms());
         self.stages.add_ms("decode", packet.decode_ms);
-        self.stages.add_ms("extract", done.extract_ms);
-        self.stages.add_ms("track", done.track_ms);
-        self.add_mapping(done.map_ms.iter().copied());
-        self.add_closing(&done.close_ms, &done.verdicts);
-        if done.world_from_body.is_some() && self.first_pose_s.is_none() {
+        self.stages.add_ms("extract", done.timings.extract_ms);
+        self.stages.add_ms("track", done.timings.track_ms);
+        self.add_stages(&done.timings, done.verdicts());
+        if done.pose.is_some() && self.first_pose_s.is_none() {
             self.first_pose_s = Some(self.began.elapsed().as_secs_f64());
         }
-        if let Some(cause) = &done.stage_failed {
-            self.lost.push(Lost { t: done.stamp.seconds(), reason: cause.clone() });
+        if let Some(cause) = done.stage_failed() {
+            self.lost.push(Lost { t: done.stamp.seconds(), reason: cause.to_owned() });
         }
         self.last_state = match done.state {
             State::Tracking | State::Coasting { .. } | State::RotationOnly { .. } => None,
@@ -85,7 +84,7 @@ impl Tally {
         if let (State::Lost { .. }, true, Some(reason)) = (done.state, self.tracking, &self.last_state) {
             self.lost.push(Lost { t: done.stamp.seconds(), reason: reason.clone() });
         }
-        self.tracking = done.world_from_body.is_some();
+        self.tracking = done.pose.is_some();
     }
 
     /// Adds a frame that feature extraction rejected.
@@ -96,22 +95,17 @@ impl Tally {
         self.rejected.add(&Skipped::new(SkipKind::Frame, "no features can be extracted", text));
     }
 
-    /// Adds the times of key frames that mapping finished.
-    fn add_mapping(&mut self, map_ms: impl IntoIterator<Item = f64>) {
-        map_ms.into_iter().for_each(|ms| self.stages.add_ms("map", ms));
-    }
-
     /// Adds the work done after the last frame.
     pub fn after(&mut self, finished: &Finished, at: Stamp) {
-        self.history.joins(at, &finished.verdicts);
-        self.add_mapping(finished.map_ms.iter().copied());
-        self.add_closing(&finished.close_ms, &finished.verdicts);
+        self.history.joins(at, finished.verdicts());
+        self.add_stages(&finished.timings, finished.verdicts());
     }
 
-    /// Adds the times of loop closing, and the loops and merges it made.
-    fn add_closing(&mut self, close_ms: &[f64], verdicts: &[Verdict]) {
-        close_ms.iter().for_each(|ms| self.stages.add_ms("close", *ms));
-        for accepted in verdicts.iter().filter_map(|v| v.result.ok()) {
+    /// Adds the times of mapping and loop closing, and the loops and merges that were made.
+    fn add_stages<'v>(&mut self, timings: &Timings, verdicts: impl Iterator<Item = &'v Verdict>) {
+        timings.map_ms.iter().for_each(|ms| self.stages.add_ms("map", *ms));
+        timings.close_ms.iter().for_each(|ms| self.stages.add_ms("close", *ms));
+        for accepted in verdicts.filter_map(|v| v.result.ok()) {
             match accepted.joined {
                 Joined::Loop => self.loops += 1,
                 Joined::Merge { .. } => self.merges += 1,

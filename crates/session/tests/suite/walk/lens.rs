@@ -1,7 +1,7 @@
 //! A lens that is not known yet.
 
 use crate::walk::walk::{RATE_HZ, Walk, engine, folder, out};
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_sensor::Camera;
 use cairn_session::{LensKnowledge, LibraryCamera, Session, SessionConfig};
 use cairn_sim::{SimConfig, SimSensor, WorldKind};
@@ -45,7 +45,8 @@ fn a_lens_that_becomes_known_is_used_at_once_and_nothing_is_recorded_before() {
         SimConfig { sensor: SimSensor::Rgbd, imu: None, camera, ..SimConfig::new(WorldKind::Demo, 3) };
     let (rig, defaults) = (config.rig(), Config::default());
     let camera = LibraryCamera::of(&rig, SensorMode::Rgbd, &defaults, true).unwrap();
-    let guess = Engine::new(&rig, SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &defaults).unwrap();
+    let guess =
+        Engine::new(&rig, SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &defaults, &Host::bare()).unwrap();
     let config =
         SessionConfig { folder: folder("begin-again"), auto_record: Some(5), ..SessionConfig::default() };
     let mut walk = Walk::new(Session::new(guess, config));

@@ -1,6 +1,6 @@
 //! The images of a walk, and a session that passes them and keeps what was said.
 
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, FramePacket, Stamp};
 use cairn_session::{Command, Event, Session, SessionConfig};
@@ -40,7 +40,8 @@ pub fn engine() -> Engine {
     let camera = Camera::pinhole(320, 240, 210.0, 210.0, 159.5, 119.5);
     let config =
         SimConfig { sensor: SimSensor::Rgbd, imu: None, camera, ..SimConfig::new(WorldKind::Demo, 3) };
-    Engine::new(&config.rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap()
+    Engine::new(&config.rig(), SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &Config::default(), &Host::bare())
+        .unwrap()
 }
 
 pub fn folder(name: &str) -> PathBuf {

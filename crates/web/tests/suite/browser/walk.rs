@@ -3,7 +3,7 @@
 use crate::browser::cdp::Browser;
 use crate::browser::session::{OUT_S, accessible, emptied, pictures, route_out, started, wait};
 use crate::walked::{RATE_HZ, camera};
-use cairn_engine::{Config, Engine, Runner, SensorMode};
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_session::{Command, Event, Session, SessionConfig};
 use cairn_web::{CameraSource, ServeConfig, Server};
@@ -14,7 +14,9 @@ use std::time::{Duration, Instant};
 fn mono_session_returns_along_its_own_pictures() {
     let out = route_out();
     let rig = Rig::mono(camera());
-    let engine = Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Lockstep, &Config::default()).unwrap();
+    let engine =
+        Engine::new(&rig, SensorMode::Mono, RATE_HZ, Runner::Lockstep, &Config::default(), &Host::bare())
+            .unwrap();
     let config = SessionConfig { folder: emptied("browser-plain"), ..SessionConfig::default() };
     let mut session = Session::new(engine, config);
     let mut said = Vec::new();

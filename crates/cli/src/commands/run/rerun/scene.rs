@@ -7,7 +7,7 @@ use super::pipe::{Pipe, pose, similarity, single};
 use super::shown::{self, MapView};
 use crate::failure::Failure;
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
-use cairn_engine::{DenseMapper, Engine, Output, Phase};
+use cairn_engine::{DenseMapper, Engine, FramePose, Output, Phase};
 use cairn_rerun::{Colour, Level, Show};
 use cairn_sensor::{Camera, FramePacket, Rig, Stamp};
 use cairn_session::{Said, Session, anchor_in_map};
@@ -73,10 +73,10 @@ impl Scene {
         self.frames += 1;
         self.events(done);
         self.to.show("numbers/features", Show::Number(done.frame.len() as f64));
-        self.to.show("numbers/extract_ms", Show::Number(done.extract_ms));
-        self.to.show("numbers/track_ms", Show::Number(done.track_ms));
+        self.to.show("numbers/extract_ms", Show::Number(done.timings.extract_ms));
+        self.to.show("numbers/track_ms", Show::Number(done.timings.track_ms));
         let snapshot = session.engine().snapshot();
-        let map = done.anchored.as_ref().and_then(|a| shown::map_of(&snapshot, a.reference));
+        let map = done.pose.as_ref().and_then(|pose| shown::map_of(&snapshot, pose.anchored.reference));
         self.current = map.or(self.current);
         self.poses(done, map);
         let due = |last: Option<Stamp>, step_s: f64| last.is_none_or(|last| stamp - last >= step_s);
@@ -99,8 +99,8 @@ impl Scene {
         for event in &done.status.events {
             self.to.show("events", Show::Text(Level::Info, event.to_string()));
         }
-        if let Some(cause) = &done.stage_failed {
-            self.to.show("events", Show::Text(Level::Warning, cause.clone()));
+        if let Some(cause) = done.stage_failed() {
+            self.to.show("events", Show::Text(Level::Warning, cause.to_owned()));
         }
         if self.phase.replace(done.status.phase) != Some(done.status.phase) {
             self.to.show("events", Show::Text(Level::Info, done.status.phase.to_string()));
@@ -109,19 +109,16 @@ impl Scene {
 
     /// The poses of body and camera in their map, and of the body in the odometry frame.
     fn poses(&mut self, done: &Output, map: Option<MapId>) {
-        if let (Some(map), Some(body), Some(camera)) = (map, &done.world_from_body, &done.anchored) {
+        let Some(FramePose { world_from_body, odometry, anchored, .. }) = &done.pose else { return };
+        if let Some(map) = map {
             self.enter(map);
             let root = shown::root(map);
-            self.to.show(format!("{root}/body"), pose(&body.se3));
-            self.to.show(format!("{root}/cam0"), pose(&camera.world_from_camera));
-            if let Some(odometry) = &done.odometry {
-                self.to.show(format!("{root}/odom"), similarity(&odometry.world_from_odom.sim3));
-            }
+            self.to.show(format!("{root}/body"), pose(&world_from_body.se3));
+            self.to.show(format!("{root}/cam0"), pose(&anchored.world_from_camera));
+            self.to.show(format!("{root}/odom"), similarity(&odometry.world_from_odom.sim3));
         }
-        if let Some(odometry) = &done.odometry {
-            let entity = format!("odom{}/body", odometry.segment);
-            self.to.show(entity, pose(&odometry.odom_from_body.se3));
-        }
+        let entity = format!("odom{}/body", odometry.segment);
+        self.to.show(entity, pose(&odometry.odom_from_body.se3));
     }
 
     /// The lens of the camera, in a map that is new.

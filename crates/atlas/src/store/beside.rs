@@ -1,0 +1,16 @@
+//! Work beside the caller while a map is read: on threads that end with it, or one after the other where there are none (a page).
+
+/// Whether this program has threads.
+pub(super) const HAS_THREADS: bool = !cfg!(target_family = "wasm");
+
+/// Does both, the second on a thread of its own; its result is `None` where it panicked.
+pub(super) fn both<A, B: Send>(here: impl FnOnce() -> A, there: impl FnOnce() -> B + Send) -> (A, Option<B>) {
+    if !HAS_THREADS {
+        let there = there();
+        return (here(), Some(there));
+    }
+    std::thread::scope(|scope| {
+        let there = scope.spawn(there);
+        (here(), there.join().ok())
+    })
+}
