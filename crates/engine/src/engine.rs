@@ -265,6 +265,7 @@ impl Engine {
         self.status_tracker.update(&FrameResult {
             stamp: tracked.stamp,
             imu: &packet.imu,
+            imu_fault: self.tracker.imu_fault(),
             state: tracked.state,
             map: tracked
                 .pose

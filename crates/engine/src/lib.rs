@@ -18,7 +18,7 @@ mod status;
 mod trajectory;
 
 pub use background::background;
-pub use cairn_inertial::{Gate, GateKind};
+pub use cairn_inertial::{Gate, GateKind, ImuFault};
 pub use cairn_mapping::{Accepted, Joined, Refusal, ScaleCheck, ScaleVerdict, Verdict};
 pub use cairn_settings::SettingsError as ConfigError;
 pub use cairn_tracking::{AnchoredPose, Evidence, MeasuredMotion, MotionSource, Odometry, State};

@@ -29,6 +29,7 @@ fn tracked(t: f64, imu: &[ImuSample]) -> FrameResult<'_> {
     FrameResult {
         stamp: Stamp::from_seconds(t),
         imu,
+        imu_fault: (None, 0),
         state: State::Tracking,
         map: Some((map(0), false)),
         metric: false,
