@@ -239,9 +239,8 @@ pub fn table(rows: &[Row]) -> String {
     );
     let mut at = 0;
     while let Some(first) = rows.get(at) {
-        let same = |r: &&Row| {
-            (r.recording, r.sensors, &r.fault) == (first.recording, first.sensors, &first.fault)
-        };
+        let same =
+            |r: &&Row| (r.recording, r.sensors, &r.fault) == (first.recording, first.sensors, &first.fault);
         let group: Vec<&Row> = rows[at..].iter().take_while(same).collect();
         at += group.len();
         let mut errors: Vec<f64> = group.iter().map(|r| r.ate_m.unwrap_or(f64::INFINITY)).collect();

@@ -9,8 +9,8 @@ use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
-    RunOptions, Sensors, accuracy, busy, dense, depth_scale, figures, graphs, halves, imu_faults, inertial, live, long,
-    measure, places, revisit, scale_sigma, store, street, visual_inertial, walks,
+    RunOptions, Sensors, accuracy, busy, dense, depth_scale, figures, graphs, halves, imu_faults, inertial,
+    live, long, measure, places, revisit, scale_sigma, store, street, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;

@@ -92,10 +92,10 @@ fn motion(poses: &[Se3; 3], sums: [&Preintegrated; 2], known: &Known) -> Option<
     let seen = place(2) - place(1) - (place(1) - place(0)) * ratio;
     let by_first = poses[0].rotation * (va * b - pa * ratio);
     let felt = by_first + poses[1].rotation * pb + gravity * (0.5 * b * (a + b));
-    let covariance = |sum: &Preintegrated, at: usize| {
-        sum.motion_covariance().fixed_view::<3, 3>(at, at).trace() / 3.0
-    };
-    let noise = covariance(sums[0], 3) * b * b + covariance(sums[0], 6) * ratio * ratio + covariance(sums[1], 6);
+    let covariance =
+        |sum: &Preintegrated, at: usize| sum.motion_covariance().fixed_view::<3, 3>(at, at).trace() / 3.0;
+    let noise =
+        covariance(sums[0], 3) * b * b + covariance(sums[0], 6) * ratio * ratio + covariance(sums[1], 6);
     let places = 1.0 + (1.0 + ratio).powi(2) + ratio * ratio;
     // Of both parts of the force, which are off by the same angle: all of it counts as one.
     let force = (va * b - pa * ratio).norm() + pb.norm();

@@ -205,12 +205,15 @@ mod tests {
             let value = Vec3::new(0.4, 0.001 * i as f64, 0.0);
             ImuSample::new(Stamp(i * 5_000_000), value, value + Vec3::z() * 9.81)
         };
-        (0..800).filter_map(|i| Some((0.005 * i as f64, faulty.pass(reading(i), 0.005 * i as f64)?))).collect()
+        (0..800)
+            .filter_map(|i| Some((0.005 * i as f64, faulty.pass(reading(i), 0.005 * i as f64)?)))
+            .collect()
     }
 
     #[test]
     fn a_fault_begins_and_ends_when_it_is_to() {
-        for kind in [ImuFaultKind::Zeros, ImuFaultKind::Stuck, ImuFaultKind::Degrees, ImuFaultKind::Jump(0.5)] {
+        for kind in [ImuFaultKind::Zeros, ImuFaultKind::Stuck, ImuFaultKind::Degrees, ImuFaultKind::Jump(0.5)]
+        {
             let (with, without) = (through(kind, 2.0), through(kind, 0.0));
             for ((t, a), (_, b)) in with.iter().zip(&without) {
                 assert_eq!(a != b, (1.0..3.0).contains(t), "{kind} at {t}");
@@ -233,7 +236,8 @@ mod tests {
         assert_eq!(at(ImuFaultKind::Drift(0.01), 400).stamp, Stamp(2_010_000_000));
         assert!((at(ImuFaultKind::Degrees, 500).gyro.x - 22.918).abs() < 1e-3);
         assert_eq!(at(ImuFaultKind::Saturated, 500).gyro.x, 0.3);
-        let spikes = |kind| through(kind, 1.0).iter().filter(|(_, s)| s.gyro.x > 30.0 || s.accel.x > 100.0).count();
+        let spikes =
+            |kind| through(kind, 1.0).iter().filter(|(_, s)| s.gyro.x > 30.0 || s.accel.x > 100.0).count();
         let kinds = [ImuFaultKind::AccelSpikes, ImuFaultKind::GyroSpikes, ImuFaultKind::GyroSpike];
         assert_eq!(kinds.map(spikes), [4, 4, 1]);
     }

@@ -92,6 +92,8 @@ pub(crate) struct InertialFilter {
     bias: Bias,
     /// Time offset that was added to the stamps of the readings.
     offset_s: f64,
+    /// By how much their clock has jumped since the first of them, which is added as well.
+    jumped_s: f64,
     /// Seconds in motion for which the pose was only predicted since it was last tracked.
     carried_s: f64,
     /// When the first orientation was recorded.
@@ -117,6 +119,7 @@ impl InertialFilter {
             requested: None,
             bias: Bias::default(),
             offset_s: 0.0,
+            jumped_s: 0.0,
             carried_s: 0.0,
             map_created: None,
             rotations: Vec::new(),
@@ -133,11 +136,11 @@ impl InertialFilter {
             self.offset_s = offset;
         }
         // Readings that the source synthesised at image stamps are useless once the clock is shifted.
-        let usable = samples.iter().filter(|s| offset == 0.0 || !s.is_synthesised());
-        let shifted = usable.map(|s| ImuSample { stamp: s.stamp.plus_seconds(offset), ..*s });
+        let added = offset + self.jumped_s;
+        let usable = samples.iter().filter(|s| added == 0.0 || !s.is_synthesised());
+        let shifted = usable.map(|s| ImuSample { stamp: s.stamp.plus_seconds(added), ..*s });
         let was_believed = self.trust.fault().is_none();
-        let believed: Vec<ImuSample> =
-            shifted.filter(|s| s.is_synthesised() || self.trust.take(s)).collect();
+        let believed: Vec<ImuSample> = shifted.filter(|s| s.is_synthesised() || self.trust.take(s)).collect();
         self.buffer.push(&believed);
         if was_believed && self.trust.fault().is_some() {
             self.give_up();
@@ -241,6 +244,11 @@ impl InertialFilter {
             gravity: estimate.map(|e| e.gravity.vector()),
             imu_from_camera: self.imu_from_camera,
         };
+        let camera = alone.world_from_camera.rotation;
+        if let Some(by) = self.trust.clock_jump(stamp, &self.buffer, &belief, camera) {
+            self.buffer.shift(by);
+            self.jumped_s += by;
+        }
         let fails = self.trust.see(snapshot, stamp, alone, &self.buffer, &belief);
         if fails {
             self.give_up();
@@ -299,7 +307,8 @@ impl InertialFilter {
                 let turn =
                     anchored.world_from_camera.rotation * last.anchored.world_from_camera.rotation.inverse();
                 let is_recent = stamp - last.tracked <= MAX_AGE_S;
-                let way = anchored.world_from_camera.translation - last.anchored.world_from_camera.translation;
+                let way =
+                    anchored.world_from_camera.translation - last.anchored.world_from_camera.translation;
                 let velocity = match last.tracked == last.stamp && self.trust.fault().is_some() {
                     // Nothing but vision has told of it for a while.
                     true if stamp > last.stamp => way / (stamp - last.stamp),

@@ -9,8 +9,11 @@
 
 use crate::state::AnchoredPose;
 use cairn_atlas::Snapshot;
-use cairn_geometry::{Se3, Vec3};
-use cairn_inertial::{Bias, Difference, Failed, ImuBuffer, ImuFault, Innovation, Known, ReadingsCheck, innovation};
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_inertial::{
+    Bias, Difference, Failed, ImuBuffer, ImuFault, Innovation, Known, OffsetConfig, ReadingsCheck,
+    innovation, time_offset,
+};
 use cairn_sensor::{ImuSample, Stamp};
 use std::collections::VecDeque;
 
@@ -37,6 +40,15 @@ const BIAS_SIGMA: [f64; 2] = [0.01, 0.25];
 const UNKNOWN_BIAS: f64 = 0.1;
 /// What scale and alignment may be off.
 const RELATIVE: f64 = 0.1;
+
+/// Seconds of turns by the images that are compared with those of a gyroscope that may be of another time, and again after so many.
+const CLOCKS_S: f64 = 3.0;
+/// A clock that has jumped is looked for within so many seconds to either side.
+const JUMPED_S: f64 = 0.7;
+/// One that has jumped by less is not what is wrong, seconds.
+const LEAST_JUMP_S: f64 = 0.003;
+/// What turns of images and gyroscope may differ by once they are of one time, radians.
+const SAME_TURNS_RAD: f64 = 0.02;
 
 /// A pose that vision gave without the readings.
 #[derive(Clone, Copy, Debug)]
@@ -75,6 +87,8 @@ pub(crate) struct ImuTrust {
     sound_since: Option<Stamp>,
     seen: VecDeque<Seen>,
     refused: usize,
+    /// Orientations by the images since the readings are in doubt.
+    turns: Vec<(Stamp, So3)>,
 }
 
 impl ImuTrust {
@@ -134,6 +148,14 @@ impl ImuTrust {
             return was_believed;
         }
         let Some((since, told)) = self.compared(snapshot, stamp, buffer, belief) else { return false };
+        if std::env::var_os("CAIRN_DBG").is_some() {
+            eprintln!(
+                "DBG innovation {:.2} {:.2?} doubt {:?}",
+                told.turn.normalised(),
+                told.motion.map(|m| m.normalised()),
+                self.doubt
+            );
+        }
         self.judge(since, stamp, &told)
     }
 
@@ -170,6 +192,40 @@ impl ImuTrust {
             relative: RELATIVE,
         };
         Some((first.stamp, innovation(&poses, [&sums[0], &sums[1]], &known)))
+    }
+
+    /// By how much the clock of the IMU has jumped, where that is what is wrong with it: seconds to be added to its stamps. The gyroscope
+    /// then turns as the images do, at another time.
+    pub fn clock_jump(
+        &mut self,
+        stamp: Stamp,
+        buffer: &ImuBuffer,
+        belief: &Belief,
+        camera: So3,
+    ) -> Option<f64> {
+        let Some(doubt) = &mut self.doubt else {
+            self.turns.clear();
+            return None;
+        };
+        self.turns.push((stamp, camera));
+        let first = self.turns.first()?.0;
+        let may_be = matches!(doubt.fault, ImuFault::TurnsOtherwise { .. } | ImuFault::MovesOtherwise { .. });
+        if stamp - first < CLOCKS_S {
+            return None;
+        }
+        let turns = std::mem::take(&mut self.turns);
+        if !may_be {
+            return None;
+        }
+        let samples: Vec<ImuSample> = buffer.within(first.plus_seconds(-JUMPED_S), stamp).copied().collect();
+        let config = OffsetConfig { most_s: JUMPED_S, rotation_sigma: 0.02, ..OffsetConfig::default() };
+        let found = time_offset(&turns, &samples, &belief.imu_from_camera.rotation, &config).ok()?;
+        let jumped = found.offset_s.abs() > LEAST_JUMP_S && found.residual < SAME_TURNS_RAD;
+        if !jumped {
+            return None;
+        }
+        (doubt.failing, doubt.agreed_s) = (stamp.plus_seconds(found.offset_s).min(stamp), 0.0);
+        Some(found.offset_s)
     }
 
     /// What the innovation of a frame means.
@@ -210,4 +266,120 @@ fn fault_of(turn: Option<Difference>, motion: Option<Difference>) -> Option<ImuF
         sigma_m: d.sigma,
         seconds: d.seconds,
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_atlas::{Change, ChangeSet, KeyFrame, KeyFrameId};
+    use cairn_geometry::So3;
+    use cairn_random::Random;
+    use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSensor};
+    use cairn_vision::Frame;
+    use std::sync::Arc;
+
+    const NOISE: ImuNoise = ImuNoise { gyro: 1.7e-4, gyro_walk: 2e-5, accel: 2e-3, accel_walk: 3e-3 };
+
+    /// Pose of a hand that swings.
+    fn pose(t: f64) -> Se3 {
+        let turn = So3::exp(&Vec3::new(0.4 * (2.3 * t).sin(), 0.3 * (3.1 * t).cos(), 0.5 * t));
+        Se3::new(turn, Vec3::new(0.4 * (2.0 * t).sin(), 0.3 * (3.0 * t).cos(), 0.2 * (4.0 * t).sin()))
+    }
+
+    fn reading(t: f64, noise: &mut impl FnMut() -> Vec3) -> ImuSample {
+        let h = 1e-4;
+        let place = |t: f64| pose(t).translation;
+        let acceleration = (place(t + h) - place(t) * 2.0 + place(t - h)) / (h * h);
+        let rate = (pose(t - h).rotation.inverse() * pose(t + h).rotation).log() / (2.0 * h);
+        let force = pose(t).rotation.inverse() * (acceleration + Vec3::z() * GRAVITY_M_S2);
+        ImuSample::new(Stamp::from_seconds(t), rate + noise() * 0.0024, force + noise() * 0.028)
+    }
+
+    /// When readings are given up and when they are taken up again, in twelve seconds of a camera at 20 Hz and an IMU at 200 Hz, whose
+    /// readings are changed from the fourth second to the eighth.
+    fn told(
+        aligned: bool,
+        change: impl Fn(f64, ImuSample, &ImuSample) -> Option<ImuSample>,
+    ) -> Vec<(f64, bool)> {
+        let id = KeyFrameId::from_index(0).unwrap();
+        let root = KeyFrame::new(id, Arc::new(Frame::default()), Se3::identity(), None);
+        let changes = vec![Change::AddKeyFrame(Box::new(root))];
+        let snapshot = Snapshot::new().apply(&ChangeSet { base: 0, changes }).0;
+        let sensor =
+            ImuSensor { body_from_imu: Se3::identity(), rate_hz: 200.0, noise: NOISE, offset_s: 0.0 };
+        let (mut trust, mut buffer) = (ImuTrust::default(), ImuBuffer::in_stream(&sensor));
+        let gravity = aligned.then(|| Vec3::z() * -GRAVITY_M_S2);
+        let belief = Belief { bias: Bias::default(), gravity, imu_from_camera: Se3::identity() };
+        let mut random = Random::new(5);
+        let (mut last, mut found) = (reading(0.0, &mut || Vec3::zeros()), Vec::new());
+        for i in 0..2400 {
+            let t = 0.005 * f64::from(i);
+            let mut noise = || Vec3::from_fn(|_, _| random.standard_normal());
+            let sound = reading(t, &mut noise);
+            let changed = if (4.0..8.0).contains(&t) { change(t, sound, &last) } else { Some(sound) };
+            if !(4.0..8.0).contains(&t) {
+                last = sound;
+            }
+            if let Some(sample) = changed.filter(|s| trust.take(s)) {
+                buffer.push(&[sample]);
+            }
+            if i % 10 == 0 {
+                let own = pose(t);
+                let turn = own.rotation * So3::exp(&(noise() * 0.002));
+                let seen = AnchoredPose::at(id, Se3::new(turn, own.translation + noise() * 0.003));
+                let anchored = AnchoredPose { reference_from_camera: seen.world_from_camera, ..seen };
+                trust.see(&snapshot, Stamp::from_seconds(t), &anchored, &buffer, &belief);
+            }
+            let is_believed = trust.fault().is_none();
+            if found.last().map_or(true, |(_, before)| *before) != is_believed {
+                found.push((t, is_believed));
+            }
+        }
+        found
+    }
+
+    /// Given up within so many seconds, and taken up again within two seconds after the end.
+    fn is_noticed(found: &[(f64, bool)], within_s: f64) -> bool {
+        matches!(found, [(begin, false), (end, true)]
+            if (4.0..4.0 + within_s).contains(begin) && (8.0..10.0).contains(end))
+    }
+
+    #[test]
+    fn sound_readings_are_believed() {
+        assert_eq!(told(true, |_, s, _| Some(s)), []);
+        assert_eq!(told(false, |_, s, _| Some(s)), []);
+    }
+
+    #[test]
+    fn faults_of_the_readings_themselves_are_noticed_at_once_and_their_end_too() {
+        for aligned in [true, false] {
+            let stuck = told(aligned, |_, s, last| Some(ImuSample { stamp: s.stamp, ..*last }));
+            assert!(is_noticed(&stuck, 0.06), "{stuck:?}");
+            let zeros = told(aligned, |_, s, _| Some(ImuSample::new(s.stamp, Vec3::zeros(), Vec3::zeros())));
+            assert!(is_noticed(&zeros, 0.06), "{zeros:?}");
+            let dead = told(aligned, |_, s, _| Some(ImuSample { gyro: Vec3::zeros(), ..s }));
+            assert!(is_noticed(&dead, 0.06), "{dead:?}");
+            let silent = told(aligned, |_, _, _| None);
+            assert!(is_noticed(&silent, 0.4), "{silent:?}");
+        }
+    }
+
+    #[test]
+    fn readings_of_another_motion_are_noticed_by_what_vision_saw() {
+        let late =
+            told(true, |t, s, _| Some(ImuSample { stamp: s.stamp, ..reading(t - 0.5, &mut Vec3::zeros) }));
+        assert!(is_noticed(&late, 0.8), "{late:?}");
+        let degrees = told(true, |_, s, _| Some(ImuSample { gyro: s.gyro * 5.0, ..s }));
+        assert!(is_noticed(&degrees, 0.4), "{degrees:?}");
+        let pushed = told(true, |_, s, _| Some(ImuSample { accel: s.accel + Vec3::x() * 4.0, ..s }));
+        assert!(is_noticed(&pushed, 0.8), "{pushed:?}");
+    }
+
+    #[test]
+    fn a_reading_beyond_any_sensor_is_left_out_alone() {
+        let spike = |t: f64| (t * 4.0).fract() < 0.004;
+        let spikes =
+            told(true, |t, s, _| Some(if spike(t) { ImuSample { gyro: Vec3::x() * 35.0, ..s } } else { s }));
+        assert_eq!(spikes, []);
+    }
 }

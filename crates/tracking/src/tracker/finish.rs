@@ -50,7 +50,8 @@ impl Tracker {
         let is_carried = self.inertial.as_ref().is_some_and(|i| i.carried_since().is_some());
         let before = (predicted.is_some() && !is_carried).then(|| matches.clone());
         let mut found = self.in_local_map(&frame, snapshot, &guess, matches, prior.as_ref(), fallback);
-        if let Some(before) = before.filter(|_| contradicts(&found.located, prior.as_ref(), predicted.as_ref()))
+        if let Some(before) =
+            before.filter(|_| contradicts(&found.located, prior.as_ref(), predicted.as_ref()))
             && let Some(alone) = self.by_sight_alone(&frame, snapshot, &guess, before, fallback)
         {
             (found, prior, predicted) = (alone, None, None);
@@ -274,6 +275,10 @@ fn contradicts(located: &Located, prior: Option<&PosePrior>, predicted: Option<&
     let Some((alone, own)) = without_prior(located, prior) else { return false };
     let covariance = predicted.pose_covariance() + own + tracked_covariance();
     let world_from_camera = predicted.world_from_camera;
+    if std::env::var_os("CAIRN_DBG").is_some() {
+        let off = world_from_camera.local(&alone);
+        eprintln!("DBG nis {:.2}", off.dot(&(covariance.try_inverse().unwrap_or_default() * off)));
+    }
     !Reckoned { world_from_camera, covariance, limit: [f64::INFINITY; 2] }.agrees(&alone)
 }
 
