@@ -16,14 +16,10 @@ const RANGE: [f64; 2] = [34.0, 155.0];
 /// Readings that are equal to the one before: from so many on, a sensor that did not repeat itself before is stuck. Of 150,000 readings of
 /// EuRoC and TUM-VI no two of the accelerometer are equal, and no three of the gyroscope.
 const REPEATED: usize = 8;
-/// As many times as in its longest run so far has one to repeat itself that does so by its nature: a browser rounds readings, and a phone
-/// on a table repeats them.
-const LONGER: usize = 3;
-/// A sensor is known not to repeat itself after so many readings with runs of at most [`NATURAL`].
+/// A sensor is known not to repeat itself after so many different readings with runs of at most [`NATURAL`]: a browser rounds readings,
+/// and a phone on a table repeats them.
 const KNOWN: usize = 200;
 const NATURAL: usize = 3;
-/// No run is natural that is longer than this many readings: two seconds of a browser's.
-const LONGEST: usize = 120;
 /// Readings of exactly no force.
 const NO_FORCE: usize = 3;
 /// No reading for so long, seconds: nothing bridges it, and what comes after it may be of another time.
@@ -107,29 +103,32 @@ struct Run {
     /// How many there are now, the first one included.
     length: usize,
     since: Option<Stamp>,
-    /// The longest so far that was taken for natural.
+    /// How many have ended, and the longest of them that was taken for natural.
+    ended: usize,
     longest: usize,
 }
 
 impl Run {
-    fn take(&mut self, stamp: Stamp, is_equal: bool) {
+    /// The next reading; `rested` says whether the ones before may be those of a sensor that lies still.
+    fn take(&mut self, stamp: Stamp, is_equal: bool, rested: bool) {
         if is_equal {
             self.length += 1;
             return;
         }
-        if !self.is_too_long() {
+        if rested || !self.is_too_long() {
             self.longest = self.longest.max(self.length);
         }
+        self.ended += 1;
         (self.length, self.since) = (1, Some(stamp));
     }
 
-    /// What to call too long.
-    fn most(&self) -> usize {
-        REPEATED.max(LONGER * self.longest.min(LONGEST))
+    fn is_too_long(&self) -> bool {
+        self.length >= REPEATED
     }
 
-    fn is_too_long(&self) -> bool {
-        self.length >= self.most()
+    /// Whether it is known that the sensor does not repeat itself by its nature.
+    fn is_known(&self) -> bool {
+        self.ended >= KNOWN && self.longest <= NATURAL
     }
 }
 
@@ -137,7 +136,6 @@ impl Run {
 #[derive(Clone, Debug, Default)]
 pub struct ReadingsCheck {
     last: Option<ImuSample>,
-    count: usize,
     /// Of all numbers, of the gyroscope's, of the accelerometer's.
     runs: [Run; 3],
     no_force: usize,
@@ -153,9 +151,8 @@ impl ReadingsCheck {
         let last = self.last.replace(*sample);
         let equal = last.map_or([false; 2], |l| [l.gyro == sample.gyro, l.accel == sample.accel]);
         let silent_s = last.map_or(0.0, |l| sample.stamp - l.stamp);
-        self.count += 1;
         for (run, is_equal) in self.runs.iter_mut().zip([equal[0] && equal[1], equal[0], equal[1]]) {
-            run.take(sample.stamp, is_equal);
+            run.take(sample.stamp, is_equal, last.as_ref().is_some_and(may_rest));
         }
         self.no_force = if sample.accel == Vec3::zeros() { self.no_force + 1 } else { 0 };
         if let Some(stuck) = self.stuck(sample) {
@@ -171,15 +168,15 @@ impl ReadingsCheck {
         let [all, gyro, accel] = &self.runs;
         let since = |run: &Run| run.since.unwrap_or(sample.stamp);
         let seconds = |run: &Run| sample.stamp - since(run);
-        // Nothing but repetition tells of a sensor that it repeats itself by its nature, and the first one may be that.
-        let is_known = |run: &Run| self.count >= KNOWN && run.longest <= NATURAL;
+        // A sensor that lies still may repeat itself as well, and if it does not, it does no harm until vision sees it.
+        let is_stuck = |run: &Run| run.is_too_long() && run.is_known() && !may_rest(sample);
         let (run, fault) = if self.no_force >= NO_FORCE {
             (accel, ImuFault::NoForce { seconds: seconds(accel) })
-        } else if all.is_too_long() && (is_known(all) || !may_rest(sample)) {
+        } else if is_stuck(all) {
             (all, ImuFault::Stuck { seconds: seconds(all) })
-        } else if gyro.is_too_long() && is_known(gyro) {
+        } else if is_stuck(gyro) {
             (gyro, ImuFault::GyroStuck { seconds: seconds(gyro) })
-        } else if accel.is_too_long() && is_known(accel) {
+        } else if is_stuck(accel) {
             (accel, ImuFault::AccelStuck { seconds: seconds(accel) })
         } else {
             return None;

@@ -23,6 +23,8 @@ const APART_S: f64 = 0.25;
 const KEPT_S: f64 = 0.8;
 /// By how many standard deviations vision and readings have to differ for a fault.
 const DIFFERS: f64 = 6.0;
+/// In so many frames in a row: a pose that is wrong once is compared in three that are apart.
+const FRAMES: usize = 3;
 /// Up to how many they agree.
 const AGREES: f64 = 3.5;
 /// Seconds of agreement after which readings are used again.
@@ -87,6 +89,8 @@ pub(crate) struct ImuTrust {
     sound_since: Option<Stamp>,
     seen: VecDeque<Seen>,
     refused: usize,
+    /// Frames in a row up to now that differ.
+    differing: usize,
     /// Orientations by the images since the readings are in doubt.
     turns: Vec<(Stamp, So3)>,
 }
@@ -231,8 +235,10 @@ impl ImuTrust {
     /// What the innovation of a frame means.
     fn judge(&mut self, since: Stamp, stamp: Stamp, told: &Innovation) -> bool {
         let turn = Some(told.turn);
-        if let Some(fault) = fault_of(turn, told.motion) {
-            let was_believed = self.doubt.is_none();
+        let differs = fault_of(turn, told.motion);
+        self.differing = if differs.is_some() { self.differing + 1 } else { 0 };
+        let was_believed = self.doubt.is_none();
+        if let Some(fault) = differs.filter(|_| !was_believed || self.differing >= FRAMES) {
             self.fail(Failed { fault, since }, stamp);
             return was_believed;
         }

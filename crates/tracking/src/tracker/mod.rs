@@ -376,7 +376,7 @@ impl Tracker {
             None
         } else {
             self.by_motion(&frame, snapshot, predicted.as_ref())
-                .or_else(|| self.by_motion(&frame, snapshot, None).filter(|_| predicted.is_some()))
+                .or_else(|| self.by_own_motion(&frame, snapshot, predicted.as_ref()))
                 .or_else(|| self.by_reference(&frame, snapshot))
         };
         let (predicted, reckoned) = match &first_guess {
