@@ -330,10 +330,21 @@ impl Window {
             let sigma = self.readout.sigma_s.hypot(READOUT_WALK_S).min(Readout::default().sigma_s);
             self.bundle.calibration_error = CalibrationError { sigma, ..CalibrationError::default() };
         }
-        let before = (!self.link_factors.motion.is_empty()).then(|| self.bundle.clone());
+        let is_linked = !self.link_factors.motion.is_empty() || self.links() > 0;
+        let before = is_linked.then(|| self.bundle.clone());
+        let motions_before = self.imu.as_ref().map(|imu| imu.motions.clone());
         let mut report = self.adjust(config, &mut stop);
+        if let (Some(imu), Some(before), Some(motions)) = (&mut self.imu, &before, motions_before)
+            && imu::leave_out_contradicted(imu, &self.bundle.poses)
+        {
+            // Readings are a witness, not the judge.
+            imu.motions = motions;
+            self.bundle = before.clone();
+            report = self.adjust(config, &mut stop);
+        }
         // Observations of something that moves outvoted the measured motion: the poses were right, and landmarks follow.
         if let Some(before) = before
+            && !self.link_factors.motion.is_empty()
             && self.link_factors.motion.newly_contradicted(&before.poses, &self.bundle.poses)
         {
             self.bundle = before;

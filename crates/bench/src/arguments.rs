@@ -125,6 +125,33 @@ pub enum Command {
         #[arg(long, default_value_t = 6)]
         seeds: u64,
     },
+    /// Faults of the IMU put into recordings: error, coverage, and whether each is told.
+    ImuFaults {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Only recordings whose name contains this.
+        #[arg(long)]
+        recording: Option<String>,
+        /// Only faults whose name contains one of these, separated by commas (none: without a fault).
+        #[arg(long, value_delimiter = ',')]
+        faults: Vec<String>,
+        /// Sensors, separated by commas.
+        #[arg(long, value_delimiter = ',')]
+        sensors: Vec<Sensors>,
+        /// Moments at which each fault begins.
+        #[arg(long, default_value_t = 1)]
+        seeds: u64,
+        /// The first of them; 0 is a fixed one, others are random.
+        #[arg(long, default_value_t = 0)]
+        from: u64,
+        /// A configuration of the engine.
+        #[arg(long)]
+        config: Option<PathBuf>,
+        /// Writes all figures as JSON here.
+        #[arg(long)]
+        json: Option<PathBuf>,
+    },
     /// Maps and saves the first half of each recording, and localizes the second half in it.
     Halves {
         /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.

@@ -9,6 +9,7 @@ mod error;
 pub mod figures;
 pub mod graphs;
 pub mod halves;
+pub mod imu_faults;
 pub mod inertial;
 #[cfg(unix)]
 pub mod kills;

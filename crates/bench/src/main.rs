@@ -9,8 +9,8 @@ use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
-    RunOptions, Sensors, accuracy, busy, dense, depth_scale, figures, graphs, halves, inertial, live, long,
-    measure, places, revisit, scale_sigma, store, street, visual_inertial, walks,
+    RunOptions, Sensors, accuracy, busy, dense, depth_scale, figures, graphs, halves, imu_faults, inertial,
+    live, long, measure, places, revisit, scale_sigma, store, street, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -110,6 +110,13 @@ fn run(command: Command) -> Result<(), MeasureError> {
             let data = data.unwrap_or_else(data_folder);
             print!("{}", scale_sigma::table(&scale_sigma::run(&data, only.as_deref(), seeds)?));
             Ok(())
+        }
+        Command::ImuFaults { data, recording, faults, sensors, seeds, from, config, json } => {
+            let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
+            let chosen = imu_faults::Chosen { recording, faults, sensors, seeds, from, config };
+            let rows = imu_faults::run(&data.unwrap_or_else(data_folder), &chosen)?;
+            print!("{}", imu_faults::table(&rows));
+            json.map_or(Ok(()), |path| save(path, &text(&rows)?))
         }
         Command::Halves { data } => {
             let data = data.unwrap_or_else(data_folder);

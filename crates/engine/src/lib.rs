@@ -18,7 +18,7 @@ mod sensors;
 mod status;
 mod trajectory;
 
-pub use cairn_inertial::{Gate, GateKind};
+pub use cairn_inertial::{Gate, GateKind, ImuFault};
 pub use cairn_mapping::{Accepted, Joined, Refusal, ScaleCheck, ScaleVerdict, Verdict};
 pub use cairn_sensor::{Clock, Host};
 pub use cairn_settings::SettingsError as ConfigError;

@@ -2,7 +2,9 @@
 
 mod buffer;
 mod factor;
+mod health;
 mod initialise;
+mod innovation;
 mod nav_estimate;
 mod noise;
 mod offset;
@@ -14,7 +16,9 @@ mod window;
 
 pub use buffer::{ImuBuffer, Missing};
 pub use factor::InertialResidual;
+pub use health::{Failed, ImuFault, ReadingsCheck};
 pub use initialise::{Attempt, Gate, GateKind, Initial, InitialiseConfig, Scale, Seen, SeenPose, initialise};
+pub use innovation::{Difference, Innovation, Known, innovation};
 pub use nav_estimate::{Level, NavEstimate};
 pub use noise::of_data_sheet;
 pub use offset::{OffsetConfig, OffsetUnknown, TimeOffset, time_offset};

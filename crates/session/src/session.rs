@@ -28,7 +28,7 @@ use crate::route_metres::may_have_metres;
 use crate::slam::{NotTracked, Slam};
 use crate::speech::{Clock, Speech};
 use crate::status::SessionStatus;
-use cairn_engine::{Engine, Output, Scale, record_input};
+use cairn_engine::{Engine, ImuStatus, Output, Scale, record_input};
 use cairn_geometry::Vec3;
 use cairn_guide::{Confidence, Priority, Route};
 use cairn_phrases::Language;
@@ -67,6 +67,9 @@ pub enum NotSaved {
     Map(String),
 }
 
+/// Readings of the IMU that are wrong for less than this are not worth a word, seconds: vision goes on without them.
+const IMU_FAILS_S: f64 = 1.0;
+
 /// One walk, over an engine here or elsewhere ([`Slam`]).
 pub struct Session<S = Engine> {
     engine: S,
@@ -104,6 +107,8 @@ pub struct Session<S = Engine> {
     /// The age of images.
     ages: Ages,
     picture: Dwell,
+    /// The motion sensors.
+    motion: Dwell,
     warnings: Warnings,
     arrived: bool,
     dead: Option<String>,
@@ -146,6 +151,7 @@ impl<S: Slam> Session<S> {
             speech,
             ages: Ages::default(),
             picture: Dwell::default(),
+            motion: Dwell::default(),
             warnings: Warnings::default(),
             arrived: false,
             dead: None,
@@ -245,6 +251,7 @@ impl<S: Slam> Session<S> {
             self.update_metric(pose.scale.metric && self.routes_may_have_metres());
         }
         self.tell_lens();
+        self.tell_imu(output.status.imu.as_ref());
         self.record(&seen);
         self.observe_way(packet, tracked(&seen));
         self.keep();
@@ -299,6 +306,19 @@ impl<S: Slam> Session<S> {
         let Some(known) = self.lens.filter(|known| self.lens_told != Some(*known)) else { return };
         self.lens_told = Some(known);
         self.say(&self.speech.text(known.id()), Priority::Normal);
+    }
+
+    /// Says that the readings of the IMU are not used any more, and when they are again.
+    fn tell_imu(&mut self, imu: Option<&ImuStatus>) {
+        let Some(imu) = imu else { return };
+        let told = match imu.fault {
+            None if self.motion.there(self.now) => "walk-imu-back",
+            None => return,
+            Some(_) if imu.fault_s < IMU_FAILS_S => return self.motion.missing(),
+            Some(_) if self.motion.lost() => "walk-imu-failed",
+            Some(_) => return,
+        };
+        self.say(&self.speech.text(told), Priority::Normal);
     }
 
     /// Starts what waits to be said. A direction that has become too old is given again by the guide, from a new pose.

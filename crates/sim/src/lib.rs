@@ -2,6 +2,7 @@
 
 mod config;
 mod effects;
+mod imu_fault;
 mod imu_feed;
 mod live;
 mod phone;
@@ -16,6 +17,7 @@ mod write;
 
 pub use config::{CameraPath, SimConfig, SimSensor};
 pub use effects::Effects;
+pub use imu_fault::{FaultyImu, ImuFault, ImuFaultKind};
 pub use live::LiveRig;
 pub use phone::{MotionSensors, PhoneMotion, PhoneTraits, RollingCamera};
 pub use render::Renderer;

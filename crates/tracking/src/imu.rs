@@ -5,11 +5,14 @@
 //! there is a [`NavEstimate`]: it starts from the newest key frame that mapping has adjusted with its IMU
 //! factors, is propagated to each frame by the readings, and corrected by the pose that is tracked there.
 
+use crate::imu_trust::{Belief, ImuTrust};
 use crate::on_the_spot::PureRotation;
 use crate::state::{AnchoredPose, anchored_at};
 use cairn_atlas::{ImuSegment, KeyFrame, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_inertial::{Bias, ImuBuffer, Level, NavEstimate, Rest, RestConfig, of_data_sheet};
+use cairn_inertial::{
+    Bias, Failed, ImuBuffer, Level, NavEstimate, Preintegrated, Rest, RestConfig, of_data_sheet,
+};
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
 use nalgebra::SMatrix;
 
@@ -47,6 +50,9 @@ const TURNING_S: f64 = 0.03;
 const STARTS_MOVING: (f64, f64) = (0.25, 0.25);
 /// Estimated speed up to which the camera may be stationary, m/s.
 const STATIONARY_M_S: f64 = 0.15;
+
+/// Seconds between the states that are kept for a fault of the readings: as long as one goes unnoticed.
+const BEFORE_S: f64 = 0.5;
 
 /// The estimate at the last frame.
 #[derive(Debug)]
@@ -86,12 +92,18 @@ pub(crate) struct InertialFilter {
     bias: Bias,
     /// Time offset that was added to the stamps of the readings.
     offset_s: f64,
+    /// By how much their clock has jumped since the first of them, which is added as well.
+    jumped_s: f64,
     /// Seconds in motion for which the pose was only predicted since it was last tracked.
     carried_s: f64,
     /// When the first orientation was recorded.
     map_created: Option<Stamp>,
     /// Orientations since the last key frame request, from vision alone.
     rotations: Vec<(Stamp, So3)>,
+    /// Whether the readings are believed.
+    trust: ImuTrust,
+    /// States of the last moments, whose biases hold when the readings fail: what failed had been part of the newest for a while.
+    before: [Option<(Stamp, NavEstimate)>; 2],
 }
 
 impl InertialFilter {
@@ -107,9 +119,12 @@ impl InertialFilter {
             requested: None,
             bias: Bias::default(),
             offset_s: 0.0,
+            jumped_s: 0.0,
             carried_s: 0.0,
             map_created: None,
             rotations: Vec::new(),
+            trust: ImuTrust::default(),
+            before: [None, None],
         }
     }
 
@@ -120,13 +135,15 @@ impl InertialFilter {
             self.buffer.shift(offset - self.offset_s);
             self.offset_s = offset;
         }
-        if offset == 0.0 {
-            self.buffer.push(samples);
-        } else {
-            // Readings that the source synthesised at image stamps are useless once the clock is shifted.
-            let real = samples.iter().filter(|s| !s.is_synthesised());
-            let shifted = real.map(|s| ImuSample { stamp: s.stamp.plus_seconds(offset), ..*s });
-            self.buffer.push(&shifted.collect::<Vec<_>>());
+        // Readings that the source synthesised at image stamps are useless once the clock is shifted.
+        let added = offset + self.jumped_s;
+        let usable = samples.iter().filter(|s| added == 0.0 || !s.is_synthesised());
+        let shifted = usable.map(|s| ImuSample { stamp: s.stamp.plus_seconds(added), ..*s });
+        let was_believed = self.trust.fault().is_none();
+        let believed: Vec<ImuSample> = shifted.filter(|s| s.is_synthesised() || self.trust.take(s)).collect();
+        self.buffer.push(&believed);
+        if was_believed && self.trust.fault().is_some() {
+            self.give_up();
         }
         if let Some(last) = samples.last() {
             self.buffer.forget_before(Stamp(last.stamp.0 - (BUFFER_S * 1e9) as i64));
@@ -146,6 +163,9 @@ impl InertialFilter {
         {
             last.anchored.world_from_camera = resolved;
             last.estimate.carry_to(resolved);
+        }
+        if self.trust.fault().is_some() {
+            return;
         }
         let newest = snapshot.newest_key_frame().filter(|k| snapshot.is_gravity_aligned(k.map));
         let newest = newest.filter(|k| k.landmarks.iter().flatten().count() >= ADJUSTED_LANDMARKS);
@@ -200,7 +220,7 @@ impl InertialFilter {
     /// By how much the camera has turned between two instants, by the gyroscope, whether or not the map is gravity-aligned; `None`
     /// where readings are missing.
     pub fn turned(&self, from: Stamp, to: Stamp) -> Option<So3> {
-        let (turned, ..) = self.buffer.preintegrate(self.bias, from, to).ok()?.gained(&self.bias);
+        let (turned, ..) = self.sum(self.bias, from, to)?.gained(&self.bias);
         let camera_from_imu = self.imu_from_camera.rotation.inverse();
         Some(camera_from_imu * turned * self.imu_from_camera.rotation)
     }
@@ -213,6 +233,56 @@ impl InertialFilter {
     /// Whether the camera is stationary, by the readings and the estimate.
     pub fn is_stationary(&self, stamp: Stamp) -> bool {
         self.last.as_ref().is_some_and(|last| last.stamp == stamp && self.is_at_rest(stamp, &last.estimate))
+    }
+
+    /// Compares the readings with the pose of a frame as vision alone has it. True where they are found wrong that were believed: what
+    /// they predicted is not to be used.
+    pub fn see(&mut self, snapshot: &Snapshot, stamp: Stamp, alone: &AnchoredPose) -> bool {
+        let estimate = self.last.as_ref().map(|last| &last.estimate);
+        let belief = Belief {
+            bias: estimate.map_or(self.bias, |e| e.bias),
+            gravity: estimate.map(|e| e.gravity.vector()),
+            imu_from_camera: self.imu_from_camera,
+        };
+        let camera = alone.world_from_camera.rotation;
+        if let Some(by) = self.trust.clock_jump(stamp, &self.buffer, &belief, camera) {
+            self.buffer.shift(by);
+            self.jumped_s += by;
+        }
+        let fails = self.trust.see(snapshot, stamp, alone, &self.buffer, &belief);
+        if fails {
+            self.give_up();
+        }
+        fails
+    }
+
+    /// The readings have failed: what they may have led the biases to is undone.
+    fn give_up(&mut self) {
+        let Some((_, before)) = self.before[1].take().or(self.before[0].take()) else { return };
+        self.bias = before.bias;
+        if let Some(last) = &mut self.last {
+            last.estimate = last.estimate.clone().with_biases_of(&before);
+        }
+        self.before = [None, None];
+    }
+
+    /// Keeps a state of a frame that was tracked while the readings are believed.
+    fn remember(&mut self, stamp: Stamp, estimate: &NavEstimate) {
+        if self.trust.fault().is_none()
+            && self.before[0].as_ref().is_none_or(|(at, _)| stamp - *at > BEFORE_S)
+        {
+            self.before[1] = self.before[0].replace((stamp, estimate.clone()));
+        }
+    }
+
+    /// What is wrong with the readings, and since when; `None` while they are believed.
+    pub fn fault(&self) -> Option<Failed> {
+        self.trust.fault()
+    }
+
+    /// Readings that were left out one by one.
+    pub fn refused(&self) -> usize {
+        self.trust.refused()
     }
 
     /// Corrects the state by a tracked pose with this information matrix; `predicted` is the state before the
@@ -237,13 +307,23 @@ impl InertialFilter {
                 let turn =
                     anchored.world_from_camera.rotation * last.anchored.world_from_camera.rotation.inverse();
                 let is_recent = stamp - last.tracked <= MAX_AGE_S;
-                let velocity = if is_recent { turn * last.estimate.velocity } else { Vec3::zeros() };
+                let way =
+                    anchored.world_from_camera.translation - last.anchored.world_from_camera.translation;
+                let velocity = match last.tracked == last.stamp && self.trust.fault().is_some() {
+                    // Nothing but vision has told of it for a while.
+                    true if stamp > last.stamp => way / (stamp - last.stamp),
+                    _ if is_recent => turn * last.estimate.velocity,
+                    _ => Vec3::zeros(),
+                };
                 self.state(anchored.world_from_camera, velocity, self.bias, TRACKED_SIGMAS)
                     .with_biases_of(&last.estimate)
             }
             (None, None) => self.state(anchored.world_from_camera, Vec3::zeros(), self.bias, TRACKED_SIGMAS),
         };
         self.carried_s = 0.0;
+        if gravity_aligned {
+            self.remember(stamp, &estimate);
+        }
         self.last = gravity_aligned.then_some(Last { stamp, estimate, anchored: *anchored, tracked: stamp });
     }
 
@@ -296,6 +376,7 @@ impl InertialFilter {
 
     /// The IMU data of a frame, with the readings since `from`.
     pub fn segment_since(&self, from: Option<Stamp>, stamp: Stamp) -> ImuSegment {
+        let from = from.filter(|from| self.trust.is_sound_since(*from));
         let samples = from.and_then(|from| self.buffer.between(from, stamp).ok()).unwrap_or_default();
         let state = match &self.last {
             Some(last) if last.stamp == stamp => Some(last.estimate.clone()),
@@ -318,7 +399,7 @@ impl InertialFilter {
     /// Seconds since the last key frame request; `None` where there are no recent readings.
     pub fn seconds_since_request(&self, stamp: Stamp) -> Option<f64> {
         let fresh = self.buffer.samples().next_back().is_some_and(|s| stamp - s.stamp < SILENT_S);
-        self.requested.filter(|_| fresh).map(|since| stamp - since)
+        self.requested.filter(|_| fresh && self.trust.fault().is_none()).map(|since| stamp - since)
     }
 
     /// A map was created with this key frame: the readings of the next request start there.
@@ -329,8 +410,15 @@ impl InertialFilter {
     }
 
     fn carried(&self, from: &NavEstimate, since: Stamp, to: Stamp) -> Option<NavEstimate> {
-        let sum = self.buffer.preintegrate(from.bias, since, to).ok()?;
-        from.after(&sum, &self.imu_from_camera)
+        from.after(&self.sum(from.bias, since, to)?, &self.imu_from_camera)
+    }
+
+    /// The readings between two instants, where they are believed.
+    fn sum(&self, bias: Bias, from: Stamp, to: Stamp) -> Option<Preintegrated> {
+        if !self.trust.is_sound_since(from) {
+            return None;
+        }
+        self.buffer.preintegrate(bias, from, to).ok()
     }
 
     /// A state in a map that mapping has aligned with gravity.
@@ -340,6 +428,9 @@ impl InertialFilter {
 
     /// The up direction in the camera frame, by the mean specific force of the last [`MEAN_FORCE_S`].
     fn up(&self, stamp: Stamp) -> Option<Vec3> {
+        if self.trust.fault().is_some() {
+            return None;
+        }
         let recent = self.buffer.within(stamp.plus_seconds(-MEAN_FORCE_S), stamp);
         let force = recent.map(|s| s.accel).sum::<Vec3>();
         Some(self.imu_from_camera.rotation.inverse() * force.try_normalize(1e-6)?)
@@ -347,6 +438,9 @@ impl InertialFilter {
 
     /// The camera's angular velocity at an instant, in the camera frame, rad/s; `None` without readings about it.
     pub fn turning(&self, stamp: Stamp) -> Option<Vec3> {
+        if self.trust.fault().is_some() {
+            return None;
+        }
         let half_s = 0.5 * TURNING_S;
         let about = self.buffer.within(stamp.plus_seconds(-half_s), stamp.plus_seconds(half_s));
         let (mut sum, mut count) = (Vec3::zeros(), 0.0);
@@ -356,7 +450,7 @@ impl InertialFilter {
     }
 
     fn is_at_rest(&self, stamp: Stamp, estimate: &NavEstimate) -> bool {
-        if estimate.velocity.norm() > STATIONARY_M_S {
+        if estimate.velocity.norm() > STATIONARY_M_S || self.trust.fault().is_some() {
             return false;
         }
         let config = RestConfig::default();

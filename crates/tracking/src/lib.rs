@@ -9,6 +9,7 @@ mod dense_tests;
 mod imu;
 #[cfg(test)]
 mod imu_tests;
+mod imu_trust;
 mod local_map;
 mod match_last;
 mod odometry;

@@ -1,8 +1,9 @@
 //! Keeps the status for people.
 
-use super::observer::{DoneFrame, Observer};
+use super::observer::{DoneFrame, Observer, TrackedFrame};
 use crate::output::{Output, StageEvent};
 use crate::status::{FrameResult, Status, StatusTracker};
+use cairn_inertial::ImuFault;
 use cairn_mapping::Verdict;
 use cairn_sensor::FramePacket;
 
@@ -13,11 +14,13 @@ pub(crate) struct StatusReport {
     pub mapping: bool,
     /// Why a stage has failed, now or before.
     stage_failed: Option<String>,
+    /// What is wrong with the readings of the IMU at the last frame.
+    imu_fault: Option<ImuFault>,
 }
 
 impl StatusReport {
     pub fn new(tracker: StatusTracker) -> Self {
-        Self { tracker, mapping: true, stage_failed: None }
+        Self { tracker, mapping: true, stage_failed: None, imu_fault: None }
     }
 
     pub fn status(&self) -> &Status {
@@ -30,6 +33,10 @@ impl Observer for StatusReport {
         self.tracker.refuse(packet.stamp, &packet.imu, why.to_owned());
     }
 
+    fn tracked(&mut self, frame: &TrackedFrame) {
+        self.imu_fault = frame.tracker.imu_fault();
+    }
+
     fn done(&mut self, frame: &mut DoneFrame, output: &mut Output) {
         let failed = output.events.iter().find_map(StageEvent::failed);
         self.stage_failed = self.stage_failed.take().or(failed.map(str::to_owned));
@@ -37,6 +44,7 @@ impl Observer for StatusReport {
         self.tracker.update(&FrameResult {
             stamp: output.stamp,
             imu: &frame.packet.imu,
+            imu_fault: self.imu_fault,
             state: output.state,
             map: frame.map.map(|map| (map, frame.snapshot.is_gravity_aligned(map))),
             metric: output.is_metric(),

@@ -9,7 +9,7 @@ mod tests;
 mod watch;
 mod words;
 
-use cairn_inertial::Gate;
+use cairn_inertial::{Gate, ImuFault};
 use serde::{Deserialize, Serialize};
 pub(crate) use watch::{FrameResult, StatusTracker};
 
@@ -173,6 +173,16 @@ pub enum StatusEvent {
         /// Whether the last seconds have been put right; if not, lengths are not supported until they are.
         corrected: bool,
     },
+    /// The readings of the IMU are not believed any more, and not used.
+    ImuFailed {
+        /// What is wrong with them.
+        fault: ImuFault,
+    },
+    /// They are used again.
+    ImuBack {
+        /// Seconds after which.
+        after_s: f64,
+    },
     /// Tracking was lost and has been recovered.
     Relocalised {
         /// Seconds without a pose.
@@ -195,6 +205,13 @@ pub struct ImuStatus {
     pub gaps: usize,
     /// The longest of them, seconds.
     pub longest_gap_s: f64,
+    /// Readings so far that were left out one by one: beyond what any sensor measures.
+    pub refused: usize,
+    /// What is wrong with the readings; `None` while they are believed. They are not used meanwhile: the pose goes on by vision alone, and
+    /// with one camera lengths stay those of the map.
+    pub fault: Option<ImuFault>,
+    /// Seconds since the first reading that is wrong, 0 while they are believed.
+    pub fault_s: f64,
 }
 
 /// The status of the engine after a packet.

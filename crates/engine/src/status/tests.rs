@@ -3,7 +3,7 @@
 use super::*;
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
 use cairn_geometry::Vec3;
-use cairn_inertial::{Attempt, GateKind};
+use cairn_inertial::{Attempt, Failed, GateKind};
 use cairn_mapping::{Accepted, Joined, Verdict};
 use cairn_sensor::{ImuSample, Stamp};
 use cairn_tracking::State;
@@ -29,6 +29,7 @@ fn tracked(t: f64, imu: &[ImuSample]) -> FrameResult<'_> {
     FrameResult {
         stamp: Stamp::from_seconds(t),
         imu,
+        imu_fault: (None, 0),
         state: State::Tracking,
         map: Some((map(0), false)),
         metric: false,
@@ -244,6 +245,28 @@ fn readings_are_counted() {
     let json = serde_json::to_value(tracker.status()).unwrap();
     assert_eq!((&json["phase"], &json["imu"]["synthesised"]), (&"INITIALIZING".into(), &1.into()));
     assert_eq!(json["waits"][0], "enough key frames to initialise scale and gravity");
+}
+
+#[test]
+fn a_motion_sensor_that_fails_is_told_with_its_fault_and_its_end() {
+    let mut tracker = mono(Some(PERIOD_S));
+    after(&mut tracker, &tracked(0.0, &[reading(0.0)]));
+    assert_eq!(tracker.status().imu.unwrap().fault, None);
+    let fault = ImuFault::Stuck { seconds: 0.1 };
+    let failed = Failed { fault, since: Stamp::from_seconds(0.1) };
+    let failing = |t| FrameResult { imu_fault: (Some(failed), 2), ..tracked(t, &[]) };
+    after(&mut tracker, &failing(0.2));
+    assert!(tracker.status().events.contains(&StatusEvent::ImuFailed { fault }));
+    after(&mut tracker, &failing(0.6));
+    let imu = tracker.status().imu.unwrap();
+    assert_eq!((imu.fault, imu.refused), (Some(fault), 2));
+    assert!((imu.fault_s - 0.5).abs() < 1e-9 && tracker.status().events.is_empty(), "told once");
+    assert!(tracker.status().to_string().contains("not used for 0.50 s (the readings repeat themselves"));
+    after(&mut tracker, &tracked(0.7, &[]));
+    let back =
+        |e: &StatusEvent| matches!(e, StatusEvent::ImuBack { after_s } if (after_s - 0.5).abs() < 1e-9);
+    assert!(tracker.status().events.iter().any(back), "{:?}", tracker.status().events);
+    assert_eq!(tracker.status().imu.unwrap().fault, None);
 }
 
 fn accepted() -> Accepted {

@@ -2,7 +2,7 @@
 
 use super::{ImuStatus, Phase, Status, StatusEvent, Wait};
 use cairn_atlas::{MapId, Snapshot};
-use cairn_inertial::{Attempt, GateKind};
+use cairn_inertial::{Attempt, Failed, GateKind};
 use cairn_mapping::{Joined, ScaleCheck, ScaleVerdict, Verdict};
 use cairn_sensor::{ImuSample, Stamp};
 use cairn_tracking::State;
@@ -16,6 +16,8 @@ const GAP_PERIODS: f64 = 2.5;
 pub(crate) struct FrameResult<'a> {
     pub stamp: Stamp,
     pub imu: &'a [ImuSample],
+    /// What is wrong with the readings, and how many were left out.
+    pub imu_fault: (Option<Failed>, usize),
     pub state: State,
     /// The map of the pose, if there is one, and whether its scale and gravity are known.
     pub map: Option<(MapId, bool)>,
@@ -73,6 +75,7 @@ impl StatusTracker {
     /// Updates the status with the result of a packet.
     pub fn update(&mut self, result: &FrameResult) {
         self.update_readings(result.stamp, result.imu);
+        self.update_fault(result);
         self.update_map(result);
         self.collect_events(result);
         let (phase, waits) = self.phase_and_waits(result);
@@ -101,6 +104,22 @@ impl StatusTracker {
             self.reading = self.reading.max(Some(sample.stamp));
         }
         status.lag_ms = self.reading.map(|newest| (stamp - newest) * 1e3);
+    }
+
+    /// Updates what is wrong with the readings.
+    fn update_fault(&mut self, result: &FrameResult) {
+        let s = &mut self.status;
+        let Some(status) = &mut s.imu else { return };
+        let (failed, refused) = result.imu_fault;
+        let event = match (status.fault, failed) {
+            (None, Some(Failed { fault, .. })) => Some(StatusEvent::ImuFailed { fault }),
+            (Some(_), None) => Some(StatusEvent::ImuBack { after_s: status.fault_s }),
+            _ => None,
+        };
+        s.events.extend(event);
+        status.refused = refused;
+        status.fault = failed.map(|failed| failed.fault);
+        status.fault_s = failed.map_or(0.0, |failed| result.stamp - failed.since);
     }
 
     /// Updates the pose and its map.

@@ -59,6 +59,8 @@ impl fmt::Display for StatusEvent {
                     "the motion sensor contradicts the scale of map {map} by a factor of {scale:.3}: {then}"
                 )
             }
+            Self::ImuFailed { fault } => write!(f, "the motion sensor is not used any more: {fault}"),
+            Self::ImuBack { after_s } => write!(f, "the motion sensor is used again after {after_s:.2} s"),
             Self::Relocalised { after_s } => write!(f, "relocalised after {after_s:.2} s"),
         }
     }
@@ -74,6 +76,12 @@ impl fmt::Display for ImuStatus {
         write!(f, ", {} synthesised", self.synthesised)?;
         if self.gaps > 0 {
             write!(f, ", {} gaps to {:.3} s", self.gaps, self.longest_gap_s)?;
+        }
+        if self.refused > 0 {
+            write!(f, ", {} refused", self.refused)?;
+        }
+        if let Some(fault) = &self.fault {
+            write!(f, ", not used for {:.2} s ({fault})", self.fault_s)?;
         }
         Ok(())
     }

@@ -62,6 +62,18 @@ impl Tracker {
         self.match_from(last, &guess, frame, snapshot)
     }
 
+    /// The same without the prediction, where that led nowhere although the frame before was tracked: readings may be wrong.
+    pub(crate) fn by_own_motion(
+        &self,
+        frame: &Frame,
+        snapshot: &Snapshot,
+        predicted: Option<&NavEstimate>,
+    ) -> Option<(Se3, Matches)> {
+        let was_tracked = self.inertial.as_ref().is_some_and(|i| i.carried_since().is_none());
+        predicted.filter(|_| was_tracked)?;
+        self.by_motion(frame, snapshot, None)
+    }
+
     /// Matches with the previous frame around a guess, and farther out where the guess was poor.
     pub(super) fn match_from(
         &self,

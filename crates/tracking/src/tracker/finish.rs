@@ -39,15 +39,23 @@ impl Tracker {
         snapshot: &Snapshot,
         guess: Se3,
         matches: Matches,
-        predicted: Option<NavEstimate>,
+        mut predicted: Option<NavEstimate>,
         idle: bool,
     ) -> Tracked {
         let Some(newest) = snapshot.newest_key_frame().map(|k| k.id) else { return self.lose(frame, 0) };
         let last = self.last.as_ref();
         let fallback =
             last.and_then(|l| snapshot.surviving_ancestor(l.anchored.reference)).map_or(newest, |(id, _)| id);
-        let (prior, reckoned) = self.prior(snapshot, &guess, predicted.as_ref());
-        let found = self.in_local_map(&frame, snapshot, &guess, matches, prior.as_ref(), fallback);
+        let (mut prior, reckoned) = self.prior(snapshot, &guess, predicted.as_ref());
+        let is_carried = self.inertial.as_ref().is_some_and(|i| i.carried_since().is_some());
+        let before = (predicted.is_some() && !is_carried).then(|| matches.clone());
+        let mut found = self.in_local_map(&frame, snapshot, &guess, matches, prior.as_ref(), fallback);
+        if let Some(before) =
+            before.filter(|_| contradicts(&found.located, prior.as_ref(), predicted.as_ref()))
+            && let Some(alone) = self.by_sight_alone(&frame, snapshot, &guess, before, fallback)
+        {
+            (found, prior, predicted) = (alone, None, None);
+        }
         let (world_from_camera, inliers) = (found.located.world_from_camera, found.located.inliers);
         if inliers < found.need {
             return self.miss(frame, snapshot, inliers, predicted, idle);
@@ -147,6 +155,19 @@ impl Tracker {
         Found { located, matches, expected, matched, need }
     }
 
+    /// The pose by the matches alone, where they suffice: readings that lead elsewhere are a witness, not the judge.
+    fn by_sight_alone(
+        &mut self,
+        frame: &Frame,
+        snapshot: &Snapshot,
+        guess: &Se3,
+        matches: Matches,
+        fallback: KeyFrameId,
+    ) -> Option<Found> {
+        let found = self.in_local_map(frame, snapshot, guess, matches, None, fallback);
+        (found.located.inliers >= found.need).then_some(found)
+    }
+
     /// Whether a pose cannot be that to which the readings alone have led since the map was seen last. Landmarks that were made
     /// on the way there are where that estimate put them; they cannot tell that it is elsewhere. Landmarks that were confirmed before
     /// can, and are believed. The estimate becomes uncertain as the walker goes on, so that nobody is shut out for good.
@@ -162,14 +183,7 @@ impl Tracker {
         let (Some(since), Some(prior), Some(predicted)) = (since, prior, predicted) else { return false };
         let landmarks = found.matches.landmarks.iter().flatten().filter_map(|id| snapshot.landmark(*id));
         let before = landmarks.filter(|l| is_confirmed_before(snapshot, l, since)).count();
-        let Some((alone, own)) = without_prior(&found.located, prior) else { return false };
-        let covariance = predicted.pose_covariance() + own + tracked_covariance();
-        let carried = Reckoned {
-            world_from_camera: predicted.world_from_camera,
-            covariance,
-            limit: [f64::INFINITY; 2],
-        };
-        before < self.need(frame) && !carried.agrees(&alone)
+        before < self.need(frame) && contradicts(&found.located, Some(prior), Some(predicted))
     }
 
     /// Gives the pose to the inertial filter.
@@ -183,12 +197,15 @@ impl Tracker {
         predicted: Option<&NavEstimate>,
     ) {
         let Some(inertial) = &mut self.inertial else { return };
+        // The IMU prior is part of the pose; the time offset and the readings must be judged by vision alone.
+        let alone = prior.and_then(|p| without_prior(located, p));
+        let alone = alone.map_or(anchored.world_from_camera, |(alone, _)| alone);
         if inertial.wants_rotations(frame.stamp) {
-            // The IMU prior is part of the pose; the time offset must be estimated from vision alone.
-            let alone = prior.and_then(|p| without_prior(located, p));
-            let alone = alone.map_or(anchored.world_from_camera, |(alone, _)| alone);
             inertial.add_rotation(frame.stamp, alone.rotation);
         }
+        let alone = anchored_at(snapshot, anchored.reference, alone).unwrap_or(*anchored);
+        let fails = inertial.see(snapshot, frame.stamp, &alone);
+        let predicted = predicted.filter(|_| !fails);
         inertial.update(snapshot, frame.stamp, anchored, predicted, &located.information);
     }
 
@@ -250,6 +267,19 @@ impl Tracker {
             motion: None,
         })
     }
+}
+
+/// Whether the matches lead elsewhere than the readings do.
+fn contradicts(located: &Located, prior: Option<&PosePrior>, predicted: Option<&NavEstimate>) -> bool {
+    let (Some(prior), Some(predicted)) = (prior, predicted) else { return false };
+    let Some((alone, own)) = without_prior(located, prior) else { return false };
+    let covariance = predicted.pose_covariance() + own + tracked_covariance();
+    let world_from_camera = predicted.world_from_camera;
+    if std::env::var_os("CAIRN_DBG").is_some() {
+        let off = world_from_camera.local(&alone);
+        eprintln!("DBG nis {:.2}", off.dot(&(covariance.try_inverse().unwrap_or_default() * off)));
+    }
+    !Reckoned { world_from_camera, covariance, limit: [f64::INFINITY; 2] }.agrees(&alone)
 }
 
 /// The pose without the prior, and its covariance: at the solution the gradients of the prior and of the observations cancel.

@@ -27,6 +27,7 @@ use crate::start::Starter;
 use crate::state::{AnchoredPose, KeyFrameRequest, Last, Tracked};
 use cairn_atlas::{KeyFrameId, Readout, Snapshot};
 use cairn_geometry::{Se3, So3};
+use cairn_inertial::Failed;
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
 use cairn_settings::Settings;
 use cairn_vision::{Frame, RectifiedCamera};
@@ -231,6 +232,12 @@ impl Tracker {
         (self.lost, self.located) = (true, Some(k.stamp));
     }
 
+    /// What is wrong with the readings of the IMU, and since when; `None` while they are believed. With how many were left out one by
+    /// one.
+    pub fn imu_fault(&self) -> (Option<Failed>, usize) {
+        self.inertial.as_ref().map_or((None, 0), |i| (i.fault(), i.refused()))
+    }
+
     /// The odometry of the last frame; `None` when that has no pose.
     pub fn odometry(&self) -> Option<Odometry> {
         self.odometry.current()
@@ -369,6 +376,7 @@ impl Tracker {
             None
         } else {
             self.by_motion(&frame, snapshot, predicted.as_ref())
+                .or_else(|| self.by_own_motion(&frame, snapshot, predicted.as_ref()))
                 .or_else(|| self.by_reference(&frame, snapshot))
         };
         let (predicted, reckoned) = match &first_guess {
