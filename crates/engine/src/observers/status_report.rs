@@ -3,7 +3,7 @@
 use super::observer::{DoneFrame, Observer, TrackedFrame};
 use crate::output::{Output, StageEvent};
 use crate::status::{FrameResult, Status, StatusTracker};
-use cairn_inertial::ImuFault;
+use cairn_inertial::Failed;
 use cairn_mapping::Verdict;
 use cairn_sensor::FramePacket;
 
@@ -14,13 +14,13 @@ pub(crate) struct StatusReport {
     pub mapping: bool,
     /// Why a stage has failed, now or before.
     stage_failed: Option<String>,
-    /// What is wrong with the readings of the IMU at the last frame.
-    imu_fault: Option<ImuFault>,
+    /// What is wrong with the readings of the IMU at the last frame, and how many were refused so far.
+    imu_fault: (Option<Failed>, usize),
 }
 
 impl StatusReport {
     pub fn new(tracker: StatusTracker) -> Self {
-        Self { tracker, mapping: true, stage_failed: None, imu_fault: None }
+        Self { tracker, mapping: true, stage_failed: None, imu_fault: (None, 0) }
     }
 
     pub fn status(&self) -> &Status {

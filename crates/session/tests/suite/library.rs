@@ -5,7 +5,7 @@ use crate::small;
 
 use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_geometry::Se3;
-use cairn_guide::{Durable, Route};
+use cairn_guide::Route;
 use cairn_sensor::{Camera, FramePacket, Rig, Stamp};
 use cairn_session::{
     Command, Disk, Event, LibraryCamera, LibraryError, MapKeeper, Medium, RoutesLock, Session, SessionConfig,

@@ -6,5 +6,3 @@ mod lens;
 mod losses;
 mod recording;
 mod walk;
-
-use crate::small;

@@ -55,9 +55,12 @@ fn folder_of(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("cairn-session-{name}-{}", std::process::id()))
 }
 
-impl Disk for Small {
+/// A disk on which nothing can be replaced.
+struct Full(Small);
+
+impl Disk for Full {
     fn create(&self, _: &Path) -> io::Result<Box<dyn Medium>> {
-        Ok(Box::new(self.clone()))
+        Ok(Box::new(self.0.clone()))
     }
 
     fn replace(&self, _: &Path, _: &[u8]) -> io::Result<()> {
@@ -70,7 +73,7 @@ fn full_disk_is_announced_and_loses_no_point() {
     let disk = Small::default();
     disk.0.lock().unwrap().1 = 6000;
     let config = SessionConfig { folder: folder("disk"), ..SessionConfig::default() };
-    let mut walk = Walk::new(Session::new(engine(), config).on_disk(Box::new(disk.clone())));
+    let mut walk = Walk::new(Session::new(engine(), config).on_disk(Box::new(Full(disk.clone()))));
     walk.see(&out()[..1]);
     walk.ask("record").unwrap();
     walk.see(&out()[1..80]);
