@@ -154,7 +154,7 @@ fn circle_with_points() -> String {
     for k in 0..23 {
         let step = pose(k).inverse() * pose(k + 1);
         let (t, a) = (step.translation, step.rotation.log());
-        let noise = [1.3, 2.9, 3.7].map(|f| 0.05 * wave(k, f));
+        let noise = [1.3, 2.9, 3.7].map(|f| 0.15 * wave(k, f));
         let numbers = format!("{} {} {}", t.x + noise[0], t.y + noise[1], a + 0.2 * noise[2]);
         text += &format!("EDGE_SE2 {k} {} {numbers} 400 0 0 400 0 2500\n", k + 1);
         for (j, p) in points.iter().enumerate().filter(|(j, _)| (k + j) % 2 == 0) {
@@ -230,7 +230,7 @@ fn points_that_were_seen_are_used_as_any_least_squares_uses_them() {
     // Without the points the robot is elsewhere.
     let odometry: String = text.lines().filter(|l| !l.contains("XY")).map(|l| format!("{l}\n")).collect();
     let Graph::Plane(alone) = &solved(&odometry).graph.clone() else { panic!() };
-    assert!((alone.graph.values()[23].translation - batch).norm() > 0.05);
+    assert!((alone.graph.values()[23].translation - batch).norm() > 1e-3, "as if nothing was seen");
     // What is written is solved already, with the same measurements.
     let again = solved(&write(&file));
     let Graph::Plane(again) = &again.graph else { panic!() };

@@ -103,10 +103,11 @@ impl<const D: usize> Normal<D> {
         self.hold_untouched();
     }
 
-    /// What no measurement touches (the rotation of a point) has a row of zeros: with a one on the diagonal it stays.
+    /// A rotation that no measurement touches (that of a point) has rows of zeros: with a one on the diagonal it stays.
     fn hold_untouched(&mut self) {
+        let translations = if D == 3 { 2 } else { 3 };
         for block in &mut self.diagonal {
-            for k in 0..D {
+            for k in translations..D {
                 if block[k][k] == 0.0 {
                     block[k][k] = 1.0;
                 }
