@@ -43,7 +43,7 @@ pub(crate) fn decompress(kind: Compression, bytes: &[u8], limit: u64) -> (Vec<u8
     let mut out = Vec::new();
     let ended = catch_unwind(AssertUnwindSafe(|| match kind {
         Compression::None => drain(bytes, limit, &mut out),
-        Compression::Bz2 => drain(bzip2_rs::DecoderReader::new(bytes), limit, &mut out),
+        Compression::Bz2 => drain(bzip2::read::BzDecoder::new(bytes), limit, &mut out),
         Compression::Lz4 => drain(lz4_flex::frame::FrameDecoder::new(bytes), limit, &mut out),
         Compression::Zstd => match ruzstd::decoding::StreamingDecoder::new(bytes) {
             Ok(decoder) => drain(decoder, limit, &mut out),

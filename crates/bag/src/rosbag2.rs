@@ -8,6 +8,7 @@ use crate::error::{BagError, Damage};
 use crate::index::{Index, PREFIX, Place};
 use crate::sqlite::{Database, Value};
 use crate::wire::WireFormat;
+use cairn_files::yaml::{self, Node};
 use std::path::{Path, PathBuf};
 
 /// The files of a recording, and how single messages are compressed.
@@ -37,28 +38,53 @@ pub(crate) fn folder(folder: &Path) -> Result<Folder, BagError> {
         out.notes.push(format!("{} is missing: all files of the folder are read", metadata.display()));
         return Ok(out);
     };
-    let value = |key: &str| {
-        let line = text.lines().find_map(|l| l.trim().strip_prefix(key)?.strip_prefix(':'));
-        line.unwrap_or("").trim().trim_matches(['"', '\'']).to_ascii_lowercase()
-    };
-    match value("compression_mode").as_str() {
-        "message" if value("compression_format") == "zstd" => out.messages = Compression::Zstd,
-        "" | "none" => {}
+    let wrong = |(line, why): (usize, String)| unsupported(format!("line {line}: {why}"), "correct the line");
+    let root = yaml::parse(&text).map_err(wrong)?;
+    let about = root.get("rosbag2_bagfile_information").unwrap_or(&root);
+    let value = |key: &str| about.get(key).and_then(Node::text).unwrap_or_default().to_ascii_lowercase();
+    let (mode, format) = (value("compression_mode"), value("compression_format"));
+    let of_files = mode == "file";
+    match mode.as_str() {
+        "message" if format == "zstd" => out.messages = Compression::Zstd,
+        "" | "none" | "file" => {}
         mode => {
-            let why = format!("compression of \"{mode}\" by \"{}\" is not read", value("compression_format"));
-            return Err(unsupported(why, "unpack it with ros2 bag convert, or zstd -d on each file"));
+            let why = format!("compression of \"{mode}\" by \"{format}\" is not read");
+            return Err(unsupported(why, "unpack it with ros2 bag convert"));
         }
     }
-    let mut lines = text.lines().skip_while(|l| l.trim() != "relative_file_paths:").skip(1);
-    while let Some(name) = lines.next().and_then(|l| l.trim().strip_prefix("- ")) {
-        let path = folder.join(name.trim_matches(['"', '\'']));
-        match path.is_file() {
-            true => out.files.push(path),
-            false => out.notes.push(format!("{} is missing", path.display())),
+    let names = about.get("relative_file_paths").and_then(Node::list).unwrap_or_default();
+    for name in names.iter().filter_map(Node::text) {
+        // A file that was decompressed has lost its last extension.
+        let path = folder.join(name);
+        let unpacked = path.with_extension("");
+        match path.extension() {
+            Some(end) if end == "zstd" && unpacked.is_file() => out.files.push(unpacked),
+            Some(end) if end == "zstd" && path.is_file() => {
+                let why =
+                    format!("{} is compressed as a whole ({mode} mode), which is not read", path.display());
+                return Err(unsupported(why, "run zstd -d on each file and leave the result beside it"));
+            }
+            _ if path.is_file() => out.files.push(path),
+            _ => out.notes.push(format!("{} is missing", path.display())),
         }
+    }
+    if of_files && out.files.is_empty() {
+        let why = format!("names files that were compressed by \"{format}\", and none is there decompressed");
+        return Err(unsupported(why, "run zstd -d on each file and leave the result beside it"));
     }
     if out.files.is_empty() {
         out.files = listed(folder);
+    }
+    for file in &out.files {
+        let mut log = file.clone().into_os_string();
+        log.push("-wal");
+        if std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
+            out.notes.push(format!(
+                "{} holds messages that are not read: sqlite3 {} 'PRAGMA wal_checkpoint' puts them into the file",
+                Path::new(&log).display(),
+                file.display()
+            ));
+        }
     }
     if out.files.is_empty() {
         return Err(unsupported(
@@ -85,18 +111,28 @@ fn listed(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
+/// The error of a database that is something else.
+fn no_recording(path: String, rtabmap: bool) -> BagError {
+    let (why, cure) = match rtabmap {
+        true => (
+            "is a database of RTAB-Map, not a recording of rosbag2",
+            "replay it with RTAB-Map's data_player node and record the topics with ros2 bag record; its poses are exported by rtabmap-report --poses, its map by rtabmap-export",
+        ),
+        false => (
+            "has no tables \"topics\" and \"messages\", so it is no recording of rosbag2",
+            "give the folder or file that ros2 bag record has written",
+        ),
+    };
+    BagError::Unsupported { path, why: why.into(), cure: cure.into() }
+}
+
 /// Fills the index from a database.
 pub(crate) fn scan(database: &mut Database, number: u16, index: &mut Index) -> Result<(), BagError> {
-    let mut table = |name: &str| match database.table(name) {
-        Ok(Some(table)) => Ok(table),
-        Ok(None) => Err(BagError::Unsupported {
-            path: database.file.shown(),
-            why: format!("has no table \"{name}\", so it is no recording of rosbag2"),
-            cure: "give the folder or file that ros2 bag record has written".into(),
-        }),
-        Err(damage) => Err(database.file.damaged(damage)),
+    let mut table = |name: &str| database.table(name).map_err(|damage| database.file.damaged(damage));
+    let (Some(topics), Some(messages)) = (table("topics")?, table("messages")?) else {
+        let rtabmap = table("Node")?.is_some() && table("Link")?.is_some();
+        return Err(no_recording(database.file.shown(), rtabmap));
     };
-    let (topics, messages) = (table("topics")?, table("messages")?);
     let missing = |column: &str| BagError::Unsupported {
         path: database.file.shown(),
         why: format!("the column \"{column}\" is missing, so it is no recording of rosbag2"),

@@ -44,6 +44,27 @@ pub enum EvalError {
     /// The pairs do not determine an alignment.
     #[error("the trajectories cannot be aligned: {0}; --align none compares them as they are")]
     Alignment(#[from] Degenerate),
+    /// Neither has times, and they have not as many poses.
+    #[error(
+        "the estimate has {estimate} poses and the reference {reference}, and without times it is not known which belong \
+         together"
+    )]
+    Counts {
+        /// Poses of the estimate.
+        estimate: usize,
+        /// Poses of the reference.
+        reference: usize,
+    },
+    /// One has times, the other has not.
+    #[error("{without} has no times, and its {poses} poses are not as many as the {others} of the other")]
+    NoTimes {
+        /// The file without times.
+        without: String,
+        /// Its poses.
+        poses: usize,
+        /// Poses of the other.
+        others: usize,
+    },
     /// An invalid option.
     #[error("{0}")]
     Option(String),

@@ -144,7 +144,7 @@ impl Evaluation {
 /// Compares two trajectory files; handles files with positions only and files without times.
 ///
 /// # Errors
-/// As [`evaluate`].
+/// As [`evaluate`], and when it is not known which poses belong together.
 pub fn evaluate_files(
     reference: &TrajectoryFile,
     estimate: &TrajectoryFile,
@@ -152,9 +152,7 @@ pub fn evaluate_files(
 ) -> Result<Evaluation, EvalError> {
     let mut options = *options;
     options.rotations &= reference.has_rotations && estimate.has_rotations;
-    if reference.format == Format::Kitti && estimate.format == Format::Kitti {
-        options.association = Association::Index;
-    }
+    options.association = association(reference, estimate)?;
     let mut out = evaluate(&reference.trajectory, &estimate.trajectory, &options)?;
     for file in [reference, estimate] {
         if !file.has_rotations {
@@ -163,11 +161,55 @@ pub fn evaluate_files(
         if file.unknown_poses > 0 {
             out.notes.push(format!("{}: {} lines are nan and were left out", file.name, file.unknown_poses));
         }
-        if file.nominal_times && options.association == Association::Time {
-            out.notes.push(format!("{} has no times: nominal times were used", file.name));
-        }
+    }
+    if reference.nominal_times != estimate.nominal_times {
+        let without = if reference.nominal_times { reference } else { estimate };
+        out.notes.push(match options.association {
+            Association::Time => {
+                format!(
+                    "{} has no times: those of its frames' numbers were used, as in the other",
+                    without.name
+                )
+            }
+            Association::Index => format!("{} has no times: poses were paired in order", without.name),
+        });
     }
     Ok(out)
+}
+
+/// How poses of two files are paired. Times that are only numbers of frames are paired with other times only where these
+/// are the same numbers.
+fn association(reference: &TrajectoryFile, estimate: &TrajectoryFile) -> Result<Association, EvalError> {
+    let counts = (reference.trajectory.len(), estimate.trajectory.len());
+    let kitti = |file: &TrajectoryFile| file.format == Format::Kitti && !file.frame_numbers;
+    if kitti(reference) && kitti(estimate) {
+        return match counts {
+            (a, b) if a == b => Ok(Association::Index),
+            (reference, estimate) => Err(EvalError::Counts { estimate, reference }),
+        };
+    }
+    if reference.nominal_times == estimate.nominal_times {
+        return Ok(Association::Time);
+    }
+    let (nominal, timed) =
+        if reference.nominal_times { (reference, estimate) } else { (estimate, reference) };
+    if on_grid(timed.trajectory.stamps_ns(), nominal.trajectory.stamps_ns()) {
+        return Ok(Association::Time);
+    }
+    if counts.0 == counts.1 {
+        return Ok(Association::Index);
+    }
+    let (poses, others) = (nominal.trajectory.len(), timed.trajectory.len());
+    Err(EvalError::NoTimes { without: nominal.name.clone(), poses, others })
+}
+
+/// Whether every time is within a millisecond of one of the others, both in order.
+fn on_grid(times_ns: &[i64], grid_ns: &[i64]) -> bool {
+    times_ns.iter().all(|t| {
+        let k = grid_ns.partition_point(|g| g < t);
+        let near = grid_ns[k.saturating_sub(1)..grid_ns.len().min(k + 1)].iter();
+        near.into_iter().any(|g| g.abs_diff(*t) <= 1_000_000)
+    })
 }
 
 /// Compares an estimate with a reference, both `world_from_body` of the same body.

@@ -2,7 +2,7 @@
 
 use crate::decimal;
 use crate::error::FileError;
-use crate::read::{Format, TrajectoryFile, parse_trajectory, pose_from_matrix};
+use crate::read::{Format, KITTI_STEP_NS, TrajectoryFile, parse_trajectory, pose_from_matrix};
 use cairn_geometry::Trajectory;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -39,7 +39,8 @@ pub fn load_trajectory(path: &Path) -> Result<TrajectoryFile, FileError> {
     let times_path = path.with_file_name("times.txt");
     if file.format == Format::Kitti && times_path.is_file() {
         let times = parse_times(&read(&times_path)?, &times_path.display().to_string())?;
-        if times.len() == file.trajectory.len() {
+        let last = file.trajectory.stamps_ns().last().map_or(0, |ns| ns / KITTI_STEP_NS) as usize;
+        if times.len() == file.trajectory.len() || (file.frame_numbers && times.len() > last) {
             return parse_trajectory(&text, &name, Some(&times));
         }
     }
@@ -48,9 +49,7 @@ pub fn load_trajectory(path: &Path) -> Result<TrajectoryFile, FileError> {
 
 fn read(path: &Path) -> Result<String, FileError> {
     let name = path.display().to_string();
-    let bytes = cairn_files::read(path, MAX_BYTES)
-        .map_err(|e| FileError::whole(&name, format!("cannot read: {e}")))?;
-    String::from_utf8(bytes).map_err(|_| FileError::whole(&name, "not a text file"))
+    cairn_files::read_text(path, MAX_BYTES).map_err(|e| FileError::whole(&name, format!("cannot read: {e}")))
 }
 
 fn parse_times(text: &str, name: &str) -> Result<Vec<i64>, FileError> {
@@ -102,7 +101,16 @@ fn load_matrices(folder: &Path) -> Result<TrajectoryFile, FileError> {
         trajectory.push(stamp_ns, pose).map_err(|e| FileError::whole(&name, e.to_string()))?;
     }
     let format = Format::Matrices;
-    Ok(TrajectoryFile { trajectory, name, format, has_rotations: true, nominal_times: true, unknown_poses })
+    let numbered = TrajectoryFile {
+        trajectory,
+        name,
+        format,
+        has_rotations: true,
+        nominal_times: true,
+        frame_numbers: true,
+        unknown_poses,
+    };
+    Ok(numbered)
 }
 
 #[cfg(test)]
@@ -137,8 +145,8 @@ mod tests {
         fs::write(folder.join("times.txt"), "0\nlate\n").unwrap();
         assert!(load_trajectory(&folder).unwrap_err().to_string().contains("times.txt:2: 'late'"));
         assert!(load_trajectory(&folder.join("none")).unwrap_err().to_string().contains("cannot read"));
-        fs::write(folder.join("binary"), [0xff, 0xfe, 0x00]).unwrap();
-        assert!(load_trajectory(&folder.join("binary")).unwrap_err().to_string().contains("not a text file"));
+        fs::write(folder.join("binary"), [0xff, 0xf0, 0x00]).unwrap();
+        assert!(load_trajectory(&folder.join("binary")).unwrap_err().to_string().contains("not text"));
         fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -5,7 +5,7 @@
 //! | format | a line |
 //! |---|---|
 //! | TUM | `t x y z qx qy qz qw`, seconds; `t x y z` alone is positions only |
-//! | KITTI | the 3x4 matrix by rows, no time |
+//! | KITTI | the 3x4 or 4x4 matrix by rows, no time; ORB-SLAM2 and others write the number of the frame before it |
 //! | EuRoC | `ns,x,y,z,qw,qx,qy,qz,...`; `ns,x,y,z` alone is positions only |
 //!
 //! Lines that start with `#` and empty lines are skipped. A line with `nan` is an unknown pose: it is left out and
@@ -50,8 +50,10 @@ pub struct TrajectoryFile {
     pub format: Format,
     /// False when the file has positions only.
     pub has_rotations: bool,
-    /// True when the times are nominal, derived from the line number.
+    /// True when the times are nominal, derived from the number of the line or frame.
     pub nominal_times: bool,
+    /// True when each pose has the number of its frame.
+    pub frame_numbers: bool,
     /// Number of lines left out because of `nan`.
     pub unknown_poses: usize,
 }
@@ -66,7 +68,6 @@ pub fn parse_trajectory(
     name: &str,
     times_ns: Option<&[i64]>,
 ) -> Result<TrajectoryFile, FileError> {
-    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut file: Option<TrajectoryFile> = None;
     let (mut columns, mut rows, mut fields) = (0, 0, Vec::new());
     for (index, line) in text.lines().enumerate() {
@@ -87,6 +88,7 @@ pub fn parse_trajectory(
                 format,
                 has_rotations,
                 nominal_times: format == Format::Kitti && times_ns.is_none(),
+                frame_numbers: format == Format::Kitti && columns == 13,
                 unknown_poses: 0,
             });
         }
@@ -98,12 +100,15 @@ pub fn parse_trajectory(
             )));
         }
         let stamp_ns = match file.format {
-            Format::Kitti | Format::Matrices => match times_ns {
-                Some(times) => *times
-                    .get(rows)
-                    .ok_or_else(|| fail(format!("there are more poses than the {} times", times.len())))?,
-                None => rows as i64 * KITTI_STEP_NS,
-            },
+            Format::Kitti | Format::Matrices => {
+                let frame = if file.frame_numbers { frame_number(&mut fields).map_err(wrong)? } else { rows };
+                match times_ns {
+                    Some(times) => *times.get(frame).ok_or_else(|| {
+                        fail(format!("there are more poses than the {} times", times.len()))
+                    })?,
+                    None => frame as i64 * KITTI_STEP_NS,
+                }
+            }
             Format::Euroc | Format::Tum => parse_time(file.format, fields[0]).map_err(wrong)?,
         };
         rows += 1;
@@ -164,12 +169,21 @@ fn detect_format(line: &str, fields: &[&str]) -> Result<(Format, bool), LineErro
     match fields.len() {
         4 => Ok((Format::Tum, false)),
         8 => Ok((Format::Tum, true)),
-        12 => Ok((Format::Kitti, true)),
+        12 | 13 | 16 => Ok((Format::Kitti, true)),
         n => Err(LineError(format!(
-            "{n} columns; TUM has 8 ('t x y z qx qy qz qw') or 4 ('t x y z'), KITTI has 12 (3x4 matrix), EuRoC is \
-             comma-separated"
+            "{n} columns; TUM has 8 ('t x y z qx qy qz qw') or 4 ('t x y z'), KITTI has 12 (3x4 matrix), 13 (with the \
+             number of the frame) or 16 (4x4 matrix), EuRoC is comma-separated"
         ))),
     }
+}
+
+/// Takes the number of the frame from the front of a line.
+fn frame_number(fields: &mut Vec<&str>) -> Result<usize, LineError> {
+    let field = fields.remove(0);
+    // Ten digits are more than any recording has, and their nominal times still fit.
+    let number = field.parse::<u32>().map(|n| n as usize);
+    number
+        .map_err(|_| LineError(format!("13 columns, but the first, '{field}', is not the number of a frame")))
 }
 
 /// The time of a line in nanoseconds.
@@ -186,7 +200,11 @@ fn parse_time(format: Format, field: &str) -> Result<i64, LineError> {
 /// Parses the pose of a line; `None` when a number is `nan`.
 fn parse_pose(format: Format, has_rotations: bool, fields: &[&str]) -> Result<Option<Se3>, LineError> {
     if format == Format::Kitti {
-        return pose_from_matrix(&numbers::<12>(fields)?).map(Some);
+        return match fields.len() {
+            16 => pose_from_matrix(&numbers::<16>(fields)?),
+            _ => pose_from_matrix(&numbers::<12>(fields)?),
+        }
+        .map(Some);
     }
     let p = numbers::<3>(&fields[1..])?;
     let q = if has_rotations { numbers::<4>(&fields[4..])? } else { [0.0, 0.0, 0.0, 1.0] };
@@ -255,12 +273,23 @@ mod tests {
         assert_eq!((kitti.format, kitti.nominal_times), (Format::Kitti, true));
         assert_eq!(kitti.trajectory.stamps_ns(), [0, 100_000_000]);
         assert_eq!(kitti.trajectory.poses()[1].translation, Vec3::new(7.0, 8.0, 9.0));
-        for positions in ["\u{feff}0.5 1 2 3\n", "500000000,1,2,3\n"] {
+        for positions in ["0.5 1 2 3\n", "500000000,1,2,3\n"] {
             let file = parse(positions).unwrap();
             assert!(!file.has_rotations);
             assert_eq!(file.trajectory.stamps_ns(), [500_000_000]);
             assert_eq!(file.trajectory.poses()[0].translation, Vec3::new(1.0, 2.0, 3.0));
         }
+    }
+
+    #[test]
+    fn matrices_may_have_the_number_of_their_frame_or_four_rows() {
+        let numbered = parse("3 1 0 0 4 0 1 0 5 0 0 1 6\n9 1 0 0 7 0 1 0 8 0 0 1 9").unwrap();
+        assert!(numbered.frame_numbers && numbered.nominal_times);
+        assert_eq!(numbered.trajectory.stamps_ns(), [300_000_000, 900_000_000]);
+        let whole = parse("1 0 0 4 0 1 0 5 0 0 1 6 0 0 0 1").unwrap();
+        assert_eq!(whole.trajectory.poses()[0].translation, Vec3::new(4.0, 5.0, 6.0));
+        assert!(parse("0.5 1 0 0 4 0 1 0 5 0 0 1 6").unwrap_err().to_string().contains("number of a frame"));
+        assert!(parse("1 0 0 4 0 1 0 5 0 0 1 6 0 0 1 1").is_err());
     }
 
     #[test]

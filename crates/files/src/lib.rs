@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+pub mod yaml;
+
 use std::fs::{File, Metadata};
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
@@ -36,15 +38,56 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The text of a regular file of at most `most` bytes.
+/// The text of a regular file of at most `most` bytes: UTF-8, or UTF-16 with a byte order mark, which is left out; where it
+/// is compressed by gzip or bzip2, of at most as many bytes when decompressed.
 ///
 /// # Errors
-/// As [`open`]; [`ErrorKind::InvalidData`] where it is not UTF-8.
+/// As [`open`]; [`ErrorKind::InvalidData`] where it is not text, or the compressed data is damaged.
 pub fn read_text(path: &Path, most: u64) -> io::Result<String> {
-    String::from_utf8(read(path, most)?).map_err(|e| {
+    let bytes = unpacked(read(path, most)?, most)?;
+    String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         io::Error::new(ErrorKind::InvalidData, format!("it is not text (byte {at} is not UTF-8)"))
     })
+}
+
+/// As [`read_text`], but bytes that are not UTF-8 (comments of old editors) become replacement characters.
+///
+/// # Errors
+/// As [`open`]; [`ErrorKind::InvalidData`] where compressed data is damaged.
+pub fn read_text_lossy(path: &Path, most: u64) -> io::Result<String> {
+    let bytes = unpacked(read(path, most)?, most)?;
+    Ok(String::from_utf8(bytes).unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned()))
+}
+
+/// A text's bytes decompressed, as UTF-8, and without the byte order mark.
+fn unpacked(bytes: Vec<u8>, most: u64) -> io::Result<Vec<u8>> {
+    let bytes = match &bytes[..] {
+        [0x1f, 0x8b, ..] => drained(flate2::read::MultiGzDecoder::new(&bytes[..]), most)?,
+        [b'B', b'Z', b'h', b'1'..=b'9', ..] => drained(bzip2::read::MultiBzDecoder::new(&bytes[..]), most)?,
+        _ => bytes,
+    };
+    let utf16 = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = bytes.chunks_exact(2).map(|two| unit([two[0], two[1]])).collect();
+        let damaged = |_| io::Error::new(ErrorKind::InvalidData, "it begins as UTF-16, but is not");
+        String::from_utf16(&units).map(String::into_bytes).map_err(damaged)
+    };
+    match &bytes[..] {
+        [0xef, 0xbb, 0xbf, rest @ ..] => Ok(rest.to_vec()),
+        [0xff, 0xfe, rest @ ..] => utf16(rest, u16::from_le_bytes),
+        [0xfe, 0xff, rest @ ..] => utf16(rest, u16::from_be_bytes),
+        _ => Ok(bytes),
+    }
+}
+
+fn drained(from: impl Read, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    from.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        let why = format!("decompressed it has more than {}, the most of a file of this kind", size(most));
+        return Err(io::Error::new(ErrorKind::FileTooLarge, why));
+    }
+    Ok(bytes)
 }
 
 fn check(metadata: &Metadata, most: u64) -> io::Result<()> {
@@ -75,6 +118,7 @@ fn size(bytes: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Write;
 
     #[test]
     fn large_files_are_refused_without_reading_them() {
@@ -99,6 +143,49 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         assert_eq!(read(&path, 4).unwrap_err().kind(), ErrorKind::NotFound);
         assert!(read(&std::env::temp_dir(), 4).unwrap_err().to_string().contains("a folder"));
+    }
+
+    #[test]
+    fn text_is_the_same_however_it_is_stored() {
+        let path = std::env::temp_dir().join(format!("cairn-files-stored-{}", std::process::id()));
+        let text = "a: 1\nb: \u{b5}\n";
+        let units = || text.encode_utf16();
+        let gzip = |bytes: &[u8]| {
+            let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+            encoder.write_all(bytes).unwrap();
+            encoder.finish().unwrap()
+        };
+        let bzip2 = |bytes: &[u8]| {
+            let mut encoder = bzip2::write::BzEncoder::new(Vec::new(), bzip2::Compression::default());
+            encoder.write_all(bytes).unwrap();
+            encoder.finish().unwrap()
+        };
+        let marked = [b"\xef\xbb\xbf", text.as_bytes()].concat();
+        for stored in [
+            text.as_bytes().to_vec(),
+            marked.clone(),
+            [vec![0xff, 0xfe], units().flat_map(u16::to_le_bytes).collect()].concat(),
+            [vec![0xfe, 0xff], units().flat_map(u16::to_be_bytes).collect()].concat(),
+            gzip(text.as_bytes()),
+            gzip(&marked),
+            bzip2(&marked),
+            [gzip(&text.as_bytes()[..4]), gzip(&text.as_bytes()[4..])].concat(),
+        ] {
+            std::fs::write(&path, &stored).unwrap();
+            assert_eq!(read_text(&path, MIB).unwrap(), text, "{stored:?}");
+            assert_eq!(read_text_lossy(&path, MIB).unwrap(), text);
+        }
+        // A small file that would fill the memory is refused.
+        for bomb in [gzip(&vec![b'a'; 4 << 20]), bzip2(&vec![b'a'; 4 << 20])] {
+            std::fs::write(&path, &bomb).unwrap();
+            assert_eq!(read_text(&path, MIB).unwrap_err().kind(), ErrorKind::FileTooLarge);
+            std::fs::write(&path, &bomb[..bomb.len() / 2]).unwrap();
+            assert!(read_text(&path, 8 * MIB).is_err(), "cut in the middle");
+        }
+        std::fs::write(&path, b"caf\xe9").unwrap();
+        assert!(read_text(&path, MIB).is_err());
+        assert_eq!(read_text_lossy(&path, MIB).unwrap(), "caf\u{fffd}");
+        std::fs::remove_file(&path).unwrap();
     }
 
     #[cfg(unix)]

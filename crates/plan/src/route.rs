@@ -48,9 +48,9 @@ pub fn open_map(path: &Path) -> Result<Grid<i8>, OpenError> {
         return Ok(map_server::load(path)?.0);
     }
     let file = path.display().to_string();
-    let bytes = cairn_files::read(path, map_server::MAX_BYTES)
+    let text = cairn_files::read_text_lossy(path, map_server::MAX_BYTES)
         .map_err(|source| MapFileError::File { file: path.to_owned(), source })?;
-    let map = moving_ai::read_map(&String::from_utf8_lossy(&bytes));
+    let map = moving_ai::read_map(&text);
     Ok(map.map_err(|source| OpenError::MovingAi { file, source })?.map(|free| if free { 0 } else { 100 }))
 }
 

@@ -15,6 +15,38 @@ pub struct RigCamera {
     pub body_from_camera: Se3,
 }
 
+impl RigCamera {
+    /// Warnings about values that are possible but unusual.
+    fn doubts(&self) -> Vec<String> {
+        let (c, name) = (&self.camera, &self.name);
+        let mut warnings = Vec::new();
+        let (w, h) = (c.width as f64, c.height as f64);
+        for (axis, f) in [("x", c.fx / w), ("y", c.fy / h)] {
+            if !(0.15..=8.0).contains(&f) {
+                warnings.push(format!(
+                    "{name}: the focal length along {axis} is {f:.2} of the image, 0.3 to 2 are usual"
+                ));
+            }
+        }
+        if !(0.8..=1.25).contains(&(c.fx / c.fy)) {
+            warnings.push(format!(
+                "{name}: the focal lengths {} and {} differ: are the pixels not square?",
+                c.fx, c.fy
+            ));
+        }
+        if (c.cx / w - 0.5).abs() > 0.25 || (c.cy / h - 0.5).abs() > 0.25 {
+            warnings.push(format!(
+                "{name}: the centre {:.1} {:.1} is far from the middle of {w}x{h}",
+                c.cx, c.cy
+            ));
+        }
+        if let Some(v) = c.distortion.coefficients().iter().find(|v| v.abs() > 50.0) {
+            warnings.push(format!("{name}: a {} coefficient is {v}", c.distortion.name()));
+        }
+        warnings
+    }
+}
+
 /// A depth sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthSensor {
@@ -149,7 +181,25 @@ impl Rig {
 
     /// Warnings about values that are possible but unusual, with numbers, one line each.
     pub fn doubts(&self) -> Vec<String> {
-        let mut warnings = Vec::new();
+        let mut warnings: Vec<String> = self.cameras.iter().flat_map(|c| c.doubts()).collect();
+        if let Some(d) = &self.depth
+            && !(1e-5..=0.1).contains(&d.metres_per_unit)
+        {
+            warnings.push(format!(
+                "depth: {:e} m per unit, so that its 65535 units reach {:e} m: 0.001 and 0.0002 are usual",
+                d.metres_per_unit,
+                65535.0 * d.metres_per_unit
+            ));
+        }
+        if let [a, b, ..] = &self.cameras[..] {
+            let baseline = (a.body_from_camera.translation - b.body_from_camera.translation).norm();
+            if !(0.01..=3.0).contains(&baseline) {
+                warnings.push(format!(
+                    "{} and {} are {baseline:.4} m apart: is the unit metres?",
+                    a.name, b.name
+                ));
+            }
+        }
         let Some(imu) = &self.imu else { return warnings };
         // Browsers give 60 a second, which is enough for the motions of a walker.
         if imu.rate_hz < 55.0 || imu.rate_hz > 4000.0 {
@@ -240,6 +290,26 @@ pub fn check_rotation(name: &str, r: &Mat3) -> Result<(), RigError> {
 mod tests {
     use super::*;
     use cairn_geometry::{So3, Vec3};
+
+    #[test]
+    fn values_that_no_camera_has_are_doubted() {
+        let camera = Camera::pinhole(640, 480, 600.0, 601.0, 320.0, 240.0);
+        let depth = |metres_per_unit| {
+            let body_from_depth = Se3::identity();
+            let sensor = DepthSensor { camera, body_from_depth, metres_per_unit, registered: true };
+            Rig { depth: Some(sensor), ..Rig::mono(camera) }.doubts()
+        };
+        assert!(depth(0.001).is_empty() && depth(0.0002).is_empty());
+        assert!(depth(1e-308)[0].contains("1e-308 m per unit"), "{:?}", depth(1e-308));
+        for (camera, word) in [
+            (Camera { fx: 6.0, ..camera }, "focal length along x"),
+            (Camera { fy: 900.0, ..camera }, "not square"),
+            (Camera { cx: 20.0, ..camera }, "far from the middle"),
+        ] {
+            let told = Rig::mono(camera).doubts();
+            assert!(told.iter().any(|t| t.contains(word)), "{told:?}");
+        }
+    }
 
     #[test]
     fn depth_is_registered_where_its_pixels_are_those_of_the_camera() {

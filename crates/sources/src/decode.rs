@@ -1,4 +1,4 @@
-//! Image files to pixels: JPEG and PNG, 8 and 16 bit, gray or colour to luminance; 16-bit PNG to depth.
+//! Image files to pixels: JPEG, PNG (8 and 16 bit) and BMP, gray or colour to luminance; 16-bit PNG to depth.
 //!
 //! The format is detected from the first bytes, not the name. JPEG luminance is the stored Y plane; colour
 //! PNG is weighted as in BT.601 (0.299, 0.587, 0.114); 16-bit gray keeps its high byte.
@@ -7,6 +7,7 @@ use cairn_sensor::{DepthImage, GrayImage};
 use png::{BitDepth, ColorType, Transformations};
 use std::io::Cursor;
 use std::path::Path;
+use zune_bmp::BmpDecoder;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -60,6 +61,16 @@ fn png_error(e: impl std::fmt::Display) -> ImageError {
     ImageError::Damaged(format!("PNG: {e}"))
 }
 
+fn bmp_error(e: impl std::fmt::Debug) -> ImageError {
+    ImageError::Damaged(format!("BMP: {e:?}"))
+}
+
+/// Whether the ending of a name is that of an image that is read.
+pub fn is_image(path: &Path) -> bool {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    ending.is_some_and(|e| matches!(e.as_str(), "png" | "jpg" | "jpeg" | "bmp"))
+}
+
 /// Luminance of an image file.
 ///
 /// # Errors
@@ -69,7 +80,7 @@ pub fn gray(path: &Path) -> Result<GrayImage, ImageError> {
     in_file(path, gray_of)
 }
 
-/// Luminance of a JPEG or PNG in memory; a panic of the decoder becomes an error.
+/// Luminance of a JPEG, PNG or BMP in memory; a panic of the decoder becomes an error.
 ///
 /// # Errors
 /// [`ImageError`] when it cannot be decoded.
@@ -81,6 +92,7 @@ fn gray_of(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
         Kind::Png => png_gray(bytes),
+        Kind::Bmp => bmp_gray(bytes),
     }
 }
 
@@ -88,7 +100,7 @@ fn gray_of(bytes: &[u8]) -> Result<GrayImage, ImageError> {
 pub fn gray_jpeg(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     guarded(|| match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
-        Kind::Png => Err(ImageError::Kind("not a JPEG")),
+        Kind::Png | Kind::Bmp => Err(ImageError::Kind("not a JPEG")),
     })
 }
 
@@ -107,7 +119,7 @@ pub fn depth_in(bytes: &[u8]) -> Result<DepthImage, ImageError> {
 
 fn depth_of(bytes: &[u8]) -> Result<DepthImage, ImageError> {
     match kind(bytes)? {
-        Kind::Jpeg => Err(ImageError::Kind("a JPEG cannot store 16-bit depth")),
+        Kind::Jpeg | Kind::Bmp => Err(ImageError::Kind("a JPEG or BMP cannot store 16-bit depth")),
         Kind::Png => png_depth(bytes),
     }
 }
@@ -134,20 +146,27 @@ fn size_of(bytes: &[u8]) -> Result<[usize; 2], ImageError> {
             let info = reader.info();
             Ok([info.width as usize, info.height as usize])
         }
+        Kind::Bmp => {
+            let mut decoder = BmpDecoder::new(ZCursor::new(bytes));
+            decoder.decode_headers().map_err(bmp_error)?;
+            decoder.dimensions().map(|(w, h)| [w, h]).ok_or_else(|| bmp_error("no size is stated"))
+        }
     }
 }
 
 enum Kind {
     Jpeg,
     Png,
+    Bmp,
 }
 
 fn kind(bytes: &[u8]) -> Result<Kind, ImageError> {
     match bytes {
         [0xff, 0xd8, 0xff, ..] => Ok(Kind::Jpeg),
         [0x89, b'P', b'N', b'G', ..] => Ok(Kind::Png),
+        [b'B', b'M', ..] => Ok(Kind::Bmp),
         [] => Err(ImageError::Kind("the file is empty")),
-        _ => Err(ImageError::Kind("neither JPEG nor PNG")),
+        _ => Err(ImageError::Kind("neither JPEG, PNG nor BMP")),
     }
 }
 
@@ -232,6 +251,20 @@ fn png_depth(bytes: &[u8]) -> Result<DepthImage, ImageError> {
     }
     let data = raw.data.chunks_exact(2).map(|p| u16::from_be_bytes([p[0], p[1]])).collect();
     DepthImage::from_vec(raw.width, raw.height, data).ok_or_else(|| png_error("rows are missing"))
+}
+
+fn bmp_gray(bytes: &[u8]) -> Result<GrayImage, ImageError> {
+    let mut decoder = BmpDecoder::new(ZCursor::new(bytes));
+    decoder.decode_headers().map_err(bmp_error)?;
+    let (w, h) = decoder.dimensions().ok_or_else(|| bmp_error("no size is stated"))?;
+    check_size(w, h)?;
+    let channels = decoder.colorspace().map_or(3, |c| c.num_components());
+    let data = decoder.decode().map_err(bmp_error)?;
+    let data = match channels {
+        1 => data,
+        _ => data.chunks_exact(channels).map(|p| luminance(p[0], p[1], p[2])).collect(),
+    };
+    GrayImage::from_vec(w, h, data).ok_or_else(|| bmp_error("rows are missing"))
 }
 
 fn luminance(r: u8, g: u8, b: u8) -> u8 {

@@ -3,15 +3,18 @@
 //! An additional `depth0/`, of 16-bit PNG at the stamps of `cam0`, is read where the rig has a depth sensor.
 //! Burri et al., "The EuRoC micro aerial vehicle datasets" (2016); Schubert et al., "The TUM VI benchmark" (2018).
 
-use crate::recording::{ImageAt, ImuAt, Instant, Recording, join_depth, pair, read_index, read_truth};
+use crate::recording::{
+    ImageAt, ImuAt, Instant, Recording, apart, join_depth, named_by_time, pair, read_index, read_truth,
+};
 use crate::rig;
-use crate::text::stamp_ns;
+use crate::text::stamp_any;
 use cairn_eval::Format;
 use cairn_geometry::Se3;
-use cairn_sensor::{Rig, Skipped, SourceError, Stamp};
+use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::Path;
 
-/// Stamps of cameras triggered together differ by less, nanoseconds.
+/// Stamps of cameras triggered together differ by less, nanoseconds; images of others are paired within half the time between
+/// two, which is told.
 const SAME_INSTANT_NS: u64 = 500_000;
 
 /// True when a folder looks like an EuRoC or TUM-VI recording.
@@ -23,7 +26,10 @@ pub fn is(folder: &Path) -> bool {
 /// decides what is read: one camera or two, the IMU or not.
 pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
     let root = if folder.join("mav0").is_dir() { folder.join("mav0") } else { folder.to_owned() };
-    let cameras = 1 + usize::from(root.join("cam1/data.csv").is_file());
+    let has = |camera: &str| {
+        [camera.to_owned() + "/data.csv", camera.to_owned() + "/data"].iter().any(|p| root.join(p).exists())
+    };
+    let cameras = 1 + usize::from(has("cam1"));
     let mut rig = match given {
         Some(rig) if rig.cameras.len() > cameras => {
             return Err(SourceError::new(
@@ -43,7 +49,18 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         lists.push(images(&root.join(format!("cam{i}")), &mut skipped)?);
     }
     let mut instants = match lists.as_slice() {
-        [left, right, ..] => pair(left, right, SAME_INSTANT_NS, &mut skipped),
+        [left, right, ..] => {
+            let (median_ns, half_ns) = apart(left, right);
+            if median_ns > SAME_INSTANT_NS {
+                let text = format!(
+                    "left and right images {:.1} ms apart, taken as of one instant: at 1 m/s they are {:.1} mm wrong",
+                    median_ns as f64 / 1e6,
+                    median_ns as f64 / 1e6
+                );
+                skipped.push(Skipped::new(SkipKind::Other, "left and right images are apart", text));
+            }
+            pair(left, right, half_ns.max(SAME_INSTANT_NS), &mut skipped)
+        }
         [one] => one
             .iter()
             .map(|(stamp, path)| Instant { stamp: *stamp, images: vec![path.clone()], depth: None })
@@ -90,7 +107,14 @@ fn own_rig(folder: &Path, root: &Path) -> Result<Rig, SourceError> {
 }
 
 fn images(camera: &Path, skipped: &mut Vec<Skipped>) -> Result<Vec<(Stamp, ImageAt)>, SourceError> {
-    read_index(&camera.join("data.csv"), stamp_ns, &camera.join("data"), skipped)
+    let (list, folder) = (camera.join("data.csv"), camera.join("data"));
+    if !list.is_file() {
+        let named = named_by_time(&folder, stamp_any);
+        if !named.is_empty() {
+            return Ok(named);
+        }
+    }
+    read_index(&list, stamp_any, &folder, skipped)
 }
 
 /// Ground-truth poses of the body, if one of the data sets' files has them.

@@ -1,4 +1,4 @@
-//! A folder of PNG or JPEG images of one camera, in the order of their names.
+//! A folder of PNG, JPEG or BMP images of one camera, in the order of their names.
 //!
 //! Times are those in the names where all are times (nanoseconds as EuRoC has them, or seconds as TUM has them), else
 //! those of `times.txt` or `timestamps.txt` with a line for each image, else 30 images a second.
@@ -30,7 +30,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     let Some(first) = files.first() else {
         return Err(SourceError::new(
             shown,
-            "holds no PNG or JPEG",
+            "holds no PNG, JPEG or BMP",
             "give the folder of the images themselves",
         ));
     };
@@ -93,10 +93,9 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
 fn images(folder: &Path) -> impl Iterator<Item = PathBuf> {
     std::fs::read_dir(folder).into_iter().flatten().filter_map(|entry| {
         let path = entry.ok()?.path();
-        let ending = path.extension()?.to_str()?.to_ascii_lowercase();
         // Hidden files are those of a file system, such as "._a.jpg" of a Mac.
         let hidden = path.file_name()?.to_str()?.starts_with('.');
-        (matches!(ending.as_str(), "png" | "jpg" | "jpeg") && !hidden && path.is_file()).then_some(path)
+        (decode::is_image(&path) && !hidden && path.is_file()).then_some(path)
     })
 }
 

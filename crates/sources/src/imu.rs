@@ -1,6 +1,6 @@
 //! IMU samples from a CSV file, read as needed so that memory does not grow with the recording.
 
-use crate::text::{fields, numbers, place, stamp_ns};
+use crate::text::{fields, numbers, place, stamp_any};
 use cairn_geometry::Vec3;
 use cairn_sensor::{ImuSample, SkipKind, Skipped, SourceError};
 use std::fs::File;
@@ -98,7 +98,7 @@ pub fn read_imu(path: impl AsRef<Path>) -> Result<Vec<ImuSample>, SourceError> {
 
 fn parse(line: &str) -> Option<ImuSample> {
     let mut from = fields(line);
-    let stamp = stamp_ns(from.next()?)?;
+    let stamp = stamp_any(from.next()?)?;
     let [gx, gy, gz, ax, ay, az] = numbers::<6>(from)?;
     Some(ImuSample::new(stamp, Vec3::new(gx, gy, gz), Vec3::new(ax, ay, az)))
 }

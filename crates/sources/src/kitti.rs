@@ -1,4 +1,5 @@
-//! KITTI odometry folders: `image_0/ image_1/ calib.txt times.txt`, and the truth in `poses.txt`.
+//! KITTI odometry folders: `image_0/ image_1/ calib.txt times.txt`, and the truth in `poses.txt`; and drives of KITTI raw:
+//! `image_00/data/ image_00/timestamps.txt` with `calib_cam_to_cam.txt` in the folder of the day.
 //!
 //! Geiger, Lenz and Urtasun, "Are we ready for autonomous driving?" (2012). A pose line is the 3x4 matrix
 //! from camera 0 to the first pose of camera 0.
@@ -6,7 +7,7 @@
 use crate::numbered::{NumberedError, NumberedImage, image_size, numbered};
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig::{self, kitti as calib};
-use crate::text::{data_lines, fields, numbers, place, read_text, stamp_seconds};
+use crate::text::{data_lines, fields, numbers, place, read_text, stamp_of_date, stamp_seconds};
 use cairn_eval::pose_from_matrix;
 use cairn_geometry::Se3;
 use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
@@ -17,14 +18,19 @@ const NOMINAL_STEP_NS: i64 = 100_000_000;
 
 /// True when a folder looks like a KITTI odometry sequence.
 pub fn is(folder: &Path) -> bool {
-    folder.join("image_0").is_dir() || folder.join("image_2").is_dir()
+    [0, 2].iter().any(|camera| images_of(folder, *camera).is_dir())
+}
+
+/// The images of a camera: as the odometry benchmark has them, or the raw recordings.
+fn images_of(folder: &Path, camera: usize) -> PathBuf {
+    let raw = folder.join(format!("image_0{camera}/data"));
+    if raw.is_dir() { raw } else { folder.join(format!("image_{camera}")) }
 }
 
 /// Indexes the folder: the gray pair, or the colour pair where there is no gray one.
 pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
-    let pair = if folder.join("image_0").is_dir() { [0, 1] } else { [2, 3] };
-    let present: Vec<usize> =
-        pair.into_iter().filter(|i| folder.join(format!("image_{i}")).is_dir()).collect();
+    let pair = if images_of(folder, 0).is_dir() { [0, 1] } else { [2, 3] };
+    let present: Vec<usize> = pair.into_iter().filter(|i| images_of(folder, *i).is_dir()).collect();
     let rig = match (given, folder.join("rig.toml")) {
         (Some(rig), _) => rig,
         (None, own) if own.is_file() => rig::read_rig(own)?,
@@ -39,9 +45,9 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     }
     let mut skipped = Vec::new();
     let used = &present[..rig.cameras.len()];
-    let files = numbered(&folder.join(format!("image_{}", used[0]))).map_err(|e| unreadable(folder, &e))?;
+    let files = numbered(&images_of(folder, used[0])).map_err(|e| unreadable(folder, &e))?;
     let lines = match_lines(&files);
-    let times = times(folder, &mut skipped)?;
+    let times = times(folder, used[0], &mut skipped)?;
     let mut instants = Vec::new();
     for (file, &line) in files.iter().zip(&lines) {
         let stamp = match &times {
@@ -77,11 +83,12 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
 }
 
 fn own_rig(folder: &Path, present: &[usize]) -> Result<Rig, SourceError> {
-    let path = folder.join("calib.txt");
+    let raw = [folder.to_owned(), folder.join("..")].map(|f| f.join("calib_cam_to_cam.txt"));
+    let path = raw.into_iter().find(|path| path.is_file()).unwrap_or(folder.join("calib.txt"));
     if !path.is_file() {
         return Err(SourceError::new(path.display().to_string(), "is missing", "restore it, or give --rig"));
     }
-    let size = image_size(folder, present[0]).map_err(|e| unreadable(folder, &e))?;
+    let size = image_size(&images_of(folder, present[0])).map_err(|e| unreadable(folder, &e))?;
     calib::rig(&path, &calib::projections(&path)?, present, size)
 }
 
@@ -102,26 +109,27 @@ fn match_lines(files: &[NumberedImage]) -> Vec<usize> {
 
 /// The same file name under another camera, with that camera's extension if it differs.
 fn counterpart(folder: &Path, camera: usize, like: &Path) -> PathBuf {
-    let images = folder.join(format!("image_{camera}"));
+    let images = images_of(folder, camera);
     let path = images.join(like.file_name().unwrap_or_default());
     if path.is_file() {
         return path;
     }
-    let others = ["png", "jpg", "jpeg"].map(|e| path.with_extension(e));
+    let others = ["png", "jpg", "jpeg", "bmp"].map(|e| path.with_extension(e));
     others.into_iter().find(|p| p.is_file()).unwrap_or(path)
 }
 
 type Times = Option<Vec<Option<Stamp>>>;
 
-fn times(folder: &Path, skipped: &mut Vec<Skipped>) -> Result<Times, SourceError> {
-    let path = folder.join("times.txt");
+fn times(folder: &Path, camera: usize, skipped: &mut Vec<Skipped>) -> Result<Times, SourceError> {
+    let raw = folder.join(format!("image_0{camera}/timestamps.txt"));
+    let path = if raw.is_file() { raw } else { folder.join("times.txt") };
     if !path.is_file() {
         return Ok(None);
     }
     let text = read_text(&path)?;
     let mut times = Vec::new();
     for (number, line) in data_lines(&text) {
-        let stamp = stamp_seconds(line);
+        let stamp = stamp_seconds(line).or_else(|| stamp_of_date(line));
         if stamp.is_none() {
             let text = format!("{}: \"{line}\" is not a time in seconds", place(&path, number));
             skipped.push(Skipped::new(SkipKind::Line, "not a time in seconds", text));

@@ -7,6 +7,7 @@ pub mod camera;
 mod cancel;
 mod decode;
 mod euroc;
+mod frames;
 mod images;
 mod imu;
 mod kitti;

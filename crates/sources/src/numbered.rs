@@ -31,15 +31,19 @@ pub struct NumberedImage {
 
 /// The images of a folder whose names are numbers, in numeric order.
 pub fn numbered(folder: &Path) -> Result<Vec<NumberedImage>, NumberedError> {
+    numbered_after(folder, "")
+}
+
+/// The images of a folder whose names are numbers after a word, in numeric order.
+pub fn numbered_after(folder: &Path, prefix: &str) -> Result<Vec<NumberedImage>, NumberedError> {
     let path = || folder.display().to_string();
     let entries =
         std::fs::read_dir(folder).map_err(|source| NumberedError::Folder { path: path(), source })?;
     let mut files: Vec<NumberedImage> = entries
         .filter_map(|e| Some(e.ok()?.path()))
         .filter_map(|path| {
-            let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-            let number = path.file_stem()?.to_str()?.parse().ok()?;
-            matches!(extension.as_str(), "png" | "jpg" | "jpeg").then_some(NumberedImage { number, path })
+            let number = path.file_stem()?.to_str()?.strip_prefix(prefix)?.parse().ok()?;
+            decode::is_image(&path).then_some(NumberedImage { number, path })
         })
         .collect();
     files.sort_by(|a, b| (a.number, &a.path).cmp(&(b.number, &b.path)));
@@ -50,11 +54,10 @@ pub fn numbered(folder: &Path) -> Result<Vec<NumberedImage>, NumberedError> {
     }
 }
 
-/// Width and height of the first readable image of a camera of a KITTI folder.
-pub fn image_size(folder: &Path, camera: usize) -> Result<[usize; 2], NumberedError> {
-    let folder = folder.join(format!("image_{camera}"));
+/// Width and height of the first readable image of a folder.
+pub fn image_size(folder: &Path) -> Result<[usize; 2], NumberedError> {
     let mut problem = NumberedError::None(folder.display().to_string());
-    for file in numbered(&folder)? {
+    for file in numbered(folder)? {
         match decode::size(&file.path) {
             Ok(size) => return Ok(size),
             Err(e) => problem = NumberedError::Image(e),

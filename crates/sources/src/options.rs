@@ -17,6 +17,8 @@ pub struct OpenOptions {
     pub frames: Option<usize>,
     /// Topics of a bag by sensor, where they should not be found by their types and names.
     pub topics: Vec<NamedTopic>,
+    /// Numbers the images of a recording at this rate in the order of their list, instead of believing their times.
+    pub number_frames_hz: Option<f64>,
     /// Ends waiting: for a stream to open, and for the next packet.
     pub cancel: Cancel,
 }
@@ -32,6 +34,8 @@ pub enum SourceKind {
     Kitti,
     /// 7-Scenes.
     SevenScenes,
+    /// Numbered frames of colour and depth: Replica, ScanNet, Stray Scanner, Record3D.
+    Frames,
     /// Images of one camera.
     Images,
 }

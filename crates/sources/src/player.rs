@@ -72,6 +72,8 @@ impl Player {
         if let Err(e) = rig.validate() {
             return Err(SourceError::new(name, format!("its rig is wrong: {e}"), "correct the calibration"));
         }
+        let mut skipped = skipped;
+        skipped.extend(depth_of_another_size(&mut rig, &instants, &mut bag));
         check_sizes(&name, &rig, &instants, &mut bag)?;
         // Stamps are delivered in the images' clock, so no offset is left.
         let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
@@ -257,6 +259,31 @@ fn fits(name: &str, camera: &Camera, width: usize, height: usize) -> Result<(), 
         return Ok(());
     }
     Err(FrameError::Size { name: name.to_owned(), width, height, rig: [camera.width, camera.height] })
+}
+
+/// Depth registered to the first camera, but in images of another size: its camera becomes the same with smaller or larger
+/// pixels. Where the sides have another ratio nothing is changed.
+fn depth_of_another_size(
+    rig: &mut Rig,
+    instants: &[Instant],
+    bag: &mut Option<BagReader>,
+) -> Option<Skipped> {
+    let depth = rig.depth.as_mut().filter(|d| d.registered)?;
+    let first = instants.iter().filter_map(|i| i.depth.as_ref()).find_map(|at| size(at, bag).ok());
+    let ([w, h], like) = (first?, depth.camera);
+    if (w, h) == (like.width, like.height) || w * like.height != h * like.width {
+        return None;
+    }
+    let by = w as f64 / like.width as f64;
+    let centre = |c: f64| (c + 0.5) * by - 0.5;
+    let (cx, cy) = (centre(like.cx), centre(like.cy));
+    depth.camera = Camera { width: w, height: h, fx: like.fx * by, fy: like.fy * by, cx, cy, ..like };
+    depth.registered = false;
+    let text = format!(
+        "depth has {w}x{h} pixels, colour {}x{}: taken as of the same camera",
+        like.width, like.height
+    );
+    Some(Skipped::new(SkipKind::Other, "depth has another size than colour", text))
 }
 
 /// The first readable image of each camera must be of the rig's size; a recording without any is an error.

@@ -1,6 +1,7 @@
 //! The common form of all data sets: instants in time with the files of their images.
 
 use crate::bag_reader::{BagReader, ImuTopics};
+use crate::decode;
 use crate::text::{data_lines, in_range, place, read_text};
 use cairn_bag::Entry;
 use cairn_eval::{Format, parse_stamped_pose};
@@ -60,10 +61,36 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Drops instants whose time does not increase, and keeps only the requested part.
+    /// Numbers the instants in their order; what is timed otherwise, an IMU and the truth, is left out.
+    pub fn number(&mut self, hz: f64) -> Result<(), SourceError> {
+        if !(hz.is_finite() && (1e-3..=1e6).contains(&hz)) {
+            let why = format!("cannot number frames at {hz} Hz");
+            return Err(SourceError::new(&self.name, why, "give frames per second"));
+        }
+        for (k, instant) in self.instants.iter_mut().enumerate() {
+            instant.stamp = Stamp((k as f64 * 1e9 / hz) as i64);
+        }
+        (self.rig.imu, self.imu) = (None, None);
+        self.truth.clear();
+        Ok(())
+    }
+
+    /// Drops instants whose time does not increase, and keeps only the requested part. Times of which more than half go
+    /// back are an error: what would be left is no recording.
     pub fn select(&mut self, start_s: f64, frames: Option<usize>) -> Result<(), SourceError> {
+        let all: Vec<Stamp> = self.instants.iter().map(|i| i.stamp).collect();
         forward_only(&mut self.instants, |i| i.stamp, &mut self.skipped);
         let count = self.instants.len();
+        if 2 * count < all.len() {
+            let why = format!(
+                "the times of {} of its {} images do not go forward{}",
+                all.len() - count,
+                all.len(),
+                looks_like(&all)
+            );
+            let cure = "sort its list, or give --number-frames HZ to number the images at that rate in the order of the list";
+            return Err(SourceError::new(&self.name, why, cure));
+        }
         let first_stamp = self.instants.first().map(|i| i.stamp);
         if let Some(first) = self.instants.first().map(|i| i.stamp) {
             self.instants.retain(|i| i.stamp - first >= start_s);
@@ -100,6 +127,24 @@ impl Recording {
     }
 }
 
+/// What times that do not go forward look like.
+fn looks_like(stamps: &[Stamp]) -> String {
+    let steps = || stamps.windows(2).map(|w| w[1].0.cmp(&w[0].0));
+    let (back, same) = (steps().filter(|s| s.is_lt()).count(), steps().filter(|s| s.is_eq()).count());
+    let lexical = stamps.windows(2).all(|w| w[0].0.to_string() <= w[1].0.to_string());
+    if 2 * same > stamps.len() {
+        ": most are those of the image before".into()
+    } else if back + 1 == stamps.len() {
+        ": they are in reverse".into()
+    } else if lexical {
+        ": they are in the order of text, 10 before 9".into()
+    } else if back > 0 && 4 * back < stamps.len() {
+        format!(": they begin anew {back} times, like those of a film that was played again")
+    } else {
+        String::new()
+    }
+}
+
 /// Keeps stamps strictly increasing. A stamp later than both that follow is itself the wrong one.
 pub fn forward_only<T>(instants: &mut Vec<T>, stamp: impl Fn(&T) -> Stamp, skipped: &mut Vec<Skipped>) {
     let stamps: Vec<Stamp> = instants.iter().map(&stamp).collect();
@@ -127,6 +172,22 @@ pub fn forward_only<T>(instants: &mut Vec<T>, stamp: impl Fn(&T) -> Stamp, skipp
         last = Some(stamp);
         true
     });
+}
+
+/// The median time between the images of pairs by these lists, nanoseconds, and half the usual time from one image to the
+/// next, within which two images are a pair.
+pub fn apart(left: &[(Stamp, ImageAt)], right: &[(Stamp, ImageAt)]) -> (u64, u64) {
+    let median = |mut all: Vec<u64>| {
+        all.sort_unstable();
+        all.get(all.len() / 2).copied().unwrap_or(0)
+    };
+    let half = median(left.windows(2).map(|w| w[0].0.0.abs_diff(w[1].0.0)).collect()) / 2;
+    let nearest = left.iter().filter_map(|(stamp, _)| {
+        let after = right.partition_point(|(r, _)| r < stamp);
+        let around = &right[after.saturating_sub(1)..right.len().min(after + 1)];
+        around.iter().map(|(r, _)| r.0.abs_diff(stamp.0)).min().filter(|d| *d <= half)
+    });
+    (median(nearest.collect()), half)
 }
 
 /// Pairs two lists by stamps at most `tolerance_ns` apart; images without a partner are listed in `skipped`.
@@ -174,6 +235,23 @@ pub fn join_depth(instants: &mut [Instant], mut depth: Vec<(Stamp, ImageAt)>, to
     }
 }
 
+/// A file of a list, with the separators of whatever system wrote it.
+pub fn in_folder(folder: &Path, file: &str) -> PathBuf {
+    let path = folder.join(file);
+    if file.contains('\\') && !path.is_file() { folder.join(file.replace('\\', "/")) } else { path }
+}
+
+/// The images of a folder whose names are times, in the order of their names.
+pub fn named_by_time(folder: &Path, stamp: fn(&str) -> Option<Stamp>) -> Vec<(Stamp, ImageAt)> {
+    let files = std::fs::read_dir(folder).into_iter().flatten().filter_map(|e| Some(e.ok()?.path()));
+    let named = files
+        .filter(|path| decode::is_image(path))
+        .filter_map(|path| Some((stamp(path.file_stem()?.to_str()?)?, ImageAt::File(path))));
+    let mut list: Vec<(Stamp, ImageAt)> = named.collect();
+    list.sort_by_key(|(stamp, _)| *stamp);
+    list
+}
+
 /// Reads a file of `stamp file` lines; other lines are listed in `skipped`, a file without any is an error.
 pub fn read_index(
     path: &Path,
@@ -187,7 +265,7 @@ pub fn read_index(
     for (number, line) in data_lines(&text) {
         let entry = line.split_once([',', ' ', '\t']).and_then(|(stamp, file)| {
             let file = file.trim_matches(|c: char| c == ',' || c.is_whitespace());
-            (!file.is_empty()).then_some((parse_stamp(stamp.trim())?, ImageAt::File(folder.join(file))))
+            (!file.is_empty()).then_some((parse_stamp(stamp.trim())?, ImageAt::File(in_folder(folder, file))))
         });
         match entry {
             Some(entry) => list.push(entry),

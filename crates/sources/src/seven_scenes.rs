@@ -3,6 +3,7 @@
 //! Shotton et al., "Scene coordinate regression forests" (2013). Kinect images at a nominal 30 Hz without
 //! time stamps; depth in millimetres, 65535 for none; the poses are those of the depth camera.
 
+use crate::decode;
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig;
 use crate::text::{fields, numbers, read_text};
@@ -73,9 +74,9 @@ fn entries(folder: &Path) -> impl Iterator<Item = (i64, PathBuf)> {
     std::fs::read_dir(folder).into_iter().flatten().filter_map(|e| {
         let path = e.ok()?.path();
         let name = path.file_name()?.to_str()?;
-        let (number, kind) = name.strip_prefix("frame-")?.split_once(".color.")?;
+        let (number, _) = name.strip_prefix("frame-")?.split_once(".color.")?;
         let number = number.parse().ok().filter(|n| (0..1_000_000_000).contains(n))?;
-        matches!(kind, "png" | "jpg" | "jpeg").then_some((number, path))
+        decode::is_image(&path).then_some((number, path))
     })
 }
 

@@ -6,16 +6,15 @@ use std::path::Path;
 /// Largest text file of a data set: the ground truth of an hour at 1000 Hz.
 const MAX_BYTES: u64 = 512 * cairn_files::MIB;
 
-/// The whole file as text (invalid UTF-8 becomes replacement characters).
+/// The whole file as text ([`cairn_files::read_text_lossy`]).
 pub fn read_text(path: &Path) -> Result<String, SourceError> {
-    let bytes = cairn_files::read(path, MAX_BYTES).map_err(|e| {
+    cairn_files::read_text_lossy(path, MAX_BYTES).map_err(|e| {
         SourceError::new(
             path.display().to_string(),
             format!("cannot be read ({e})"),
             "check the path and its permissions",
         )
-    })?;
-    Ok(String::from_utf8(bytes).unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned()))
+    })
 }
 
 /// `file` or `file, line n`, as error messages name locations.
@@ -27,7 +26,7 @@ pub fn place(path: &Path, line: usize) -> String {
 pub fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines()
         .enumerate()
-        .map(|(i, line)| (i + 1, line.trim().trim_start_matches('\u{feff}')))
+        .map(|(i, line)| (i + 1, line.trim()))
         .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
@@ -55,6 +54,32 @@ pub fn stamp_seconds(field: &str) -> Option<Stamp> {
     cairn_eval::nanoseconds(field).and_then(in_range)
 }
 
+/// A stamp in whole nanoseconds, or in decimal seconds, or in nanoseconds that went through a floating-point number
+/// (`1.403636579763555584e+18`).
+pub fn stamp_any(field: &str) -> Option<Stamp> {
+    stamp_ns(field).or_else(|| stamp_seconds(field))
+}
+
+/// A stamp written as date and time of day (`2011-09-26 13:02:25.964389445`), since 1970.
+pub fn stamp_of_date(text: &str) -> Option<Stamp> {
+    let (date, time) = text.trim().split_once([' ', 'T'])?;
+    let [year, month, day] = numbers::<3>(date.split('-'))?.map(|v| v as i64);
+    let (clock, seconds) = time.rsplit_once(':')?;
+    let [hour, minute] = numbers::<2>(clock.split(':'))?.map(|v| v as i64);
+    let valid = (1970..3000).contains(&year) && (1..=12).contains(&month) && (1..=31).contains(&day);
+    if !valid {
+        return None;
+    }
+    // Days since 1970 in the Gregorian calendar, years beginning in March (Hinnant, "chrono-compatible low-level date
+    // algorithms", 2013).
+    let (y, m) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
+    let (era, of_era) = (y / 400, y % 400);
+    let days =
+        era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + (153 * m + 2) / 5 + day - 1 - 719_468;
+    let whole = ((days * 24 + hour) * 60 + minute) * 60;
+    in_range(whole.checked_mul(1_000_000_000)?.checked_add(stamp_seconds(seconds)?.0)?)
+}
+
 /// A stamp that leaves room for differences without overflow.
 pub fn in_range(ns: i64) -> Option<Stamp> {
     (ns.unsigned_abs() < 1 << 61).then_some(Stamp(ns))
@@ -74,6 +99,18 @@ mod tests {
         assert_eq!(stamp_seconds("nan"), None);
         assert_eq!(stamp_seconds("99999999999999999999"), None);
         assert_eq!(stamp_seconds("x"), None);
+    }
+
+    #[test]
+    fn times_are_read_in_every_form() {
+        let at = Some(Stamp(1_317_042_145_964_389_445));
+        assert_eq!(stamp_of_date("2011-09-26 13:02:25.964389445"), at);
+        assert_eq!(stamp_of_date("1970-01-01 00:00:00"), Some(Stamp(0)));
+        assert_eq!(stamp_of_date("2024-02-29 00:00:01"), Some(Stamp(1_709_164_801_000_000_000)));
+        assert_eq!((stamp_of_date("2011-13-26 1:2:3"), stamp_of_date("13:02:25")), (None, None));
+        for text in ["1403636579763555584", "1403636579.763555584", "1.403636579763555584e+18"] {
+            assert_eq!(stamp_any(text), Some(Stamp(1_403_636_579_763_555_584)), "{text}");
+        }
     }
 
     #[test]

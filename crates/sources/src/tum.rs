@@ -1,11 +1,16 @@
-//! TUM RGB-D folders: `rgb.txt`, `depth.txt`, `groundtruth.txt`; or an associations file in place of the first two.
+//! TUM RGB-D folders: `rgb.txt`, `depth.txt`, `groundtruth.txt`; or an associations file in place of the first two; or the
+//! folders `rgb/` and `depth/` alone, whose images are named by their times. ETH3D and Bonn have the same layout, the first
+//! with a `calibration.txt`; OpenLORIS calls the lists `color.txt` and `aligned_depth.txt`.
 //!
 //! Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012). Depth is registered to
 //! colour; 5000 units are one metre.
 
-use crate::recording::{ImageAt, Instant, Recording, join_depth, read_index, read_truth};
+use crate::decode;
+use crate::recording::{
+    ImageAt, Instant, Recording, in_folder, join_depth, named_by_time, read_index, read_truth,
+};
 use crate::rig;
-use crate::text::{data_lines, fields, place, read_text, stamp_seconds};
+use crate::text::{data_lines, fields, numbers, place, read_text, stamp_any, stamp_seconds};
 use cairn_eval::Format;
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SkipKind, Skipped, SourceError, Stamp};
@@ -16,7 +21,24 @@ const MAX_APART_NS: u64 = 20_000_000;
 
 /// True when a folder looks like a TUM RGB-D recording.
 pub fn is(folder: &Path) -> bool {
-    folder.join("rgb.txt").is_file() || associations(folder).is_some()
+    colour_list(folder).is_file()
+        || associations(folder).is_some()
+        || (folder.join("depth").is_dir() && !named_by_time(&folder.join("rgb"), stamp_of_name).is_empty())
+}
+
+/// The list of colour images: that of TUM, else that of OpenLORIS.
+fn colour_list(folder: &Path) -> PathBuf {
+    ["rgb.txt", "color.txt"]
+        .map(|name| folder.join(name))
+        .into_iter()
+        .find(|p| p.is_file())
+        .unwrap_or(folder.join("rgb.txt"))
+}
+
+/// A name with a decimal point, or as long as nanoseconds since 1970, is a time; others are numbers of frames.
+fn stamp_of_name(stem: &str) -> Option<Stamp> {
+    let is_time = stem.contains('.') || stem.len() >= 16;
+    is_time.then(|| if stem.contains('.') { stamp_seconds(stem) } else { stamp_any(stem) }).flatten()
 }
 
 /// A file of lines `t colour t depth`, as `associate.py` of the benchmark writes it and ORB-SLAM reads it.
@@ -41,7 +63,10 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
             if own { rig } else { rgbd(rig.cameras[0].camera) }
         }
         (None, None) => {
-            let (camera, which) = published(folder);
+            let (camera, which) = match calibration_txt(folder)? {
+                Some(camera) => (camera, "intrinsics of calibration.txt"),
+                None => published(folder),
+            };
             name += &format!(" ({which})");
             assumed = Some(which.to_owned());
             rgbd(camera)
@@ -50,10 +75,15 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     rig.cameras.truncate(1);
     rig.imu = None;
     let mut skipped = Vec::new();
-    let (colour, mut depth) = match (folder.join("rgb.txt"), associations(folder)) {
+    let (colour, mut depth) = match (colour_list(folder), associations(folder)) {
         (list, Some(pairs)) if !list.is_file() => read_pairs(&pairs, folder, &mut skipped)?,
+        (list, None) if !list.is_file() => {
+            let named = |name: &str| named_by_time(&folder.join(name), stamp_of_name);
+            (named("rgb"), named("depth"))
+        }
         (list, _) => {
-            let depth_file = folder.join("depth.txt");
+            let aligned = folder.join("aligned_depth.txt");
+            let depth_file = if aligned.is_file() { aligned } else { folder.join("depth.txt") };
             let depth = match rig.depth.is_some() && depth_file.is_file() {
                 true => read_index(&depth_file, stamp_seconds, folder, &mut skipped)?,
                 false => Vec::new(),
@@ -76,6 +106,11 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         .into_iter()
         .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: None })
         .collect();
+    if let Some(sensor) = rig.depth.as_ref().filter(|d| d.metres_per_unit == 1.0 / 5000.0) {
+        if let Some(note) = doubt_of_unit(&depth, sensor.metres_per_unit) {
+            skipped.push(Skipped::new(SkipKind::Other, "the unit of depth is doubtful", note));
+        }
+    }
     join_depth(&mut instants, depth, MAX_APART_NS);
     Ok(Recording { name, rig, instants, imu: None, bag: None, truth, no_depth: None, skipped, assumed })
 }
@@ -88,7 +123,7 @@ fn read_pairs(path: &Path, folder: &Path, skipped: &mut Vec<Skipped>) -> Result<
     let (mut colour, mut depth) = (Vec::new(), Vec::new());
     for (number, line) in data_lines(&text) {
         let mut from = fields(line);
-        let mut one = || Some((stamp_seconds(from.next()?)?, folder.join(from.next()?)));
+        let mut one = || Some((stamp_seconds(from.next()?)?, in_folder(folder, from.next()?)));
         let Some((first, second)) = one().zip(one()) else {
             let why = "not two time stamps, each with a file";
             let text = format!("{}: {why}, line left out", place(path, number));
@@ -108,6 +143,44 @@ fn read_pairs(path: &Path, folder: &Path, skipped: &mut Vec<Skipped>) -> Result<
         return Err(SourceError::new(path.display().to_string(), "names no images", cure));
     }
     Ok((colour, depth))
+}
+
+/// What is to be doubted of the unit: depth cameras see nothing nearer than 0.3 m, so where a twentieth of all depth is
+/// nearer by it, but not by millimetres, these are meant. (The nearest of the benchmark's recordings have 0.4 m.)
+fn doubt_of_unit(depth: &[(Stamp, ImageAt)], metres_per_unit: f64) -> Option<String> {
+    let step = depth.len().div_ceil(8).max(1);
+    let mut values: Vec<u16> = Vec::new();
+    for (_, at) in depth.iter().step_by(step) {
+        if let ImageAt::File(path) = at
+            && let Ok(image) = decode::depth(path)
+        {
+            values.extend(image.data().iter().step_by(37).filter(|v| **v > 0));
+        }
+    }
+    let at = values.len() / 20;
+    let (_, near, _) = (values.len() >= 1000).then(|| values.select_nth_unstable(at))?;
+    let [by_unit, by_mm] = [metres_per_unit, 0.001].map(|unit| f64::from(*near) * unit);
+    (by_unit < 0.3 && by_mm >= 0.3).then(|| {
+        format!(
+            "5000 units of depth are taken for a metre, but then a twentieth of it is nearer than {by_unit:.2} m, and in \
+             millimetres {by_mm:.2} m: give a rig with metres_per_unit = 0.001 if distances are five times too small"
+        )
+    })
+}
+
+/// ETH3D's `calibration.txt`: focal lengths and centre; the size is that of the images.
+fn calibration_txt(folder: &Path) -> Result<Option<Camera>, SourceError> {
+    let path = folder.join("calibration.txt");
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let wrong =
+        |why: &str| SourceError::new(path.display().to_string(), why, "write fx fy cx cy, or give --rig");
+    let [fx, fy, cx, cy] =
+        numbers::<4>(fields(&read_text(&path)?)).ok_or_else(|| wrong("does not hold fx fy cx cy"))?;
+    let size = crate::image_size(&folder.to_string_lossy());
+    let [width, height] = size.ok_or_else(|| wrong("is beside no image that can be read"))?;
+    Ok(Some(Camera::pinhole(width, height, fx, fy, cx, cy)))
 }
 
 fn rgbd(camera: Camera) -> Rig {
@@ -137,6 +210,12 @@ fn published(folder: &Path) -> (Camera, &'static str) {
         (with([520.9, 521.0, 325.1, 249.7], lens), "published intrinsics of freiburg2")
     } else if name.contains("freiburg3") || name.starts_with("fr3") {
         (with([535.4, 539.2, 320.1, 247.6], Distortion::None), "published intrinsics of freiburg3")
+    } else if name.contains("bonn") {
+        let lens = brown([0.039903, -0.099343, -0.000730, -0.000144, 0.0]);
+        (
+            with([542.822841, 542.576870, 315.593520, 237.756098], lens),
+            "published intrinsics of Bonn RGB-D Dynamic",
+        )
     } else {
         let which = "no intrinsics given: ROS default fx = fy = 525, centre (319.5, 239.5)";
         (with([525.0, 525.0, 319.5, 239.5], Distortion::None), which)

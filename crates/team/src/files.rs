@@ -52,6 +52,9 @@ pub enum ReadError {
     /// A vertex of another robot.
     #[error("vertex {0} is of another robot than the first one, of robot {1}")]
     OtherRobot(u64, RobotId),
+    /// Lines of other kinds than poses and what was measured between them.
+    #[error("measurements that a team does not use would be left out: {0}")]
+    LeftOut(String),
     /// There is no text, or there are more texts than robot ids.
     #[error("{0} texts are not a team")]
     Count(usize),
@@ -61,16 +64,16 @@ pub enum ReadError {
 }
 
 /// Reads one g2o text per robot. A robot owns the vertices of its text; its edges may connect them to those of others.
-/// Poses are numbered from the smallest vertex id of the robot. Fixed vertices are not kept fixed.
+/// Poses are numbered from the smallest vertex id of the robot. Fixed vertices are not kept fixed. Lines of other kinds are left
+/// out where `leave_out` says so.
 ///
 /// # Errors
-/// When a text is invalid, or names a vertex that no text has.
-pub fn read(texts: &[&str]) -> Result<TeamGraphs, ReadError> {
+/// When a text is invalid, names a vertex that no text has, or has lines of other kinds.
+pub fn read(texts: &[&str], leave_out: bool) -> Result<TeamGraphs, ReadError> {
     if texts.is_empty() || texts.len() > usize::from(RobotId::MAX) {
         return Err(ReadError::Count(texts.len()));
     }
-    let ends_with_line = texts.iter().map(|t| format!("{}\n", t.trim_end_matches('\n')));
-    let texts: Vec<String> = ends_with_line.collect();
+    let texts: Vec<String> = texts.iter().map(|t| relative_only(t, leave_out)).collect::<Result<_, _>>()?;
     let file = g2o::read(&texts.concat()).map_err(|e| locate(&texts, e))?;
     let mut owners = BTreeMap::new();
     for (k, text) in texts.iter().enumerate() {
@@ -91,13 +94,39 @@ pub fn read(texts: &[&str]) -> Result<TeamGraphs, ReadError> {
     }
 }
 
+/// The text with an empty line in place of each that is neither a pose nor measured between two, when those are to be left out.
+///
+/// # Errors
+/// When there are such lines, but they are not to be left out.
+pub fn relative_only(text: &str, leave_out: bool) -> Result<String, ReadError> {
+    let (mut kept, mut others) = (String::new(), BTreeMap::new());
+    for line in text.trim_end_matches('\n').lines() {
+        match line.split_whitespace().next() {
+            None | Some("VERTEX_SE2" | "EDGE_SE2" | "VERTEX_SE3:QUAT" | "EDGE_SE3:QUAT" | "FIX") => {
+                kept += line
+            }
+            // What a sensor's offset is means nothing without its measurements.
+            Some(tag) if tag.starts_with('#') || tag.starts_with("PARAMS_") => {}
+            Some(tag) => *others.entry(tag.chars().take(24).collect::<String>()).or_default() += 1,
+        }
+        kept.push('\n');
+    }
+    // A text of nothing else is told as such by the reader.
+    if others.is_empty() || leave_out || kept.trim().is_empty() {
+        let text = if kept.trim().is_empty() { text } else { &kept };
+        return Ok(format!("{}\n", text.trim_end_matches('\n')));
+    }
+    Err(ReadError::LeftOut(g2o::tags_text(&others)))
+}
+
 /// Reads the g2o text of one robot of a team whose other graphs are elsewhere: vertices are its own, edges lead to them or to vertices
 /// of others, which the text does not have. The upper byte of a vertex id is its robot (97 for `a`, as in the symbols of GTSAM), the
 /// rest the number of the pose.
 ///
 /// # Errors
-/// When the text is invalid, has no vertex or those of several robots, or an id names no robot and pose.
+/// When the text is invalid, has no vertex or those of several robots, lines of other kinds, or an id names no robot and pose.
 pub fn read_own(text: &str) -> Result<OwnGraph, ReadError> {
+    let text = relative_only(text, false)?;
     let own: BTreeSet<u64> = text.lines().filter_map(vertex_of).collect();
     let Some(first) = own.first() else {
         let reason = "the text has no vertex, so its robot has no pose".to_owned();

@@ -291,12 +291,38 @@ fn folders_are_read_in_the_order_of_their_files() {
         "rosbag2_bagfile_information:\n  relative_file_paths:\n    - a_0.mcap\n    - a_1.mcap\n  duration:\n";
     std::fs::write(folder.join("metadata.yaml"), metadata).unwrap();
     check_whole(&mut Bag::open(&folder, &all).unwrap(), "folder");
-    let zipped = format!("{metadata}  compression_format: zstd\n  compression_mode: FILE\n");
+    let zipped = format!("{metadata}  compression_format: zstd\n  compression_mode: ZIP\n");
     std::fs::write(folder.join("metadata.yaml"), zipped).unwrap();
     let error = Bag::open(&folder, &all).err().unwrap();
-    assert!(
-        error.to_string().contains("compression of \"file\" by \"zstd\"") && error.cure().contains("zstd -d")
-    );
+    assert!(error.to_string().contains("compression of \"zip\" by \"zstd\""), "{error}");
+    // Of a recording compressed by files the metadata still names them so when they are decompressed.
+    let files =
+        metadata.replace(".mcap", ".mcap.zstd") + "  compression_format: zstd\n  compression_mode: FILE\n";
+    std::fs::write(folder.join("metadata.yaml"), &files).unwrap();
+    check_whole(&mut Bag::open(&folder, &all).unwrap(), "decompressed");
+    std::fs::rename(folder.join("a_1.mcap"), folder.join("a_1.mcap.zstd")).unwrap();
+    let error = Bag::open(&folder, &all).err().unwrap();
+    assert!(error.to_string().contains("a_1.mcap.zstd is compressed as a whole"), "{error}");
+    assert!(error.cure().contains("zstd -d"));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn a_database_of_rtabmap_says_what_it_is() {
+    let error = Bag::open(&fixture("rtabmap.db"), &all).err().unwrap();
+    assert!(error.to_string().contains("RTAB-Map") && error.cure().contains("rtabmap-export"), "{error}");
+}
+
+#[test]
+fn a_log_beside_a_database_is_told() {
+    let folder = std::env::temp_dir().join(format!("cairn-bag-wal-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::copy(fixture("small.db3"), folder.join("small.db3")).unwrap();
+    std::fs::write(folder.join("small.db3-wal"), [7; 40]).unwrap();
+    let text = "rosbag2_bagfile_information: {relative_file_paths: [small.db3]}\n";
+    std::fs::write(folder.join("metadata.yaml"), text).unwrap();
+    let bag = Bag::open(&folder, &all).unwrap();
+    assert!(bag.notes().iter().any(|note| note.contains("wal_checkpoint")), "{:?}", bag.notes());
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

@@ -72,6 +72,16 @@ fn explain(error: EvalError, arguments: &Arguments) -> Failure {
             format!("cannot be aligned: {why}"),
             "compare it without alignment: --align none",
         ),
+        EvalError::Counts { .. } => Failure::new(
+            estimate,
+            error.to_string(),
+            "give poses of all frames, or poses with times (TUM) or with the number of their frame before the matrix",
+        ),
+        EvalError::NoTimes { .. } => Failure::new(
+            estimate,
+            error.to_string(),
+            "put the recording's times.txt, with as many lines as it has poses, into its folder",
+        ),
         EvalError::Option(why) => Failure::new("eval", why, "see cairn eval --help"),
     }
 }

@@ -147,7 +147,7 @@ pub fn list() -> std::process::ExitCode {
 }
 
 /// The calibrations that are read.
-const FORMS: &str = "Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, stella_vslam configurations, ROS camera_info, KITTI calib.txt";
+const FORMS: &str = "Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, stella_vslam configurations, ROS camera_info, KITTI calib.txt, and calibrations of VINS-Fusion, OKVIS2, SVO, Basalt, Kimera, OpenVINS and NICE-SLAM";
 
 /// Runs the subcommand.
 ///
@@ -284,6 +284,17 @@ fn camera(name: &str, c: &Camera, position_m: [f64; 3]) -> CameraReport {
     }
 }
 
+/// The camera model in words: most lenses are distortion of a pinhole, others project onto a sphere.
+fn model(distortion: &str) -> String {
+    match distortion {
+        "none" => "pinhole without distortion".into(),
+        "equidistant" => "equidistant fisheye (Kannala-Brandt)".into(),
+        "unified" => "unified (Mei), with radial-tangential distortion".into(),
+        "extended-unified" | "double-sphere" => format!("{distortion} fisheye"),
+        lens => format!("pinhole with {lens} distortion"),
+    }
+}
+
 fn text(r: &Report) -> String {
     let mut lines = Vec::new();
     for c in &r.cameras {
@@ -296,7 +307,7 @@ fn text(r: &Report) -> String {
             "  focal {:.3} {:.3} px, centre {:.3} {:.3} px",
             c.focal_px[0], c.focal_px[1], c.centre_px[0], c.centre_px[1]
         ));
-        lines.push(format!("  distortion {} {:?}", c.distortion, c.coefficients));
+        lines.push(format!("  model {} {:?}", model(c.distortion), c.coefficients));
         lines.push(format!("  at {x:.4} {y:.4} {z:.4} m in the body frame"));
         lines.push(format!(
             "  rays for {:.1} % of the image, unproject-project error at most {:.1e} px",

@@ -1,7 +1,9 @@
 //! Compares the evaluation with the output of evo 1.38.1 for the trajectories in `eval/` of the test data
 //! (`tools/compare_with_evo.py --golden`), to 1e-6. Prints "skipped" where the data is missing.
 
-use cairn_eval::{EvalOptions, Evaluation, Statistics, evaluate_files, load_trajectory};
+use cairn_eval::{
+    EvalError, EvalOptions, Evaluation, Statistics, evaluate_files, load_trajectory, parse_trajectory,
+};
 use std::path::PathBuf;
 
 fn data(name: &str) -> PathBuf {
@@ -97,6 +99,54 @@ fn reference_with_gap_or_positions_only() {
     assert_eq!(positions.ate_m, gap.ate_m);
     assert_eq!((positions.ate_deg, positions.rpe_m), (None, None));
     assert!(positions.notes[0].contains("positions only"));
+}
+
+/// Poses along a curve, as lines of KITTI and of TUM.
+fn curve(n: usize) -> (Vec<String>, Vec<String>) {
+    let pose = |k: usize| {
+        let a = 0.02 * k as f64;
+        let (x, z) = (20.0 * (1.0 - a.cos()), 20.0 * a.sin());
+        let kitti = format!("{c} 0 {s} {x} 0 1 0 0 {m} 0 {c} {z}", c = a.cos(), s = a.sin(), m = -a.sin());
+        // 103.7 ms between frames: no step of a nominal clock.
+        (kitti, format!("{} {x} 0 {z} 0 {} 0 {}", 0.1037 * k as f64, (0.5 * a).sin(), (0.5 * a).cos()))
+    };
+    (0..n).map(pose).unzip()
+}
+
+#[test]
+fn poses_without_times_are_never_paired_by_chance() {
+    let (kitti, tum) = curve(300);
+    let parse = |lines: &[String], name: &str| parse_trajectory(&lines.join("\n"), name, None).unwrap();
+    let options = EvalOptions::default();
+    let truth = parse(&kitti, "truth");
+    // Key frames only, and a run that lost its first frames or has some more.
+    let key_frames: Vec<String> = kitti.iter().step_by(10).cloned().collect();
+    let more = [kitti.clone(), kitti[..20].to_vec()].concat();
+    for fewer in [&key_frames, &kitti[30..].to_vec(), &more] {
+        let wrong = evaluate_files(&truth, &parse(fewer, "estimate"), &options).unwrap_err();
+        assert!(matches!(wrong, EvalError::Counts { reference: 300, .. }), "{wrong}");
+    }
+    let numbered: Vec<String> =
+        kitti.iter().enumerate().step_by(10).map(|(k, line)| format!("{k} {line}")).collect();
+    let known = evaluate_files(&truth, &parse(&numbered, "numbered"), &options).unwrap();
+    assert!(known.pairs == 30 && known.ate_m.rmse < 1e-9, "{known:?}");
+    // Real times against none: in order where there are as many, else not at all.
+    let timed = evaluate_files(&truth, &parse(&tum, "timed"), &options).unwrap();
+    assert!(timed.pairs == 300 && timed.ate_m.rmse < 1e-9, "{timed:?}");
+    assert!(timed.notes[0].contains("paired in order"), "{:?}", timed.notes);
+    let some: Vec<String> = tum.iter().step_by(10).cloned().collect();
+    for (reference, estimate) in [(&truth, &parse(&some, "some")), (&parse(&some, "some"), &truth)] {
+        let wrong = evaluate_files(reference, estimate, &options).unwrap_err();
+        assert!(matches!(wrong, EvalError::NoTimes { poses: 300, others: 30, .. }), "{wrong}");
+    }
+    // Times that are numbers of frames at the nominal rate are these numbers.
+    let nominal = |line: &String| {
+        let (time, pose) = line.split_once(' ').unwrap();
+        format!("{:.1} {pose}", time.parse::<f64>().unwrap() / 1.037)
+    };
+    let nominal: Vec<String> = some.iter().map(nominal).collect();
+    let found = evaluate_files(&truth, &parse(&nominal, "nominal"), &options).unwrap();
+    assert!(found.pairs == 30 && found.ate_m.rmse < 1e-6, "{found:?}");
 }
 
 /// Pair, alignment, metric, number of values, and rmse, mean, median, std, min, max.

@@ -4,7 +4,7 @@
 use super::{Entry, Event, Reading, RobotLog};
 use crate::measure::{Measurement, MeasurementError};
 use crate::motion::{Motion, VelocityModel, along_arc};
-use nalgebra::Matrix2;
+use nalgebra::{Matrix2, Matrix3};
 
 /// The target of a sighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -173,7 +173,16 @@ impl RobotLog {
     /// When a reading with this noise is not a valid measurement.
     pub fn steps(&self, noise: &Noise, cuts: &[f64]) -> Result<Vec<Step>, MeasurementError> {
         let (steps, motion) = (Vec::new(), Motion::identity());
-        let mut builder = Builder { noise, steps, motion, velocity: None, now: None, accounted: 0.0 };
+        let mut builder = Builder {
+            noise,
+            belief: self.belief(),
+            steps,
+            motion,
+            velocity: None,
+            heard: f64::NEG_INFINITY,
+            now: None,
+            accounted: 0.0,
+        };
         // Three streams in order of time: controls, sightings (moved back by their delay), cuts.
         let (mut controls, mut seen): (Vec<&Entry>, Vec<&Entry>) = (Vec::new(), Vec::new());
         for entry in &self.entries {
@@ -208,12 +217,70 @@ impl RobotLog {
     }
 }
 
+/// For how long a velocity is believed after it was given, and how fast the robot may be afterwards.
+#[derive(Clone, Copy)]
+struct Belief {
+    for_s: f64,
+    speed_m_s: f64,
+    turn_rad_s: f64,
+}
+
+/// Fewer velocities than these do not tell how often they are given.
+const FEW_VELOCITIES: usize = 20;
+
+impl Belief {
+    /// A motion of which only the greatest speed is known.
+    fn unknown(&self, elapsed_s: f64) -> Motion {
+        let [way, turn] = [self.speed_m_s, self.turn_rad_s].map(|speed| (speed * elapsed_s).powi(2));
+        Motion { covariance: Matrix3::from_diagonal(&[way, way, turn].into()), ..Motion::identity() }
+    }
+}
+
+impl RobotLog {
+    /// A velocity is believed ten times as long as nineteen of twenty of the log's last, and at least a second.
+    fn belief(&self) -> Belief {
+        let given = |e: &Entry| match e.event {
+            Event::Velocity { speed_m_s, turn_rad_s } => Some((e.time_s, speed_m_s.abs(), turn_rad_s.abs())),
+            _ => None,
+        };
+        let given: Vec<(f64, f64, f64)> = self.entries.iter().filter_map(given).collect();
+        let mut lasts: Vec<f64> = given.windows(2).map(|w| w[1].0 - w[0].0).collect();
+        lasts.sort_by(f64::total_cmp);
+        let usual = lasts.get(lasts.len() * 19 / 20).filter(|_| given.len() >= FEW_VELOCITIES);
+        Belief {
+            for_s: usual.map_or(f64::INFINITY, |s| (10.0 * s).max(1.0)),
+            speed_m_s: given.iter().map(|g| g.1).fold(0.0, f64::max),
+            // A robot that never turned while it told its velocity may do so afterwards.
+            turn_rad_s: given.iter().map(|g| g.2).fold(0.1, f64::max),
+        }
+    }
+
+    /// Spans without odometry, from and to in seconds: the last velocity is too old to be believed, while events go on. The
+    /// robot may then have moved at up to the log's greatest speed.
+    pub fn without_odometry(&self) -> Vec<(f64, f64)> {
+        let belief = self.belief();
+        let (mut spans, mut heard) = (Vec::new(), None);
+        let last = self.entries.last().map(|e| e.time_s);
+        let velocities = self.entries.iter().filter(|e| matches!(e.event, Event::Velocity { .. }));
+        for time_s in velocities.map(|e| e.time_s).chain(last) {
+            let since = heard.replace(time_s).map_or(f64::INFINITY, |at: f64| at + belief.for_s);
+            if time_s > since {
+                spans.push((since, time_s));
+            }
+        }
+        spans
+    }
+}
+
 struct Builder<'a> {
     noise: &'a Noise,
+    belief: Belief,
     steps: Vec<Step>,
     /// Motion since the last step, up to `accounted`.
     motion: Motion,
     velocity: Option<(f64, f64)>,
+    /// When the velocity was given last.
+    heard: f64,
     now: Option<f64>,
     accounted: f64,
 }
@@ -230,9 +297,13 @@ impl Builder<'_> {
     /// velocity changes or a step is due: drivers repeat the same command many times a second.
     fn account(&mut self) {
         let now = self.now.unwrap_or(self.accounted);
-        let elapsed = now - self.accounted;
-        if let Some((speed, turn)) = self.velocity.filter(|_| elapsed > 0.0) {
-            self.motion = self.motion.then(&self.noise.velocity.motion(speed, turn, elapsed));
+        let believed = (self.heard + self.belief.for_s).min(now) - self.accounted;
+        if let Some((speed, turn)) = self.velocity.filter(|_| believed > 0.0) {
+            self.motion = self.motion.then(&self.noise.velocity.motion(speed, turn, believed));
+        }
+        let unknown = now - self.accounted - believed.max(0.0);
+        if self.velocity.is_some() && unknown > 0.0 {
+            self.motion = self.motion.then(&self.belief.unknown(unknown));
         }
         self.accounted = now;
     }
@@ -241,10 +312,12 @@ impl Builder<'_> {
         match event {
             Event::Velocity { speed_m_s, turn_rad_s } => {
                 let given = Some((*speed_m_s, *turn_rad_s));
-                if given != self.velocity {
+                let now = self.now.unwrap_or(self.heard);
+                if given != self.velocity || now > self.heard + self.belief.for_s {
                     self.account();
                     self.velocity = given;
                 }
+                self.heard = now;
             }
             Event::Travel { way_m, turn_rad } => {
                 self.account();

@@ -6,10 +6,10 @@ use cairn_filter::chi2;
 use cairn_filter::ekf::{
     Association, EkfConfig, EkfSlam, FilterError, Form, Hypotheses, Linearisation, Verdict,
 };
-use cairn_filter::log::{Sighting, Target};
+use cairn_filter::log::{Sighting, Target, parse_csv};
 use cairn_filter::measure::{Kind, Measurement, expected};
 use cairn_filter::motion::Motion;
-use cairn_filter::run::align;
+use cairn_filter::run::{align, run};
 use cairn_filter::simulate::{Simulated, World};
 use cairn_geometry::{Se2, Vec2};
 use cairn_random::Random;
@@ -458,4 +458,50 @@ fn nonsense_is_refused_and_changes_nothing() {
     let sighting = [Sighting { target: Target::Landmark(1), measurement: here }];
     filter.observe(0, &sighting).unwrap();
     assert_eq!(filter.observe(0, &sighting).unwrap(), [Verdict::Unusable]);
+}
+
+/// A drive of 10 s in a circle, told as velocities ten times a second; the robot then goes on as it pleases for 50 s without a
+/// word of it, and sees three landmarks all the time.
+fn drive_whose_odometry_ends(speed_after: f64, turn_after: f64) -> (String, Se2) {
+    let landmarks = [Vec2::new(8.0, 3.0), Vec2::new(2.0, -4.0), Vec2::new(-3.0, 6.0)];
+    let (mut pose, mut text) = (Se2::identity(), String::new());
+    for k in 0..600 {
+        let time_s = 0.1 * f64::from(k);
+        let (speed, turn) = if k < 100 { (1.0, 0.2) } else { (speed_after, turn_after) };
+        if k < 100 {
+            text += &format!("{time_s},velocity,{speed},{turn}\n");
+        }
+        if k % 5 == 0 {
+            for (label, l) in landmarks.iter().enumerate() {
+                let seen = pose.inverse() * *l;
+                text += &format!("{time_s},range_bearing,{label},{},{}\n", seen.norm(), seen.y.atan2(seen.x));
+            }
+        }
+        pose = pose * Se2::from_xy_angle(0.1 * speed, 0.0, 0.1 * turn);
+    }
+    (text, pose)
+}
+
+#[test]
+fn a_velocity_that_was_given_last_is_not_believed_for_ever() {
+    // What is wrong for the second in which the last velocity is still believed stays in the map: 0.04 and 0.40 m here.
+    for (speed, turn, bound) in [(0.0, 0.0, 0.1), (0.6, -0.1, 0.5)] {
+        let (text, truth) = drive_whose_odometry_ends(speed, turn);
+        let log = parse_csv("ends.csv", &text).unwrap();
+        let spans = log.robots[0].without_odometry();
+        assert!(matches!(spans[..], [(from, to)] if (10.0..12.0).contains(&from) && to > 59.0), "{spans:?}");
+        let found = run(&log, 0, &EkfConfig::default()).unwrap();
+        let last = found.poses.last().unwrap();
+        let off = (last.xy() - truth.translation).norm();
+        println!("{speed} m/s afterwards: {off:.3} m off, {:?}", found.counts);
+        assert!(off < bound, "{off} m off at {speed} m/s");
+    }
+    // Velocities that are given only when they change last as long as it takes.
+    let (text, _) = drive_whose_odometry_ends(1.0, 0.2);
+    let changes: String = text
+        .lines()
+        .filter(|l| !l.contains("velocity") || l.starts_with("0,"))
+        .map(|l| format!("{l}\n"))
+        .collect();
+    assert!(parse_csv("changes.csv", &changes).unwrap().robots[0].without_odometry().is_empty());
 }

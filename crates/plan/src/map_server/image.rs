@@ -1,4 +1,4 @@
-//! Grey images: reads and writes PGM (P2 and P5, up to 8 bits), reads PNG.
+//! Grey images: reads PGM and PBM (P1, P2, P4 and P5, up to 16 bits), PNG and BMP; writes PGM.
 
 use crate::grid::{MAX_CELLS, MAX_SIDE};
 
@@ -8,8 +8,8 @@ pub enum ImageError {
     /// There are no bytes.
     #[error("the file is empty")]
     EmptyFile,
-    /// It begins like neither of the two formats.
-    #[error("neither PGM (P2, P5) nor PNG")]
+    /// It begins like none of the formats.
+    #[error("neither PGM (P2, P5), PBM (P1, P4), PNG nor BMP")]
     Format,
     /// It has no pixels.
     #[error("{0} x {1} pixels: the image is empty")]
@@ -17,8 +17,8 @@ pub enum ImageError {
     /// It has more pixels than a grid may have cells.
     #[error("{0} x {1} pixels are too many")]
     TooLarge(usize, usize),
-    /// Its pixels have more than 8 bits, or none.
-    #[error("grey values up to {0}: only 1 to 255 are read")]
+    /// Its pixels have more than 16 bits, or none.
+    #[error("grey values up to {0}: only 1 to 65535 are read")]
     Depth(usize),
     /// A number is missing in a PGM, or too large.
     #[error("{}a number is missing: truncated or no PGM", pixel.map(|k| format!("pixel {k}: ")).unwrap_or_default())]
@@ -47,6 +47,9 @@ pub enum ImageError {
     /// The PNG is malformed.
     #[error(transparent)]
     Png(#[from] png::DecodingError),
+    /// The BMP is malformed.
+    #[error("BMP: {0}")]
+    Bmp(String),
 }
 
 /// A grey image, top row first; with alpha where the file has it.
@@ -58,11 +61,12 @@ pub struct Pixels {
     pub alpha: Option<Vec<u8>>,
 }
 
-/// Reads a PGM or PNG, recognised by its first bytes.
+/// Reads an image, recognised by its first bytes.
 pub fn read(bytes: &[u8]) -> Result<Pixels, ImageError> {
     match bytes {
-        [b'P', b'2' | b'5', ..] => read_pgm(bytes),
+        [b'P', kind @ (b'1' | b'2' | b'4' | b'5'), rest @ ..] => read_netpbm(*kind, rest),
         [0x89, b'P', b'N', b'G', ..] => read_png(bytes),
+        [b'B', b'M', ..] => read_bmp(bytes),
         [] => Err(ImageError::EmptyFile),
         _ => Err(ImageError::Format),
     }
@@ -76,33 +80,69 @@ fn checked(width: usize, height: usize) -> Result<usize, ImageError> {
     if fits { Ok(width * height) } else { Err(ImageError::TooLarge(width, height)) }
 }
 
-fn read_pgm(bytes: &[u8]) -> Result<Pixels, ImageError> {
-    let mut rest = &bytes[2..];
-    let [width, height, greatest] = [number(&mut rest)?, number(&mut rest)?, number(&mut rest)?];
+/// Netpbm after its kind: P1 and P4 are bits, of which 1 is black; P2 and P5 grey values; P1 and P2 in text.
+fn read_netpbm(kind: u8, mut rest: &[u8]) -> Result<Pixels, ImageError> {
+    let bits = matches!(kind, b'1' | b'4');
+    let [width, height] = [number(&mut rest)?, number(&mut rest)?];
+    let greatest = if bits { 1 } else { number(&mut rest)? };
     let pixels = checked(width, height)?;
-    if greatest == 0 || greatest > 255 {
+    if greatest == 0 || greatest > 65535 {
         return Err(ImageError::Depth(greatest));
     }
-    let mut grey = if bytes[1] == b'5' {
-        // A single white space ends the header.
-        let data = rest.get(1..).unwrap_or_default();
-        let whole = data.get(..pixels);
-        whole.ok_or(ImageError::Truncated { found: data.len(), expected: pixels })?.to_vec()
-    } else {
-        let mut grey = Vec::with_capacity(pixels.min(rest.len()));
-        for k in 0..pixels {
-            let value = number(&mut rest).map_err(|_| ImageError::Number { pixel: Some(k) })?;
-            grey.push(u8::try_from(value).map_err(|_| ImageError::Bright { pixel: k, value, greatest })?);
-        }
-        grey
+    let values = match kind {
+        b'4' | b'5' => binary(bits, [width, height], greatest, rest)?,
+        _ => texts(pixels, bits, &mut rest)?,
     };
-    if let Some(k) = grey.iter().position(|&v| usize::from(v) > greatest) {
-        return Err(ImageError::Bright { pixel: k, value: usize::from(grey[k]), greatest });
+    if let Some(k) = values.iter().position(|&v| v > greatest) {
+        return Err(ImageError::Bright { pixel: k, value: values[k], greatest });
     }
-    if greatest < 255 {
-        grey.iter_mut().for_each(|v| *v = ((usize::from(*v) * 255 + greatest / 2) / greatest) as u8);
-    }
+    let grey = |v: usize| ((v * 255 + greatest / 2) / greatest) as u8;
+    let grey = values.into_iter().map(|v| if bits { 255 - grey(v) } else { grey(v) }).collect();
     Ok(Pixels { width, height, grey, alpha: None })
+}
+
+/// Values as bytes, or as the bits of whole bytes for each row.
+fn binary(
+    bits: bool,
+    [width, height]: [usize; 2],
+    greatest: usize,
+    rest: &[u8],
+) -> Result<Vec<usize>, ImageError> {
+    let wide = greatest > 255;
+    let row = if bits { width.div_ceil(8) } else { width * (1 + usize::from(wide)) };
+    // A single white space ends the header; lines of Windows end with two characters.
+    let data = match rest.strip_prefix(b"\r\n") {
+        Some(data) if data.len() >= row * height => data,
+        _ => rest.get(1..).unwrap_or_default(),
+    };
+    let found = data.len() * width / row.max(1);
+    let data = data.get(..row * height).ok_or(ImageError::Truncated { found, expected: width * height })?;
+    let bit = |k: usize| usize::from(data[k / width * row + k % width / 8] >> (7 - k % width % 8) & 1);
+    Ok(match (bits, wide) {
+        (true, _) => (0..width * height).map(bit).collect(),
+        (false, true) => {
+            data.chunks_exact(2).map(|b| usize::from(u16::from_be_bytes([b[0], b[1]]))).collect()
+        }
+        (false, false) => data.iter().map(|v| usize::from(*v)).collect(),
+    })
+}
+
+/// Values in text; bits may stand without blanks between them.
+fn texts(pixels: usize, bits: bool, rest: &mut &[u8]) -> Result<Vec<usize>, ImageError> {
+    let mut values = Vec::with_capacity(pixels.min(rest.len()));
+    for k in 0..pixels {
+        let value = match bits {
+            true => {
+                let blanks = rest.iter().take_while(|b| b.is_ascii_whitespace()).count();
+                let digit = rest.get(blanks).filter(|b| b.is_ascii_digit()).map(|b| usize::from(b - b'0'));
+                *rest = rest.get(blanks + 1..).unwrap_or_default();
+                digit
+            }
+            false => number(rest).ok(),
+        };
+        values.push(value.ok_or(ImageError::Number { pixel: Some(k) })?);
+    }
+    Ok(values)
 }
 
 /// The next whole number in the text of a PGM, after white space and comments.
@@ -152,6 +192,29 @@ fn read_png(bytes: &[u8]) -> Result<Pixels, ImageError> {
     Ok(Pixels { width, height, grey, alpha })
 }
 
+fn read_bmp(bytes: &[u8]) -> Result<Pixels, ImageError> {
+    use zune_bmp::zune_core::{bytestream::ZCursor, colorspace::ColorSpace};
+    let wrong = |e: zune_bmp::BmpDecoderErrors| ImageError::Bmp(format!("{e:?}"));
+    let mut decoder = zune_bmp::BmpDecoder::new(ZCursor::new(bytes));
+    decoder.decode_headers().map_err(wrong)?;
+    let (width, height) = decoder.dimensions().unwrap_or_default();
+    let pixels = checked(width, height)?;
+    let colours = match decoder.colorspace() {
+        Some(ColorSpace::Luma) => 1,
+        Some(ColorSpace::RGBA | ColorSpace::BGRA) => 4,
+        _ => 3,
+    };
+    let data = decoder.decode().map_err(wrong)?;
+    if data.len() < pixels * colours {
+        return Err(ImageError::Truncated { found: data.len() / colours, expected: pixels });
+    }
+    // What its fourth byte means, no two programs agree on.
+    let used = colours.min(3);
+    let mean = |p: &[u8]| (p[..used].iter().map(|&v| u32::from(v)).sum::<u32>() / used as u32) as u8;
+    let grey = data.chunks_exact(colours).take(pixels).map(mean).collect();
+    Ok(Pixels { width, height, grey, alpha: None })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -163,6 +226,42 @@ mod tests {
         assert_eq!(read(&write_pgm(&text)).unwrap(), text);
         let few = read(b"P5 2 1 1\n\x00\x01").unwrap();
         assert_eq!(few.grey, [0, 255], "scaled to 255");
+    }
+
+    #[test]
+    fn every_kind_of_netpbm_is_the_same_image() {
+        let wanted = [0, 255, 255, 0, 255, 0];
+        for bytes in [
+            &b"P1\n3 2\n1 0 0\n1 0 1\n"[..],
+            b"P1 3 2 100101",
+            b"P4\n3 2\n\x80\xa0",
+            b"P2 3 2 1 0 1 1 0 1 0",
+            b"P2 3 2 65535 0 65535 65535 0 65535 0",
+            b"P5\r\n3 2\r\n255\r\n\x00\xff\xff\x00\xff\x00",
+            b"P5\n3 2\n65535\n\x00\x00\xff\xff\xff\xff\x00\x00\xff\xff\x00\x00",
+        ] {
+            assert_eq!(read(bytes).unwrap().grey, wanted, "{}", bytes.escape_ascii());
+        }
+    }
+
+    #[test]
+    fn bitmaps_are_read_from_their_last_row_up() {
+        let header = |size: u32, bits: u16, colours: u32, at: u32| {
+            let words = [40u32, 2, 2, u32::from(bits) << 16 | 1, 0, 0, 0, 0, colours, 0];
+            let mut bytes = b"BM".to_vec();
+            bytes.extend([size, 0, at].iter().flat_map(|v| v.to_le_bytes()));
+            bytes.extend(words.iter().flat_map(|v| v.to_le_bytes()));
+            bytes
+        };
+        let mut colour = header(70, 24, 0, 54);
+        colour.extend([30, 30, 30, 40, 40, 40, 0, 0, 10, 10, 10, 20, 20, 20, 0, 0]);
+        assert_eq!(read(&colour).unwrap().grey, [10, 20, 30, 40]);
+        let mut palette = header(70, 8, 2, 54);
+        palette.extend([0, 0, 0, 0, 255, 255, 255, 0]);
+        palette.extend([1, 0, 0, 0, 0, 1, 0, 0]);
+        palette[10] = 62;
+        assert_eq!(read(&palette).unwrap().grey, [0, 255, 255, 0]);
+        (0..colour.len()).for_each(|n| drop(read(&colour[..n])));
     }
 
     #[test]
@@ -180,8 +279,9 @@ mod tests {
             (b"P5 0 4 255\n", "empty"),
             (b"P5 99999 99999 255\n", "too many"),
             (b"P5 99999999999999999999 1 255\n", "number"),
-            (b"P5 1 1 65535\n\x00\x00", "65535"),
-            (b"P2 1 1 255\n300", "300"),
+            (b"P5 1 1 65536\n\x00\x00", "65536"),
+            (b"P5 1 1 65535\n\x00", "truncated"),
+            (b"P2 1 1 255\n300", "300, above 255"),
             (b"P2 1 1 10\n11", "above 10"),
         ] {
             let told = read(bytes).unwrap_err().to_string();

@@ -6,8 +6,10 @@
 //!
 //! - `trinary` (default): 100 where `p > occupied_thresh`, 0 where `p < free_thresh`, else unknown;
 //! - `scale`: 100 and 0 as in `trinary`, between them `99 (p - free_thresh) / (occupied_thresh - free_thresh)`;
-//!   transparent pixels are unknown;
+//!   half transparent pixels are unknown;
 //! - `raw`: the pixel is the value; above 100 it is unknown.
+//!
+//! A pixel that is wholly transparent is unknown in every mode, whatever colour lies under it: that is what an eraser leaves.
 
 mod image;
 mod yaml;
@@ -70,7 +72,7 @@ pub enum MapFileError {
 /// Largest size of a map file: enough for the image of a square kilometre at 5 cm.
 pub(crate) const MAX_BYTES: u64 = 512 * cairn_files::MIB;
 
-/// Reads a map: the YAML file, and the PGM or PNG that it names, relative to it.
+/// Reads a map: the YAML file, and the PGM, PBM, PNG or BMP that it names, relative to it.
 ///
 /// # Errors
 /// When a file is missing, truncated or malformed; the error names the file and what is wrong.
@@ -79,17 +81,30 @@ pub fn load(yaml: &Path) -> Result<(Grid<i8>, Description), MapFileError> {
         cairn_files::read(file, MAX_BYTES)
             .map_err(|source| MapFileError::File { file: file.to_owned(), source })
     };
-    let text = String::from_utf8_lossy(&open(yaml)?).into_owned();
+    let text = cairn_files::read_text_lossy(yaml, MAX_BYTES)
+        .map_err(|source| MapFileError::File { file: yaml.to_owned(), source })?;
     let description = read_description(&text).map_err(|(line, reason)| MapFileError::Yaml {
         file: yaml.to_owned(),
         line,
         reason,
     })?;
-    let file = yaml.parent().unwrap_or(Path::new("")).join(&description.image);
+    let file = image_beside(yaml, &description.image);
     let pixels =
         image::read(&open(&file)?).map_err(|source| MapFileError::Image { file: file.clone(), source })?;
     let grid = to_grid(&pixels, &description).map_err(|source| MapFileError::Grid { file, source })?;
     Ok((grid, description))
+}
+
+/// The image that a YAML names: relative to it, in the folder of the user where it begins with `~`, and with separators of
+/// another system.
+pub fn image_beside(yaml: &Path, image: &Path) -> PathBuf {
+    let folder = yaml.parent().unwrap_or(Path::new(""));
+    let name = image.to_string_lossy();
+    match (name.strip_prefix("~/"), std::env::home_dir()) {
+        (Some(rest), Some(home)) => home.join(rest),
+        _ if name.contains('\\') && !folder.join(image).exists() => folder.join(name.replace('\\', "/")),
+        _ => folder.join(image),
+    }
 }
 
 /// Writes a map as `yaml` and a PGM of the same name beside it, in the form that `map_server` reads.
@@ -146,7 +161,12 @@ fn to_grid(pixels: &Pixels, d: &Description) -> Result<Grid<i8>, GridError> {
     for y in (0..pixels.height).rev() {
         let row = y * pixels.width..(y + 1) * pixels.width;
         let opaque = |i: usize| pixels.alpha.as_ref().is_none_or(|a| a[i] == 255);
-        values.extend(row.map(|i| table[usize::from(opaque(i))][pixels.grey[i] as usize]));
+        let erased = |i: usize| pixels.alpha.as_ref().is_some_and(|a| a[i] == 0);
+        let value = |i| match erased(i) {
+            true => UNKNOWN,
+            false => table[usize::from(opaque(i))][pixels.grey[i] as usize],
+        };
+        values.extend(row.map(value));
     }
     Grid::from_values(frame, values)
 }

@@ -1,7 +1,7 @@
-//! The YAML of `map_server`: a flat list of keys, one of which has a list of three numbers as its value.
+//! The YAML of `map_server`: a mapping, one of whose keys has a list of three numbers as its value.
 
+use cairn_files::yaml::{self, Node};
 use cairn_geometry::Se2;
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// How pixels are converted to occupancy.
@@ -42,108 +42,60 @@ type Wrong = (usize, String);
 /// # Errors
 /// The line (0 for the whole file) and what is wrong: a key is missing or repeated, or its value is invalid.
 pub fn read_description(text: &str) -> Result<Description, (usize, String)> {
-    let keys = keys_of(text)?;
+    let root = yaml::parse(text)?;
     let find = |key: &str| {
-        keys.get(key)
-            .cloned()
-            .ok_or_else(|| (0, format!("the key `{key}` is missing: not the YAML of a map")))
+        root.get(key).ok_or_else(|| (0, format!("the key `{key}` is missing: not the YAML of a map")))
     };
-    let number = |key: &str| {
-        let (line, text) = find(key)?;
-        finite(line, key, &text)
+    let number = |key: &str| finite(key, find(key)?);
+    let image = find("image")?;
+    let name = image.text().ok_or_else(|| (image.line, "`image` is empty".to_owned()))?;
+    let origin = find("origin")?;
+    let [x, y, yaw] = match origin.list() {
+        Some([x, y, yaw]) => [finite("origin", x)?, finite("origin", y)?, finite("origin", yaw)?],
+        _ => return Err((origin.line, "`origin` needs three numbers: x, y and yaw".to_owned())),
     };
-    let (line, image) = find("image")?;
-    if image.is_empty() {
-        return Err((line, "`image` is empty".to_owned()));
-    }
-    let (line, list) = find("origin")?;
-    let numbers: Vec<&str> = list.trim_matches(['[', ']']).split(',').map(str::trim).collect();
-    let &[x, y, yaw] = numbers.as_slice() else {
-        return Err((line, format!("`origin` needs three numbers, not {list:?}")));
-    };
-    let of = |text| finite(line, "origin", text);
     let description = Description {
-        image: PathBuf::from(image),
+        image: PathBuf::from(name),
         resolution_m: number("resolution")?,
-        origin: Se2::from_xy_angle(of(x)?, of(y)?, of(yaw)?),
-        negate: negate(keys.get("negate"))?,
+        origin: Se2::from_xy_angle(x, y, yaw),
+        negate: root.get("negate").map_or(Ok(false), negate)?,
         occupied_threshold: number("occupied_thresh")?,
         free_threshold: number("free_thresh")?,
-        mode: mode(keys.get("mode"))?,
+        mode: root.get("mode").map_or(Ok(Mode::Trinary), mode)?,
     };
     let (free, occupied) = (description.free_threshold, description.occupied_threshold);
     if !(0.0..=1.0).contains(&free) || !(0.0..=1.0).contains(&occupied) || free >= occupied {
-        let line = find("occupied_thresh")?.0;
-        return Err((
-            line,
-            format!("thresholds need 0 <= free_thresh ({free}) < occupied_thresh ({occupied}) <= 1"),
-        ));
+        let why = format!("thresholds need 0 <= free_thresh ({free}) < occupied_thresh ({occupied}) <= 1");
+        return Err((find("occupied_thresh")?.line, why));
     }
     Ok(description)
 }
 
-fn negate(value: Option<&(usize, String)>) -> Result<bool, Wrong> {
-    match value.map(|(line, text)| (line, text.as_str())) {
-        None | Some((_, "0" | "false" | "False")) => Ok(false),
-        Some((_, "1" | "true" | "True")) => Ok(true),
-        Some((line, text)) => Err((*line, format!("`negate` is 0 or 1, not {text:?}"))),
+/// A switch as YAML 1.1 has it, which ROS reads.
+fn negate(node: &Node) -> Result<bool, Wrong> {
+    match node.text().unwrap_or_default().to_ascii_lowercase().as_str() {
+        "0" | "false" | "no" | "off" => Ok(false),
+        "1" | "true" | "yes" | "on" => Ok(true),
+        text => Err((node.line, format!("`negate` is 0 or 1, not {text:?}"))),
     }
 }
 
-fn mode(value: Option<&(usize, String)>) -> Result<Mode, Wrong> {
-    match value.map(|(line, text)| (line, text.as_str())) {
-        None | Some((_, "trinary")) => Ok(Mode::Trinary),
-        Some((_, "scale")) => Ok(Mode::Scale),
-        Some((_, "raw")) => Ok(Mode::Raw),
-        Some((line, text)) => Err((*line, format!("`mode` is trinary, scale or raw, not {text:?}"))),
+fn mode(node: &Node) -> Result<Mode, Wrong> {
+    match node.text().unwrap_or_default().to_ascii_lowercase().as_str() {
+        "trinary" => Ok(Mode::Trinary),
+        "scale" => Ok(Mode::Scale),
+        "raw" => Ok(Mode::Raw),
+        text => Err((node.line, format!("`mode` is trinary, scale or raw, not {text:?}"))),
     }
 }
 
-fn finite(line: usize, key: &str, text: &str) -> Result<f64, Wrong> {
+fn finite(key: &str, node: &Node) -> Result<f64, Wrong> {
+    let text = node.text().unwrap_or("a list");
     let value = text.parse().ok().filter(|v: &f64| v.is_finite());
-    value.ok_or_else(|| (line, format!("`{key}` needs a number, not {text:?}")))
-}
-
-/// Each key with its line and value; a list on lines of its own is joined by commas.
-fn keys_of(text: &str) -> Result<BTreeMap<String, (usize, String)>, Wrong> {
-    let mut keys: BTreeMap<String, (usize, String)> = BTreeMap::new();
-    let mut last: Option<String> = None;
-    for (line, text) in text.lines().enumerate().map(|(i, l)| (i + 1, without_comment(l).trim())) {
-        if text.is_empty() || text.starts_with("---") || text.starts_with('%') {
-            continue;
-        }
-        if let Some(item) = text.strip_prefix("- ") {
-            let list = last.as_ref().and_then(|key| keys.get_mut(key));
-            let (_, list) = list.ok_or_else(|| (line, "a list item without a key".to_owned()))?;
-            *list = if list.is_empty() { item.trim().to_owned() } else { format!("{list},{}", item.trim()) };
-            continue;
-        }
-        let Some((key, value)) = text.split_once(':') else {
-            return Err((line, format!("expected `key: value`, not {text:?}")));
-        };
-        let (key, value) = (key.trim().to_owned(), value.trim().trim_matches(['"', '\'']).to_owned());
-        last = Some(key.clone());
-        if keys.insert(key.clone(), (line, value)).is_some() {
-            return Err((line, format!("the key `{key}` stands there twice")));
-        }
-    }
-    Ok(keys)
-}
-
-/// The line without the comment that a `#` begins.
-fn without_comment(line: &str) -> &str {
-    let mut quote = None;
-    let mut before = ' ';
-    for (at, c) in line.char_indices() {
-        match (quote, c) {
-            (None, '#') if before.is_whitespace() => return &line[..at],
-            (None, '"' | '\'') => quote = Some(c),
-            (Some(q), _) if q == c => quote = None,
-            _ => {}
-        }
-        before = c;
-    }
-    line
+    value.ok_or_else(|| {
+        let comma = if text.contains(',') { ": decimals begin with a point" } else { "" };
+        (node.line, format!("`{key}` needs a number, not {text:?}{comma}"))
+    })
 }
 
 /// The text of a YAML.

@@ -186,9 +186,11 @@ fn wrong_map_files_say_what_is_wrong() {
         ("[0, 0, 0]", "[0, 0]", "three numbers"),
         ("[0, 0, 0]", "[0, inf, 0]", "`origin`"),
         ("negate: 0", "negate: 7", "negate"),
-        ("negate: 0", "negate 0", "key: value"),
+        ("negate: 0", "negate 0", "line "),
         ("negate: 0", "image: c", "twice"),
         ("0.65", "0.1", "thresholds"),
+        ("0.65", "65", "thresholds"),
+        ("0.65", "0,65", "decimals begin with a point"),
         ("negate: 0", "mode: grey", "trinary"),
     ] {
         let told = load(&good.replace(from, to)).unwrap_err();
@@ -197,6 +199,60 @@ fn wrong_map_files_say_what_is_wrong() {
     assert!(load("").unwrap_err().contains("missing"));
     std::fs::write(folder.join("a.pgm"), b"P5 2 2 255\n\x00\xfe\xcd").unwrap();
     assert!(load(good).unwrap_err().contains("truncated: 3 of 4"));
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn descriptions_are_read_as_people_write_them() {
+    let folder = folder("yaml");
+    std::fs::write(folder.join("a.pgm"), b"P5 2 2 255\n\x00\xfe\xcd\x00").unwrap();
+    let good = "image: a.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n";
+    for text in [
+        good.replace("origin: [0, 0, 0]", "origin: [0.0,\n  0.0, 0.0]"),
+        good.replace("image: a.pgm", "image: \"a.pgm\"  # of the hall\nmode: Trinary"),
+        good.replace(": ", ":\t"),
+        good.replace("negate: 0", "negate: no"),
+        format!("\u{feff}{good}"),
+        format!("%YAML 1.1\n---\n{}", good.replace('\n', "\r\n")),
+        "{image: a.pgm, resolution: 0.1, origin: [0.0, 0.0, 0.0], negate: 0, occupied_thresh: 0.65, free_thresh: 0.196}".into(),
+        good.replace("a.pgm", ".\\a.pgm"),
+    ] {
+        std::fs::write(folder.join("a.yaml"), &text).unwrap();
+        let (grid, _) = map_server::load(&folder.join("a.yaml")).unwrap_or_else(|e| panic!("{text}: {e}"));
+        assert_eq!(grid.values(), [UNKNOWN, 100, 100, 0], "{text}");
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// What an eraser leaves is transparent, over black as over white.
+#[test]
+fn erased_pixels_are_unknown_in_every_mode() {
+    let folder = folder("erased");
+    let png = |colour: png::ColorType, data: &[u8]| {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, 3, 1);
+        encoder.set_color(colour);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.write_header().unwrap().write_image_data(data).unwrap();
+        bytes
+    };
+    let grey = png(png::ColorType::GrayscaleAlpha, &[254, 0, 0, 0, 254, 255]);
+    let colour = png(png::ColorType::Rgba, &[254, 254, 254, 0, 0, 0, 0, 0, 254, 254, 254, 255]);
+    for (bytes, mode, seen) in [
+        (&grey, "trinary", 0),
+        (&grey, "scale", 0),
+        (&colour, "trinary", 0),
+        (&colour, "scale", 0),
+        (&grey, "raw", UNKNOWN),
+    ] {
+        std::fs::write(folder.join("a.png"), bytes).unwrap();
+        let yaml = format!(
+            "image: a.png\nmode: {mode}\nresolution: 1\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        );
+        std::fs::write(folder.join("a.yaml"), yaml).unwrap();
+        let (grid, _) = map_server::load(&folder.join("a.yaml")).unwrap();
+        assert_eq!(grid.values(), [UNKNOWN, UNKNOWN, seen], "{mode}");
+    }
     std::fs::remove_dir_all(folder).unwrap();
 }
 

@@ -5,8 +5,10 @@
 //! there a lens returns `None` in both directions.
 
 mod brown_conrady;
+mod division;
 mod fisheye;
 mod positive;
+mod unified;
 
 use crate::error::RigError;
 use cairn_geometry::Vec3;
@@ -35,6 +37,18 @@ pub enum Distortion {
         /// Position of the projection plane between the spheres, 0 to 1.
         alpha: f64,
     },
+    /// Unified projection on a sphere with radial-tangential distortion after it, `[xi, k1, k2, p1, p2]` (Mei and Rives
+    /// 2007; `omni-radtan` of Kalibr, `MEI` of camodocal).
+    Unified([f64; 5]),
+    /// Extended unified model (Khomutenko, Garcia and Martinet 2016).
+    ExtendedUnified {
+        /// Weight of the distance, 0 to 1.
+        alpha: f64,
+        /// Shape of the surface; 1 is a sphere.
+        beta: f64,
+    },
+    /// One-parameter division model, `k`: the distorted point over `1 + k r^2` is the undistorted one (Fitzgibbon 2001).
+    Division(f64),
 }
 
 impl Distortion {
@@ -48,18 +62,23 @@ impl Distortion {
             Self::Equidistant(_) => "equidistant",
             Self::Fov(_) => "fov",
             Self::DoubleSphere { .. } => "double-sphere",
+            Self::Unified(_) => "unified",
+            Self::ExtendedUnified { .. } => "extended-unified",
+            Self::Division(_) => "division",
         }
     }
 
-    /// The coefficients in the model's order; for the double sphere `[xi, alpha]`.
+    /// The coefficients in the model's order; for the double sphere `[xi, alpha]`, for the extended unified model `[alpha, beta]`.
     pub fn coefficients(&self) -> Vec<f64> {
         match self {
             Self::None => Vec::new(),
-            Self::RadialTangential(c) | Self::InverseRadialTangential(c) => c.to_vec(),
+            Self::RadialTangential(c) | Self::InverseRadialTangential(c) | Self::Unified(c) => c.to_vec(),
             Self::Rational(c) => c.to_vec(),
             Self::Equidistant(c) => c.to_vec(),
             Self::Fov(w) => vec![*w],
             Self::DoubleSphere { xi, alpha } => vec![*xi, *alpha],
+            Self::ExtendedUnified { alpha, beta } => vec![*alpha, *beta],
+            Self::Division(k) => vec![*k],
         }
     }
 
@@ -74,6 +93,9 @@ impl Distortion {
             ("equidistant", c) => Self::Equidistant(c.try_into().ok()?),
             ("fov", &[w]) => Self::Fov(w),
             ("double-sphere", &[xi, alpha]) => Self::DoubleSphere { xi, alpha },
+            ("unified", c) => Self::Unified(c.try_into().ok()?),
+            ("extended-unified", &[alpha, beta]) => Self::ExtendedUnified { alpha, beta },
+            ("division", &[k]) => Self::Division(k),
             _ => return None,
         })
     }
@@ -83,6 +105,8 @@ impl Distortion {
         match self {
             Self::Equidistant(k) => return fisheye::equidistant_distort(k, p),
             Self::DoubleSphere { xi, alpha } => return fisheye::double_sphere_distort(*xi, *alpha, p),
+            Self::Unified(c) => return unified::distort(c, p),
+            Self::ExtendedUnified { alpha, beta } => return unified::extended_distort(*alpha, *beta, p),
             _ => {}
         }
         // The other models are defined on the image plane, onto which only points in front of the camera project.
@@ -95,6 +119,7 @@ impl Distortion {
             Self::Rational(c) => brown_conrady::apply(c, m),
             Self::InverseRadialTangential(c) => brown_conrady::invert(&brown_conrady::extended(c), m),
             Self::Fov(w) => Some(fisheye::fov_distort(*w, m)),
+            Self::Division(k) => division::distort(*k, m),
             _ => Some(m),
         }
     }
@@ -112,6 +137,9 @@ impl Distortion {
             Self::Equidistant(k) => fisheye::equidistant_undistort(k, m),
             Self::Fov(w) => fisheye::fov_undistort(*w, m).map(plane),
             Self::DoubleSphere { xi, alpha } => fisheye::double_sphere_undistort(*xi, *alpha, m),
+            Self::Unified(c) => unified::undistort(c, m),
+            Self::ExtendedUnified { alpha, beta } => unified::extended_undistort(*alpha, *beta, m),
+            Self::Division(k) => division::undistort(*k, m).map(plane),
         }
     }
 
@@ -127,6 +155,14 @@ impl Distortion {
             Self::DoubleSphere { xi, alpha } if !(*xi > -1.0 && (0.0..=1.0).contains(alpha)) => Err(
                 RigError(format!("double sphere: xi {xi} must be above -1 and alpha {alpha} from 0 to 1")),
             ),
+            Self::Unified([xi, ..]) if *xi < 0.0 => {
+                Err(RigError(format!("unified: xi {xi} must be zero or more")))
+            }
+            Self::ExtendedUnified { alpha, beta } if !((0.0..=1.0).contains(alpha) && *beta > 0.0) => {
+                Err(RigError(format!(
+                    "extended unified: alpha {alpha} must be from 0 to 1 and beta {beta} above 0"
+                )))
+            }
             _ => Ok(()),
         }
     }
@@ -146,6 +182,9 @@ mod tests {
             Distortion::Equidistant([0.1, 0.2, 0.3, 0.4]),
             Distortion::Fov(0.9),
             Distortion::DoubleSphere { xi: -0.2, alpha: 0.6 },
+            Distortion::Unified([1.2, 0.1, 0.2, 0.3, 0.4]),
+            Distortion::ExtendedUnified { alpha: 0.6, beta: 1.1 },
+            Distortion::Division(-0.2),
         ];
         for model in all {
             let (name, mut coefficients) = (model.name(), model.coefficients());

@@ -100,6 +100,44 @@ fn cameras() -> Vec<(&'static str, Camera)> {
             "double sphere",
             with(512, 512, 156.2, 156.2, 254.9, 256.9, Distortion::DoubleSphere { xi: -0.18, alpha: 0.59 }),
         ),
+        (
+            "unified, mirror",
+            with(
+                752,
+                480,
+                736.0,
+                736.2,
+                374.9,
+                247.0,
+                Distortion::Unified([0.96, -0.2, 0.11, 0.0004, -0.001]),
+            ),
+        ),
+        (
+            "unified, fisheye",
+            with(
+                1280,
+                800,
+                1170.0,
+                1166.0,
+                647.0,
+                386.0,
+                Distortion::Unified([1.89, 0.02, 0.49, 0.001, 0.0007]),
+            ),
+        ),
+        (
+            "extended unified",
+            with(
+                512,
+                512,
+                190.9,
+                190.9,
+                254.9,
+                256.9,
+                Distortion::ExtendedUnified { alpha: 0.63, beta: 1.04 },
+            ),
+        ),
+        ("division", with(640, 480, 400.0, 400.0, 320.0, 240.0, Distortion::Division(-0.25))),
+        ("division, pincushion", with(640, 480, 500.0, 500.0, 320.0, 240.0, Distortion::Division(0.1))),
     ]
 }
 
@@ -123,7 +161,8 @@ fn pixels_round_trip_for_real_calibrations() {
         }
         // Only the black corners of a fisheye image may have no ray.
         assert!(
-            without_ray == 0 || (name.contains("double") && without_ray * 5 < visible),
+            without_ray == 0
+                || ((name.contains("double") || name.contains("unified")) && without_ray * 5 < visible),
             "{name}: {without_ray} of {visible} pixels have no ray"
         );
     }
@@ -159,7 +198,13 @@ fn points_behind_the_camera_have_no_image() {
         assert_eq!(camera.project(&Vec3::new(0.0, 0.0, -1.0)), None, "{name}");
         assert_eq!(camera.project(&Vec3::new(f64::NAN, 0.0, 1.0)), None, "{name}");
         assert_eq!(camera.unproject(&Vec2::new(f64::NAN, 1.0)), None, "{name}");
-        let wide = matches!(camera.distortion, Distortion::Equidistant(_) | Distortion::DoubleSphere { .. });
+        let wide = matches!(
+            camera.distortion,
+            Distortion::Equidistant(_)
+                | Distortion::DoubleSphere { .. }
+                | Distortion::Unified(_)
+                | Distortion::ExtendedUnified { .. }
+        );
         assert_eq!(camera.project(&Vec3::new(1.0, 0.0, -0.05)).is_some(), wide, "{name}");
     }
 }
@@ -207,6 +252,10 @@ fn invalid_distortion_is_rejected() {
         Distortion::Fov(4.0),
         Distortion::DoubleSphere { xi: nan, alpha: 0.5 },
         Distortion::DoubleSphere { xi: 0.0, alpha: 1.2 },
+        Distortion::Unified([-0.1, 0.0, 0.0, 0.0, 0.0]),
+        Distortion::ExtendedUnified { alpha: 1.1, beta: 1.0 },
+        Distortion::ExtendedUnified { alpha: 0.5, beta: 0.0 },
+        Distortion::Division(nan),
     ] {
         camera.distortion = distortion;
         assert!(camera.validate().is_err(), "{distortion:?}");
@@ -229,7 +278,7 @@ proptest! {
 
     #[test]
     fn pixels_round_trip_for_mild_lenses(
-        kind in 0..6usize,
+        kind in 0..9usize,
         c in prop::array::uniform8(-0.08..0.08f64),
         x in 0.0..639.0f64,
         y in 0.0..479.0f64,
@@ -243,7 +292,10 @@ proptest! {
             2 => Distortion::InverseRadialTangential(radial),
             3 => Distortion::Equidistant([0.5 * c[0], 0.5 * c[1], 0.1 * c[2], 0.1 * c[3]]),
             4 => Distortion::Fov(0.1 + 6.0 * c[0].abs()),
-            _ => Distortion::DoubleSphere { xi: 4.0 * c[0], alpha: 0.5 + 5.0 * c[1] },
+            5 => Distortion::DoubleSphere { xi: 4.0 * c[0], alpha: 0.5 + 5.0 * c[1] },
+            6 => Distortion::Unified([0.9 + 4.0 * c[5], radial[0], radial[1], radial[2], radial[3]]),
+            7 => Distortion::ExtendedUnified { alpha: 0.5 + 5.0 * c[1], beta: 1.0 + 2.0 * c[0] },
+            _ => Distortion::Division(2.0 * c[0]),
         };
         let camera = Camera { distortion, ..Camera::pinhole(640, 480, 420.0, 410.0, 322.0, 238.0) };
         let px = Vec2::new(x, y);
@@ -257,7 +309,7 @@ proptest! {
     /// and never a panic.
     #[test]
     fn any_lens_is_correct_or_none(
-        kind in 0..6usize,
+        kind in 0..9usize,
         c in prop::array::uniform8(-2.0..2.0f64),
         x in -1.5..1.5f64,
         y in -1.5..1.5f64,
@@ -270,7 +322,10 @@ proptest! {
             2 => Distortion::InverseRadialTangential(radial),
             3 => Distortion::Equidistant([c[0], c[1], c[2], c[3]]),
             4 => Distortion::Fov(c[0].abs()),
-            _ => Distortion::DoubleSphere { xi: c[0], alpha: c[1].abs().min(1.0) },
+            5 => Distortion::DoubleSphere { xi: c[0], alpha: c[1].abs().min(1.0) },
+            6 => Distortion::Unified([c[5].abs(), c[0], c[1], p1, p2]),
+            7 => Distortion::ExtendedUnified { alpha: c[0].abs().min(1.0), beta: c[1].abs() },
+            _ => Distortion::Division(c[0]),
         };
         let camera = Camera { distortion, ..Camera::pinhole(2, 2, 1.0, 1.0, 0.0, 0.0) };
         prop_assume!(camera.validate().is_ok());

@@ -4,6 +4,7 @@
 //! cameras look along -z, and a point `p` of the world projects to `f (1 + k1 n^2 + k2 n^4) n` with
 //! `n = -(x, y) / z` of `R p + t`, in pixels from the image's centre.
 
+mod bundler;
 mod camera;
 mod solve;
 mod text;

@@ -5,13 +5,24 @@ use crate::text::{TextError, number, shown, whole};
 use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use std::fmt::Write;
 
-/// Reads a BAL text.
+/// Reads a BAL text, or one of Bundler, which begins with `# Bundle file`.
 ///
 /// # Errors
 /// With the line: counts that are not whole, indices beyond them, what is missing or too much, numbers that are not finite.
 /// Memory grows with the text, whatever its counts say.
 pub fn read(text: &str) -> Result<Bal, TextError> {
     let mut words = Words::new(text);
+    if text.starts_with('#') {
+        words.skip_line();
+        if !text.starts_with("# Bundle file") {
+            return Err(TextError::new(
+                1,
+                format!("begins with a comment, \"{}\"", shown(text.lines().next().unwrap_or_default())),
+            ));
+        }
+        let bal = super::bundler::read(&mut words)?;
+        return words.ended(bal);
+    }
     let cameras = words.whole("the number of cameras", u32::MAX)?;
     let points = words.whole("the number of points", u32::MAX)?;
     let observations = words.whole("the number of observations", u32::MAX)?;
@@ -35,14 +46,7 @@ pub fn read(text: &str) -> Result<Bal, TextError> {
     for _ in 0..points {
         bal.points.push(words.vec3("a point")?);
     }
-    match words.next() {
-        None if bal.observations.is_empty() => Err(TextError::new(words.line, "there is no observation")),
-        None => Ok(bal),
-        Some(word) => Err(TextError::new(
-            words.line,
-            format!("more numbers than the first line says, from {}", shown(word)),
-        )),
-    }
+    words.ended(bal)
 }
 
 /// The text of a problem; numbers keep every digit.
@@ -65,7 +69,7 @@ pub fn write(bal: &Bal) -> String {
 }
 
 /// The words of a text, and the line of the last one given.
-struct Words<'a> {
+pub(super) struct Words<'a> {
     lines: std::iter::Enumerate<std::str::Lines<'a>>,
     words: std::str::SplitWhitespace<'a>,
     line: usize,
@@ -90,21 +94,38 @@ impl<'a> Words<'a> {
         Self { lines: text.lines().enumerate(), words: "".split_whitespace(), line: 1 }
     }
 
+    /// Leaves out the rest of the first line.
+    fn skip_line(&mut self) {
+        self.lines.next();
+    }
+
+    /// The problem, when it has observations and nothing follows it.
+    fn ended(&mut self, bal: Bal) -> Result<Bal, TextError> {
+        match self.next() {
+            None if bal.observations.is_empty() => Err(TextError::new(self.line, "there is no observation")),
+            None => Ok(bal),
+            Some(word) => {
+                let why = format!("more numbers than the counts say, from {}", shown(word));
+                Err(TextError::new(self.line, why))
+            }
+        }
+    }
+
     /// The error with the line that was reached.
-    fn here(&self, error: TextError) -> TextError {
+    pub(super) fn here(&self, error: TextError) -> TextError {
         TextError { line: self.line, ..error }
     }
 
-    fn number(&mut self, what: &str) -> Result<f64, TextError> {
+    pub(super) fn number(&mut self, what: &str) -> Result<f64, TextError> {
         number(self, 0, what).map_err(|e| self.here(e))
     }
 
-    fn vec3(&mut self, what: &str) -> Result<Vec3, TextError> {
+    pub(super) fn vec3(&mut self, what: &str) -> Result<Vec3, TextError> {
         Ok(Vec3::new(self.number(what)?, self.number(what)?, self.number(what)?))
     }
 
     /// A whole number below a bound.
-    fn whole(&mut self, what: &str, below: u32) -> Result<u32, TextError> {
+    pub(super) fn whole(&mut self, what: &str, below: u32) -> Result<u32, TextError> {
         let n = whole(self, 0, what).map_err(|e| self.here(e))?;
         match u32::try_from(n) {
             Ok(n) if n < below => Ok(n),

@@ -1,12 +1,10 @@
 //! g2o text to a graph.
 
-use super::record::Record;
-use crate::Loss;
-use crate::graph::{PoseGraph, nearest_semi_definite, semi_definite};
-use crate::text::{TextError, end, number, shown, whole};
-use cairn_geometry::{Se2, Se3};
-use nalgebra::SMatrix;
-use std::collections::BTreeMap;
+use super::lines::Lines;
+use crate::graph::PoseGraph;
+use crate::text::{TextError, shown, whole};
+use cairn_geometry::{LieGroup, Se2, Se3};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The content of a g2o text.
 #[derive(Clone, Debug)]
@@ -21,6 +19,9 @@ pub struct G2o {
     /// Edges whose information matrix was not positive semi-definite and was replaced by the nearest one that is; always
     /// `None` from [`read`].
     pub replaced: Option<Replaced>,
+    /// Lines that solving does not change, as they were read: of points that were seen, of what is known in the world, and of
+    /// unknown tags.
+    pub kept: Vec<String>,
 }
 
 /// Information matrices that were replaced.
@@ -44,10 +45,24 @@ pub enum Graph {
 /// A graph whose vertices have numbers of their own.
 #[derive(Clone, Debug)]
 pub struct Named<G, const D: usize> {
-    /// The graph, vertices by rising id.
+    /// The graph, vertices by rising id. Where something is known in the world, the world is the last vertex, without an id.
     pub graph: PoseGraph<G, D>,
     /// The id of each vertex.
     pub ids: Vec<u64>,
+    /// Those of them that are points.
+    pub points: BTreeSet<u64>,
+    /// Edges between poses; they are the first, those to points and from the world follow.
+    pub relative: usize,
+    /// Poses and positions that are known in the world: the last edges.
+    pub priors: usize,
+}
+
+impl<G: LieGroup<D>, const D: usize> Named<G, D> {
+    /// A graph of poses and edges between them alone.
+    pub fn of_poses(graph: PoseGraph<G, D>, ids: Vec<u64>) -> Self {
+        let relative = graph.edges().len();
+        Self { graph, ids, points: BTreeSet::new(), relative, priors: 0 }
+    }
 }
 
 /// Different unknown tags that are listed by name.
@@ -77,26 +92,22 @@ pub fn read_nearest(text: &str) -> Result<G2o, TextError> {
     let mut unknown: BTreeMap<String, usize> = BTreeMap::new();
     for (k, content) in text.lines().enumerate() {
         let line = k + 1;
-        let mut words = content.split_whitespace();
-        let Some(tag) = words.next().filter(|tag| !tag.starts_with('#')) else { continue };
-        match tag {
-            "FIX" => {
-                let mut words = words.peekable();
-                loop {
-                    rows.fixes.push((line, whole(&mut words, line, "the id")?));
-                    if words.peek().is_none() {
-                        break;
-                    }
-                }
-            }
-            _ if tag == Se2::VERTEX => rows.plane.vertex(line, &mut words)?,
-            _ if tag == Se2::EDGE => rows.plane.edge(line, &mut words)?,
-            _ if tag == Se3::VERTEX => rows.space.vertex(line, &mut words)?,
-            _ if tag == Se3::EDGE => rows.space.edge(line, &mut words)?,
-            _ => {
+        let mut words = content.split('#').next().unwrap_or_default().split_whitespace();
+        let Some(tag) = words.next() else { continue };
+        if tag == "FIX" {
+            rows.fix(line, words)?;
+        } else {
+            let taken = match rows.plane.take(tag, line, &mut words)? {
+                None => rows.space.take(tag, line, &mut words)?,
+                taken => taken,
+            };
+            if taken.is_none() {
                 let name = shown(tag);
                 let known = unknown.len() < TAGS || unknown.contains_key(&name);
                 *unknown.entry(if known { name } else { "...".into() }).or_default() += 1;
+            }
+            if taken != Some(false) {
+                rows.kept.push(content.to_owned());
             }
         }
         if let (Some(a), Some(b)) = (rows.plane.first, rows.space.first) {
@@ -113,12 +124,28 @@ struct Rows {
     plane: Lines<Se2, 3>,
     space: Lines<Se3, 6>,
     fixes: Vec<(usize, u64)>,
+    kept: Vec<String>,
 }
 
 impl Rows {
+    fn fix<'a>(&mut self, line: usize, words: impl Iterator<Item = &'a str>) -> Result<(), TextError> {
+        let mut words = words.peekable();
+        loop {
+            self.fixes.push((line, whole(&mut words, line, "the id")?));
+            if words.peek().is_none() {
+                return Ok(());
+            }
+        }
+    }
+
     fn finish(self, unknown: BTreeMap<String, usize>, lines: usize) -> Result<G2o, TextError> {
-        if self.plane.edges.is_empty() && self.space.edges.is_empty() {
-            return Err(TextError::new(lines.max(1), "the text ends without an edge of a pose graph"));
+        if !self.plane.is_measured() && !self.space.is_measured() {
+            let found = match tags_text(&unknown) {
+                tags if tags.is_empty() => String::new(),
+                tags => format!("; what is in it is not known: {tags}"),
+            };
+            let reason = format!("the text ends without an edge of a pose graph{found}");
+            return Err(TextError::new(lines.max(1), reason));
         }
         let replaced = self.plane.replaced.or(self.space.replaced);
         let (graph, has_values) = if self.plane.first.is_some() {
@@ -128,95 +155,12 @@ impl Rows {
             let has_values = !self.space.vertices.is_empty();
             (Graph::Space(self.space.build(&self.fixes)?), has_values)
         };
-        Ok(G2o { graph, has_values, unknown, replaced })
+        Ok(G2o { graph, has_values, unknown, replaced, kept: self.kept })
     }
 }
 
-/// The lines of one kind of pose.
-struct Lines<G, const D: usize> {
-    first: Option<usize>,
-    vertices: BTreeMap<u64, G>,
-    edges: Vec<EdgeLine<G, D>>,
-    replaced: Option<Replaced>,
-}
-
-struct EdgeLine<G, const D: usize> {
-    line: usize,
-    ends: [u64; 2],
-    a_from_b: G,
-    information: SMatrix<f64, D, D>,
-}
-
-impl<G, const D: usize> Default for Lines<G, D> {
-    fn default() -> Self {
-        Self { first: None, vertices: BTreeMap::new(), edges: Vec::new(), replaced: None }
-    }
-}
-
-impl<G: Record<D>, const D: usize> Lines<G, D> {
-    fn vertex<'a>(
-        &mut self,
-        line: usize,
-        words: &mut impl Iterator<Item = &'a str>,
-    ) -> Result<(), TextError> {
-        let id = whole(words, line, "the id")?;
-        let value = G::take(words, line)?;
-        end(words, line)?;
-        self.first.get_or_insert(line);
-        match self.vertices.insert(id, value) {
-            None => Ok(()),
-            Some(_) => Err(TextError::new(line, format!("vertex {id} is defined twice"))),
-        }
-    }
-
-    fn edge<'a>(&mut self, line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<(), TextError> {
-        let ends = [whole(words, line, "the first id")?, whole(words, line, "the second id")?];
-        let a_from_b = G::take(words, line)?;
-        let mut information = SMatrix::<f64, D, D>::zeros();
-        for r in 0..D {
-            for c in r..D {
-                let v = number(words, line, "an entry of the information matrix")?;
-                (information[(r, c)], information[(c, r)]) = (v, v);
-            }
-        }
-        end(words, line)?;
-        if ends[0] == ends[1] {
-            return Err(TextError::new(line, format!("the edge connects vertex {} to itself", ends[0])));
-        }
-        if !semi_definite(&information) {
-            let reason = "the information matrix has no eigenvalues that can be computed";
-            information = nearest_semi_definite(&information).ok_or(TextError::new(line, reason))?;
-            self.replaced.get_or_insert(Replaced { edges: 0, first_line: line }).edges += 1;
-        }
-        self.first.get_or_insert(line);
-        self.edges.push(EdgeLine { line, ends, a_from_b, information });
-        Ok(())
-    }
-
-    fn build(mut self, fixes: &[(usize, u64)]) -> Result<Named<G, D>, TextError> {
-        if self.vertices.is_empty() {
-            let named = self.edges.iter().flat_map(|e| e.ends);
-            self.vertices = named.map(|id| (id, G::identity())).collect();
-        }
-        let ids: Vec<u64> = self.vertices.keys().copied().collect();
-        let find = |line, id| {
-            let missing = || TextError::new(line, format!("there is no vertex {id}"));
-            ids.binary_search(&id).map_err(|_| missing())
-        };
-        let mut fixed = vec![false; ids.len()];
-        for (line, id) in fixes {
-            fixed[find(*line, *id)?] = true;
-        }
-        let mut graph = PoseGraph::new();
-        for (value, fixed) in self.vertices.values().zip(fixed) {
-            graph.add_vertex(*value, fixed);
-        }
-        for e in &self.edges {
-            let (a, b) = (find(e.line, e.ends[0])?, find(e.line, e.ends[1])?);
-            graph
-                .add_edge(a, b, e.a_from_b, &e.information, Loss::Squared)
-                .map_err(|why| TextError::new(e.line, why.to_string()))?;
-        }
-        Ok(Named { graph, ids })
-    }
+/// Tags and how often each was found, in words.
+pub fn tags_text(tags: &BTreeMap<String, usize>) -> String {
+    let each: Vec<String> = tags.iter().map(|(tag, n)| format!("{tag} ({n} lines)")).collect();
+    each.join(", ")
 }

@@ -89,7 +89,13 @@ pub fn chordal_start<G: Rigid<D>, const D: usize>(graph: &mut PoseGraph<G, D>) -
     let free: Vec<usize> = (0..held.len()).filter(|i| !held[*i]).collect();
     let mut slot = vec![None; held.len()];
     free.iter().enumerate().for_each(|(k, i)| slot[*i] = Some(k));
-    rotations(&mut poses, &edges, &free, &slot)?;
+    // What no edge gives a rotation keeps its own: points, say.
+    let mut turned = vec![false; held.len()];
+    edges.iter().filter(|e| e.weights.1 > 0.0).for_each(|e| (turned[e.a], turned[e.b]) = (true, true));
+    let turning: Vec<usize> = free.iter().copied().filter(|i| turned[*i]).collect();
+    let mut turning_slot = vec![None; held.len()];
+    turning.iter().enumerate().for_each(|(k, i)| turning_slot[*i] = Some(k));
+    rotations(&mut poses, &edges, &turning, &turning_slot)?;
     translations(&mut poses, &edges, &free, &slot)?;
     for i in free {
         graph.values[i] = G::from_space(&poses[i].0, &poses[i].1);

@@ -82,6 +82,18 @@ pub struct Edge<G, const D: usize> {
     pub loss: Loss,
 }
 
+impl<G, const D: usize> Edge<G, D> {
+    /// Whether nothing is said of the rotation: what a point that was seen, or a position, is known by. Its residual is the
+    /// translation itself, whatever the metric.
+    fn is_position(&self) -> bool {
+        self.information[(D - 1, D - 1)] == 0.0
+    }
+
+    fn metric(&self, metric: Metric) -> Metric {
+        if self.is_position() { Metric::Chordal } else { metric }
+    }
+}
+
 /// Why an edge was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EdgeError {
@@ -188,7 +200,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
 
     /// Squared whitened residual of an edge.
     pub fn chi2(&self, edge: &Edge<G, D>, metric: Metric) -> f64 {
-        let r = residual(&self.error(edge), metric);
+        let r = residual(&self.error(edge), edge.metric(metric));
         r.dot(&(edge.information * r))
     }
 
@@ -227,7 +239,7 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
         edge.a_from_b.inverse().compose(&relative)
     }
 
-    /// For each vertex, the first one of its connected component.
+    /// For each vertex, the first one of its connected component. An edge without information connects nothing.
     pub fn components(&self) -> Vec<usize> {
         let mut root: Vec<usize> = (0..self.values.len()).collect();
         fn find(root: &mut [usize], mut i: usize) -> usize {
@@ -238,7 +250,8 @@ impl<G: LieGroup<D>, const D: usize> PoseGraph<G, D> {
             i
         }
         let stars = self.condensed.iter().flat_map(|c| c.vertices().iter().map(|v| (c.vertices()[0], *v)));
-        for (a, b) in self.edges.iter().map(|e| (e.a, e.b)).chain(stars) {
+        let edges = self.edges.iter().filter(|e| e.information.amax() > 0.0);
+        for (a, b) in edges.map(|e| (e.a, e.b)).chain(stars) {
             let (a, b) = (find(&mut root, a), find(&mut root, b));
             root[a.max(b)] = a.min(b);
         }

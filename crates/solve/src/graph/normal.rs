@@ -100,6 +100,19 @@ impl<const D: usize> Normal<D> {
         for (part, pairs) in graph.condensed.iter().zip(&layout.condensed_pair) {
             self.add_condensed(layout, &part.linearise(values), part.vertices(), pairs);
         }
+        self.hold_untouched();
+    }
+
+    /// A rotation that no measurement touches (that of a point) has rows of zeros: with a one on the diagonal it stays.
+    fn hold_untouched(&mut self) {
+        let translations = if D == 3 { 2 } else { 3 };
+        for block in &mut self.diagonal {
+            for k in translations..D {
+                if block[k][k] == 0.0 {
+                    block[k][k] = 1.0;
+                }
+            }
+        }
     }
 
     fn add_condensed(
@@ -162,6 +175,7 @@ impl<const D: usize> Linear<D> {
     pub fn new<G: LieGroup<D>>(edge: &Edge<G, D>, a: &G, b: &G, metric: Metric) -> Self {
         let relative = a.inverse().compose(b);
         let error = edge.a_from_b.inverse().compose(&relative);
+        let metric = edge.metric(metric);
         let r = residual(&error, metric);
         let j = match metric {
             Metric::Geodesic => error.coordinates_jacobian(),

@@ -5,7 +5,7 @@ use cairn_geometry::LieGroup;
 use std::collections::VecDeque;
 
 /// Sets every vertex that is not held by chaining measurements from the held ones: along edges between neighbours in
-/// index first (the odometry), then breadth first along the other edges.
+/// index first (the odometry), then breadth first along the other edges, and at last from poses to the points that they saw.
 pub fn odometry_start<G: LieGroup<D>, const D: usize>(graph: &mut PoseGraph<G, D>) {
     let n = graph.values.len();
     let mut known = graph.held();
@@ -16,14 +16,21 @@ pub fn odometry_start<G: LieGroup<D>, const D: usize>(graph: &mut PoseGraph<G, D
         next[e.a].push(k);
         next[e.b].push(k);
     }
-    let is_odometry = |e: &Edge<G, D>| e.a.abs_diff(e.b) == 1;
+    // Which edges lead on: those between neighbours, then every one that measures a whole pose, then those to positions.
+    let leads = |stage: usize, from: usize, e: &Edge<G, D>| match stage {
+        0 => e.a.abs_diff(e.b) == 1 && !e.is_position(),
+        1 => !e.is_position(),
+        _ => e.a == from,
+    };
     // Vertices with known value, the chain of odometry ahead of everything else.
-    let mut queue: VecDeque<(usize, bool)> = (0..n).filter(|i| known[*i]).map(|i| (i, false)).collect();
-    while let Some((from, all)) = queue.pop_front() {
+    let mut queues: [VecDeque<usize>; 3] =
+        [(0..n).filter(|i| known[*i]).collect(), VecDeque::new(), VecDeque::new()];
+    while let Some(stage) = queues.iter().position(|q| !q.is_empty()) {
+        let Some(from) = queues[stage].pop_front() else { continue };
         for &k in &next[from] {
             let e = &edges[k];
             let to = if e.a == from { e.b } else { e.a };
-            if known[to] || !(all || is_odometry(e)) {
+            if known[to] || !leads(stage, from, e) {
                 continue;
             }
             known[to] = true;
@@ -32,10 +39,10 @@ pub fn odometry_start<G: LieGroup<D>, const D: usize>(graph: &mut PoseGraph<G, D
             } else {
                 graph.values[from].compose(&e.a_from_b.inverse())
             };
-            queue.push_front((to, false));
+            queues[0].push_front(to);
         }
-        if !all {
-            queue.push_back((from, true));
+        if let Some(later) = queues.get_mut(stage + 1) {
+            later.push_back(from);
         }
     }
 }

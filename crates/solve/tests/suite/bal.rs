@@ -148,3 +148,38 @@ proptest! {
         prop_assert_eq!(bal.cost(Loss::Squared).to_bits(), report.cost_after.to_bits());
     }
 }
+
+#[test]
+fn bundler_is_read_as_the_same_problem() {
+    let bal = ring(6, 40);
+    let mut text = format!("# Bundle file v0.3\n{} {}\n", bal.cameras.len() + 1, bal.points.len());
+    // The second camera was not found: Bundler writes zeros.
+    for (k, c) in bal.cameras.iter().enumerate() {
+        if k == 1 {
+            text += &"0 0 0\n".repeat(5);
+        }
+        let (r, t) = (c.camera_from_world.rotation.matrix(), c.camera_from_world.translation);
+        text += &format!("{} {} {}\n", c.focal, c.k1, c.k2);
+        (0..3).for_each(|i| text += &format!("{} {} {}\n", r[(i, 0)], r[(i, 1)], r[(i, 2)]));
+        text += &format!("{} {} {}\n", t.x, t.y, t.z);
+    }
+    for (j, p) in bal.points.iter().enumerate() {
+        text += &format!("{} {} {}\n255 0 7\n", p.x, p.y, p.z);
+        let views: Vec<&BalObservation> = bal.observations.iter().filter(|o| o.point as usize == j).collect();
+        text += &views.len().to_string();
+        for o in views {
+            let camera = o.camera + u32::from(o.camera >= 1);
+            text += &format!(" {camera} 12 {} {}", o.pixel.x, o.pixel.y);
+        }
+        text += "\n";
+    }
+    let found = read(&text).unwrap();
+    assert_eq!((found.cameras.len(), found.points.len()), (6, 40));
+    assert_eq!(found.observations.len(), bal.observations.len());
+    assert!(found.cost(Loss::Squared) < 1e-12, "{}", found.cost(Loss::Squared));
+    let cut = text.rsplit_once('\n').unwrap().0.rsplit_once(' ').unwrap().0;
+    assert!(read(cut).unwrap_err().to_string().contains("y of a view"));
+    assert!(read(&text.replacen("255 0 7", "255 0", 1)).is_err());
+    let other = read("# Camera list\n1 SIMPLE_RADIAL 640 480 500 320 240 0.01\n").unwrap_err();
+    assert!(other.to_string().contains("# Camera list"), "{other}");
+}

@@ -251,9 +251,14 @@ fn what_makes_no_sense_is_refused() {
     assert_eq!(add(b, at(0.0), -one, Loss::Squared), Err(EdgeError::Information));
     assert_eq!(add(b, at(0.0), one * f64::NAN, Loss::Squared), Err(EdgeError::Information));
     assert_eq!(add(b, at(0.0), one, Loss::Huber(0.0)), Err(EdgeError::Width));
-    // No information at all: the system is singular, which is told.
+    // No information at all connects nothing: each vertex is a part of its own, and stays.
     assert!(add(b, at(1.0), one * 0.0, Loss::Squared).is_ok());
     let config = GraphConfig { method: Method::GaussNewton, ..GraphConfig::default() };
+    assert_eq!((graph.components(), graph.solve(&config, || false).stop), (vec![a, b], Stop::Empty));
+    assert!(chordal_start(&mut graph).is_ok());
+    // Information along x alone: the system is singular, which is told.
+    let along_x = SMatrix::<f64, 6, 6>::from_diagonal(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0].into());
+    assert!(graph.add_edge(a, b, at(1.0), &along_x, Loss::Squared).is_ok());
     assert_eq!(graph.solve(&config, || false).stop, Stop::NoDescent);
     assert!(chordal_start(&mut graph).is_err());
 }

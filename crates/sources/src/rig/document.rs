@@ -1,9 +1,9 @@
 //! A parsed calibration file, with errors that name its path and line.
 
-use super::yaml::{self, Node, Value};
 use crate::text::place;
+use cairn_files::yaml::{self, Node, Value};
 use cairn_geometry::{Mat3, Se3};
-use cairn_sensor::{Distortion, RigError, SourceError, check_rotation};
+use cairn_sensor::{Camera, Distortion, RigError, SourceError, check_rotation};
 use nalgebra::Matrix4;
 use std::path::{Path, PathBuf};
 
@@ -109,6 +109,19 @@ impl Document {
         rigid(&m, what).map_err(|e| self.error(node.line, e.0))
     }
 
+    /// A camera of these numbers; `line` is where an error is told.
+    pub fn camera(
+        &self,
+        line: usize,
+        [width, height]: [usize; 2],
+        [fx, fy, cx, cy]: [f64; 4],
+        distortion: Distortion,
+    ) -> Result<Camera, SourceError> {
+        let camera = Camera { width, height, fx, fy, cx, cy, distortion };
+        camera.validate().map_err(|e| self.error(line, e.to_string()))?;
+        Ok(camera)
+    }
+
     /// A lens by its name in EuRoC and Kalibr files.
     pub fn distortion(&self, line: usize, name: &str, c: &[f64]) -> Result<Distortion, SourceError> {
         lens(name, c).map_err(|e| self.error(line, e.0))
@@ -139,17 +152,27 @@ pub fn lens(name: &str, c: &[f64]) -> Result<Distortion, CalibrationError> {
             Some(v) => Err(CalibrationError(format!("distortion is \"none\", but a coefficient is {v}"))),
             None => Ok(Distortion::None),
         },
-        "radtan" | "radial-tangential" | "plumb_bob" | "rational_polynomial" | "rational" => match *c {
+        "radtan"
+        | "radial-tangential"
+        | "radialtangential"
+        | "radialtangential8"
+        | "plumb_bob"
+        | "pinhole-radtan8"
+        | "rational_polynomial"
+        | "rational" => match *c {
             [k1, k2, p1, p2] => Ok(Distortion::RadialTangential([k1, k2, p1, p2, 0.0])),
             [k1, k2, p1, p2, k3] => Ok(Distortion::RadialTangential([k1, k2, p1, p2, k3])),
-            [k1, k2, p1, p2, k3, k4, k5, k6] => Ok(Distortion::Rational([k1, k2, p1, p2, k3, k4, k5, k6])),
+            // Of OpenCV's twelve and fourteen the last are thin prism and tilt.
+            [k1, k2, p1, p2, k3, k4, k5, k6, ref rest @ ..] if rest.iter().all(|v| *v == 0.0) => {
+                Ok(Distortion::Rational([k1, k2, p1, p2, k3, k4, k5, k6]))
+            }
             _ => Err(counted("4, 5 or 8")),
         },
         "inverse-radial-tangential" | "inverse_brown_conrady" => match *c {
             [k1, k2, p1, p2, k3] => Ok(Distortion::InverseRadialTangential([k1, k2, p1, p2, k3])),
             _ => Err(counted("5")),
         },
-        "equi" | "equidistant" => match *c {
+        "equi" | "equidistant" | "kannala_brandt" | "kannala-brandt" | "kb4" => match *c {
             [k1, k2, k3, k4] => Ok(Distortion::Equidistant([k1, k2, k3, k4])),
             _ => Err(counted("4")),
         },
@@ -161,8 +184,20 @@ pub fn lens(name: &str, c: &[f64]) -> Result<Distortion, CalibrationError> {
             [xi, alpha] => Ok(Distortion::DoubleSphere { xi, alpha }),
             _ => Err(counted("2")),
         },
+        "unified" => match *c {
+            [xi, k1, k2, p1, p2] => Ok(Distortion::Unified([xi, k1, k2, p1, p2])),
+            _ => Err(counted("5")),
+        },
+        "extended-unified" => match *c {
+            [alpha, beta] => Ok(Distortion::ExtendedUnified { alpha, beta }),
+            _ => Err(counted("2")),
+        },
+        "division" => match *c {
+            [k] => Ok(Distortion::Division(k)),
+            _ => Err(counted("1")),
+        },
         other => Err(CalibrationError(format!(
-            "distortion \"{other}\" is not known (none, radtan, rational, inverse-radial-tangential, equidistant, fov, double-sphere are)"
+            "distortion \"{other}\" is not known (none, radtan, rational, inverse-radial-tangential, equidistant, fov, double-sphere, unified, extended-unified, division are)"
         ))),
     }
 }

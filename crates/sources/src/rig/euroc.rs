@@ -26,9 +26,25 @@ pub fn folder(root: &Path) -> Result<Rig, SourceError> {
     Ok(Rig { cameras, depth: None, imu })
 }
 
-/// One camera's file as a rig; the body is the file's body frame.
+/// One camera's file as a rig; the body is the file's body frame. Of Kimera's `LeftCameraParams.yaml` with what is beside it:
+/// `RightCameraParams.yaml` and `ImuParams.yaml`.
 pub fn single(doc: &Document) -> Result<Rig, SourceError> {
-    Ok(Rig { cameras: vec![camera(doc, "cam0")?], depth: None, imu: None })
+    let mut rig = Rig { cameras: vec![camera(doc, "cam0")?], depth: None, imu: None };
+    if !doc.path.ends_with("LeftCameraParams.yaml") {
+        return Ok(rig);
+    }
+    let beside = |name: &str| Some(doc.path.with_file_name(name)).filter(|path| path.is_file());
+    if let Some(path) = beside("RightCameraParams.yaml") {
+        rig.cameras.push(camera(&Document::parse(&path, &read_text(&path)?)?, "cam1")?);
+    }
+    if let Some(path) = beside("ImuParams.yaml") {
+        let doc = Document::parse(&path, &read_text(&path)?)?;
+        let mut imu = kalibr::imu(&doc, &doc.root, "rate_hz")?;
+        // Kimera: t_imu = t_image + shift.
+        imu.offset_s = -doc.root.get("imu_time_shift").map_or(Ok(0.0), |n| doc.number(n))?;
+        rig.imu = Some(imu);
+    }
+    Ok(rig)
 }
 
 fn camera(doc: &Document, name: &str) -> Result<RigCamera, SourceError> {

@@ -2,8 +2,8 @@
 //! names).
 
 use super::document::Document;
-use super::yaml::Node;
 use crate::text::read_text;
+use cairn_files::yaml::Node;
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
 use std::path::{Path, PathBuf};
@@ -54,6 +54,14 @@ pub fn chain(doc: &Document, imu: Option<PathBuf>) -> Result<Rig, SourceError> {
     Ok(Rig { cameras, depth: None, imu })
 }
 
+/// The chain that a configuration of OpenVINS names.
+pub fn of_openvins(doc: &Document, chain_name: &Node) -> Result<Rig, SourceError> {
+    let beside = |name: &str| doc.path.parent().unwrap_or(Path::new("")).join(name);
+    let path = beside(chain_name.text().unwrap_or_default());
+    let imu = doc.root.get("relative_config_imu").and_then(Node::text).map(beside);
+    chain(&Document::parse(&path, &read_text(&path)?)?, imu)
+}
+
 /// One camera: `camera_model`, `intrinsics`, `distortion_model`, `distortion_coeffs` (EuRoC:
 /// `distortion_coefficients`), `resolution`.
 pub fn camera(doc: &Document, node: &Node) -> Result<Camera, SourceError> {
@@ -78,14 +86,29 @@ pub fn camera(doc: &Document, node: &Node) -> Result<Camera, SourceError> {
             lens(name)?; // only "none" is valid with it
             ([fx, fy, cx, cy], Distortion::DoubleSphere { xi, alpha })
         }
+        "omni" => {
+            let [xi, fx, fy, cx, cy] = doc.array::<5>(intrinsics, "intrinsics of omni")?;
+            let c = match lens(name)? {
+                Distortion::None => [0.0; 4],
+                Distortion::RadialTangential([k1, k2, p1, p2, 0.0]) => [k1, k2, p1, p2],
+                other => {
+                    let why = format!("camera model omni has no {} distortion", other.name());
+                    return Err(doc.error(model.line, why));
+                }
+            };
+            ([fx, fy, cx, cy], Distortion::Unified([xi, c[0], c[1], c[2], c[3]]))
+        }
+        "eucm" => {
+            let [alpha, beta, fx, fy, cx, cy] = doc.array::<6>(intrinsics, "intrinsics of eucm")?;
+            lens(name)?;
+            ([fx, fy, cx, cy], Distortion::ExtendedUnified { alpha, beta })
+        }
         other => {
-            let why = format!("camera model \"{other}\" is not known (pinhole and ds are)");
+            let why = format!("camera model \"{other}\" is not known (pinhole, omni, ds and eucm are)");
             return Err(doc.error(model.line, why));
         }
     };
-    let camera = Camera { width: width as usize, height: height as usize, fx, fy, cx, cy, distortion };
-    camera.validate().map_err(|e| doc.error(intrinsics.line, e.to_string()))?;
-    Ok(camera)
+    doc.camera(intrinsics.line, [width as usize, height as usize], [fx, fy, cx, cy], distortion)
 }
 
 /// An IMU file: under `imu0`, or flat as Kalibr reads it.

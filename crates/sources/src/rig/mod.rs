@@ -1,16 +1,19 @@
 //! Rig files of all kinds; the kind is detected.
 
+mod basalt;
+mod camodocal;
 mod document;
 mod euroc;
 pub mod kalibr;
 pub mod kitti;
 mod named;
+mod nice_slam;
+mod okvis;
 mod orbslam;
 mod own;
 mod realsense;
 mod ros;
 mod stella;
-mod yaml;
 
 pub use document::CalibrationError;
 pub use euroc::folder as euroc_folder;
@@ -116,18 +119,28 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     let unknown = |line_cure: &str| {
         SourceError::new(
             path.display().to_string(),
-            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, rs-enumerate-devices -c)",
+            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, Basalt, Kimera, OpenVINS, NICE-SLAM, rs-enumerate-devices -c)",
             line_cure,
         )
     };
-    if !name.ends_with(".yaml") && !name.ends_with(".yml") {
+    if ![".yaml", ".yml", ".json"].iter().any(|end| name.ends_with(end)) {
         return Err(unknown("give one of these"));
     }
     let doc = Document::parse(path, &text)?;
     if doc.root.get("cam0").is_some() {
         kalibr::chain(&doc, None)
-    } else if doc.root.get("sensor_type").is_some_and(|s| s.text() == Some("camera")) {
+    } else if doc.root.get("T_BS").is_some() && doc.root.get("camera_model").is_some() {
         euroc::single(&doc)
+    } else if let Some(chain) = doc.root.get("relative_config_imucam") {
+        kalibr::of_openvins(&doc, chain)
+    } else if camodocal::is(&doc.root) {
+        camodocal::rig(&doc)
+    } else if okvis::is(&doc.root) {
+        okvis::rig(&doc)
+    } else if basalt::is(&doc.root) {
+        basalt::rig(&doc)
+    } else if nice_slam::is(&doc.root) {
+        nice_slam::rig(&doc)
     } else if stella::is_config(&doc.root) {
         stella::rig(&doc, size)
     } else if ros::is_camera_info(&doc.root) {
@@ -162,7 +175,7 @@ fn kitti_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError>
     let which: [usize; 2] = if gray { [0, 1] } else { [2, 3] };
     let size = match size {
         Some(size) => size,
-        None => crate::numbered::image_size(folder, which[0]).map_err(|why| {
+        None => crate::numbered::image_size(&folder.join(format!("image_{}", which[0]))).map_err(|why| {
             SourceError::new(
                 path.display().to_string(),
                 format!("does not state the size of the images ({why})"),

@@ -1,7 +1,7 @@
 //! ORB-SLAM settings files: OpenCV FileStorage with the key names of version 1.0 and earlier.
 
 use super::document::Document;
-use super::yaml::Node;
+use cairn_files::yaml::Node;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, DepthSensor, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
 use nalgebra::Matrix3;
@@ -47,7 +47,11 @@ fn resolution(doc: &Document, size: Option<[usize; 2]>) -> Result<[usize; 2], So
     match (doc.root.get("Camera.width"), doc.root.get("Camera.height"), size) {
         (Some(w), Some(h), _) => Ok([doc.number(w)? as usize, doc.number(h)? as usize]),
         (_, _, Some(size)) => Ok(size),
-        _ => Err(doc.error(0, "names no Camera.width and Camera.height")),
+        _ => Err(SourceError::new(
+            doc.path.display().to_string(),
+            "names no Camera.width and Camera.height",
+            "give the recording as well (--with), whose images have the size, or add the two lines",
+        )),
     }
 }
 

@@ -5,8 +5,8 @@
 //! rectification matrices say how the raw cameras stand to the rectified ones, `P[3] = -fx * baseline` how far apart.
 
 use super::document::{CalibrationError, Document};
-use super::yaml::Node;
 use crate::text::read_text;
+use cairn_files::yaml::Node;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, Distortion, Rig, RigCamera, SourceError};
 use nalgebra::Matrix3;

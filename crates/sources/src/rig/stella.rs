@@ -1,7 +1,7 @@
 //! stella_vslam (and OpenVSLAM) configuration files: the camera under `Camera`, nested or as `Camera.fx`.
 
 use super::document::Document;
-use super::yaml::Node;
+use cairn_files::yaml::Node;
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, RigCamera, SourceError};
 use nalgebra::Matrix3;

@@ -95,7 +95,7 @@ fn as_decides_where_a_folder_is_two_things() {
         assert_eq!(packets(&mut *source), stamps, "{kind:?}");
     }
     let text = refused(folder.name(), OpenOptions { kind: Some(SourceKind::Images), ..with_rig() });
-    assert!(text.contains("holds no PNG or JPEG"), "{text}");
+    assert!(text.contains("holds no PNG, JPEG or BMP"), "{text}");
 }
 
 #[test]
@@ -267,4 +267,172 @@ fn a_pipe_is_no_source() {
         let text = refused(path.to_str().unwrap(), OpenOptions::default());
         assert!(text.contains("a device or a pipe"), "{text}");
     }
+}
+
+#[test]
+fn kitti_raw_has_its_times_as_dates_and_its_calibration_above() {
+    let folder = Folder::new();
+    for k in 0..3 {
+        folder.write(&format!("drive/image_00/data/000000000{k}.png"), gray_png(8, 6, k));
+        folder.write(&format!("drive/image_01/data/000000000{k}.png"), gray_png(8, 6, k));
+    }
+    let times =
+        "2011-09-26 13:02:25.000000000\n2011-09-26 13:02:25.103700000\n2011-09-26 13:02:25.207300000\n";
+    folder.write("drive/image_00/timestamps.txt", times);
+    folder.write(
+        "calib_cam_to_cam.txt",
+        "calib_time: 09-Jan-2012 13:57:47\nP_rect_00: 7 0 4 0 0 7 3 0 0 0 1 0\nP_rect_01: 7 0 4 -3.5 0 7 3 0 0 0 1 0\n",
+    );
+    let drive = folder.path().join("drive");
+    let mut source = open(drive.to_str().unwrap(), OpenOptions::default()).unwrap();
+    assert_eq!(source.rig().cameras.len(), 2);
+    assert!((source.rig().cameras[1].body_from_camera.translation.x - 0.5).abs() < 1e-12);
+    let stamps = packets(&mut *source);
+    assert_eq!((stamps[0], stamps[1] - stamps[0]), (1_317_042_145_000_000_000, 103_700_000));
+}
+
+#[test]
+fn replica_scannet_stray_scanner_and_record3d_are_read() {
+    let turned = "0 -1 0 1\n1 0 0 2\n0 0 1 3\n0 0 0 1\n";
+    let line = turned.replace('\n', " ");
+    let replica = Folder::new();
+    for k in 0..2 {
+        replica.write(&format!("office0/results/frame00000{k}.png"), gray_png(8, 6, k));
+        replica.write(&format!("office0/results/depth00000{k}.png"), depth_png(8, 6, 1, 6553));
+    }
+    replica.write("office0/traj.txt", format!("{line}\n{line}\n"));
+    let camera =
+        r#"{"camera": {"w": 8, "h": 6, "fx": 7.0, "fy": 7.0, "cx": 3.5, "cy": 2.5, "scale": 6553.5}}"#;
+    replica.write("cam_params.json", camera);
+    let scannet = Folder::new();
+    for k in [0, 1, 10] {
+        scannet.write(&format!("color/{k}.png"), gray_png(16, 12, k));
+        scannet.write(&format!("depth/{k}.png"), depth_png(8, 6, 1, 2000));
+        let pose = if k == 1 { "-inf ".repeat(16) } else { turned.to_owned() };
+        scannet.write(&format!("pose/{k}.txt"), pose);
+    }
+    let matrix = |f: f64| format!("{f} 0 4 0\n0 {f} 3 0\n0 0 1 0\n0 0 0 1\n");
+    scannet.write("intrinsic/intrinsic_color.txt", matrix(14.0));
+    scannet.write("intrinsic/intrinsic_depth.txt", matrix(7.0));
+    let stray = Folder::new();
+    stray.write("camera_matrix.csv", "14.0, 0.0, 8.0\n0.0, 14.0, 6.0\n0.0, 0.0, 1.0\n");
+    stray.write("odometry.csv", "timestamp, frame, x, y, z, qx, qy, qz, qw\n5.5, 000000, 0, 0, 0, 0, 0, 0, 1\n5.6, 000001, 0, 0, 0, 0, 0, 0, 1\n");
+    stray.write("rgb.mp4", "a film");
+    for k in 0..2 {
+        stray.write(&format!("depth/00000{k}.png"), depth_png(8, 6, 1, 2000));
+    }
+    let text = refused(stray.name(), OpenOptions::default());
+    assert!(text.contains("rgb.mp4") && text.contains("ffmpeg -i"), "{text}");
+    for k in 0..2 {
+        stray.write(&format!("rgb/00000{k}.png"), gray_png(16, 12, k));
+    }
+    let record3d = Folder::new();
+    record3d
+        .write("metadata.json", r#"{"w": 8, "h": 6, "K": [7.0, 0, 0, 0, 7.5, 0, 4.0, 3.0, 1], "fps": 60}"#);
+    (0..2).for_each(|k| drop(record3d.write(&format!("rgb/{k}.png"), gray_png(8, 6, k))));
+
+    let play = |path: std::path::PathBuf| {
+        let mut source =
+            open(path.to_str().unwrap(), OpenOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+        let (rig, truth) = (source.rig().clone(), source.info().truth.clone());
+        let packets: Vec<_> = std::iter::from_fn(|| source.next_packet().unwrap()).collect();
+        (rig, truth, packets)
+    };
+    let (rig, truth, frames) = play(replica.path().join("office0"));
+    assert_eq!((frames.len(), truth.len(), rig.depth.unwrap().metres_per_unit), (2, 2, 1.0 / 6553.5));
+    assert!(frames[0].depth.is_some() && (truth[0].1.translation.z - 3.0).abs() < 1e-12);
+    let (rig, truth, frames) = play(scannet.path().to_owned());
+    assert_eq!((frames.len(), truth.len()), (3, 2), "a pose that is not finite is not known");
+    assert_eq!(frames[2].stamp.0, 10 * 33_333_333);
+    let depth = rig.depth.unwrap();
+    assert_eq!((depth.camera.fx, depth.camera.width, depth.registered), (7.0, 8, false));
+    let (rig, _, frames) = play(stray.path().to_owned());
+    assert_eq!((frames[0].stamp.0, frames[1].stamp.0), (5_500_000_000, 5_600_000_000));
+    let depth = rig.depth.unwrap();
+    // The centre of a pixel twice as large lies between those of four.
+    assert_eq!((depth.camera.fx, depth.camera.cx, depth.camera.cy), (7.0, 3.75, 2.75));
+    let (rig, _, frames) = play(record3d.path().to_owned());
+    assert_eq!((frames.len(), rig.cameras[0].camera.fy, rig.cameras[0].camera.cx), (2, 7.5, 4.0));
+}
+
+#[test]
+fn tum_is_read_as_others_write_it() {
+    // Without lists, by the names of the images; with a calibration as ETH3D has it; with names of Windows; as BMP.
+    let folder = Folder::new();
+    for name in ["rgb/1.00.png", "rgb/1.10.png"] {
+        folder.write(name, gray_png(8, 6, 0));
+        folder.write(&name.replace("rgb", "depth"), depth_png(8, 6, 1, 5000));
+    }
+    folder.write("calibration.txt", "7.25 7.5 4 3\n");
+    let source = opened(&folder, OpenOptions::default());
+    assert_eq!((source.rig().cameras[0].camera.fx, source.rig().cameras[0].camera.width), (7.25, 8));
+    let stamps = packets(&mut *opened(&folder, OpenOptions::default()));
+    assert_eq!(stamps, [1_000_000_000, 1_100_000_000]);
+    folder.write("rgb.txt", "1.00 rgb\\1.00.png\n1.10 rgb\\1.10.png\n");
+    folder.write("depth.txt", "1.00 depth\\1.00.png\n");
+    let mut source = opened(&folder, OpenOptions::default());
+    assert!(source.next_packet().unwrap().unwrap().depth.is_some());
+    assert!(source.next_packet().unwrap().unwrap().depth.is_none());
+    folder.remove("rgb.txt");
+    folder.remove("depth.txt");
+    folder.write("color.txt", "1.00 rgb/1.00.png\n1.10 rgb/1.10.png\n");
+    folder.write("aligned_depth.txt", "1.00 depth/1.00.png\n");
+    assert!(opened(&folder, OpenOptions::default()).next_packet().unwrap().unwrap().depth.is_some());
+}
+
+#[test]
+fn depth_in_millimetres_where_a_fifth_of_one_is_usual_is_told() {
+    let told = |value: u16| {
+        let folder = Folder::new();
+        folder.write("rgb.txt", "1.0 rgb/a.png\n2.0 rgb/b.png\n");
+        folder.write("depth.txt", "1.0 depth/a.png\n2.0 depth/b.png\n");
+        folder.write("calibration.txt", "250 250 160 120\n");
+        for name in ["a", "b"] {
+            folder.write(&format!("rgb/{name}.png"), gray_png(320, 240, 0));
+            folder.write(&format!("depth/{name}.png"), depth_png(320, 240, 1, value));
+        }
+        let mut source = opened(&folder, OpenOptions::default());
+        packets(&mut *source);
+        source.skipped().join(" ")
+    };
+    // 1.2 m in millimetres, and in units of a fifth of one.
+    let (wrong, right) = (told(1200), told(6000));
+    assert!(wrong.contains("nearer than 0.24 m") && wrong.contains("metres_per_unit = 0.001"), "{wrong}");
+    assert!(right.is_empty(), "{right}");
+}
+
+#[test]
+fn times_that_do_not_go_forward_are_an_error_that_says_what_they_look_like() {
+    let list = |stamps: &[f64]| {
+        let folder = Folder::new();
+        let lines: String = stamps.iter().enumerate().map(|(k, s)| format!("{s:.1} rgb/{k}.png\n")).collect();
+        folder.write("rgb.txt", lines);
+        (0..stamps.len()).for_each(|k| drop(folder.write(&format!("rgb/{k}.png"), gray_png(8, 6, k as u8))));
+        folder
+    };
+    let reversed: Vec<f64> = (0..9).rev().map(f64::from).collect();
+    let again: Vec<f64> = (0..40).map(|k| f64::from(k % 8)).collect();
+    for (stamps, word) in [(&reversed, "in reverse"), (&again, "begin anew 4 times")] {
+        let folder = list(stamps);
+        let text = refused(folder.name(), with_rig());
+        assert!(text.contains(word) && text.contains("--number-frames"), "{text}");
+        let numbered = OpenOptions { number_frames_hz: Some(10.0), ..with_rig() };
+        let found = packets(&mut *opened(&folder, numbered));
+        assert_eq!(found, (0..stamps.len() as i64).map(|k| k * 100_000_000).collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn a_bitmap_is_an_image() {
+    let folder = Folder::new();
+    let mut bytes = b"BM".to_vec();
+    let words = [86u32, 0, 54, 40, 4, 2, 24 << 16 | 1, 0, 32, 0, 0, 0, 0];
+    bytes.extend(words.iter().flat_map(|v| v.to_le_bytes()));
+    bytes.extend((0..24).map(|k| 10 * (k / 3)));
+    folder.write("a.bmp", &bytes);
+    folder.write("b.bmp", &bytes);
+    let rig = Some(Rig::mono(Camera::pinhole(4, 2, 3.0, 3.0, 2.0, 1.0)));
+    let mut source = opened(&folder, OpenOptions { rig, ..OpenOptions::default() });
+    let packet = source.next_packet().unwrap().unwrap();
+    assert_eq!(packet.images[0].data(), [40, 50, 60, 70, 0, 10, 20, 30]);
 }

@@ -243,3 +243,187 @@ fn faults_are_reported_with_file_line_and_reason() {
     assert!(read_rig("/no/such/rig.yaml").unwrap_err().to_string().contains("cannot be read"));
     assert!(read_rig(Folder::new().path()).unwrap_err().to_string().contains("holds no rig"));
 }
+
+/// The camera of EuRoC's first and second sensor, as one system after the other writes it.
+#[test]
+fn calibrations_of_other_systems_are_the_same_rig() {
+    let folder = Folder::new();
+    let camera = Camera {
+        distortion: Distortion::RadialTangential([-0.28, 0.07, 0.0002, 1.8e-5, 0.0]),
+        ..Camera::pinhole(752, 480, 458.6, 457.2, 367.2, 248.3)
+    };
+    let flat = "0.0, -1.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.2, 0.0, 0.0, 1.0, 0.3, 0.0, 0.0, 0.0, 1.0";
+    let matrix = format!("{{cols: 4, rows: 4, data: [{flat}]}}");
+    let check = |file: std::path::PathBuf, imu: bool| {
+        let name = file.display().to_string();
+        let rig = read_rig(file).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(rig.cameras[0].camera, camera, "{name}");
+        let at = rig.cameras[0].body_from_camera;
+        assert!((at.translation - Vec3::new(0.1, 0.2, 0.3)).norm() < 1e-9, "{name}: {at:?}");
+        let x = at.rotation * Vec3::new(1.0, 0.0, 0.0);
+        assert!((x - Vec3::new(0.0, 1.0, 0.0)).norm() < 1e-9, "{name}: {at:?}");
+        assert_eq!(rig.imu.is_some(), imu, "{name}");
+        rig
+    };
+    // VINS-Fusion, with its camera in camodocal's form.
+    folder.write(
+        "vins/cam0.yaml",
+        "%YAML:1.0\n---\nmodel_type: PINHOLE\nimage_width: 752\nimage_height: 480\ndistortion_parameters:\n   k1: -0.28\n   \
+         k2: 0.07\n   p1: 0.0002\n   p2: 1.8e-05\nprojection_parameters:\n   fx: 458.6\n   fy: 457.2\n   cx: 367.2\n   cy: 248.3\n",
+    );
+    let vins = folder.write(
+        "vins/config.yaml",
+        format!(
+            "%YAML:1.0\n\nimu: 1\nnum_of_cam: 1\ncam0_calib: \"cam0.yaml\"\nbody_T_cam0: !!opencv-matrix\n   rows: 4\n   cols: 4\n   \
+             dt: d\n   data: [{flat}]\nacc_n: 0.1\ngyr_n: 0.01\nacc_w: 0.001\ngyr_w: 0.0001\ntd: -0.03\n"
+        ),
+    );
+    let imu = check(vins, true).imu.unwrap();
+    assert!((imu.offset_s - 0.03).abs() < 1e-12 && (imu.noise.accel - 0.1 / 200f64.sqrt()).abs() < 1e-12);
+    // OKVIS2.
+    let okvis = folder.write(
+        "okvis.yaml",
+        format!(
+            "%YAML:1.0\ncameras:\n     - {{T_SC:\n        [{flat}],\n        image_dimension: [752, 480],\n        \
+             distortion_coefficients: [-0.28, 0.07, 0.0002, 1.8e-05],\n        distortion_type: radialtangential,\n        \
+             focal_length: [458.6, 457.2],\n        principal_point: [367.2, 248.3],\n        camera_type: gray, #[gray or gray+depth or rgb]\n        \
+             slam_use: okvis }}\ncamera_parameters:\n    image_delay: 0.01 # [s]\nimu_parameters:\n    use: true\n    sigma_g_c: 2.0e-4\n    \
+             sigma_a_c: 2.0e-3\n    sigma_gw_c: 2.0e-5\n    sigma_aw_c: 3.0e-3\n"
+        ),
+    );
+    assert_eq!(check(okvis, true).imu.unwrap().offset_s, 0.01);
+    // SVO.
+    let svo = folder.write(
+        "svo.yaml",
+        format!(
+            "label: euroc\ncameras:\n- camera:\n    distortion:\n      parameters:\n        cols: 1\n        rows: 4\n        \
+             data: [-0.28, 0.07, 0.0002, 1.8e-05]\n      type: radial-tangential\n    image_height: 480\n    image_width: 752\n    \
+             intrinsics:\n      cols: 1\n      rows: 4\n      data: [458.6, 457.2, 367.2, 248.3]\n    label: cam0\n    type: pinhole\n  \
+             T_B_C: {matrix}\nimu_params:\n  delay_imu_cam: 0.0\n  sigma_omega_c: 2.0e-4\n  sigma_acc_c: 2.0e-3\n  \
+             sigma_omega_bias_c: 2.0e-5\n  sigma_acc_bias_c: 3.0e-3\n  imu_rate: 200.0\n"
+        ),
+    );
+    check(svo, true);
+    // Kimera.
+    let camera_of = |matrix: &str| {
+        format!(
+            "%YAML:1.0\ncamera_id: left_cam\nT_BS: {matrix}\nrate_hz: 20\nresolution: [752, 480]\ncamera_model: pinhole\n\
+             intrinsics: [458.6, 457.2, 367.2, 248.3]\ndistortion_model: radial-tangential\n\
+             distortion_coefficients: [-0.28, 0.07, 0.0002, 1.8e-05]\n"
+        )
+    };
+    let kimera = folder.write("kimera/LeftCameraParams.yaml", camera_of(&matrix));
+    check(kimera.clone(), false);
+    let right = matrix.replace("0.1", "0.21");
+    folder.write("kimera/RightCameraParams.yaml", camera_of(&right));
+    folder.write(
+        "kimera/ImuParams.yaml",
+        "%YAML:1.0\nsensor_type: imu\nT_BS:\n  cols: 4\n  rows: 4\n  data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\nrate_hz: 200\n\
+         gyroscope_noise_density: 2.0e-4\ngyroscope_random_walk: 2.0e-5\naccelerometer_noise_density: 2.0e-3\n\
+         accelerometer_random_walk: 3.0e-3\nimu_time_shift: 0.02\n",
+    );
+    let rig = check(kimera, true);
+    assert_eq!((rig.cameras.len(), rig.imu.unwrap().offset_s), (2, -0.02));
+    // OpenVINS names a chain of Kalibr, with camera in IMU.
+    folder.write(
+        "openvins/chain.yaml",
+        format!(
+            "%YAML:1.0\ncam0:\n  T_imu_cam: #rotation from camera to IMU R_CtoI\n    [{flat}]\n  cam_overlaps: [1]\n  camera_model: pinhole\n  \
+             distortion_coeffs: [-0.28, 0.07, 0.0002, 1.8e-05]\n  distortion_model: radtan\n  intrinsics: [458.6, 457.2, 367.2,\n    248.3] #fu, fv, cu, cv\n  \
+             resolution: [752, 480]\n"
+        ),
+    );
+    let noise = "accelerometer_noise_density: 2.0e-3\n  accelerometer_random_walk: 3.0e-3\n  gyroscope_noise_density: 2.0e-4\n  \
+                 gyroscope_random_walk: 2.0e-5\n  update_rate: 200.0\n";
+    folder.write("openvins/noise.yaml", format!("%YAML:1.0\nimu0:\n  {noise}"));
+    let openvins = folder.write(
+        "openvins/estimator_config.yaml",
+        "%YAML:1.0\nverbosity: \"INFO\"\nuse_fej: true\nrelative_config_imu: \"noise.yaml\"\nrelative_config_imucam: \"chain.yaml\"\n",
+    );
+    check(openvins, true);
+    // Basalt: JSON, with quaternions.
+    let half = 0.5f64.sqrt();
+    let basalt = folder.write(
+        "basalt.json",
+        format!(
+            r#"{{"value0": {{"T_imu_cam": [{{"px": 0.1, "py": 0.2, "pz": 0.3, "qx": 0, "qy": 0, "qz": {half}, "qw": {half}}}],
+            "intrinsics": [{{"camera_type": "pinhole-radtan8", "intrinsics": {{"fx": 458.6, "fy": 457.2, "cx": 367.2, "cy": 248.3,
+            "k1": -0.28, "k2": 0.07, "p1": 0.0002, "p2": 1.8e-5, "k3": 0, "k4": 0, "k5": 0, "k6": 0}}}}],
+            "resolution": [[752, 480]], "imu_update_rate": 200.0, "gyro_noise_std": [2e-4, 2e-4, 2e-4],
+            "accel_noise_std": [2e-3, 2e-3, 2e-3], "gyro_bias_std": [2e-5, 2e-5, 2e-5], "accel_bias_std": [3e-3, 3e-3, 3e-3],
+            "cam_time_offset_ns": 0}}}}"#
+        ),
+    );
+    let rig = read_rig(basalt).unwrap();
+    assert_eq!(
+        rig.cameras[0].camera.distortion,
+        Distortion::Rational([-0.28, 0.07, 0.0002, 1.8e-5, 0.0, 0.0, 0.0, 0.0])
+    );
+    assert!((rig.cameras[0].body_from_camera.rotation.angle() - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+    assert_eq!((rig.cameras[0].camera.fx, rig.imu.unwrap().noise.accel_walk), (458.6, 3e-3));
+    // NICE-SLAM: depth registered to colour.
+    let nice = folder.write(
+        "nice.yaml",
+        "inherit_from: configs/TUM_RGBD/tum.yaml\ncam: #NOTE: intrinsics of freiburg1\n  H: 480\n  W: 640\n  fx: 517.3\n  fy: 516.5\n  \
+         cx: 318.6\n  cy: 255.3\n  crop_size: [384,512]\n  png_depth_scale: 5000.0\n  distortion: [0.2624, -0.9531, -0.0054, 0.0026, 1.1633]\n",
+    );
+    let rig = read_rig(nice).unwrap();
+    assert_eq!((rig.cameras[0].camera.fx, rig.depth.unwrap().metres_per_unit), (517.3, 1.0 / 5000.0));
+}
+
+#[test]
+fn lenses_of_other_systems_are_read() {
+    let lens = |text: &str| {
+        let folder = Folder::new();
+        let rig = read_rig(folder.write("rig.yaml", text)).unwrap_or_else(|e| panic!("{text}: {e}"));
+        (rig.cameras[0].camera.fx, rig.cameras[0].camera.distortion)
+    };
+    let camodocal = |model: &str, more: &str| {
+        format!(
+            "%YAML:1.0\n---\nmodel_type: {model}\ncamera_name: camera\nimage_width: 752\nimage_height: 480\n{more}"
+        )
+    };
+    let mei = camodocal(
+        "MEI",
+        "mirror_parameters:\n   xi: 1.9\ndistortion_parameters:\n   k1: 0.02\n   k2: 0.5\n   p1: 0.001\n   p2: 0.0007\nprojection_parameters:\n   \
+         gamma1: 1170.0\n   gamma2: 1166.0\n   u0: 370.0\n   v0: 240.0\n",
+    );
+    assert_eq!(lens(&mei), (1170.0, Distortion::Unified([1.9, 0.02, 0.5, 0.001, 0.0007])));
+    let kannala = camodocal(
+        "KANNALA_BRANDT",
+        "projection_parameters:\n   k2: 0.01\n   k3: -0.02\n   k4: 0.03\n   k5: -0.004\n   mu: 460.0\n   mv: 461.0\n   u0: 370.0\n   v0: 240.0\n",
+    );
+    assert_eq!(lens(&kannala), (460.0, Distortion::Equidistant([0.01, -0.02, 0.03, -0.004])));
+    let chain = |model: &str, intrinsics: &str, distortion: &str| {
+        format!(
+            "cam0: {{camera_model: {model}, intrinsics: [{intrinsics}], {distortion}, resolution: [752, 480]}}\n"
+        )
+    };
+    let omni = chain(
+        "omni",
+        "1.9, 1170.0, 1166.0, 370.0, 240.0",
+        "distortion_model: radtan, distortion_coeffs: [0.02, 0.5, 0.001, 0.0007]",
+    );
+    assert_eq!(lens(&omni), lens(&mei));
+    let none = "distortion_model: none, distortion_coeffs: []";
+    let eucm = chain("eucm", "0.6, 1.1, 300.0, 300.0, 370.0, 240.0", none);
+    assert_eq!(lens(&eucm), (300.0, Distortion::ExtendedUnified { alpha: 0.6, beta: 1.1 }));
+    let own = |model: &str, c: &str| {
+        let folder = Folder::new();
+        let text = format!(
+            "[[cameras]]\nresolution = [752, 480]\nfocal = [300.0, 300.0]\ncentre = [370.0, 240.0]\n[cameras.distortion]\nmodel = \"{model}\"\ncoefficients = {c}\n"
+        );
+        let rig = read_rig(folder.write("rig.toml", text)).unwrap();
+        assert_eq!(read_rig(folder.write("again.toml", write_rig(&rig).unwrap())).unwrap(), rig);
+        rig.cameras[0].camera.distortion
+    };
+    assert_eq!(own("division", "[-0.2]"), Distortion::Division(-0.2));
+    assert_eq!(
+        own("unified", "[1.9, 0.02, 0.5, 0.001, 0.0007]"),
+        Distortion::Unified([1.9, 0.02, 0.5, 0.001, 0.0007])
+    );
+    assert_eq!(own("extended-unified", "[0.6, 1.1]"), Distortion::ExtendedUnified { alpha: 0.6, beta: 1.1 });
+    assert!(
+        refused(&camodocal("SCARAMUZZA", "projection_parameters: {}\n"), "a.yaml").contains("SCARAMUZZA")
+    );
+}

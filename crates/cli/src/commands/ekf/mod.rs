@@ -9,7 +9,7 @@ use crate::outputs::Outputs;
 use crate::speaking::{HEADING, Speaking};
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::ekf::{Association, EkfConfig};
-use cairn_filter::log::{CSV_FORMAT, Log, load};
+use cairn_filter::log::{CSV_FORMAT, Log, RobotLog, load};
 use cairn_filter::page::page;
 use cairn_filter::run::{Run, align, position_rmse, run as run_filter};
 use cairn_geometry::Se2;
@@ -148,9 +148,22 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     for k in 0..log.robots.len() {
         robots.push(judge(&log, k, &config, (k == 0).then_some(&outputs))?);
     }
-    let (notes, gate_probability) = (log.notes.clone(), config.gate_probability);
+    let gaps = log.robots.iter().filter_map(gap_note);
+    let notes = log.notes.iter().cloned().chain(gaps).collect();
+    let gate_probability = config.gate_probability;
     let mapped = Mapped { log: log.name, associate: a.associate, gate_probability, notes, robots };
     output.result(&mapped, text)
+}
+
+/// Where a robot's odometry ends before its sightings, or has gaps.
+fn gap_note(robot: &RobotLog) -> Option<String> {
+    let spans = robot.without_odometry();
+    let (from, _) = spans.first()?;
+    let all: f64 = spans.iter().map(|(from, to)| to - from).sum();
+    Some(format!(
+        "{}: {all:.1} s without odometry, the first from {from:.1} s on; only sightings tell the pose there",
+        robot.name
+    ))
 }
 
 fn judge(log: &Log, k: usize, config: &EkfConfig, page_to: Option<&Outputs>) -> Result<Robot, Failure> {

@@ -9,6 +9,7 @@ mod repair;
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_atlas::store::{Length, MapFile, StoreError, read_file};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Inspects, checks, exports, merges and repairs saved maps.
@@ -75,7 +76,15 @@ pub fn failed(path: &Path, error: &StoreError) -> Failure {
             Failure::new(shown, format!("{doing}: {source}"), hint)
         }
         StoreError::Foreign(_) => {
-            Failure::new(shown, error.to_string(), "give a file that cairn run --map-out wrote")
+            let mut first = [0; 15];
+            let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut first));
+            let hint = match read.is_ok() && &first == b"SQLite format 3" {
+                true => {
+                    "this is a database, such as RTAB-Map's: rtabmap-report --poses exports its poses, rtabmap-export its map; Cairn makes a map of its own from the recording"
+                }
+                false => "give a file that cairn run --map-out wrote",
+            };
+            Failure::new(shown, error.to_string(), hint)
         }
         StoreError::Version { .. } => Failure::new(
             shown,

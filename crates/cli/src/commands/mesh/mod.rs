@@ -22,6 +22,9 @@ pub struct Arguments {
     /// The file to write; its ending chooses the form: .ply, .glb or .obj, or .pgm for a heightmap.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// The calibration of a recording, in place of its own or of one that would be assumed.
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
     /// Poses of the body in TUM, KITTI or EuRoC form, in place of the recording's own.
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,
@@ -49,6 +52,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let outputs = Outputs::new(a.overwrite)
         .input("the source", Some(Path::new(&a.source)))
         .input("--poses", a.poses.as_deref())
+        .input("--rig", a.rig.as_deref())
         .output("--out", Some(&a.out))
         .checked()?;
     if saved::is_map(&a.source) {

@@ -1,11 +1,14 @@
 //! The surface of a recording with depth and poses.
 
+use super::super::rig::rig_for;
 use super::Arguments;
 use crate::failure::Failure;
+use crate::output::warn;
 use cairn_dense::{DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume};
 use cairn_eval::load_trajectory;
 use cairn_geometry::Trajectory;
-use cairn_sources::{OpenOptions, open};
+use cairn_sensor::Source;
+use cairn_sources::{OpenOptions, Validator, open};
 
 /// What was made.
 #[derive(serde::Serialize)]
@@ -28,10 +31,9 @@ const APART_NS: u64 = 20_000_000;
 pub fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
     let dense =
         |e: cairn_dense::DenseError| Failure::new("mesh", e.to_string(), "change --voxel or --farthest");
-    let mut source = open(
-        &arguments.source,
-        OpenOptions { cancel: crate::interrupt::cancel(), ..OpenOptions::default() },
-    )?;
+    let rig = arguments.rig.as_deref().map(|path| rig_for(path, &arguments.source)).transpose()?;
+    let options = OpenOptions { rig, cancel: crate::interrupt::cancel(), ..OpenOptions::default() };
+    let mut source = Validator::new(open(&arguments.source, options)?, warn);
     let Some(sensor) = source.rig().depth.clone() else {
         let why = "has no depth sensor";
         return Err(Failure::new(

@@ -6,8 +6,9 @@ use crate::failure::Failure;
 use crate::output::Output;
 use crate::outputs::Outputs;
 use cairn_geometry::Vec2;
+use cairn_plan::map_server::{self, MapFileError};
 use cairn_plan::picture::Picture;
-use cairn_plan::route::{self, PlanError, PlannedPath, Search};
+use cairn_plan::route::{self, OpenError, PlanError, PlannedPath, Search};
 use cairn_plan::search::NoPath;
 use cairn_plan::{CostConfig, Grid};
 use serde::Serialize;
@@ -97,6 +98,21 @@ fn at(place: &Place) -> Result<Vec2, Failure> {
     }
 }
 
+/// What to do about a map that cannot be read.
+fn map_hint(error: &OpenError) -> &'static str {
+    match error {
+        OpenError::MapServer(MapFileError::File { .. }) => {
+            "check the path; the YAML names its image relative to itself, so that both may lie in one folder"
+        }
+        OpenError::MapServer(MapFileError::Yaml { .. }) => {
+            "correct the YAML: image, resolution, origin, negate, occupied_thresh and free_thresh as map_server has them"
+        }
+        OpenError::MapServer(MapFileError::Image { .. }) => "save the image as PGM, PNG or BMP",
+        OpenError::MapServer(_) => "correct resolution and origin in the YAML, or the size of the image",
+        OpenError::MovingAi { .. } => "give the YAML of a map_server map, or a Moving AI .map",
+    }
+}
+
 fn on_grid(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let (from, to) = (at(&arguments.from)?, at(&arguments.to)?);
     if !arguments.routes.is_empty() || arguments.route_out.is_some() {
@@ -111,9 +127,8 @@ fn on_grid(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         .input("the image of the map", image.as_deref())
         .output("--out", arguments.out.as_deref())
         .checked()?;
-    let map = route::open_map(&arguments.grid).map_err(|e| {
-        Failure::new(&name, e.to_string(), "give the YAML of a map_server map, or a Moving AI .map")
-    })?;
+    let map =
+        route::open_map(&arguments.grid).map_err(|e| Failure::new(&name, e.to_string(), map_hint(&e)))?;
     let in_cells = arguments.grid.extension().is_some_and(|e| e == "map");
     let usual = CostConfig::default();
     let (radius_m, margin_m) = if in_cells { (0.0, 0.0) } else { (usual.radius_m, usual.margin_m) };
@@ -195,9 +210,9 @@ impl Form {
 
 /// The image that the YAML of a map names; errors are reported when the map is opened.
 fn image_of(grid: &Path) -> Option<PathBuf> {
-    let text = cairn_files::read_text(grid, 16 * cairn_files::MIB).ok()?;
-    let name = text.lines().find_map(|line| line.trim().strip_prefix("image:"))?;
-    Some(grid.with_file_name(name.trim().trim_matches(['"', '\''])))
+    let text = cairn_files::read_text_lossy(grid, 16 * cairn_files::MIB).ok()?;
+    let description = map_server::read_description(&text).ok()?;
+    Some(map_server::image_beside(grid, &description.image))
 }
 
 fn draw(form: Form, map: &Grid<i8>, route: &PlannedPath) -> Result<Vec<u8>, Failure> {

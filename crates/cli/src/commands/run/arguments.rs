@@ -3,7 +3,7 @@
 use super::say::Say;
 use super::sensor::sensors;
 use crate::commands::team::member::Reach;
-use crate::number::between;
+use crate::number::{between, positive};
 use crate::speaking::Speaking;
 use cairn_engine::Sensors;
 use cairn_guide::Facing;
@@ -174,6 +174,10 @@ pub struct Arguments {
     /// Skips the first S seconds.
     #[arg(help_heading = SOURCE, long, default_value_t = 0.0, value_name = "S")]
     pub start: f64,
+    /// Numbers the images of a recording at this rate, in the order in which they are listed, instead of believing their
+    /// times; an IMU and ground truth are then not used.
+    #[arg(help_heading = SOURCE, long, value_name = "HZ", value_parser = positive())]
+    pub number_frames: Option<f64>,
     /// Stops after N frames.
     #[arg(help_heading = SOURCE, long, value_name = "N")]
     pub frames: Option<usize>,

@@ -229,6 +229,14 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         let why = tally.last_state.clone().unwrap_or_else(|| "it has no frames".into());
         failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
     }
+    // A live camera may well show nothing for long; a recording that is lost cannot be relied on. A try of a few frames ends
+    // before one camera has seen enough to begin.
+    let enough = report.frames >= 100 && !live && !interrupted;
+    if failures.is_empty() && enough && 2 * report.tracked < report.frames {
+        output.text(&tally::text(&ended, a.realtime))?;
+        let why = format!("only {} of {} frames got a pose", report.tracked, report.frames);
+        failures.push(Failure::new(&a.source, why, NO_POSE));
+    }
     Failure::all(failures)?;
     output.result(&ended, |ended| tally::text(ended, a.realtime || live))
 }
@@ -342,6 +350,7 @@ fn open_part(
         start_s,
         frames,
         topics: a.topics.clone(),
+        number_frames_hz: a.number_frames,
         cancel: interrupt::cancel(),
     };
     let given = a.rig.as_deref().map(|path| rig_of(path, &a.source, config)).transpose()?;

@@ -1,4 +1,4 @@
-//! `cairn solve bundle`: solves a bundle adjustment problem in BAL format.
+//! `cairn solve bundle`: solves a bundle adjustment problem in the format of BAL or Bundler.
 
 use super::{stop_name, text_of};
 use crate::failure::Failure;
@@ -10,7 +10,7 @@ use crate::progress::Progress;
 use cairn_solve::bal::{self, BalConfig};
 use cairn_solve::{Loss, Stop};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Bundle adjustment of a BAL file; each camera has its own focal length and radial distortion.
@@ -18,7 +18,7 @@ use std::time::Instant;
 /// The cost is half the sum of the (robust) losses of the squared reprojection errors in pixels.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The problem in BAL (Bundle Adjustment in the Large) format, uncompressed.
+    /// The problem in BAL (Bundle Adjustment in the Large) or Bundler format; also compressed (.bz2, .gz).
     file: PathBuf,
     /// Uses the Huber loss with this width in pixels, to reduce the weight of outliers.
     #[arg(long, value_name = "W", value_parser = positive())]
@@ -55,6 +55,15 @@ struct Solved {
     seconds: f64,
 }
 
+/// How a model of COLMAP is made a file that is read.
+const COLMAP: &str = "this is a model of COLMAP: write it as Bundler's with colmap model_converter --input_path DIR --output_path model --output_type Bundler, and give model.bundle.out";
+
+fn is_colmap(folder: &Path) -> bool {
+    ["txt", "bin"].iter().any(|kind| {
+        ["cameras", "images", "points3D"].iter().all(|name| folder.join(name).with_extension(kind).is_file())
+    })
+}
+
 /// Reads, solves and prints.
 ///
 /// # Errors
@@ -65,10 +74,16 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         .input("the problem", Some(&arguments.file))
         .output("--out", arguments.out.as_deref())
         .checked()?;
+    if arguments.file.is_dir() && is_colmap(&arguments.file) {
+        return Err(Failure::new(&name, "is a model of COLMAP, not one file", COLMAP));
+    }
     let text = text_of(&arguments.file, "BAL")?;
     let mut bal = bal::read(&text).map_err(|e| {
-        let hint =
-            "give a BAL problem: counts, observations, nine numbers for each camera, three for each point";
+        let colmap = arguments.file.parent().is_some_and(is_colmap);
+        let hint = match colmap && text.starts_with('#') {
+            true => COLMAP,
+            false => "give a problem of BAL (counts, observations, nine numbers for each camera, three for each point) or of Bundler",
+        };
         Failure::new(format!("{name}, line {}", e.line), e.reason, hint)
     })?;
     drop(text);

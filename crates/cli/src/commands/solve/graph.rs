@@ -20,8 +20,9 @@ use std::time::Instant;
 
 /// Optimizes a pose graph: finds the poses that best fit the relative measurements of a g2o file.
 ///
-/// Poses are 2-D (VERTEX_SE2, EDGE_SE2) or 3-D (VERTEX_SE3:QUAT, EDGE_SE3:QUAT). FIX keeps vertices fixed; if there is
-/// none, the first vertex is fixed. The cost is half the sum of the (robust) losses of the squared whitened residuals;
+/// Poses are 2-D (VERTEX_SE2, EDGE_SE2) or 3-D (VERTEX_SE3:QUAT, EDGE_SE3:QUAT), with points that they saw (EDGE_SE2_XY,
+/// EDGE_SE3_TRACKXYZ) and poses that are known in the world (EDGE_SE2_PRIOR, EDGE_SE3_PRIOR). FIX keeps vertices fixed; if
+/// nothing is fixed or known in the world, the first vertex is fixed, of each part that no measurement connects. The cost is half the sum of the (robust) losses of the squared whitened residuals;
 /// chi2 is twice that.
 #[derive(clap::Args)]
 pub struct Arguments {
@@ -54,6 +55,9 @@ pub struct Arguments {
     /// Converged when a step is predicted to lower the cost by less than this fraction.
     #[arg(long, default_value_t = GraphConfig::default().tolerance, value_name = "PART", value_parser = positive())]
     tolerance: f64,
+    /// Solves without the lines whose tags are not known. They are written to --out as they are.
+    #[arg(long)]
+    ignore_unknown: bool,
     /// Writes the optimized graph here, in g2o format.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -115,7 +119,13 @@ struct Solved {
     vertices: usize,
     edges: usize,
     dimensions: usize,
+    /// Vertices that are points, not poses.
+    points: usize,
+    /// Edges that say where a pose is in the world.
+    priors: usize,
     fixed: usize,
+    /// Parts of the graph without a measurement between them; poses of different parts mean nothing to each other.
+    parts: usize,
     method: MethodName,
     init: Init,
     /// Cost of each start that was compared, the chosen one first.
@@ -148,13 +158,15 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         .output("--out", arguments.out.as_deref())
         .checked()?;
     let text = text_of(&arguments.file, "g2o")?;
-    let mut file = g2o::read_nearest(&text).map_err(|e| {
-        Failure::new(
-            format!("{name}, line {}", e.line),
-            e.reason,
-            "give a graph of VERTEX_SE2 and EDGE_SE2 or of VERTEX_SE3:QUAT and EDGE_SE3:QUAT lines",
-        )
-    })?;
+    let mut file = g2o::read_nearest(&text)
+        .map_err(|e| Failure::new(format!("{name}, line {}", e.line), e.reason, hint_of(&text)))?;
+    if !file.unknown.is_empty() && !arguments.ignore_unknown {
+        return Err(Failure::new(
+            &name,
+            format!("has lines that are not known and would be left out: {}", g2o::tags_text(&file.unknown)),
+            "give --ignore-unknown to solve without them",
+        ));
+    }
     if let Some(replaced) = file.replaced.filter(|_| arguments.information == Information::Refuse) {
         return Err(Failure::new(
             format!("{name}, line {}", replaced.first_line),
@@ -176,6 +188,12 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     .map_err(|(why, hint)| Failure::new(&name, why, hint))?;
     solved.unknown = file.unknown.clone();
     solved.information_replaced = file.replaced.map_or(0, |r| r.edges);
+    if !has_values {
+        match &mut file.graph {
+            Graph::Plane(named) => named.lay_apart(),
+            Graph::Space(named) => named.lay_apart(),
+        }
+    }
     outputs.write("--out", || Ok(g2o::write(&file).into_bytes()))?;
     output.result(&solved, summary)
 }
@@ -185,7 +203,7 @@ fn solve<G: Rigid<D>, const D: usize>(
     arguments: &Arguments,
     has_values: bool,
 ) -> Result<Solved, (String, &'static str)> {
-    let original = named.graph.clone();
+    let (original, parts) = (named.graph.clone(), named.parts().len());
     let graph = &mut named.graph;
     let loss = match arguments.robust {
         Robust::None => Loss::Squared,
@@ -237,10 +255,13 @@ fn solve<G: Rigid<D>, const D: usize>(
         edge.information = original.information;
     }
     Ok(Solved {
-        vertices: graph.values().len(),
+        vertices: named.ids.len(),
         edges: graph.edges().len(),
         dimensions: if D == 3 { 2 } else { 3 },
-        fixed: graph.fixed().iter().filter(|fixed| **fixed).count(),
+        points: named.points.len(),
+        priors: named.priors,
+        fixed: graph.fixed().iter().take(named.ids.len()).filter(|fixed| **fixed).count(),
+        parts,
         method: arguments.method,
         init: arguments.init.or(starts.first().map(|(init, _)| *init)).unwrap_or(Init::Odometry),
         starts,
@@ -279,6 +300,16 @@ fn check(report: &Report) -> Result<(), (String, &'static str)> {
     Ok(())
 }
 
+/// What to do about a text that is no graph.
+pub(in crate::commands) fn hint_of(text: &str) -> &'static str {
+    let first = |tag: &str| text.lines().any(|line| line.split_whitespace().next() == Some(tag));
+    if ["EDGE2", "EDGE3", "VERTEX2", "VERTEX3", "ODOMETRY"].iter().any(|tag| first(tag)) {
+        "this is a graph of TORO or iSAM: write it as g2o first (GTSAM's examples read and write both)"
+    } else {
+        "give a graph of VERTEX_SE2 and EDGE_SE2 or of VERTEX_SE3:QUAT and EDGE_SE3:QUAT lines"
+    }
+}
+
 fn summary(s: &Solved) -> String {
     let kind = if s.dimensions == 2 { "in the plane" } else { "in space" };
     let mut lines = vec![
@@ -290,6 +321,15 @@ fn summary(s: &Solved) -> String {
         format!("iterations  {} ({})", s.iterations, s.stop),
         format!("time        {:.3} s", s.seconds),
     ];
+    if s.points + s.priors > 0 {
+        lines[0] += &format!(" ({} vertices are points, {} edges are from the world)", s.points, s.priors);
+    }
+    if s.parts > 1 {
+        lines.push(format!(
+            "note        no measurement connects the {} parts of the graph: poses of different parts mean nothing to each other",
+            s.parts
+        ));
+    }
     if s.information_replaced > 0 {
         lines.push(format!(
             "note        {} information matrices were replaced by the nearest positive semi-definite ones",

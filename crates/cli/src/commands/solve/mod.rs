@@ -3,6 +3,8 @@
 mod bundle;
 mod graph;
 
+pub(in crate::commands) use graph::hint_of;
+
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn_solve::Stop;

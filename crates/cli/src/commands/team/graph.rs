@@ -1,13 +1,15 @@
 //! `cairn team graph`: robots agree on one pose graph by exchanging messages, beside one solver that sees everything.
 
+use super::super::solve::hint_of;
 use crate::failure::Failure;
 use crate::number::number;
 use crate::output::Output;
 use cairn_solve::g2o::{self, Graph};
 use cairn_solve::graph::{Metric, Rigid};
-use cairn_team::files::{ReadError, TeamGraphs, read};
-use cairn_team::{Exchange, JudgeConfig, LoopId, NetworkConfig, RobotGraph, Round, split};
+use cairn_team::files::{ReadError, TeamGraphs, read, relative_only};
+use cairn_team::{Exchange, JudgeConfig, LoopId, NetworkConfig, RobotGraph, RobotId, Round, Verdict, split};
 use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Optimizes a pose graph that is spread over several robots, without a coordinator: each sends a condensed graph of its own
@@ -30,6 +32,9 @@ pub struct Arguments {
     /// Believes every loop between robots.
     #[arg(long)]
     believe_all: bool,
+    /// Leaves out lines that are neither poses nor measured between two (points that were seen, poses known in the world).
+    #[arg(long)]
+    ignore_unknown: bool,
     /// Part of the messages that are lost.
     #[arg(long, default_value_t = 0.0, value_name = "PART", value_parser = number(0.0..1.0, "a number from 0 to below 1"))]
     loss: f64,
@@ -88,6 +93,10 @@ struct Agreed {
     measurements: usize,
     loops: usize,
     rejected: Vec<[String; 2]>,
+    /// Loops that were rejected because too few between the two robots agree with them.
+    unsupported: usize,
+    /// The robots that share a frame, for each frame; poses in different frames mean nothing to each other.
+    frames: Vec<Vec<RobotId>>,
     /// Squares of standard deviations of loops are too small by this factor; missing when all were believed.
     scale: Option<f64>,
     central_chi2: f64,
@@ -109,7 +118,7 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     let texts =
         files.iter().map(|f| super::super::solve::text_of(f, "g2o")).collect::<Result<Vec<_>, _>>()?;
     let team = match arguments.robots {
-        Some(robots) if files.len() == 1 => divided(&files[0], &texts[0], robots)?,
+        Some(robots) if files.len() == 1 => divided(&files[0], &texts[0], robots, arguments.ignore_unknown)?,
         Some(_) => {
             let why = format!("{} files are as many robots", files.len());
             return Err(Failure::usage("--robots", why, "give one file to split it, or leave --robots out"));
@@ -119,7 +128,8 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
             return Err(Failure::usage(files[0].display().to_string(), why, "give --robots N to split it"));
         }
         None => {
-            read(&texts.iter().map(String::as_str).collect::<Vec<_>>()).map_err(|e| failure(&files, &e))?
+            let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
+            read(&texts, arguments.ignore_unknown).map_err(|e| failure(&files, &e))?
         }
     };
     let agreed = match &team {
@@ -150,12 +160,11 @@ fn files_of(inputs: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     }
 }
 
-fn divided(file: &Path, text: &str, robots: usize) -> Result<TeamGraphs, Failure> {
+fn divided(file: &Path, text: &str, robots: usize, leave_out: bool) -> Result<TeamGraphs, Failure> {
     let name = file.display().to_string();
-    let g2o = g2o::read_nearest(text).map_err(|e| {
-        let hint = "give a graph of VERTEX_SE2 and EDGE_SE2 or of VERTEX_SE3:QUAT and EDGE_SE3:QUAT lines";
-        Failure::new(format!("{name}, line {}", e.line), e.reason, hint)
-    })?;
+    let text = relative_only(text, leave_out).map_err(|e| failure(&[file.to_owned()], &e))?;
+    let g2o = g2o::read_nearest(&text)
+        .map_err(|e| Failure::new(format!("{name}, line {}", e.line), e.reason, hint_of(&text)))?;
     let hint = "choose from 1 robot to as many as there are poses";
     let team = match &g2o.graph {
         Graph::Plane(named) => split(&named.graph, robots).map(TeamGraphs::Plane),
@@ -170,6 +179,9 @@ fn failure(files: &[PathBuf], error: &ReadError) -> Failure {
         ReadError::Text { text, line, reason } => {
             let file = files.get(*text).map_or_else(String::new, |f| f.display().to_string());
             Failure::new(format!("{file}, line {line}"), reason.clone(), hint)
+        }
+        ReadError::LeftOut(_) => {
+            Failure::new("the team", error.to_string(), "give --ignore-unknown to agree without them")
         }
         other => Failure::new("the team", other.to_string(), hint),
     }
@@ -210,7 +222,15 @@ fn agree<G: Rigid<D>, const D: usize>(
     let certificate_ms = (cpu_s() - began) * 1e3;
     let exchanges = rounds.iter().zip(&reached_chi2).zip(&above);
     let scale = exchange.robots().first().map(|r| r.judgement().scale).filter(|_| judge.is_some());
+    let unsupported = |id: &&LoopId| {
+        let verdicts = exchange.robots().iter().filter_map(|r| r.judgement().verdicts.get(*id));
+        verdicts.into_iter().any(|v| matches!(v, Verdict::Unsupported { .. }))
+    };
+    let robots = exchange.robots().iter().map(|r| r.id()).collect();
+    let believed = central.loops.iter().flatten().filter(|id| !rejected.contains(id));
     Ok(Agreed {
+        frames: frames(robots, believed),
+        unsupported: rejected.iter().filter(unsupported).count(),
         robots: totals(&exchange, &rounds),
         dimensions: if D == 3 { 2 } else { 3 },
         poses: central.ids.len(),
@@ -225,6 +245,19 @@ fn agree<G: Rigid<D>, const D: usize>(
         exchanges: exchanges.map(|((round, chi2), above)| exchanged(round, *chi2, *above)).collect(),
         reached: [1e-2, 1e-3, 1e-6].iter().filter_map(|within| reached(*within, &above, &rounds)).collect(),
     })
+}
+
+/// The robots that loops connect, for each frame that they share.
+fn frames<'a>(robots: Vec<RobotId>, loops: impl Iterator<Item = &'a LoopId>) -> Vec<Vec<RobotId>> {
+    let mut first: BTreeMap<RobotId, RobotId> = robots.into_iter().map(|r| (r, r)).collect();
+    for LoopId(a, b) in loops {
+        if let (Some(a), Some(b)) = (first.get(&a.robot).copied(), first.get(&b.robot).copied()) {
+            first.values_mut().filter(|f| **f == a.max(b)).for_each(|f| *f = a.min(b));
+        }
+    }
+    let frames: BTreeSet<RobotId> = first.values().copied().collect();
+    let of = |frame| first.iter().filter(|(_, f)| **f == frame).map(|(r, _)| *r).collect();
+    frames.into_iter().map(of).collect()
 }
 
 /// How far above the optimum, as a part of it; of an optimum that is zero to rounding, as it is.
@@ -309,6 +342,20 @@ fn summary(a: &Agreed) -> String {
             let row: Vec<String> = row.iter().map(|[a, b]| format!("{a}-{b}")).collect();
             format!("            {}", row.join(" "))
         }));
+    }
+    if a.unsupported > 0 {
+        lines.push(format!(
+            "note        {} loops were rejected because fewer than {} between the two robots agree; --believe-all takes them",
+            a.unsupported,
+            JudgeConfig::default().agreeing
+        ));
+    }
+    if a.frames.len() > 1 {
+        let frames: Vec<String> = a.frames.iter().map(|f| format!("{f:?}")).collect();
+        lines.push(format!(
+            "note        no loop that is believed connects the robots {}: poses of one mean nothing to the others",
+            frames.join(" and ")
+        ));
     }
     lines.push(String::new());
     lines.push(

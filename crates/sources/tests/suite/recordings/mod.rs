@@ -184,13 +184,41 @@ fn unpaired_images_are_counted() {
     let folder = euroc();
     let ms = 1_000_000;
     csv(&folder, "cam0", &[0, 50 * ms, 100 * ms, 150 * ms]);
-    csv(&folder, "cam1", &[400_000, 100 * ms, 150 * ms + 600_000, 200 * ms]);
+    csv(&folder, "cam1", &[400_000, 100 * ms, 180 * ms, 200 * ms]);
     folder.remove("mav0/imu0/data.csv");
     let (source, packets) = play(folder.name(), OpenOptions::default());
     let stamps: Vec<i64> = packets.iter().map(|p| p.stamp.0 / ms).collect();
     assert_eq!(stamps, [0, 100]);
     assert_eq!(source.skipped().len(), 4, "{:?}", source.skipped());
     assert!(source.rig().imu.is_none());
+}
+
+#[test]
+fn pairs_that_are_apart_are_pairs_and_told() {
+    let folder = euroc();
+    let ms = 1_000_000;
+    csv(&folder, "cam0", &[0, 50 * ms, 100 * ms, 150 * ms]);
+    csv(&folder, "cam1", &[2 * ms, 52 * ms, 102 * ms, 152 * ms]);
+    folder.remove("mav0/imu0/data.csv");
+    let (source, packets) = play(folder.name(), OpenOptions::default());
+    assert_eq!(packets.len(), 4);
+    assert!(source.skipped()[0].contains("2.0 ms apart"), "{:?}", source.skipped());
+}
+
+#[test]
+fn euroc_times_are_read_in_seconds_and_without_lists() {
+    let folder = euroc();
+    for camera in ["cam0", "cam1"] {
+        let lines = "10.000000000,10000000000.png\n1.005e1,10050000000.png\n";
+        folder.write(&format!("mav0/{camera}/data.csv"), lines);
+    }
+    let (_, packets) = play(folder.name(), OpenOptions::default());
+    let stamps = |packets: &[FramePacket]| packets.iter().map(|p| p.stamp.0).collect::<Vec<_>>();
+    assert_eq!(stamps(&packets), [10_000_000_000, 10_050_000_000]);
+    assert!(!packets[1].imu.is_empty());
+    ["cam0", "cam1"].iter().for_each(|camera| folder.remove(&format!("mav0/{camera}/data.csv")));
+    let (source, packets) = play(folder.name(), OpenOptions::default());
+    assert_eq!((stamps(&packets)[4], packets.len(), source.rig().cameras.len()), (10_200_000_000, 5, 2));
 }
 
 #[test]

@@ -22,7 +22,7 @@ pub fn texts(name: &str) -> Option<Vec<String>> {
 
 /// Their graphs, which are in space, as one reader numbers them.
 pub fn graphs(texts: &[String]) -> Vec<RobotGraph<Se3, 6>> {
-    match read(&texts.iter().map(String::as_str).collect::<Vec<_>>()).unwrap() {
+    match read(&texts.iter().map(String::as_str).collect::<Vec<_>>(), false).unwrap() {
         TeamGraphs::Space(team) => team,
         TeamGraphs::Plane(_) => panic!("the graph is in the plane"),
     }

@@ -242,8 +242,8 @@ fn file_of<G: Rigid<D>, const D: usize>(
                 .map_err(|e| Failure::new("a measurement", e.to_string(), "check the graph"))?;
         }
     }
-    let graph = wrap(Named { graph: poses, ids });
-    Ok(G2o { graph, has_values: true, unknown: BTreeMap::new(), replaced: None })
+    let graph = wrap(Named::of_poses(poses, ids));
+    Ok(G2o { graph, has_values: true, unknown: BTreeMap::new(), replaced: None, kept: Vec::new() })
 }
 
 /// The poses of the body at the key frames of its map, as agreed: `t x y z qx qy qz qw`, in the frame of the team.

@@ -1,0 +1,94 @@
+//! Configurations of OKVIS and OKVIS2, and of SVO: a list `cameras`, and the noise of the IMU.
+//!
+//! OKVIS2 states no rate of the IMU: 200 samples a second are taken.
+
+use super::document::Document;
+use cairn_files::yaml::Node;
+use cairn_geometry::Se3;
+use cairn_sensor::{Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
+
+/// True when a file has a list of cameras.
+pub fn is(root: &Node) -> bool {
+    root.get("cameras").and_then(Node::list).is_some()
+}
+
+/// The first two cameras and the IMU.
+pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
+    let list = doc.need(&doc.root, "cameras")?;
+    let cameras = list.list().unwrap_or_default().iter().take(2).enumerate();
+    let cameras = cameras.map(|(i, node)| match node.get("camera") {
+        Some(inner) => svo_camera(doc, i, node, inner),
+        None => okvis_camera(doc, i, node),
+    });
+    Ok(Rig { cameras: cameras.collect::<Result<_, _>>()?, depth: None, imu: imu(doc)? })
+}
+
+/// `T_SC` (the body is the IMU's frame S), size, focal lengths and centre in lists of two.
+fn okvis_camera(doc: &Document, i: usize, node: &Node) -> Result<RigCamera, SourceError> {
+    let two = |key: &str| doc.array::<2>(doc.need(node, key)?, key);
+    let ([w, h], [fx, fy], [cx, cy]) =
+        (two("image_dimension")?, two("focal_length")?, two("principal_point")?);
+    let c = doc.numbers(doc.need(node, "distortion_coefficients")?)?;
+    let kind = doc.need(node, "distortion_type")?;
+    let distortion = doc.distortion(kind.line, kind.text().unwrap_or_default(), &c)?;
+    let camera = doc.camera(node.line, [w as usize, h as usize], [fx, fy, cx, cy], distortion)?;
+    let body_from_camera = doc.transform(doc.need(node, "T_SC")?, "T_SC")?;
+    Ok(RigCamera { name: format!("cam{i}"), camera, body_from_camera })
+}
+
+/// `T_B_C` beside the camera, with matrices for intrinsics and distortion.
+fn svo_camera(doc: &Document, i: usize, node: &Node, camera: &Node) -> Result<RigCamera, SourceError> {
+    let kind = doc.need(camera, "type")?;
+    if kind.text() != Some("pinhole") {
+        let why = format!("camera type \"{}\" is not known (pinhole is)", kind.text().unwrap_or_default());
+        return Err(doc.error(kind.line, why));
+    }
+    let size =
+        [doc.need_number(camera, "image_width")? as usize, doc.need_number(camera, "image_height")? as usize];
+    let intrinsics = doc.need(camera, "intrinsics")?;
+    let &[fx, fy, cx, cy] = doc.matrix(intrinsics, "intrinsics")?.as_slice() else {
+        return Err(doc.error(intrinsics.line, "intrinsics need 4 numbers"));
+    };
+    let distortion = match camera.get("distortion") {
+        Some(lens) => {
+            let kind = doc.need(lens, "type")?;
+            let c = doc.matrix(doc.need(lens, "parameters")?, "parameters")?;
+            match kind.text().unwrap_or_default() {
+                "none" => Distortion::None,
+                // vikit's name for the field-of-view model.
+                "fisheye" => doc.distortion(kind.line, "fov", &c)?,
+                name => doc.distortion(kind.line, name, &c)?,
+            }
+        }
+        None => Distortion::None,
+    };
+    let camera = doc.camera(intrinsics.line, size, [fx, fy, cx, cy], distortion)?;
+    let body_from_camera = node.get("T_B_C").map_or(Ok(Se3::identity()), |t| doc.transform(t, "T_B_C"))?;
+    Ok(RigCamera { name: format!("cam{i}"), camera, body_from_camera })
+}
+
+/// The IMU by the names of each: OKVIS2 `imu_parameters` with `sigma_g_c`, OKVIS `imu_params`, SVO `imu_params` with
+/// `sigma_omega_c`.
+fn imu(doc: &Document) -> Result<Option<ImuSensor>, SourceError> {
+    let root = &doc.root;
+    let Some(node) = root.get("imu_parameters").or_else(|| root.get("imu_params")) else { return Ok(None) };
+    let keys = match node.get("sigma_omega_c").is_some() {
+        true => ["sigma_omega_c", "sigma_omega_bias_c", "sigma_acc_c", "sigma_acc_bias_c"],
+        false => ["sigma_g_c", "sigma_gw_c", "sigma_a_c", "sigma_aw_c"],
+    };
+    let [gyro, gyro_walk, accel, accel_walk] = keys.map(|key| doc.need_number(node, key));
+    let number = |node: Option<&Node>, or: f64| node.map_or(Ok(or), |n| doc.number(n));
+    // OKVIS: t_image - delay is the right time of an image; SVO: t_image = t_imu - delay.
+    let delay = number(root.get("camera_parameters").and_then(|n| n.get("image_delay")), 0.0)?
+        + number(root.get("camera_params").and_then(|n| n.get("image_delay")), 0.0)?;
+    let offset_s = match node.get("delay_imu_cam") {
+        Some(delay) => -doc.number(delay)?,
+        None => delay,
+    };
+    Ok(Some(ImuSensor {
+        body_from_imu: node.get("T_BS").map_or(Ok(Se3::identity()), |t| doc.transform(t, "T_BS"))?,
+        rate_hz: number(node.get("imu_rate"), 200.0)?,
+        noise: ImuNoise { gyro: gyro?, gyro_walk: gyro_walk?, accel: accel?, accel_walk: accel_walk? },
+        offset_s,
+    }))
+}
