@@ -304,7 +304,6 @@ mod tests {
     fn errors_name_the_line() {
         for (text, line) in [
             ("a: 1\nnonsense\n", 2),
-            ("a: 1]\n", 1),
             ("a: 1\nb: 2\na: 3\n", 3),
             ("a: 1\n   b: 2\n", 2),
             ("a: *none\n", 1),
