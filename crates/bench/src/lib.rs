@@ -18,6 +18,7 @@ pub mod measure;
 pub mod memory;
 pub mod nextday;
 pub mod pages;
+pub mod phone;
 pub mod places;
 pub mod processor;
 pub mod recordings;

@@ -1,16 +1,19 @@
 #![doc = include_str!("../README.md")]
 
+mod android;
 mod bag;
 mod bag_reader;
 #[cfg(all(any(feature = "camera", test), target_os = "linux", target_pointer_width = "64"))]
 pub mod camera;
 mod cancel;
+mod csv;
 mod decode;
 mod euroc;
 mod images;
 mod imu;
 mod kitti;
 mod live;
+mod motion_pair;
 mod numbered;
 mod open;
 mod options;

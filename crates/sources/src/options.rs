@@ -32,6 +32,8 @@ pub enum SourceKind {
     Kitti,
     /// 7-Scenes.
     SevenScenes,
+    /// An Android phone's camera and sensors.
+    Android,
     /// Images of one camera.
     Images,
 }
