@@ -380,6 +380,24 @@ pub enum Command {
         #[arg(long)]
         write: bool,
     },
+    /// The recordings of a real, uncalibrated phone, begun at every second: maps, metres, clocks, rows, lens.
+    Phone {
+        /// Folder of the recordings; default CAIRN_DATA, else ../shared/data.
+        #[arg(long)]
+        data: Option<PathBuf>,
+        /// Only recordings whose name contains this.
+        #[arg(long)]
+        only: Option<String>,
+        /// Seconds to begin at, separated by commas; by default every one.
+        #[arg(long, value_delimiter = ',')]
+        starts: Vec<u32>,
+        /// Configuration entries in TOML that differ from the defaults.
+        #[arg(long)]
+        config: Option<PathBuf>,
+        /// Prints every frame on stderr.
+        #[arg(long, short)]
+        verbose: bool,
+    },
     /// Latency of a live stream: from the publisher over RTMP to the pose, and from the pose to the announcement. Needs
     /// ffmpeg.
     Live {

@@ -19,6 +19,7 @@ pub mod measure;
 pub mod memory;
 pub mod nextday;
 pub mod pages;
+pub mod phone;
 pub mod places;
 pub mod processor;
 pub mod recordings;

@@ -10,7 +10,7 @@ use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
     RunOptions, Sensors, accuracy, busy, dense, depth_scale, figures, graphs, halves, imu_faults, inertial,
-    live, long, measure, places, revisit, scale_sigma, store, street, visual_inertial, walks,
+    live, long, measure, phone, places, revisit, scale_sigma, store, street, visual_inertial, walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -149,6 +149,12 @@ fn run(command: Command) -> Result<(), MeasureError> {
             );
             let mut source = open(&address, OpenOptions::default())?;
             print!("{}", long::table(&long::run(source.as_mut(), sensor)?));
+            Ok(())
+        }
+        Command::Phone { data, only, starts, config, verbose } => {
+            let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
+            let chosen = phone::Chosen { only, starts, config, verbose };
+            print!("{}", phone::table(&phone::run(&data.unwrap_or_else(data_folder), &chosen)?));
             Ok(())
         }
         Command::Live { minutes, json } => {

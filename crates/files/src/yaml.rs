@@ -302,12 +302,9 @@ mod tests {
 
     #[test]
     fn errors_name_the_line() {
-        for (text, line) in [
-            ("a: 1\nnonsense\n", 2),
-            ("a: 1\nb: 2\na: 3\n", 3),
-            ("a: 1\n   b: 2\n", 2),
-            ("a: *none\n", 1),
-        ] {
+        for (text, line) in
+            [("a: 1\nnonsense\n", 2), ("a: 1\nb: 2\na: 3\n", 3), ("a: 1\n   b: 2\n", 2), ("a: *none\n", 1)]
+        {
             let at = parse(text).unwrap_err().0;
             assert!(at.abs_diff(line) <= 1, "{text}: line {at}");
         }

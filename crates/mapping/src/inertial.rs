@@ -50,6 +50,11 @@ const MOST_OFFSET_SIGMA_S: f64 = 0.002;
 /// Within an offset of more than this, seconds, the velocity of a walker is not constant: at 20 ms the bob of his body would be seen
 /// 3 % too large. Readings are shifted by it, and what is left is estimated again.
 const FAR_OFFSET_S: f64 = 0.004;
+/// Where the clocks are known before the first map, metres are taken with a scale known to this, and stated so (`phone/b`: after 2.2 s
+/// from its first frame with 9 %). Adjustments with the readings make it better as the walk goes on; without them a map of one who turns
+/// soon has no scale at all.
+const SOFT_SCALE_SIGMA: f64 = 0.1;
+
 /// The IMU state of mapping.
 #[derive(Debug)]
 pub(crate) struct Inertial {
@@ -61,6 +66,8 @@ pub(crate) struct Inertial {
     /// What was done to each map that was gravity-aligned here.
     refined: BTreeMap<MapId, Refined>,
     scale_watch: ScaleWatch,
+    /// Whether metres begin with a scale that is known roughly.
+    soft_scale: bool,
 }
 
 impl Inertial {
@@ -69,7 +76,7 @@ impl Inertial {
         let imu = config.model(&sensor.noise, imu_from_camera);
         let clocks = Clocks::new(&ImuSensor { noise: data_sheet, ..sensor.clone() });
         let scale_watch = ScaleWatch::default();
-        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), scale_watch }
+        Self { data_sheet, imu, config, clocks, refined: BTreeMap::new(), scale_watch, soft_scale: false }
     }
 
     /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
@@ -104,6 +111,12 @@ impl Inertial {
             sum: Arc::new(Preintegrated::of(self.data_sheet, imu.bias, imu.samples.clone())),
         });
         InertialState { velocity: imu.velocity, bias: imu.bias, still_sigma: imu.still_sigma, imu_factor }
+    }
+
+    /// Takes the offset of the clocks that was found before there was a map.
+    pub fn adopt_offset(&mut self, offset_s: f64, sigma_s: f64) {
+        self.clocks.adopt(offset_s, sigma_s, 0.0);
+        self.soft_scale = true;
     }
 
     /// The local window of a gravity-aligned map.
@@ -203,6 +216,9 @@ impl Inertial {
             let known = attempt.found.as_ref().is_some_and(|f| f.offset_sigma_s <= MOST_OFFSET_SIGMA_S);
             let compared = f64::from(u8::from(known || self.clocks.is_decided()));
             attempt.gates.push(Gate::new(GateKind::Clocks, compared, 1.0));
+            if self.soft_scale {
+                soften(&mut attempt);
+            }
             let found = attempt.accepted().cloned();
             attempt_made = Some(attempt);
             let Some(found) = found else { return attempt_made };
@@ -281,6 +297,13 @@ impl Inertial {
             changes.push(Change::InertialState(*id, velocity, found.bias));
         }
         changes
+    }
+}
+
+/// Takes a scale that is known to [`SOFT_SCALE_SIGMA`].
+fn soften(attempt: &mut Attempt) {
+    for gate in attempt.gates.iter_mut().filter(|gate| gate.kind == GateKind::ScaleSigma) {
+        *gate = Gate::new(gate.kind, gate.value, gate.bound.max(SOFT_SCALE_SIGMA));
     }
 }
 
@@ -455,6 +478,20 @@ mod tests {
             assert!((turn.rotation * Vec3::y()).angle(&-Vec3::z()) < 0.01);
             assert_eq!(changes.len(), 1 + ids.len(), "and a velocity for each key frame");
         }
+    }
+
+    #[test]
+    fn a_scale_known_to_ten_per_cent_is_taken_where_it_may_be_rough() {
+        let gates = |sigma| {
+            vec![Gate::new(GateKind::ScaleSigma, sigma, 0.03), Gate::new(GateKind::GyroBias, 0.5, 0.3)]
+        };
+        let failed = |sigma| {
+            let mut attempt = Attempt { gates: gates(sigma), found: None };
+            soften(&mut attempt);
+            attempt.failed().map(|gate| gate.kind).collect::<Vec<_>>()
+        };
+        assert_eq!(failed(0.09), [GateKind::GyroBias], "nothing else is softened");
+        assert_eq!(failed(0.11), [GateKind::ScaleSigma, GateKind::GyroBias]);
     }
 
     #[test]

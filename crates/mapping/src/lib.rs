@@ -35,5 +35,5 @@ pub use closing::{
 pub use depth_views::DepthViews;
 pub use inertial::InertialConfig;
 pub use initialisation::{CameraAndImu, initialise_key_frames};
-pub use mapper::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig};
+pub use mapper::{KeyFrameInput, MapStart, Mapped, Mapper, MapperConfig, StartClocks};
 pub use scale_check::{ScaleCheck, ScaleVerdict};

@@ -12,7 +12,7 @@ use crate::scale_check::ScaleCheck;
 use crate::triangulation::create_landmarks;
 use cairn_adjust::{MotionLinks, MotionSince, Window, WindowConfig};
 use cairn_atlas::{
-    Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior, Snapshot,
+    Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior, Readout, Snapshot,
 };
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Attempt;
@@ -63,6 +63,17 @@ pub struct MapStart {
     /// have parallax, but their scale is none: it and those after it are removed, so that neither recognition nor a
     /// merge takes scale from them.
     pub assumed_since: Option<KeyFrameId>,
+    /// Clocks and rows as they are known before the first map.
+    pub clocks: Option<StartClocks>,
+}
+
+/// What is known of the clocks of camera and IMU and of the readout of the rows before there is a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StartClocks {
+    /// Seconds to add to the stamps of the IMU, as was done in the IMU data, and their standard deviation.
+    pub offset_s: [f64; 2],
+    /// The readout time.
+    pub readout: Readout,
 }
 
 impl Default for MapStart {
@@ -74,6 +85,7 @@ impl Default for MapStart {
             imu: None,
             gravity_aligned: false,
             assumed_since: None,
+            clocks: None,
         }
     }
 }
@@ -219,6 +231,11 @@ impl Mapper {
         let mut new_landmarks = NewLandmarks::after(&before);
         let scaled = Se3::new(first_from_second.rotation, first_from_second.translation * unit);
         let (none_a, none_b) = (vec![None; first.len()], vec![None; second.len()]);
+        if let Some(clocks) = &start.clocks {
+            let [offset_s, sigma_s] = clocks.offset_s;
+            atlas.commit(vec![Change::ImuOffset(offset_s), Change::Readout(clocks.readout)]);
+            self.inertial.iter_mut().for_each(|inertial| inertial.adopt_offset(offset_s, sigma_s));
+        }
         let imu = self.inertial.as_mut().zip(start.imu.as_ref());
         let motion = imu.as_ref().map(|(_, imu)| without_imu_factor(imu));
         let entry_a = Entry {

@@ -244,7 +244,9 @@ fn poses(layout: Layout, folder: &Path) -> Result<BTreeMap<usize, Se3>, SourceEr
         }
         Layout::ScanNet => {
             let folder = folder.join("pose");
-            Ok(numbered_texts(&folder).filter_map(|(n, path)| Some((n, of(&read_text(&path).ok()?)?))).collect())
+            Ok(numbered_texts(&folder)
+                .filter_map(|(n, path)| Some((n, of(&read_text(&path).ok()?)?)))
+                .collect())
         }
         Layout::Stray | Layout::Record3d => Ok(BTreeMap::new()),
     }

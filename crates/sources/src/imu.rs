@@ -1,87 +1,82 @@
-//! IMU samples from a CSV file, read as needed so that memory does not grow with the recording.
+//! IMU samples from CSV files: of one file with both sensors, or of one for each.
 
-use crate::text::{fields, numbers, place, stamp_any};
+use crate::csv::CsvStream;
+use crate::motion_pair::MotionPair;
 use cairn_geometry::Vec3;
-use cairn_sensor::{ImuSample, SkipKind, Skipped, SourceError};
-use std::fs::File;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use cairn_sensor::{ImuSample, Skipped, SourceError, Stamp};
+use std::path::Path;
 
-/// Samples of `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]` lines, in file order; the merge checks
-/// that order.
-pub struct ImuStream {
-    path: PathBuf,
-    lines: BufReader<File>,
-    number: usize,
-    peeked: Option<ImuSample>,
-}
+/// Samples of `timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]` lines.
+pub struct ImuStream(CsvStream<6>);
 
 impl ImuStream {
     /// Opens the file. A file without a sample is an error.
     pub fn open(path: &Path) -> Result<Self, SourceError> {
-        // Only read piece by piece, so any size will do.
-        let file = cairn_files::open(path, u64::MAX).map_err(|e| {
-            SourceError::new(
-                path.display().to_string(),
-                format!("cannot be read ({e})"),
-                "restore it, or give a rig without an IMU",
-            )
-        })?;
-        let mut stream = Self { path: path.to_owned(), lines: BufReader::new(file), number: 0, peeked: None };
-        let mut skipped = Vec::new();
-        stream.peeked = stream.read(&mut skipped);
-        if stream.peeked.is_none() {
-            let why = skipped
-                .first()
-                .map_or("contains no sample".to_owned(), |s| format!("contains no sample ({})", s.text));
-            return Err(SourceError::new(
-                path.display().to_string(),
-                why,
-                "each line must be: timestamp [ns], gyro xyz [rad/s], accel xyz [m/s^2]",
-            ));
-        }
-        Ok(stream)
+        CsvStream::open(path, "gyro xyz [rad/s], accel xyz [m/s^2]").map(Self)
     }
 
     /// The next sample; other lines are listed in `skipped`. `None` at the end of the file.
     pub fn next(&mut self, skipped: &mut Vec<Skipped>) -> Option<ImuSample> {
-        match self.peeked.take() {
-            Some(sample) => Some(sample),
-            None => self.read(skipped),
-        }
+        let (stamp, [gx, gy, gz, ax, ay, az]) = self.0.next(skipped)?;
+        Some(ImuSample::new(stamp, Vec3::new(gx, gy, gz), Vec3::new(ax, ay, az)))
     }
 
     /// The file and the last line read, for error messages.
     pub fn place(&self) -> String {
-        place(&self.path, self.number)
+        self.0.place()
+    }
+}
+
+/// Samples of a gyroscope and an accelerometer that have a file each, `timestamp [ns], xyz`, and stamps of their own: one for each
+/// reading of the gyroscope.
+pub struct SplitImuStream {
+    gyro: CsvStream<3>,
+    accel: CsvStream<3>,
+    /// The last stamp read of each; `None` at its end.
+    read_to: [Option<Stamp>; 2],
+    pair: MotionPair,
+}
+
+impl SplitImuStream {
+    /// Opens both files. One without a reading is an error.
+    pub fn open(gyro: &Path, accel: &Path) -> Result<Self, SourceError> {
+        Ok(Self {
+            gyro: CsvStream::open(gyro, "gyro xyz [rad/s]")?,
+            accel: CsvStream::open(accel, "accel xyz [m/s^2]")?,
+            read_to: [Some(Stamp(i64::MIN)); 2],
+            pair: MotionPair::default(),
+        })
     }
 
-    fn read(&mut self, skipped: &mut Vec<Skipped>) -> Option<ImuSample> {
-        let mut bytes = Vec::new();
+    /// The next sample; lines that are no reading are listed in `skipped`. `None` where one of the files has ended.
+    pub fn next(&mut self, skipped: &mut Vec<Skipped>) -> Option<ImuSample> {
         loop {
-            bytes.clear();
-            match self.lines.read_until(b'\n', &mut bytes) {
-                Ok(0) => return None,
-                Ok(_) => self.number += 1,
-                Err(e) => {
-                    let text = format!("{}: reading stopped ({e})", place(&self.path, self.number + 1));
-                    skipped.push(Skipped::new(SkipKind::Imu, "reading stopped", text));
-                    return None;
+            if let Some(sample) = self.pair.pop() {
+                return Some(sample);
+            }
+            match self.read_to {
+                // Without a force at or after it, a reading of the gyroscope is no sample.
+                [_, None] => return None,
+                [Some(gyro), Some(accel)] if gyro <= accel => {
+                    let read = self.gyro.next(skipped);
+                    self.read_to[0] = read.map(|(stamp, _)| stamp);
+                    read.into_iter().for_each(|(stamp, v)| self.pair.gyro(stamp, Vec3::from(v)));
                 }
-            }
-            let line = String::from_utf8_lossy(&bytes);
-            let line = line.trim().trim_start_matches('\u{feff}');
-            if line.is_empty() || line.starts_with('#') {
-                continue;
-            }
-            match parse(line) {
-                Some(sample) => return Some(sample),
-                None => {
-                    let text = format!("{}: not an IMU sample, dropped", self.place());
-                    skipped.push(Skipped::new(SkipKind::Imu, "not an IMU sample", text));
+                [gyro, Some(_)] => {
+                    if gyro.is_none() && self.pair.is_empty() {
+                        return None;
+                    }
+                    let read = self.accel.next(skipped);
+                    self.read_to[1] = read.map(|(stamp, _)| stamp);
+                    read.into_iter().for_each(|(stamp, v)| self.pair.accel(stamp, Vec3::from(v)));
                 }
             }
         }
+    }
+
+    /// The file of the gyroscope and the last line read, for error messages.
+    pub fn place(&self) -> String {
+        self.gyro.place()
     }
 }
 
@@ -94,11 +89,4 @@ pub fn read_imu(path: impl AsRef<Path>) -> Result<Vec<ImuSample>, SourceError> {
     let mut stream = ImuStream::open(path.as_ref())?;
     let mut skipped = Vec::new();
     Ok(std::iter::from_fn(|| stream.next(&mut skipped)).collect())
-}
-
-fn parse(line: &str) -> Option<ImuSample> {
-    let mut from = fields(line);
-    let stamp = stamp_any(from.next()?)?;
-    let [gx, gy, gz, ax, ay, az] = numbers::<6>(from)?;
-    Some(ImuSample::new(stamp, Vec3::new(gx, gy, gz), Vec3::new(ax, ay, az)))
 }

@@ -1,10 +1,12 @@
 #![doc = include_str!("../README.md")]
 
+mod android;
 mod bag;
 mod bag_reader;
 #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 pub mod camera;
 mod cancel;
+mod csv;
 mod decode;
 mod euroc;
 mod frames;
@@ -12,6 +14,7 @@ mod images;
 mod imu;
 mod kitti;
 mod live;
+mod motion_pair;
 mod numbered;
 mod open;
 mod options;

@@ -4,7 +4,7 @@ use crate::options::{OpenOptions, SourceKind};
 use crate::player::Player;
 use crate::prefetch::Prefetch;
 use crate::recording::Recording;
-use crate::{bag, decode, euroc, frames, images, kitti, live, seven_scenes, tum};
+use crate::{android, bag, decode, euroc, frames, images, kitti, live, seven_scenes, tum};
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_sim::{SimConfig, SimSource};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ struct Kind {
     index: fn(&Path, Option<Rig>) -> Result<Recording, SourceError>,
 }
 
-const KINDS: [Kind; 6] = [
+const KINDS: [Kind; 7] = [
     Kind { kind: SourceKind::Euroc, name: "EuRoC", is: euroc::is, index: euroc::index },
     Kind { kind: SourceKind::Tum, name: "TUM RGB-D", is: tum::is, index: tum::index },
     Kind { kind: SourceKind::Kitti, name: "KITTI", is: kitti::is, index: kitti::index },
@@ -27,10 +27,11 @@ const KINDS: [Kind; 6] = [
         index: seven_scenes::index,
     },
     Kind { kind: SourceKind::Frames, name: "numbered frames", is: frames::is, index: frames::index },
+    Kind { kind: SourceKind::Android, name: "Android", is: android::is, index: android::index },
     Kind { kind: SourceKind::Images, name: "folder of images", is: images::is, index: images::index },
 ];
 
-const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI odometry and raw (image_0/, image_00/data/), 7-Scenes (frame-*.color.*), Replica (results/ and traj.txt), ScanNet (color/ and intrinsic/), Stray Scanner (odometry.csv and camera_matrix.csv), Record3D (metadata.json), a folder of PNG, JPEG or BMP images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
+const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI odometry and raw (image_0/, image_00/data/), 7-Scenes (frame-*.color.*), Replica (results/ and traj.txt), ScanNet (color/ and intrinsic/), Stray Scanner (odometry.csv and camera_matrix.csv), Record3D (metadata.json), Android phones (frames.csv and gyroscope.csv), a folder of PNG, JPEG or BMP images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
 
 /// Opens a recording (a folder, a bag or an MCAP file), a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
 /// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender; on 64-bit
@@ -159,7 +160,7 @@ pub fn image_size(source: &str) -> Option<[usize; 2]> {
         return Some(size);
     }
     let path = sequence_of(Path::new(source)).ok()?;
-    const INSIDE: [&str; 10] = [
+    const INSIDE: [&str; 11] = [
         "",
         "mav0/cam0/data",
         "cam0/data",
@@ -170,6 +171,7 @@ pub fn image_size(source: &str) -> Option<[usize; 2]> {
         "rgb",
         "color",
         "results",
+        "images",
     ];
     let first = |folder: PathBuf| {
         let files = std::fs::read_dir(folder).ok()?.filter_map(|e| Some(e.ok()?.path()));

@@ -36,6 +36,8 @@ pub enum SourceKind {
     SevenScenes,
     /// Numbered frames of colour and depth: Replica, ScanNet, Stray Scanner, Record3D.
     Frames,
+    /// An Android phone's camera and sensors.
+    Android,
     /// Images of one camera.
     Images,
 }

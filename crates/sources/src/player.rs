@@ -2,7 +2,7 @@
 
 use crate::bag_reader::{BagImu, BagReader, MessageError};
 use crate::decode;
-use crate::imu::ImuStream;
+use crate::imu::{ImuStream, SplitImuStream};
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
 use cairn_sensor::{
     Camera, DepthImage, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Rig, SkipKind, Skipped, Skips,
@@ -21,6 +21,7 @@ const MAX_GAPS: usize = 10;
 /// The samples of the IMU, one after the other.
 enum Samples {
     Csv(ImuStream),
+    Split(SplitImuStream),
     Bag(BagImu),
 }
 
@@ -28,6 +29,7 @@ impl Samples {
     fn next(&mut self, bag: &mut Option<BagReader>, skipped: &mut Vec<Skipped>) -> Option<ImuSample> {
         match (self, bag) {
             (Self::Csv(stream), _) => stream.next(skipped),
+            (Self::Split(stream), _) => stream.next(skipped),
             (Self::Bag(imu), Some(bag)) => imu.next(bag, skipped),
             (Self::Bag(_), None) => None,
         }
@@ -37,6 +39,7 @@ impl Samples {
     fn place(&self) -> String {
         match self {
             Self::Csv(stream) => stream.place(),
+            Self::Split(stream) => stream.place(),
             Self::Bag(imu) => imu.place(),
         }
     }
@@ -79,6 +82,7 @@ impl Player {
         let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
         let imu = match imu {
             Some(ImuAt::Csv(path)) => Some(Samples::Csv(ImuStream::open(&path)?)),
+            Some(ImuAt::Split { gyro, accel }) => Some(Samples::Split(SplitImuStream::open(&gyro, &accel)?)),
             Some(ImuAt::Messages(topics)) => Some(Samples::Bag(BagImu::new(topics))),
             None => None,
         };

@@ -34,6 +34,13 @@ pub enum ImageAt {
 pub enum ImuAt {
     /// In a csv file.
     Csv(PathBuf),
+    /// In two csv files, each with times of its own.
+    Split {
+        /// That of the gyroscope.
+        gyro: PathBuf,
+        /// That of the accelerometer.
+        accel: PathBuf,
+    },
     /// In messages of a bag.
     Messages(ImuTopics),
 }

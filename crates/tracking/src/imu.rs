@@ -128,9 +128,8 @@ impl InertialFilter {
         }
     }
 
-    /// Takes the readings of a packet.
-    pub fn take(&mut self, samples: &[ImuSample], snapshot: &Snapshot) {
-        let offset = snapshot.imu_offset();
+    /// Takes the readings of a packet, and the offset of the clocks as it is known now.
+    pub fn take(&mut self, samples: &[ImuSample], offset: f64) {
         if offset != self.offset_s {
             self.buffer.shift(offset - self.offset_s);
             self.offset_s = offset;
@@ -148,6 +147,17 @@ impl InertialFilter {
         if let Some(last) = samples.last() {
             self.buffer.forget_before(Stamp(last.stamp.0 - (BUFFER_S * 1e9) as i64));
         }
+    }
+
+    /// Takes an offset of the clocks that no map knows yet; what [`Self::take`] is given later has to agree.
+    pub fn shift_to(&mut self, offset_s: f64) {
+        self.buffer.shift(offset_s - self.offset_s);
+        self.offset_s = offset_s;
+    }
+
+    /// The readings that are buffered.
+    pub fn samples(&self) -> impl Iterator<Item = &ImuSample> {
+        self.buffer.samples()
     }
 
     /// Follows the changes of the map: the estimate moves along with the key frame it is anchored to, and restarts

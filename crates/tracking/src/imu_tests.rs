@@ -67,7 +67,7 @@ fn a_key_frame_made_while_the_readings_carry_the_pose_makes_it_no_better_known()
     atlas.commit(key_frame(&world, &atlas, id, 2.0));
 
     let mut filter = filter();
-    filter.take(&readings(2.0, 5.2), atlas.latest());
+    filter.take(&readings(2.0, 5.2), atlas.latest().imu_offset());
     filter.refresh(atlas.latest());
     let anchor =
         |atlas: &Atlas, pose: Se3| -> AnchoredPose { anchored_at(atlas.latest(), id, pose).unwrap() };
@@ -111,7 +111,7 @@ fn a_place_found_again_after_seconds_does_not_keep_the_speed_to_which_readings_a
     let mut filter = filter();
     // Readings that are 2 m/s^2 off, as by a bias that was estimated wrongly.
     let wrong = readings(2.0, 6.0).into_iter().map(|s| ImuSample { accel: s.accel + Vec3::x() * 2.0, ..s });
-    filter.take(&wrong.collect::<Vec<_>>(), atlas.latest());
+    filter.take(&wrong.collect::<Vec<_>>(), atlas.latest().imu_offset());
     filter.refresh(atlas.latest());
     for n in 1..=30 {
         let now = Stamp::from_seconds(2.0 + 0.1 * f64::from(n));
@@ -137,7 +137,7 @@ fn begun(readings: &[ImuSample]) -> (World, Atlas, InertialFilter, KeyFrameId) {
     let id = atlas.latest().next_key_frame_id();
     atlas.commit(key_frame(&world, &atlas, id, 2.0));
     let mut filter = filter();
-    filter.take(readings, atlas.latest());
+    filter.take(readings, atlas.latest().imu_offset());
     filter.refresh(atlas.latest());
     (world, atlas, filter, id)
 }
@@ -367,7 +367,7 @@ fn one_who_sets_out_gently_is_not_held_where_he_stood() {
         true => ImuSample { accel: s.accel + Vec3::x() * 0.6, ..s },
         false => s,
     };
-    filter.take(&readings(2.0, 5.2).into_iter().map(pushed).collect::<Vec<_>>(), atlas.latest());
+    filter.take(&readings(2.0, 5.2).into_iter().map(pushed).collect::<Vec<_>>(), atlas.latest().imu_offset());
     filter.refresh(atlas.latest());
     let anchor = |pose: Se3| anchored_at(atlas.latest(), id, pose).unwrap();
     let begin = filter.predict(Stamp::from_seconds(2.1)).expect("readings").world_from_camera.translation;

@@ -6,6 +6,8 @@ mod decide_tests;
 mod dense;
 #[cfg(test)]
 mod dense_tests;
+mod first_clocks;
+mod flow;
 mod imu;
 #[cfg(test)]
 mod imu_tests;
@@ -41,6 +43,7 @@ mod synthetic;
 mod tests;
 mod tracker;
 
+pub use flow::FlowClocks;
 pub use odometry::{MotionSource, Odometry};
 pub use reckoning::MeasuredMotion;
 pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};

@@ -49,6 +49,28 @@ impl Shutter {
         self.given_s == Some(0.0)
     }
 
+    /// Whether the readout time is to be estimated.
+    pub fn is_estimated(&self) -> bool {
+        self.given_s.is_none()
+    }
+
+    /// The row of a feature, from -0.5 at the first that is exposed to 0.5 at the last.
+    pub fn row(&self, frame: &Frame, i: usize) -> f64 {
+        (f64::from(frame.raw[i][self.along]) + 0.5) / self.rows - 0.5
+    }
+
+    /// Puts the features of a frame back to where they were seen.
+    pub fn undo(frame: &mut Frame, camera: &RectifiedCamera) {
+        let Some(rolling) = frame.rolling.take() else { return };
+        for (i, slope) in rolling.slopes.iter().enumerate() {
+            let [dx, dy] = slope.map(|s| (f64::from(s) * rolling.readout_s) as f32);
+            frame.px[i][0] -= dx;
+            frame.px[i][1] -= dy;
+            frame.right_x[i] -= dx;
+        }
+        frame.index(camera);
+    }
+
     /// The readout time, as given or else as a map has it.
     pub fn readout(&self, snapshot: &Snapshot) -> Readout {
         self.given_s.map_or(snapshot.readout(), |seconds| Readout { seconds, sigma_s: 0.0 })
@@ -68,7 +90,7 @@ impl Shutter {
         let mut slopes = Vec::with_capacity(frame.len());
         for i in 0..frame.len() {
             let ray = camera.unproject(frame.px[i], 1.0);
-            let share = (f64::from(frame.raw[i][self.along]) + 0.5) / self.rows - 0.5;
+            let share = self.row(frame, i);
             let a = moving.turning.cross(&ray) + depths.inverse(camera, frame.px[i]) * moving.velocity;
             let slope = [camera.fx * (a.x - ray.x * a.z) * share, camera.fy * (a.y - ray.y * a.z) * share];
             let slope = if slope.iter().all(|s| s.is_finite()) { slope } else { [0.0; 2] };

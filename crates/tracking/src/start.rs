@@ -39,6 +39,15 @@ impl Starter {
         self.pair(camera, frame, (features / 12).max(50))
     }
 
+    /// Follows the features of the first frame through one with which no map is to begin.
+    pub fn follow(&mut self, frame: &Arc<Frame>, features: usize) {
+        let need = (features / 12).max(50);
+        let matched = self.first.clone().map_or(0, |first| self.matches(&first, frame).len());
+        if matched < need {
+            self.set_first(frame, need);
+        }
+    }
+
     fn pair(
         &mut self,
         camera: &RectifiedCamera,
@@ -72,6 +81,7 @@ impl Starter {
             points,
             relocation_prior: None,
             imu: None,
+            clocks: None,
         })
     }
 
@@ -90,6 +100,12 @@ impl Starter {
         }
         matches
     }
+}
+
+/// Matches fine-level features of one frame within a radius of where each is in another.
+pub(crate) fn match_within(first: &Frame, second: &Frame, radius: f32) -> Vec<(usize, usize)> {
+    let here: Vec<Option<[f32; 2]>> = first.px.iter().copied().map(Some).collect();
+    match_around(first, second, &here, radius)
 }
 
 /// Matches fine-level features of one frame within a radius of where each is expected in another.

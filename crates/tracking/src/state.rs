@@ -1,5 +1,6 @@
 //! The result of tracking one frame, and what is kept of it.
 
+use crate::flow::FlowClocks;
 use cairn_adjust::MotionSince;
 use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
@@ -124,6 +125,8 @@ pub enum KeyFrameRequest {
         relocation_prior: Option<RelocationPrior>,
         /// The IMU data of the second, with the readings since the first.
         imu: Option<ImuSegment>,
+        /// Of the first map: what the flow of features has told of clocks and rows; the IMU data has that offset.
+        clocks: Option<FlowClocks>,
     },
     /// A further key frame.
     Next {

@@ -1,9 +1,9 @@
 //! One request of tracking, done by mapping, whatever runs it.
 
 use super::done::Taken;
-use cairn_atlas::{Atlas, ImuSegment, MapPrior};
+use cairn_atlas::{Atlas, ImuSegment, MapPrior, Readout};
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_mapping::{KeyFrameInput, MapStart, Mapper};
+use cairn_mapping::{KeyFrameInput, MapStart, Mapper, StartClocks};
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, RelocationPrior};
 
 /// Inserts the key frame, or begins a map with it.
@@ -17,8 +17,12 @@ pub(super) fn take(
         KeyFrameRequest::First { frame, relocation_prior, imu } => {
             Some(mapper.start(atlas, frame, &map_start(relocation_prior, imu, true)))
         }
-        KeyFrameRequest::Pair { first, second, first_from_second, points, relocation_prior, imu } => {
-            let map_start = map_start(relocation_prior, imu, false);
+        KeyFrameRequest::Pair { first, second, first_from_second, points, relocation_prior, imu, clocks } => {
+            let clocks = clocks.map(|c| StartClocks {
+                offset_s: c.offset_s,
+                readout: Readout { seconds: c.readout_s[0], sigma_s: c.readout_s[1] },
+            });
+            let map_start = MapStart { clocks, ..map_start(relocation_prior, imu, false) };
             mapper.start_pair(atlas, first, second, *first_from_second, points, &map_start)
         }
         KeyFrameRequest::Next { frame, landmarks, anchored, imu, orientation_only, rescale, motion } => {

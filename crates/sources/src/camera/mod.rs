@@ -15,7 +15,6 @@ mod format;
 mod iio;
 mod inspect;
 mod linux;
-mod motion;
 mod projector;
 mod reader;
 mod replayed;

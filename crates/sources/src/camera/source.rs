@@ -5,11 +5,11 @@ use super::align::DepthAligner;
 use super::clock::DeviceClock;
 use super::device::{DeviceError, Kernel, Mode, MotionKind, Usb};
 use super::format;
-use super::motion::MotionPair;
 use super::reader::{self, DEPTH, Feed, Frame, IMAGE, Measured, MotionFeed, Shared, VideoFeed};
 use super::select::{Role, Started, Streams, start, start_motion};
 use crate::Cancel;
 use crate::live::rig_for;
+use crate::motion_pair::MotionPair;
 use crate::options::OpenOptions;
 use cairn_geometry::Vec3;
 use cairn_sensor::{

@@ -436,3 +436,35 @@ fn a_bitmap_is_an_image() {
     let packet = source.next_packet().unwrap().unwrap();
     assert_eq!(packet.images[0].data(), [40, 50, 60, 70, 0, 10, 20, 30]);
 }
+
+#[test]
+fn an_android_phones_sensors_are_joined_in_its_axes() {
+    let folder = Folder::new();
+    folder.write("images/frame_1.png", gray_png(8, 6, 1));
+    folder.write("images/frame_2.png", gray_png(8, 6, 2));
+    folder.write("frames.csv", "# time, file\n1000000000,frame_1.png\n1040000000,frame_2.png\n");
+    let lines = |from_ms: i64, value: fn(i64) -> String| -> String {
+        (0..14).map(|k| from_ms + 5 * k).map(|ms| format!("{},{}\n", ms * 1_000_000, value(ms))).collect()
+    };
+    folder.write("gyroscope.csv", lines(990, |ms| format!("0.1,0,{ms}")));
+    folder.write("accelerometer.csv", "# x, y, z\n".to_owned() + &lines(992, |ms| format!("0,9.8,{ms}")));
+    let mut source = opened(&folder, OpenOptions::default());
+    assert!(source.info().assumed.as_ref().is_some_and(|what| what.contains("focal length")));
+    let rig = source.rig().clone();
+    assert!(rig.imu.as_ref().is_some_and(|imu| (imu.rate_hz - 200.0).abs() < 1e-6));
+    // Up along the phone is to the left in the picture of its rear camera.
+    let up = rig.cameras[0].body_from_camera.inverse().rotation * cairn_geometry::Vec3::y();
+    assert!((up + cairn_geometry::Vec3::x()).norm() < 1e-9, "{up}");
+    let first = source.next_packet().unwrap().expect("a packet");
+    let second = source.next_packet().unwrap().expect("a packet");
+    assert_eq!((first.stamp.0, first.images[0].data()[0]), (1_000_000_000, 1));
+    let samples: Vec<_> = first.imu.iter().chain(&second.imu).filter(|s| !s.is_synthesised()).collect();
+    assert!(samples.len() >= 9, "{}", samples.len());
+    for s in samples {
+        let ms = 1e3 * s.stamp.seconds();
+        assert!((s.gyro.z - ms).abs() < 1e-6 && (s.accel.z - ms).abs() < 1e-6, "{s:?}");
+    }
+    folder.write("gyroscope.csv", "# nothing\n");
+    let text = refused(folder.name(), OpenOptions::default());
+    assert!(text.contains("gyroscope.csv") && text.contains("contains no sample"), "{text}");
+}

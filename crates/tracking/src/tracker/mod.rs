@@ -14,6 +14,8 @@ mod turning;
 mod waiting;
 
 use crate::dense::DenseAligner;
+use crate::first_clocks::FirstClocks;
+use crate::flow::FlowClocks;
 use crate::imu::InertialFilter;
 use crate::local_map::LocalMap;
 use crate::match_last::Matches;
@@ -65,6 +67,10 @@ pub struct TrackerConfig {
     /// taken for the columns of the sensor.
     #[setting(default = false)]
     pub estimate_readout: bool,
+    /// True to find the offset of the IMU's clock and the time above from the first second of pictures, before a map begins; only where
+    /// that time is estimated.
+    #[setting(default = false)]
+    pub clocks_by_flow: bool,
     /// True to take the pose of each frame from its depth image (`--front-end dense`); features still find places again. Without
     /// it the depth image gives the pose where features do not suffice.
     #[setting(default = false)]
@@ -91,6 +97,9 @@ pub struct Tracker {
     pub(crate) rate_hz: f64,
     pub(crate) config: TrackerConfig,
     pub(crate) starter: Starter,
+    /// Clocks and rows before there is a map, and what was found of them.
+    pub(crate) first_clocks: FirstClocks,
+    pub(crate) flow: Option<FlowClocks>,
     /// Frames from before there was a map, oldest first.
     pub(crate) waiting: VecDeque<Arc<Frame>>,
     local: LocalMap,
@@ -154,6 +163,8 @@ impl Tracker {
             rate_hz,
             config,
             starter: Starter::default(),
+            first_clocks: FirstClocks::default(),
+            flow: None,
             waiting: VecDeque::new(),
             local: LocalMap::default(),
             last: None,
@@ -266,11 +277,12 @@ impl Tracker {
         let periods = self.periods_since_last(frame.stamp);
         self.reckoning.advance();
         if let Some(inertial) = &mut self.inertial {
-            inertial.take(imu, snapshot);
+            let flow = self.flow.filter(|_| snapshot.key_frame_count() == 0);
+            inertial.take(imu, flow.map_or(snapshot.imu_offset(), |flow| flow.offset_s[0]));
         }
         if snapshot.key_frame_count() == 0 {
             let frame = self.at_middle_row(frame, snapshot);
-            return self.start(frame);
+            return self.start(frame, snapshot);
         }
         self.since_key_frame = self.since_key_frame.saturating_add(periods);
         self.since_recovery = self.since_recovery.saturating_add(periods);
@@ -321,8 +333,9 @@ impl Tracker {
             KeyFrameRequest::Pair { second, .. } => second.stamp,
         };
         let since = self.reckoning.restart_at_key_frame(stamp);
+        let turned = self.requested_at.and_then(|(before, _)| self.turned_since(before, stamp));
         if let KeyFrameRequest::Next { anchored, motion, .. } = request {
-            *motion = since.or(carried);
+            *motion = since.or(carried).or(turned);
             self.requested_at = Some((stamp, *anchored));
         } else {
             self.requested_at = None;
@@ -357,7 +370,9 @@ impl Tracker {
         let seen = last.into_iter().flat_map(|l| l.landmarks.iter().flatten());
         let points = seen.filter_map(|id| snapshot.landmark(*id)).map(|l| l.position);
         let points = in_camera(&pose.unwrap_or_default(), points);
-        let readout_s = self.shutter.readout(snapshot).seconds;
+        // What no map knows yet.
+        let flow = self.flow.filter(|_| snapshot.key_frame_count() == 0);
+        let readout_s = flow.map_or(self.shutter.readout(snapshot).seconds, |flow| flow.readout_s[0]);
         self.shutter.correct(Arc::make_mut(&mut frame), &self.camera, readout_s, &moving, points);
         frame
     }

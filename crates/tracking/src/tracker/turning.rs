@@ -4,8 +4,10 @@ use super::Tracker;
 use super::scale::TURNED_RAD;
 use crate::rotation::{Between, SHARE, rotation_between};
 use crate::state::{Evidence, Last, State, Tracked, anchored_at};
+use cairn_adjust::MotionSince;
 use cairn_atlas::Snapshot;
 use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::Stamp;
 use cairn_vision::Frame;
 use nalgebra::{Matrix6, SVector, Vector6};
 use std::sync::Arc;
@@ -18,7 +20,21 @@ const LONGEST_S: f64 = 8.0;
 /// from one frame to the next, which far points do not show, but a third of a metre in this time.
 const CHECK_S: f64 = 0.3;
 
+/// Variance of a translation of which nothing is known, in the map's unit squared.
+const ANYWHERE_M2: f64 = 1e6;
+/// How well the gyroscope tells how far the camera has turned in its pictures where the lens is a guess: radians, and per radian.
+const TURNED_BY_GYRO: [f64; 2] = [0.005, 0.05];
+
 impl Tracker {
+    /// By how much the camera has turned between two key frames, by the gyroscope, once its clock is known; nothing of how far it has
+    /// moved. A map that has no scale by the readings yet would else bend where it turns, and take the bend for a near wall.
+    pub(super) fn turned_since(&self, before: Stamp, stamp: Stamp) -> Option<MotionSince> {
+        let turned = self.inertial.as_ref().filter(|_| self.flow.is_some())?.turned(before, stamp)?;
+        let sigma = TURNED_BY_GYRO[0] + TURNED_BY_GYRO[1] * turned.angle();
+        let since_from_now = Se3::new(turned, Vec3::zeros());
+        Some(MotionSince { stamp: before, since_from_now, variance: [ANYWHERE_M2, sigma * sigma] })
+    }
+
     /// Carries the orientation forward when the matches with the map are lost: the frame's pose by rotation alone, at
     /// the position of the last known pose. `None` when the frames do not differ by a rotation.
     pub(crate) fn track_rotation(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot) -> Option<Tracked> {

@@ -204,6 +204,8 @@ pub enum Kind {
     /// 7-Scenes (frame-*.color.*).
     #[value(name = "7-scenes")]
     SevenScenes,
+    /// An Android phone's camera and sensors (frames.csv, gyroscope.csv, accelerometer.csv).
+    Android,
     /// Images of one camera.
     Images,
 }
@@ -216,6 +218,7 @@ impl Kind {
             Self::Tum => SourceKind::Tum,
             Self::Kitti => SourceKind::Kitti,
             Self::SevenScenes => SourceKind::SevenScenes,
+            Self::Android => SourceKind::Android,
             Self::Images => SourceKind::Images,
         }
     }

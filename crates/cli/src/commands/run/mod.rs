@@ -100,6 +100,10 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let info = source.info();
     debug!(source = %info.name, frames = ?info.frames, rate_hz = info.rate_hz, sensor = sensor.name(), "opened");
     config.inertial.enabled = sensor.has_imu();
+    // A camera that nobody calibrated may expose row after row.
+    let may_roll = info.assumed.is_some() && sensor == Sensors::MonoImu;
+    config.tracker.estimate_readout |= may_roll && config.tracker.readout_s == 0.0;
+    config.tracker.clocks_by_flow |= may_roll;
     if sensor.has_imu() && rig.imu.is_none() {
         let why = format!("--sensor {} needs an IMU, but the rig has none", sensor.name());
         return Err(Failure::new(&a.source, why, "give a rig with an IMU using --rig, or leave out -imu"));

@@ -30,12 +30,19 @@ impl MotionPair {
         push(&mut self.accel, stamp, force);
     }
 
+    /// Whether no reading of the gyroscope waits for a force.
+    pub fn is_empty(&self) -> bool {
+        self.gyro.is_empty()
+    }
+
     /// Readings of the gyroscope that were left out.
+    #[cfg(any(feature = "camera", test))]
     pub fn left_out(&self) -> usize {
         self.left_out
     }
 
     /// Forgets what was read before one of the sensors was started anew.
+    #[cfg(any(feature = "camera", test))]
     pub fn restart(&mut self) {
         self.gyro.clear();
         self.accel.clear();
