@@ -214,7 +214,8 @@ mod tests {
             let mut noise = || Vec3::from_fn(|_, _| random.standard_normal());
             let turning = Vec3::new((3.0 * t).sin(), 0.2, (2.0 * t).cos());
             let gyro = turning + noise() * 0.0024;
-            let accel = Vec3::new((5.0 * t).sin(), (4.0 * t).cos(), 9.81) + noise() * 0.028;
+            let accel =
+                Vec3::new((5.0 * t).sin(), (4.0 * t).cos(), 11.0 + 2.0 * (9.0 * t).sin()) + noise() * 0.028;
             let sound = ImuSample::new(Stamp::from_seconds(t), gyro, accel);
             let mut sample = sound;
             if (2.0..2.0 + seconds).contains(&t) {

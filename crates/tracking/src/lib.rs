@@ -12,6 +12,8 @@ mod imu;
 #[cfg(test)]
 mod imu_tests;
 mod imu_trust;
+#[cfg(test)]
+mod imu_trust_tests;
 mod local_map;
 mod match_last;
 mod odometry;

@@ -275,10 +275,6 @@ fn contradicts(located: &Located, prior: Option<&PosePrior>, predicted: Option<&
     let Some((alone, own)) = without_prior(located, prior) else { return false };
     let covariance = predicted.pose_covariance() + own + tracked_covariance();
     let world_from_camera = predicted.world_from_camera;
-    if std::env::var_os("CAIRN_DBG").is_some() {
-        let off = world_from_camera.local(&alone);
-        eprintln!("DBG nis {:.2}", off.dot(&(covariance.try_inverse().unwrap_or_default() * off)));
-    }
     !Reckoned { world_from_camera, covariance, limit: [f64::INFINITY; 2] }.agrees(&alone)
 }
 
