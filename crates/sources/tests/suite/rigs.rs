@@ -202,8 +202,8 @@ fn faults_are_reported_with_file_line_and_reason() {
     );
     let text = refused(&kalibr.replace("[1, 2, nan, 4]", "[1, 2, 3]"), "camchain.yaml");
     assert!(text.contains("needs 4 numbers, here are 3"), "{text}");
-    let text = refused(&kalibr.replace("pinhole", "omni"), "camchain.yaml");
-    assert!(text.contains("line 2") && text.contains("\"omni\" is not known"), "{text}");
+    let text = refused(&kalibr.replace("pinhole", "ocam"), "camchain.yaml");
+    assert!(text.contains("line 2") && text.contains("\"ocam\" is not known"), "{text}");
     let text = refused(&kalibr.replace("nan", "3").replace("640, 480", "0, 480"), "camchain.yaml");
     assert!(text.contains("resolution 0x480"), "{text}");
 
