@@ -3,7 +3,7 @@
 
 use crate::{MeasureError, Sensors, run};
 use cairn_atlas::MapId;
-use cairn_engine::{Config, Engine, Odometry, Output, Runner, State};
+use cairn_engine::{Config, Engine, Odometry, Output, Runner, StageEvent, State};
 use cairn_geometry::So3;
 use cairn_lens::LensProblem;
 use cairn_sensor::Stamp;
@@ -102,11 +102,11 @@ fn once(
             eprintln!("{}", line(packet.stamp - first, &out, &engine));
         }
         known.extend(engine.snapshot().maps().map(|(map, _)| map));
-        if out.metric {
+        if out.is_metric() {
             metric.get_or_insert((packet.stamp - first, frames, stated(&engine).unwrap_or(f64::NAN)));
             with_metres += 1;
         }
-        moved.extend(out.odometry.map(|o| (packet.stamp, o)));
+        moved.extend(out.pose.map(|pose| (packet.stamp, pose.odometry)));
     }
     engine.finish();
     let poses = engine.trajectory();
@@ -176,18 +176,18 @@ fn line(at_s: f64, out: &Output, engine: &Engine) -> String {
         "{at_s:6.2} {state} matched {} inliers {} {} key frames {} offset {:.1} readout {:.1}",
         out.evidence.matched,
         out.evidence.inliers,
-        if out.metric { "metres" } else { "-" },
+        if out.is_metric() { "metres" } else { "-" },
         engine.snapshot().key_frame_count(),
         1e3 * engine.snapshot().imu_offset(),
         1e3 * engine.readout().seconds,
     );
-    if let Some(scale) = out.scale {
+    if let Some(scale) = out.pose.map(|pose| pose.scale) {
         let _ = write!(text, " map {:?} supported {}", scale.map, scale.supported);
     }
-    if let Some(check) = &out.scale_check {
+    if let Some(check) = out.events.iter().find_map(StageEvent::scale_check) {
         let _ = write!(text, "\n    {check:?}");
     }
-    if let Some(attempt) = &out.attempt {
+    if let Some(attempt) = out.events.iter().find_map(StageEvent::attempt) {
         let failed: Vec<String> = attempt.failed().map(ToString::to_string).collect();
         let found = attempt.found.as_ref().map(|f| {
             format!(

@@ -36,13 +36,11 @@ impl MotionPair {
     }
 
     /// Readings of the gyroscope that were left out.
-    #[cfg(any(feature = "camera", test))]
     pub fn left_out(&self) -> usize {
         self.left_out
     }
 
     /// Forgets what was read before one of the sensors was started anew.
-    #[cfg(any(feature = "camera", test))]
     pub fn restart(&mut self) {
         self.gyro.clear();
         self.accel.clear();

@@ -89,7 +89,7 @@ fn with_imu_segment_gives_a_beginning_map_the_readings_between_its_frames() {
         ImuSample::new(stamp, Vec3::zeros(), Vec3::y() * -GRAVITY_M_S2)
     };
     let readings: Vec<ImuSample> = (0..=200).map(reading).collect();
-    with_imu.inertial.as_mut().unwrap().take(&readings, &Snapshot::new());
+    with_imu.inertial.as_mut().unwrap().take(&readings, 0.0);
     let frame = |seconds: f64| world.see(&Se3::identity(), seconds).frame;
     let begun = KeyFrameRequest::First { frame: frame(1.5), relocation_prior: None, imu: None };
     let KeyFrameRequest::First { imu: Some(segment), .. } = with_imu.with_imu_segment(begun.clone()) else {
@@ -105,6 +105,7 @@ fn with_imu_segment_gives_a_beginning_map_the_readings_between_its_frames() {
         points: Vec::new(),
         relocation_prior: None,
         imu: None,
+        clocks: None,
     };
     let KeyFrameRequest::Pair { imu: Some(segment), .. } = with_imu.with_imu_segment(pair) else {
         panic!("no IMU data")
