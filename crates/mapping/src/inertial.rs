@@ -482,7 +482,9 @@ mod tests {
 
     #[test]
     fn a_scale_known_to_ten_per_cent_is_taken_where_it_may_be_rough() {
-        let gates = |sigma| vec![Gate::new(GateKind::ScaleSigma, sigma, 0.03), Gate::new(GateKind::GyroBias, 0.5, 0.3)];
+        let gates = |sigma| {
+            vec![Gate::new(GateKind::ScaleSigma, sigma, 0.03), Gate::new(GateKind::GyroBias, 0.5, 0.3)]
+        };
         let failed = |sigma| {
             let mut attempt = Attempt { gates: gates(sigma), found: None };
             soften(&mut attempt);
