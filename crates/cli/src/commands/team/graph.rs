@@ -250,7 +250,7 @@ fn agree<G: Rigid<D>, const D: usize>(
 /// The robots that loops connect, for each frame that they share.
 fn frames<'a>(robots: Vec<RobotId>, loops: impl Iterator<Item = &'a LoopId>) -> Vec<Vec<RobotId>> {
     let mut first: BTreeMap<RobotId, RobotId> = robots.into_iter().map(|r| (r, r)).collect();
-    for LoopId(a, b) in loops {
+    for (a, b) in loops {
         if let (Some(a), Some(b)) = (first.get(&a.robot).copied(), first.get(&b.robot).copied()) {
             first.values_mut().filter(|f| **f == a.max(b)).for_each(|f| *f = a.min(b));
         }
