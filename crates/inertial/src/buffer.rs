@@ -78,11 +78,6 @@ impl ImuBuffer {
         }
     }
 
-    /// Removes all samples.
-    pub fn clear(&mut self) {
-        self.samples.clear();
-    }
-
     /// The sensor's noise.
     pub fn noise(&self) -> ImuNoise {
         self.noise

@@ -16,6 +16,9 @@ const RANGE: [f64; 2] = [34.0, 155.0];
 /// Readings that are equal to the one before: from so many on, a sensor that did not repeat itself before is stuck. Of 150,000 readings of
 /// EuRoC and TUM-VI no two of the accelerometer are equal, and no three of the gyroscope.
 const REPEATED: usize = 8;
+/// The same where the readings may be those of a sensor that lies still: of a sensor that repeats nine of ten readings there, one run in
+/// five hundred is as long, and the first that is shorter shows that it rounds.
+const REPEATED_AT_REST: usize = 60;
 /// A sensor is known not to repeat itself after so many different readings with runs of at most [`NATURAL`]: a browser rounds readings,
 /// and a phone on a table repeats them.
 const KNOWN: usize = 200;
@@ -168,8 +171,9 @@ impl ReadingsCheck {
         let [all, gyro, accel] = &self.runs;
         let since = |run: &Run| run.since.unwrap_or(sample.stamp);
         let seconds = |run: &Run| sample.stamp - since(run);
-        // A sensor that lies still may repeat itself as well, and if it does not, it does no harm until vision sees it.
-        let is_stuck = |run: &Run| run.is_too_long() && run.is_known() && !may_rest(sample);
+        // A sensor that lies still may begin to repeat itself by rounding.
+        let most = if may_rest(sample) { REPEATED_AT_REST } else { REPEATED };
+        let is_stuck = |run: &Run| run.length >= most && run.is_known();
         let (run, fault) = if self.no_force >= NO_FORCE {
             (accel, ImuFault::NoForce { seconds: seconds(accel) })
         } else if is_stuck(all) {
@@ -249,11 +253,7 @@ mod tests {
         let found = faults(1.0, |s, _| s.accel = Vec3::zeros());
         assert!(matches!(found[0].1.fault, ImuFault::NoForce { .. }) && found[0].0 < 2.015, "{:?}", found[0]);
         let found = faults(1.0, |s, _| s.gyro = Vec3::zeros());
-        assert!(
-            matches!(found[0].1.fault, ImuFault::GyroStuck { .. }) && found[0].0 < 2.04,
-            "{:?}",
-            found[0]
-        );
+        assert!(matches!(found[0].1.fault, ImuFault::GyroStuck { .. }) && found[0].0 < 2.1, "{:?}", found[0]);
         let found = faults(1.0, |s, last| s.accel = last.accel);
         assert!(matches!(found[0].1.fault, ImuFault::AccelStuck { .. }), "{:?}", found[0]);
     }

@@ -14,8 +14,6 @@ use std::collections::VecDeque;
 const BUFFER_S: f64 = 20.0;
 /// Intervals in seconds after which the offset is estimated; the last attempt is final.
 const ATTEMPTS_S: [f64; 6] = [2.5, 3.5, 5.0, 7.0, 10.0, 15.0];
-/// Readings that begin so long after the ones before, seconds, are not compared together with them.
-const CUT_S: f64 = 0.1;
 /// Offsets smaller than this are taken as zero, seconds.
 const NEGLIGIBLE_S: f64 = 0.0005;
 /// Smallest change of a known offset, seconds.
@@ -70,18 +68,8 @@ impl Clocks {
     /// Takes the IMU data of a key frame.
     pub fn take(&mut self, imu: &ImuSegment) {
         let own = |s: &ImuSample| ImuSample { stamp: s.stamp.plus_seconds(-imu.offset_s), ..*s };
-        let newest = self.buffer.samples().next_back().map(|s| s.stamp);
-        let first =
-            imu.samples.first().map(own).filter(|first| newest.is_some_and(|t| first.stamp - t > CUT_S));
-        if first.is_some() {
-            // Some were cut out, or did not come: what was turned meanwhile is not in them.
-            self.buffer.clear();
-            self.rotations.clear();
-        }
         self.buffer.push(&imu.samples.iter().map(own).collect::<Vec<_>>());
-        let begins = first.map(|s| s.stamp.plus_seconds(imu.offset_s));
-        let turns = imu.turns.iter().filter(|(t, _)| begins.is_none_or(|begins| *t >= begins));
-        self.rotations.extend(turns.copied());
+        self.rotations.extend(imu.turns.iter().copied());
         let Some(last) = self.rotations.back().map(|t| t.0) else { return };
         self.map_created.get_or_insert(last);
         self.buffer.forget_before(last.plus_seconds(-BUFFER_S));
