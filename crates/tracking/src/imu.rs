@@ -10,7 +10,7 @@ use crate::state::{AnchoredPose, anchored_at};
 use cairn_atlas::{ImuSegment, KeyFrame, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{Bias, ImuBuffer, Level, NavEstimate, Rest, RestConfig, of_data_sheet};
-use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
+use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, MotionProfile, Stamp};
 use nalgebra::SMatrix;
 
 /// Seconds during which rotations are collected to estimate the time offset of the clocks.
@@ -45,8 +45,6 @@ const TURNING_S: f64 = 0.03;
 /// One who stands is not pushed by more than this over the last moments: seconds, and m/s^2. An estimate that is level to a degree and a
 /// half is off by less.
 const STARTS_MOVING: (f64, f64) = (0.25, 0.25);
-/// Estimated speed up to which the camera may be stationary, m/s.
-const STATIONARY_M_S: f64 = 0.15;
 
 /// The estimate at the last frame.
 #[derive(Debug)]
@@ -92,6 +90,8 @@ pub(crate) struct InertialFilter {
     map_created: Option<Stamp>,
     /// Orientations since the last key frame request, from vision alone.
     rotations: Vec<(Stamp, So3)>,
+    /// Estimated speed up to which the camera may be stationary, m/s.
+    pub standing_m_s: f64,
 }
 
 impl InertialFilter {
@@ -110,6 +110,7 @@ impl InertialFilter {
             carried_s: 0.0,
             map_created: None,
             rotations: Vec::new(),
+            standing_m_s: MotionProfile::default().standing_m_s,
         }
     }
 
@@ -356,7 +357,7 @@ impl InertialFilter {
     }
 
     fn is_at_rest(&self, stamp: Stamp, estimate: &NavEstimate) -> bool {
-        if estimate.velocity.norm() > STATIONARY_M_S {
+        if estimate.velocity.norm() > self.standing_m_s {
             return false;
         }
         let config = RestConfig::default();

@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+mod clock;
+mod config;
 mod decide;
 #[cfg(test)]
 mod decide_tests;
@@ -11,6 +13,7 @@ mod imu;
 mod imu_tests;
 mod local_map;
 mod match_last;
+mod mode;
 mod odometry;
 #[cfg(test)]
 mod odometry_tests;
@@ -18,12 +21,14 @@ mod on_the_spot;
 #[cfg(test)]
 mod one_camera_tests;
 mod parallax;
-mod reckoning;
+mod priors;
+mod reckoned;
 #[cfg(test)]
 mod reckoning_tests;
 mod recover;
 mod rotation;
 mod scale;
+mod setup;
 mod shutter;
 #[cfg(test)]
 mod shutter_tests;
@@ -40,7 +45,8 @@ mod synthetic;
 mod tests;
 mod tracker;
 
+pub use config::TrackerConfig;
 pub use odometry::{MotionSource, Odometry};
-pub use reckoning::MeasuredMotion;
+pub use priors::MeasuredMotion;
 pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
-pub use tracker::{DepthPlaced, FoundByDepth, Tracker, TrackerConfig};
+pub use tracker::{DepthPlaced, FoundByDepth, Tracker};

@@ -1,54 +1,61 @@
-//! Frames from before there is a map: a start with two views, and the poses of the waiting frames once it succeeds.
+//! A map that is to begin: the first of the two views it needs, and the frames that wait for it and get their poses from it.
 
-use super::Tracker;
-use crate::state::{AnchoredPose, Evidence, Last, State, Tracked, anchored_at};
-use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
-use cairn_geometry::Se3;
+use super::locator::Locator;
+use crate::setup::Setup;
+use crate::start::Starter;
+use crate::state::{AnchoredPose, KeyFrameRequest, Last, State};
+use cairn_atlas::Snapshot;
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Frames buffered while there is no map, so that they get their poses afterwards.
 const WAITING: usize = 64;
 
-impl Tracker {
-    pub(super) fn start(&mut self, frame: Arc<Frame>) -> Tracked {
-        self.odometry.miss();
-        let features = frame.len();
-        self.wait(&frame);
-        let submitted = self.starter.step(&self.camera, &frame, self.features);
-        let (state, request) = match submitted.map(|request| self.with_imu_segment(request)) {
-            Ok(request) => (State::Starting { have: features, need: 0 }, Some(request)),
-            Err(state) => (state, None),
-        };
-        self.since_key_frame = 0;
-        let evidence = Evidence { features, ..Evidence::default() };
-        Tracked {
-            stamp: frame.stamp,
-            state,
-            pose: None,
-            covariance: None,
-            evidence,
-            request,
-            earlier: Vec::new(),
-            scale_supported: true,
-            seen: Vec::new(),
-        }
+/// What is kept of the frames from which a map may begin.
+#[derive(Debug)]
+pub(crate) struct MapStart {
+    setup: Setup,
+    pair: Starter,
+    /// Frames from before there was a map, oldest first.
+    waiting: VecDeque<Arc<Frame>>,
+}
+
+impl MapStart {
+    pub fn new(setup: Setup) -> Self {
+        Self { setup, pair: Starter::default(), waiting: VecDeque::new() }
+    }
+
+    /// Examines a frame: a request when a map can begin with it, else the progress so far.
+    pub fn step(&mut self, frame: &Arc<Frame>) -> Result<KeyFrameRequest, State> {
+        self.pair.step(&self.setup.camera, frame, self.setup.features)
+    }
+
+    /// No map is to begin at present.
+    pub fn abandon(&mut self) {
+        self.pair = Starter::default();
     }
 
     /// Buffers a frame that may get its pose later.
-    pub(crate) fn wait(&mut self, frame: &Arc<Frame>) {
+    pub fn wait(&mut self, frame: &Arc<Frame>) {
         if self.waiting.len() == WAITING {
             self.waiting.pop_front();
         }
         self.waiting.push_back(frame.clone());
     }
 
-    /// Poses of the frames from before the initialisation, newest to oldest, as far as they can be tracked.
-    pub(super) fn track_waiting_frames(&mut self, snapshot: &Snapshot) -> Vec<(Stamp, AnchoredPose)> {
+    /// Poses of the frames that have waited for a map, newest to oldest, as far as they can be tracked back from the last frame
+    /// that has one.
+    pub fn track_back(
+        &mut self,
+        locator: &mut Locator,
+        last: Option<&Last>,
+        snapshot: &Snapshot,
+    ) -> Vec<(Stamp, AnchoredPose)> {
         let frames = std::mem::take(&mut self.waiting);
         let mut found = Vec::new();
-        let (Some(last), false) = (&self.last, frames.is_empty()) else { return found };
+        let (Some(last), false) = (last, frames.is_empty()) else { return found };
         let mut before =
             Last { frame: last.frame.clone(), landmarks: last.landmarks.clone(), anchored: last.anchored };
         for frame in frames.iter().rev() {
@@ -56,7 +63,7 @@ impl Tracker {
             let (anchored, landmarks) = match known {
                 Some(k) => (AnchoredPose::at(k.id, k.world_from_camera), k.landmarks.clone()),
                 None => {
-                    let Some((anchored, landmarks)) = self.track_next_to(&before, frame, snapshot) else {
+                    let Some((anchored, landmarks)) = locator.next_to(&before, frame, snapshot) else {
                         break;
                     };
                     found.push((frame.stamp, anchored));
@@ -66,39 +73,5 @@ impl Tracker {
             before = Last { frame: frame.clone(), landmarks, anchored };
         }
         found
-    }
-
-    /// The pose of a frame taken next to one whose pose is known.
-    fn track_next_to(
-        &mut self,
-        before: &Last,
-        frame: &Frame,
-        snapshot: &Snapshot,
-    ) -> Option<(AnchoredPose, Vec<Option<LandmarkId>>)> {
-        let (guess, mut matches) =
-            self.match_from(before, &before.anchored.world_from_camera, frame, snapshot)?;
-        matches.extra.clear();
-        self.local.gather(snapshot, &matches, before.anchored.reference, self.config.local_key_frames);
-        self.local.search(snapshot, &self.camera, frame, &guess, 1.0, &mut matches);
-        let located = self.locate(snapshot, frame, &guess, &mut matches);
-        if located.inliers < self.config.min_inliers {
-            return None;
-        }
-        let anchored = self.anchor_nearest(snapshot, before.anchored.reference, located.world_from_camera)?;
-        Some((anchored, matches.landmarks))
-    }
-
-    /// A pose anchored to the nearest of the key frames that the local map was collected around.
-    pub(super) fn anchor_nearest(
-        &self,
-        snapshot: &Snapshot,
-        fallback: KeyFrameId,
-        world_from_camera: Se3,
-    ) -> Option<AnchoredPose> {
-        anchored_at(
-            snapshot,
-            self.local.nearest(snapshot, &world_from_camera.translation).unwrap_or(fallback),
-            world_from_camera,
-        )
     }
 }
