@@ -2,6 +2,7 @@
 
 use crate::facing::Facing;
 use crate::matcher::MatcherConfig;
+use cairn_sensor::MotionProfile;
 use cairn_settings::Settings;
 
 /// Limits and times of the guide. Lengths in metres, times in seconds, angles in degrees.
@@ -11,6 +12,10 @@ pub struct GuideConfig {
     #[setting(skip, default = Facing::Home)]
     #[serde(skip)]
     pub facing: Facing,
+    /// What the walker can do: the tracker's setting.
+    #[setting(skip, default = MotionProfile::default())]
+    #[serde(skip)]
+    pub motion: MotionProfile,
     /// A turn is announced this far ahead, but at most half the segment.
     #[setting(default = 6.0, range = 0.0..=100.0)]
     pub approach_m: f64,

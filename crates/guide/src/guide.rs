@@ -21,7 +21,7 @@ use crate::matcher::Match;
 use crate::route::Confidence;
 use crate::stops::{Recovery, Stops};
 use cairn_geometry::{Se3, Vec2};
-use cairn_sensor::Stamp;
+use cairn_sensor::{MotionProfile, Stamp};
 
 /// Why guidance cannot begin.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -135,6 +135,11 @@ impl Guide {
     /// The plan being walked.
     pub fn plan(&self) -> &ManeuverPlan {
         &self.follower.plan
+    }
+
+    /// What the walker can do.
+    pub fn motion(&self) -> &MotionProfile {
+        &self.follower.config.motion
     }
 
     /// The walker's place on the route at the last good pose.

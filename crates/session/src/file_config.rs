@@ -23,8 +23,9 @@ impl FileConfig {
     /// # Errors
     /// [`ConfigError`] for invalid TOML, unknown names and numbers out of range.
     pub fn from_toml(text: &str) -> Result<Self, ConfigError> {
-        let config: Self = cairn_settings::from_toml(text)?;
+        let mut config: Self = cairn_settings::from_toml(text)?;
         config.engine.check()?;
+        config.route.guide.motion = config.engine.tracker.motion;
         Ok(config)
     }
 
@@ -40,6 +41,7 @@ impl FileConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cairn_sensor::MotionProfile;
 
     #[test]
     fn the_printed_configuration_is_the_default() {
@@ -52,6 +54,13 @@ mod tests {
         let config = FileConfig::from_toml(text).unwrap();
         assert_eq!((config.engine.tracker.min_inliers, config.route.guide.progress_m), (30, 20.0));
         assert_eq!((config.route.guide.matcher.ahead_m, config.route.clean.cut_detours), (5.0, false));
+    }
+
+    #[test]
+    fn what_the_walker_can_do_is_set_once_for_tracking_and_guidance() {
+        let config = FileConfig::from_toml("[tracker.motion]\nstanding_m_s = 0.05\n").unwrap();
+        let profile = MotionProfile { standing_m_s: 0.05, ..MotionProfile::default() };
+        assert_eq!((config.engine.tracker.motion, config.route.guide.motion), (profile, profile));
     }
 
     #[test]

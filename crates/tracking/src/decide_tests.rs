@@ -3,8 +3,6 @@
 use crate::decide::{Situation, wants_key_frame};
 use crate::match_last::Matches;
 use crate::synthetic::{RATE_HZ, World, mono, pose, sideways, stereo};
-use crate::tests::{STEP_S, tracker};
-use cairn_sensor::Stamp;
 use cairn_vision::RectifiedCamera;
 
 /// A situation in front of the last key frame of a map, in which no key frame is due.
@@ -56,13 +54,6 @@ fn wants_key_frame_of_one_camera_before_the_view_is_gone_though_mapping_is_busy(
     };
     assert!(!wants(0.8), "mapping is busy");
     assert!(wants(0.4), "too weak to wait");
-}
-
-#[test]
-fn step_counts_frames_that_did_not_come() {
-    let mut tracker = tracker(mono());
-    let mut periods = |at: f64| tracker.periods_since_last(Stamp::from_seconds(10.0 + STEP_S * at));
-    assert_eq!([0.0, 1.0, 2.1, 6.0, 6.1].map(&mut periods), [1, 1, 1, 4, 1]);
 }
 
 #[test]

@@ -18,7 +18,7 @@ fn sensor() -> DepthSensor {
 }
 
 /// The depth of a room without anything in it, whose far right corner is in view: walls at x = `right`, z = 3, floor at y = 1.2.
-fn room(world_from_camera: &Se3, right: f64) -> Arc<DepthImage> {
+pub(crate) fn room(world_from_camera: &Se3, right: f64) -> Arc<DepthImage> {
     let camera = sensor().camera;
     let pixel = |n: usize| {
         let (u, v) = ((n % camera.width) as f64, (n / camera.width) as f64);
@@ -33,20 +33,20 @@ fn room(world_from_camera: &Se3, right: f64) -> Arc<DepthImage> {
     Arc::new(DepthImage::from_vec(camera.width, camera.height, data).expect("all pixels"))
 }
 
-const RIGHT: f64 = 1.5;
+pub(crate) const RIGHT: f64 = 1.5;
 
 /// The camera looks into the corner and walks aside, turning.
-fn at(n: usize) -> Se3 {
+pub(crate) fn at(n: usize) -> Se3 {
     let k = n as f64;
     pose(-0.3 + 0.02 * k, 0.01 * k, 0.25 + 0.005 * k)
 }
 
-fn stamp(n: usize) -> Stamp {
+pub(crate) fn stamp(n: usize) -> Stamp {
     Stamp::from_seconds(10.0 + STEP_S * n as f64)
 }
 
 /// A map, and an aligner that has been given two frames by few features.
-fn begun(is_front_end: bool) -> (Atlas, KeyFrameId, DenseAligner) {
+pub(crate) fn begun(is_front_end: bool) -> (Atlas, KeyFrameId, DenseAligner) {
     let (atlas, ids) = World::around(stereo(), 81).exact_map(&sideways(2, 0.2));
     let mut aligner =
         DenseAligner::new(&sensor(), Se3::identity(), 0.5, is_front_end).expect("a depth camera");

@@ -13,7 +13,7 @@ use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{
     Bias, Failed, ImuBuffer, Level, NavEstimate, Preintegrated, Rest, RestConfig, of_data_sheet,
 };
-use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, Stamp};
+use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, MotionProfile, Stamp};
 use nalgebra::SMatrix;
 
 /// Seconds during which rotations are collected to estimate the time offset of the clocks.
@@ -48,8 +48,6 @@ const TURNING_S: f64 = 0.03;
 /// One who stands is not pushed by more than this over the last moments: seconds, and m/s^2. An estimate that is level to a degree and a
 /// half is off by less.
 const STARTS_MOVING: (f64, f64) = (0.25, 0.25);
-/// Estimated speed up to which the camera may be stationary, m/s.
-const STATIONARY_M_S: f64 = 0.15;
 
 /// Seconds between the states that are kept for a fault of the readings: as long as one goes unnoticed.
 const BEFORE_S: f64 = 0.5;
@@ -104,6 +102,8 @@ pub(crate) struct InertialFilter {
     trust: ImuTrust,
     /// States of the last moments, whose biases hold when the readings fail: what failed had been part of the newest for a while.
     before: [Option<(Stamp, NavEstimate)>; 2],
+    /// Estimated speed up to which the camera may be stationary, m/s.
+    pub standing_m_s: f64,
 }
 
 impl InertialFilter {
@@ -125,6 +125,7 @@ impl InertialFilter {
             rotations: Vec::new(),
             trust: ImuTrust::default(),
             before: [None, None],
+            standing_m_s: MotionProfile::default().standing_m_s,
         }
     }
 
@@ -460,7 +461,7 @@ impl InertialFilter {
     }
 
     fn is_at_rest(&self, stamp: Stamp, estimate: &NavEstimate) -> bool {
-        if estimate.velocity.norm() > STATIONARY_M_S || self.trust.fault().is_some() {
+        if estimate.velocity.norm() > self.standing_m_s || self.trust.fault().is_some() {
             return false;
         }
         let config = RestConfig::default();

@@ -26,7 +26,7 @@ fn filter() -> InertialFilter {
     InertialFilter::new(&sensor, Se3::identity(), 5.0)
 }
 
-fn readings(from_s: f64, to_s: f64) -> Vec<ImuSample> {
+pub(crate) fn readings(from_s: f64, to_s: f64) -> Vec<ImuSample> {
     let count = ((to_s - from_s) * 100.0).round() as usize;
     let stamp = |i: usize| Stamp::from_seconds(from_s + i as f64 / 100.0);
     // The camera's y points down.
@@ -130,7 +130,7 @@ fn a_place_found_again_after_seconds_does_not_keep_the_speed_to_which_readings_a
 
 /// A gravity-aligned map whose newest key frame, at 2 s, mapping has adjusted; a filter with readings of four seconds from
 /// there, which has begun from it; and that key frame.
-fn begun(readings: &[ImuSample]) -> (World, Atlas, InertialFilter, KeyFrameId) {
+pub(crate) fn begun(readings: &[ImuSample]) -> (World, Atlas, InertialFilter, KeyFrameId) {
     let world = World::around(stereo(), 31);
     let (mut atlas, ids) = world.exact_map(&sideways(4, 0.2));
     atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3 { rotation: up(), ..Sim3::identity() })]);
@@ -147,7 +147,7 @@ fn up() -> So3 {
     So3::exp(&(Vec3::x() * -FRAC_PI_2))
 }
 
-fn truth(t: f64) -> Se3 {
+pub(crate) fn truth(t: f64) -> Se3 {
     Se3::new(up(), Vec3::zeros()) * at(t)
 }
 

@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+mod clock;
+mod config;
 mod decide;
 #[cfg(test)]
 mod decide_tests;
@@ -16,6 +18,7 @@ mod imu_trust;
 mod imu_trust_tests;
 mod local_map;
 mod match_last;
+mod mode;
 mod odometry;
 #[cfg(test)]
 mod odometry_tests;
@@ -23,12 +26,14 @@ mod on_the_spot;
 #[cfg(test)]
 mod one_camera_tests;
 mod parallax;
-mod reckoning;
+mod priors;
+mod reckoned;
 #[cfg(test)]
 mod reckoning_tests;
 mod recover;
 mod rotation;
 mod scale;
+mod setup;
 mod shutter;
 #[cfg(test)]
 mod shutter_tests;
@@ -45,8 +50,9 @@ mod synthetic;
 mod tests;
 mod tracker;
 
+pub use config::TrackerConfig;
 pub use flow::FlowClocks;
 pub use odometry::{MotionSource, Odometry};
-pub use reckoning::MeasuredMotion;
+pub use priors::MeasuredMotion;
 pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};
-pub use tracker::{DepthPlaced, FoundByDepth, Tracker, TrackerConfig};
+pub use tracker::{DepthPlaced, FoundByDepth, Tracker};

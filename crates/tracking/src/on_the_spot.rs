@@ -5,7 +5,7 @@
 //! Zisserman, section 13.4) tell no depth: landmarks triangulated between them take it from that drift, and a pose that is
 //! tracked by such landmarks runs away. But those views tell that the camera has not moved.
 
-use crate::rotation::{Between, rotation_between};
+use crate::rotation::{Between, Conclusion, rotation_between};
 use cairn_geometry::So3;
 use cairn_sensor::Stamp;
 use cairn_vision::{Frame, RectifiedCamera};
@@ -14,8 +14,6 @@ use std::sync::Arc;
 
 /// Seconds between the two views that are compared: a person who walks on moves a third of a metre in this time.
 const APART_S: [f64; 2] = [0.3, 0.7];
-/// The share of matches that must agree with a rotation.
-const SHARE: f64 = 0.8;
 /// What two views told holds for so many seconds.
 const HOLDS_S: f64 = 0.5;
 
@@ -58,7 +56,7 @@ impl SpotWatch {
         let before = self.frames.iter().rev().find(|(f, _)| age(f) >= APART_S[0]).filter(|_| is_due);
         if let Some((before, then)) = before {
             let guess = then.inverse() * *world_from_camera;
-            let between = rotation_between(camera, before, frame, &guess, SHARE);
+            let between = rotation_between(camera, before, frame, &guess, Conclusion::Stood);
             let is_rotation = matches!(between, Between::Rotation { .. });
             self.told = Some((frame.stamp, is_rotation));
             return if is_rotation { PureRotation::New } else { PureRotation::No };

@@ -1,13 +1,15 @@
 //! One camera without depth: rotation, parallax, and the scale that is lost and guessed.
 
-use crate::rotation::{Between, SHARE, rotation_between};
+use crate::match_last::Matches;
+use crate::rotation::{Between, Conclusion, rotation_between};
 use crate::scale::ScaleSupport;
 use crate::state::anchored_at;
 use crate::synthetic::{World, mono, off, pose, sideways, stereo};
-use crate::tests::{STEP_S, assert_pose, step, tracker_at_end};
-use crate::{KeyFrameRequest, State};
-use cairn_atlas::{Change, MapId, MapPrior};
+use crate::tests::{STEP_S, assert_pose, now, step, tracker_at_end};
+use crate::{KeyFrameRequest, State, Tracker};
+use cairn_atlas::{Change, MapId, MapPrior, Snapshot};
 use cairn_geometry::{Se3, Sim3, So3};
+use cairn_vision::Frame;
 
 #[test]
 fn a_turn_without_matches_to_the_map_is_tracked_by_rotation_only() {
@@ -43,7 +45,16 @@ fn rotation_is_seen_past_a_nearly_blank_wall_by_the_few_features_that_it_has() {
     let between = |world: &World, second: Se3| {
         let (first, second) = (world.see(&pose(0.0, 0.0, 0.0), 0.0), world.see(&second, 0.05));
         let features = first.points.len().min(second.points.len());
-        (features, rotation_between(&world.camera, &first.frame, &second.frame, &So3::identity(), SHARE))
+        (
+            features,
+            rotation_between(
+                &world.camera,
+                &first.frame,
+                &second.frame,
+                &So3::identity(),
+                Conclusion::Turned,
+            ),
+        )
     };
     let turned = pose(0.0, 0.0, 0.03);
     let (features, found) = between(&few(12), turned);
@@ -61,10 +72,10 @@ fn rotation_only_is_not_for_a_camera_that_has_moved() {
     let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
     let turned = near.see(&pose(0.6, 0.0, 0.04), from_s + STEP_S);
-    assert!(tracker.track_rotation(&turned.frame, atlas.latest()).is_some());
+    assert!(tracker.track_rotation(&now(&turned.frame, atlas.latest())).is_some());
     let (mut tracker, _) = tracker_at_end(&world, &atlas, &ids);
     let moved = near.see(&pose(0.6, 2.0, 0.0), from_s + STEP_S);
-    assert!(tracker.track_rotation(&moved.frame, atlas.latest()).is_none());
+    assert!(tracker.track_rotation(&now(&moved.frame, atlas.latest())).is_none());
 }
 
 #[test]
@@ -136,7 +147,7 @@ fn a_map_whose_unit_was_guessed_is_rescaled_by_the_pace() {
         if let Some(KeyFrameRequest::Next { rescale, .. }) = tracked.request {
             due.extend(rescale);
         }
-        due.extend(tracker.due_rescale(atlas.latest(), younger[5]));
+        due.extend(tracker.unit.due_rescale(atlas.latest(), younger[5]));
     }
     // After 0.25, 0.5, 1 and 3 s of walking; the first correction is never applied here, so all give the same factor.
     assert_eq!(due.len(), 4, "{due:?}");
@@ -160,27 +171,27 @@ fn one_camera_that_turns_on_the_spot_triangulates_nothing_and_stays_where_it_is(
         assert_pose(&tracked, &truth, 5e-3);
         // It has turned by 0.1 radians after four frames, and is tested each tenth of a second.
         if n <= 9 || n > 13 {
-            assert_eq!(tracker.parallax.is_turning(), n > 13, "frame {n}");
+            assert_eq!(tracker.unit.parallax.is_turning(), n > 13, "frame {n}");
         }
         if let Some(KeyFrameRequest::Next { orientation_only, .. }) = tracked.request {
-            assert_eq!(orientation_only, tracker.parallax.is_turning(), "frame {n}");
+            assert_eq!(orientation_only, tracker.unit.parallax.is_turning(), "frame {n}");
         }
     }
     let turned_s = at_s;
-    assert!(tracker.turned_until.is_some_and(|t| (t.seconds() - turned_s).abs() < 1e-6));
+    assert!(tracker.unit.turned_until.is_some_and(|t| (t.seconds() - turned_s).abs() < 1e-6));
     // It walks on: parallax is seen, and of the time since the turn only that is walking.
     for n in 1..=12 {
         at_s += STEP_S;
         let truth = pose(1.0 - 0.05 * f64::from(n), 0.0, 0.45);
         step(&mut tracker, atlas.latest(), &world.see(&truth, at_s));
     }
-    assert!(!tracker.parallax.is_turning());
+    assert!(!tracker.unit.parallax.is_turning());
     let at = cairn_sensor::Stamp::from_seconds;
-    let turned = tracker.turned_until.expect("it turned").seconds();
+    let turned = tracker.unit.turned_until.expect("it turned").seconds();
     assert!(turned - turned_s < 0.2, "{turned} {turned_s}");
-    (0..20).for_each(|_| tracker.pace.push(1.0));
-    let pace = tracker.typical_speed().expect("it walked");
-    let assumed = tracker.assumed_speed(at(turned - 1.0), at(turned + 1.0)).expect("a pace");
+    (0..20).for_each(|_| tracker.unit.pace.push(1.0));
+    let pace = tracker.unit.typical_speed().expect("it walked");
+    let assumed = tracker.unit.assumed_speed(at(turned - 1.0), at(turned + 1.0)).expect("a pace");
     assert!((assumed - 0.5 * pace).abs() < 1e-9, "{assumed} of {pace}");
 }
 
@@ -192,8 +203,13 @@ fn a_camera_with_depth_looks_for_no_parallax() {
     for n in 1..=20 {
         let view = world.see(&pose(0.6, 0.0, 0.03 * f64::from(n)), from_s + STEP_S * f64::from(n));
         step(&mut tracker, atlas.latest(), &view);
-        assert!(!tracker.parallax.is_turning());
+        assert!(!tracker.unit.parallax.is_turning());
     }
+}
+
+/// What regains scale in a frame, as a step does it.
+fn regain(tracker: &mut Tracker, frame: &Frame, snapshot: &Snapshot, guess: &Se3) -> Option<(Se3, Matches)> {
+    tracker.unit.regain(frame, snapshot, tracker.last.as_ref(), guess)
 }
 
 /// The tracker of somebody who has turned on the spot since the last of six key frames, and sees their view again.
@@ -204,16 +220,16 @@ fn scale_is_regained_where_the_view_from_before_the_turn_comes_back() {
     let (snapshot, truth) = (atlas.latest(), pose(0.98, 0.01, 0.0));
     let lost = |since| {
         let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
-        tracker.scale_support = ScaleSupport::lost_since(since);
+        tracker.unit.support = ScaleSupport::lost_since(since);
         let at = cairn_sensor::Stamp::from_seconds(from_s);
-        tracker.keep_unsupported(at, anchored_at(snapshot, ids[5], truth).unwrap());
+        tracker.unit.keep_unsupported(at, anchored_at(snapshot, ids[5], truth).unwrap());
         (tracker, from_s)
     };
     let (mut tracker, from_s) = lost(snapshot.next_key_frame_id());
     let view = |n: u32| world.see(&truth, from_s + STEP_S * f64::from(n));
     // Carried through the turn by rotation alone: off by a degree and a half, and by some centimetres.
     let carried = pose(1.02, 0.0, 0.026);
-    let (found, matches) = tracker.regain_scale(&view(1).frame, snapshot, &carried).expect("the view");
+    let (found, matches) = regain(&mut tracker, &view(1).frame, snapshot, &carried).expect("the view");
     let (metres, radians) = off(&found, &truth);
     assert!(metres < 2e-3 && radians < 1e-3, "{metres} m, {radians} rad");
     let truly = world.matches(snapshot, &view(1));
@@ -221,7 +237,7 @@ fn scale_is_regained_where_the_view_from_before_the_turn_comes_back() {
         matches.landmarks.iter().zip(&truly).filter(|(found, truly)| found.is_some() && found != truly);
     assert_eq!(wrong.count(), 0);
     assert!(matches.count() * 10 > truly.iter().flatten().count() * 8, "{}", matches.count());
-    assert!(tracker.regain_scale(&view(2).frame, snapshot, &carried).is_none(), "not with every frame");
+    assert!(regain(&mut tracker, &view(2).frame, snapshot, &carried).is_none(), "not with every frame");
     // With the frame's other stages, scale is supported from then on.
     let (mut tracker, _) = lost(snapshot.next_key_frame_id());
     let tracked = step(&mut tracker, snapshot, &view(1));
@@ -231,12 +247,12 @@ fn scale_is_regained_where_the_view_from_before_the_turn_comes_back() {
     // What turned farther than can have gone unnoticed is another room, and what has come since has no scale to give.
     let (mut tracker, _) = lost(snapshot.next_key_frame_id());
     let turned = pose(0.98, 0.01, 0.4);
-    assert!(tracker.regain_scale(&view(1).frame, snapshot, &turned).is_none());
+    assert!(regain(&mut tracker, &view(1).frame, snapshot, &turned).is_none());
     let far = pose(9.0, 0.01, 0.0);
     let (mut tracker, _) = lost(snapshot.next_key_frame_id());
-    assert!(tracker.regain_scale(&view(1).frame, snapshot, &far).is_none());
+    assert!(regain(&mut tracker, &view(1).frame, snapshot, &far).is_none());
     let (mut tracker, _) = lost(ids[0]);
-    assert!(tracker.regain_scale(&view(1).frame, snapshot, &carried).is_none());
+    assert!(regain(&mut tracker, &view(1).frame, snapshot, &carried).is_none());
     let (mut supported, _) = tracker_at_end(&world, &atlas, &ids);
-    assert!(supported.regain_scale(&view(1).frame, snapshot, &carried).is_none(), "nothing to regain");
+    assert!(regain(&mut supported, &view(1).frame, snapshot, &carried).is_none(), "nothing to regain");
 }

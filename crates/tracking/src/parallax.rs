@@ -6,7 +6,7 @@
 //! long as rotation alone explains the change since then (the infinite homography; Hartley & Zisserman, section
 //! 13.4), nothing is triangulated.
 
-use crate::rotation::{Between, rotation_between};
+use crate::rotation::{Between, Conclusion, rotation_between};
 use crate::state::{AnchoredPose, anchored_at};
 use cairn_atlas::Snapshot;
 use cairn_geometry::Se3;
@@ -23,8 +23,6 @@ const EVERY_S: f64 = 0.1;
 const TURNED_RAD: f64 = 0.1;
 /// Uncertainty of the position while there is no parallax: standard deviation as a share of the median depth.
 const HELD: f64 = 0.01;
-/// The share of matches that must agree with a rotation when there is no parallax.
-const SHARE: f64 = 0.9;
 
 /// The frame against which parallax is tested.
 #[derive(Clone, Debug)]
@@ -75,7 +73,7 @@ impl ParallaxWatch {
             return;
         }
         let guess = before.rotation.inverse() * world_from_camera.rotation;
-        match rotation_between(camera, &reference.frame, frame, &guess, SHARE) {
+        match rotation_between(camera, &reference.frame, frame, &guess, Conclusion::NoParallax) {
             Between::Rotation { rotation, .. } => self.turning = rotation.angle() > TURNED_RAD,
             Between::Parallax => (self.reference, self.turning) = (Some(here()), false),
             // Turned away from it: the earlier tests have decided whether there was parallax. Without parallax the

@@ -14,6 +14,11 @@ const SIMILAR: usize = 3;
 /// Covisible neighbours of a key frame that count as the same place.
 pub(crate) const GROUP: usize = 10;
 
+/// Needed to recognise a place: seed matches by appearance that agree, and the share of expected landmarks that
+/// agree in the end.
+pub(crate) const RECOGNISE_SEED: usize = 12;
+pub(crate) const RECOGNISE_SHARE: f64 = 0.4;
+
 /// Matches every landmark observed by a key frame with the features of a frame, by descriptor alone.
 pub(crate) fn match_key_frame(key_frame: &KeyFrame, frame: &Frame, ratio: f64) -> Matches {
     let shown_in = &key_frame.frame;

@@ -1,4 +1,5 @@
-//! Whether two frames differ by a rotation alone, and by which: for a monocular camera that turns on the spot.
+//! Whether two frames differ by a rotation alone, and by which: for a monocular camera that turns on the spot. Nobody else decides
+//! that; who asks says what is concluded from it ([`Conclusion`]).
 //!
 //! Between two frames without parallax the bearings of a point differ by the camera's rotation alone (the infinite
 //! homography; Hartley & Zisserman, section 13.4). It is found by RANSAC over pairs of bearings and refined over all
@@ -17,13 +18,34 @@ const RADII: [f32; 2] = [30.0, 90.0];
 const NEED: usize = 30;
 const NEED_BLANK: usize = 12;
 const BLANK_SHARE: f64 = 0.2;
-/// The share of all matches that must agree.
-pub(crate) const SHARE: f64 = 0.6;
 /// Pixels within which a match agrees: covers corners of the fine levels, and the parallax of a camera held off the
 /// rotation axis.
 const AGREE_PX: f64 = 3.0;
 /// RANSAC samples of two matches.
 const SAMPLES: usize = 60;
+
+/// What is concluded from two frames that differ by a rotation alone. The more a wrong conclusion spoils, and the farther apart the
+/// frames are, the more must agree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Conclusion {
+    /// The camera has turned by that from one frame to the next: the orientation is carried on, and checked by later frames.
+    Turned,
+    /// The camera has stood for a third of a second: the velocity that the readings predict is nearly zero.
+    Stood,
+    /// The views tell no depth: nothing is triangulated, and the position is held.
+    NoParallax,
+}
+
+impl Conclusion {
+    /// The share of all matches that must agree.
+    fn share(self) -> f64 {
+        match self {
+            Self::Turned => 0.6,
+            Self::Stood => 0.8,
+            Self::NoParallax => 0.9,
+        }
+    }
+}
 
 /// How two frames differ.
 pub(crate) enum Between {
@@ -35,13 +57,13 @@ pub(crate) enum Between {
     TooFew,
 }
 
-/// Whether two frames differ by a rotation near `guess`; at least this share of the matches has to agree with it.
+/// Whether two frames differ by a rotation near `guess`, so surely that this can be concluded.
 pub(crate) fn rotation_between(
     camera: &RectifiedCamera,
     first: &Frame,
     second: &Frame,
     guess: &So3,
-    share: f64,
+    conclusion: Conclusion,
 ) -> Between {
     let features = first.len().min(second.len());
     let need = NEED.min(NEED_BLANK.max((BLANK_SHARE * features as f64) as usize));
@@ -66,7 +88,9 @@ pub(crate) fn rotation_between(
     let pairs: Vec<(Vec3, Vec3)> =
         matches.iter().map(|(i, j)| (bearing(first.px[*i]), bearing(second.px[*j]))).collect();
     match ransac(&pairs, AGREE_PX / camera.fx, second.stamp.0 as u64) {
-        Some((rotation, inliers)) if inliers >= need && inliers as f64 >= share * pairs.len() as f64 => {
+        Some((rotation, inliers))
+            if inliers >= need && inliers as f64 >= conclusion.share() * pairs.len() as f64 =>
+        {
             Between::Rotation { rotation, inliers, matched: pairs.len() }
         }
         _ => Between::Parallax,
@@ -126,6 +150,7 @@ fn wahba<'a>(pairs: impl Iterator<Item = &'a (Vec3, Vec3)>) -> Option<So3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::synthetic::{World, mono, pose};
 
     fn bearings(count: usize) -> Vec<Vec3> {
         (0..count)
@@ -153,6 +178,24 @@ mod tests {
             .collect();
         let found = ransac(&pairs, 0.005, 3);
         assert!(found.is_none_or(|(_, inliers)| inliers < 60), "{found:?}");
+    }
+
+    #[test]
+    fn what_spoils_more_needs_more_matches_that_agree() {
+        let world = World::around(mono(), 31);
+        let (mut first, second) =
+            (world.see(&pose(0.0, 0.0, 0.0), 0.0), world.see(&pose(0.0, 0.0, 0.02), 0.1));
+        // A quarter of the features show something that has moved on by ten pixels meanwhile.
+        let frame = std::sync::Arc::make_mut(&mut first.frame);
+        (0..frame.len()).step_by(4).for_each(|i| frame.px[i][1] += 10.0);
+        frame.index(&world.camera);
+        let is_rotation = |conclusion| {
+            let between =
+                rotation_between(&world.camera, &first.frame, &second.frame, &So3::identity(), conclusion);
+            matches!(between, Between::Rotation { .. })
+        };
+        assert!(is_rotation(Conclusion::Turned));
+        assert!(!is_rotation(Conclusion::Stood) && !is_rotation(Conclusion::NoParallax));
     }
 
     #[test]

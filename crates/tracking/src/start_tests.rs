@@ -1,7 +1,7 @@
 //! What tracking does around a start, on synthetic maps: frames that wait for a map, and a view that goes on behind a blank one.
 
 use crate::synthetic::{World, mono, off, pose, sideways, stereo};
-use crate::tests::{STEP_S, step, tracker, tracker_at_end};
+use crate::tests::{STEP_S, now, step, tracker, tracker_at_end};
 use crate::{KeyFrameRequest, State};
 use cairn_atlas::{Atlas, Snapshot};
 use cairn_geometry::{Se3, Sim3};
@@ -64,7 +64,7 @@ fn what_is_seen_behind_a_blank_view_enters_the_map_where_the_camera_must_be() {
         }
         // A third of a second later another world is in view.
         let view = behind.see(&truth(19.0), from_s + STEP_S * 19.0);
-        let bridged = tracker.bridge(view.frame.clone(), atlas.latest());
+        let bridged = tracker.bridge(&now(&view.frame, atlas.latest()));
         assert_eq!(bridged.is_some(), expected, "after {few} features");
         let Some(request) = bridged else { continue };
         let KeyFrameRequest::Next { frame, anchored, landmarks, .. } = request else { panic!("{request:?}") };
@@ -75,9 +75,8 @@ fn what_is_seen_behind_a_blank_view_enters_the_map_where_the_camera_must_be() {
             "{metres} m, {radians} rad from where a steady motion leads"
         );
         let late = behind.see(&truth(39.0), from_s + STEP_S * 39.0);
-        tracker.lose(late.frame.clone(), 0);
-        assert!(
-            tracker.bridge(behind.see(&truth(45.0), from_s + STEP_S * 45.0).frame, atlas.latest()).is_none()
-        );
+        tracker.lose(&now(&late.frame, atlas.latest()), 0);
+        let later = behind.see(&truth(45.0), from_s + STEP_S * 45.0);
+        assert!(tracker.bridge(&now(&later.frame, atlas.latest())).is_none());
     }
 }

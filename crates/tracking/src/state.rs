@@ -2,7 +2,7 @@
 
 use crate::flow::FlowClocks;
 use cairn_adjust::MotionSince;
-use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId, Snapshot};
+use cairn_atlas::{ImuSegment, KeyFrameId, LandmarkId, MapId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
@@ -148,6 +148,27 @@ pub enum KeyFrameRequest {
     },
 }
 
+impl KeyFrameRequest {
+    /// A further key frame at a pose that features have not given: it shows no landmark yet.
+    pub(crate) fn carried(
+        frame: Arc<Frame>,
+        anchored: AnchoredPose,
+        imu: Option<ImuSegment>,
+        orientation_only: bool,
+    ) -> Self {
+        let landmarks = vec![None; frame.len()];
+        Self::Next { frame, landmarks, anchored, imu, orientation_only, rescale: None, motion: None }
+    }
+
+    /// When the newest of its frames was taken.
+    pub(crate) fn stamp(&self) -> Stamp {
+        match self {
+            Self::First { frame, .. } | Self::Next { frame, .. } => frame.stamp,
+            Self::Pair { second, .. } => second.stamp,
+        }
+    }
+}
+
 /// The result of tracking one frame.
 #[derive(Clone, Debug)]
 pub struct Tracked {
@@ -173,12 +194,47 @@ pub struct Tracked {
     pub seen: Vec<(LandmarkId, bool)>,
 }
 
+impl Tracked {
+    /// A frame without a pose.
+    pub(crate) fn without_pose(stamp: Stamp, state: State, evidence: Evidence) -> Self {
+        Self {
+            stamp,
+            state,
+            pose: None,
+            covariance: None,
+            evidence,
+            request: None,
+            earlier: Vec::new(),
+            scale_supported: true,
+            seen: Vec::new(),
+        }
+    }
+}
+
 /// What is kept of the last frame that had a pose.
 #[derive(Debug)]
 pub(crate) struct Last {
     pub frame: Arc<Frame>,
     pub landmarks: Vec<Option<LandmarkId>>,
     pub anchored: AnchoredPose,
+}
+
+impl Last {
+    /// A frame that shows no landmark, at a pose.
+    pub fn without_landmarks(frame: Arc<Frame>, anchored: AnchoredPose) -> Self {
+        Self { landmarks: vec![None; frame.len()], frame, anchored }
+    }
+
+    /// The key frame to which its pose is anchored, or what it was merged into.
+    pub fn reference(&self, snapshot: &Snapshot) -> Option<KeyFrameId> {
+        Some(snapshot.surviving_ancestor(self.anchored.reference)?.0)
+    }
+}
+
+/// The map that a key frame is in, or the map it was merged into.
+pub(crate) fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
+    let (id, _) = snapshot.surviving_ancestor(id)?;
+    Some(snapshot.key_frame(id)?.map)
 }
 
 /// A pose anchored to a key frame.

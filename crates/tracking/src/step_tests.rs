@@ -3,7 +3,7 @@
 use crate::match_last::Matches;
 use crate::scale::PaceComparison;
 use crate::synthetic::{FEATURES, RATE_HZ, View, World, mono, off, pose, sideways, stereo};
-use crate::tests::{STEP_S, step, tracker, tracker_at_end};
+use crate::tests::{STEP_S, now, step, tracker, tracker_at_end};
 use crate::{Tracker, TrackerConfig};
 use cairn_atlas::{Change, LandmarkId, MapId};
 use cairn_geometry::{Se3, So3, Vec3};
@@ -16,7 +16,7 @@ fn matches(count: usize) -> Matches {
 }
 
 #[test]
-fn refresh_unit_takes_speeds_along_into_a_new_unit_of_length() {
+fn refresh_takes_speeds_along_into_a_new_unit_of_length() {
     let world = World::around(mono(), 101);
     let (mut atlas, ids) = world.exact_map(&sideways(4, 0.2));
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
@@ -25,29 +25,32 @@ fn refresh_unit_takes_speeds_along_into_a_new_unit_of_length() {
         let view = world.see(&pose(0.6 - 0.03 * k, 0.0, 0.004 * k), from_s + STEP_S * k);
         step(&mut tracker, atlas.latest(), &view);
     }
-    let (velocity, speed) = (tracker.velocity.expect("it moves"), tracker.typical_speed().expect("it walks"));
+    let (velocity, speed) = (
+        *tracker.priors.velocity.known().expect("it moves"),
+        tracker.unit.typical_speed().expect("it walks"),
+    );
     assert!((speed - 0.6).abs() < 0.02, "{speed}");
     atlas.commit(vec![Change::Rescale(MapId(ids[0]), 2.5)]);
     for _ in 0..2 {
         // The second time nothing has changed.
-        tracker.refresh_last(atlas.latest());
-        let now = tracker.velocity.expect("it moves");
+        tracker.refresh(atlas.latest());
+        let now = tracker.priors.velocity.known().expect("it moves");
         assert!((now.fixed_rows::<3>(0) - 2.5 * velocity.fixed_rows::<3>(0)).norm() < 1e-9, "{now}");
         assert_eq!(now.fixed_rows::<3>(3), velocity.fixed_rows::<3>(3));
-        assert!((tracker.typical_speed().expect("it walks") - 2.5 * speed).abs() < 1e-9);
+        assert!((tracker.unit.typical_speed().expect("it walks") - 2.5 * speed).abs() < 1e-9);
     }
 }
 
 #[test]
 fn typical_speed_is_that_of_the_map_before_while_it_is_early() {
     let mut tracker = tracker(mono());
-    assert_eq!(tracker.typical_speed(), None);
-    (0..30).for_each(|_| tracker.pace.push(0.5));
-    assert_eq!(tracker.typical_speed(), Some(0.5));
+    assert_eq!(tracker.unit.typical_speed(), None);
+    (0..30).for_each(|_| tracker.unit.pace.push(0.5));
+    assert_eq!(tracker.unit.typical_speed(), Some(0.5));
     for (done, expected) in [(0, 1.2), (2, 1.2), (3, 0.5)] {
         let map = MapId(cairn_atlas::KeyFrameId::FIRST);
-        tracker.pace_comparison = Some(PaceComparison { map, pace: 1.2, done });
-        assert_eq!(tracker.typical_speed(), Some(expected), "after {done} comparisons");
+        tracker.unit.comparison = Some(PaceComparison { map, pace: 1.2, done });
+        assert_eq!(tracker.unit.typical_speed(), Some(expected), "after {done} comparisons");
     }
 }
 
@@ -62,10 +65,10 @@ fn position_prior_holds_a_camera_where_it_turns_on_the_spot_and_no_other() {
         let view = world.see(&pose(1.0, 0.0, turn), from_s + STEP_S * f64::from(n));
         step(&mut tracker, atlas.latest(), &view);
         if n == 6 {
-            assert!(tracker.parallax.position_prior(atlas.latest(), &guess).is_none(), "it stands");
+            assert!(tracker.unit.parallax.position_prior(atlas.latest(), &guess).is_none(), "it stands");
         }
     }
-    let prior = tracker.parallax.position_prior(atlas.latest(), &guess).expect("it turns");
+    let prior = tracker.unit.parallax.position_prior(atlas.latest(), &guess).expect("it turns");
     let (held, rotation) = (prior.world_from_camera.translation, prior.world_from_camera.rotation);
     assert!((held - Vec3::x()).norm() < 5e-3, "{held:?}");
     assert_eq!(rotation, guess.rotation, "it says nothing of the orientation");
@@ -133,8 +136,8 @@ fn need_asks_less_of_a_view_with_few_features_and_least_where_each_has_depth() {
         bare.keep(&rich.points[..24]);
         let tracker = tracker(camera);
         assert!(rich.points.len() > 100);
-        assert_eq!(tracker.need(&rich.frame), 25);
-        assert_eq!(tracker.need(&bare.see(&pose(0.0, 0.0, 0.0), 0.0).frame), few);
+        assert_eq!(tracker.setup.need(&rich.frame), 25);
+        assert_eq!(tracker.setup.need(&bare.see(&pose(0.0, 0.0, 0.0), 0.0).frame), few);
     }
 }
 
@@ -145,22 +148,30 @@ fn max_plausible_speed_and_drift_count_in_metres_also_where_the_unit_is_none() {
         let world = World::around(camera, 105);
         let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
         let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
-        (0..30).for_each(|_| tracker.pace.push(0.3));
+        (0..30).for_each(|_| tracker.unit.pace.push(0.3));
         let after = Stamp::from_seconds(from_s + 1.0);
-        let reaches = |far: f64| tracker.reaches(atlas.latest(), ids[0], &pose(0.6 + far, 0.0, 0.0), after);
+        let reaches = |far: f64| {
+            tracker.unit.reaches(
+                atlas.latest(),
+                tracker.last.as_ref(),
+                ids[0],
+                &pose(0.6 + far, 0.0, 0.0),
+                after,
+            )
+        };
         assert!(reaches(0.95 * farthest) && !reaches(1.05 * farthest), "{farthest}");
-        assert_eq!(tracker.sigma_log_scale(), sigma_log_scale);
+        assert_eq!(tracker.unit.sigma_log_scale(), sigma_log_scale);
     }
 }
 
 #[test]
-fn recent_is_a_frame_soon_after_the_last_pose() {
+fn is_recent_is_a_frame_soon_after_the_last_pose() {
     let world = World::around(stereo(), 106);
     let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
     step(&mut tracker, atlas.latest(), &world.see(&pose(0.62, 0.0, 0.0), from_s + STEP_S));
-    let after = |seconds: f64| world.see(&pose(0.62, 0.0, 0.0), from_s + STEP_S + seconds).frame;
-    assert!(tracker.recent(&after(0.55), 0.6) && !tracker.recent(&after(0.65), 0.6));
+    let after = |seconds: f64| Stamp::from_seconds(from_s + STEP_S + seconds);
+    assert!(tracker.clock.is_recent(after(0.55), 0.6) && !tracker.clock.is_recent(after(0.65), 0.6));
     // A camera that reappears after a short gap where it was heading is tracked on; it was at 0.4 m/s.
     let tracked =
         step(&mut tracker, atlas.latest(), &world.see(&pose(0.82, 0.0, 0.0), from_s + STEP_S + 0.5));
@@ -191,7 +202,7 @@ fn by_motion_finds_the_pose_around_where_a_steady_motion_leads() {
     // Four frames are missing; they would be searched in vain around the last pose.
     let truth = pose(0.2, 0.0, 0.0);
     let view = world.see(&truth, from_s + STEP_S * 8.0);
-    let (found, matches) = tracker.by_motion(&view.frame, atlas.latest(), None).expect("a pose");
+    let (found, matches) = tracker.by_motion(&now(&view.frame, atlas.latest())).expect("a pose");
     let (metres, radians) = off(&found, &truth);
     assert!(metres < 1e-3 && radians < 1e-3 && matches.count() > 100, "{metres} m, {}", matches.count());
 }
@@ -199,9 +210,9 @@ fn by_motion_finds_the_pose_around_where_a_steady_motion_leads() {
 #[test]
 fn on_the_spot_sigma_grows_with_the_time_and_is_in_the_unit_of_the_map() {
     let (depth, mut single) = (tracker(stereo()), tracker(mono()));
-    assert!((depth.on_the_spot_sigma(0.0) - 0.3).abs() < 1e-12);
-    assert!((depth.on_the_spot_sigma(5.0) - 1.3).abs() < 1e-12);
+    assert!((depth.unit.on_the_spot_sigma(0.0) - 0.3).abs() < 1e-12);
+    assert!((depth.unit.on_the_spot_sigma(5.0) - 1.3).abs() < 1e-12);
     // At 0.3 units a second 0.2 are a metre.
-    (0..30).for_each(|_| single.pace.push(0.3));
-    assert!((single.on_the_spot_sigma(5.0) - 0.26).abs() < 1e-9);
+    (0..30).for_each(|_| single.unit.pace.push(0.3));
+    assert!((single.unit.on_the_spot_sigma(5.0) - 0.26).abs() < 1e-9);
 }

@@ -2,10 +2,11 @@
 
 use crate::match_last::{Before, match_last};
 use crate::synthetic::{FEATURES, RATE_HZ, View, World, mono, off, pose, sideways, stereo};
+use crate::tracker::Now;
 use crate::{KeyFrameRequest, State, Tracked, Tracker, TrackerConfig};
 use cairn_atlas::{Atlas, Change, KeyFrame, KeyFrameId, MapId, MapPrior, Snapshot};
 use cairn_geometry::{Se3, Sim3};
-use cairn_vision::RectifiedCamera;
+use cairn_vision::{Frame, RectifiedCamera};
 use std::sync::Arc;
 
 pub(crate) const STEP_S: f64 = 1.0 / RATE_HZ;
@@ -20,6 +21,11 @@ pub(crate) fn tracker_at_end(world: &World, atlas: &Atlas, ids: &[KeyFrameId]) -
     let last = *ids.last().expect("a key frame");
     tracker.map_created(atlas.latest(), last);
     (tracker, 0.5 * (ids.len() - 1) as f64)
+}
+
+/// A frame as it is tracked, while mapping is idle.
+pub(crate) fn now<'a>(frame: &'a Arc<Frame>, snapshot: &'a Snapshot) -> Now<'a> {
+    Now { frame, snapshot, idle: true }
 }
 
 /// The next frame, while mapping is idle.
@@ -79,8 +85,8 @@ fn by_reference_finds_the_pose_after_a_jump_that_the_motion_model_misses() {
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
     let truth = pose(0.5, 0.1, 0.35);
     let view = world.see(&truth, from_s + STEP_S);
-    assert!(tracker.by_motion(&view.frame, atlas.latest(), None).is_none());
-    let (found, matches) = tracker.by_reference(&view.frame, atlas.latest()).expect("a pose");
+    assert!(tracker.by_motion(&now(&view.frame, atlas.latest())).is_none());
+    let (found, matches) = tracker.by_reference(&now(&view.frame, atlas.latest())).expect("a pose");
     let (metres, radians) = off(&found, &truth);
     assert!(metres < 1e-3 && radians < 1e-3, "{metres} m, {radians} rad");
     assert!(matches.count() > 30, "{}", matches.count());
@@ -112,10 +118,13 @@ fn a_place_too_far_to_have_been_reached_is_not_relocalised() {
     let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
     let (tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
     let soon = cairn_sensor::Stamp::from_seconds(from_s + 0.5);
-    assert!(tracker.reaches(atlas.latest(), ids[0], &pose(2.0, 0.0, 0.0), soon));
-    assert!(!tracker.reaches(atlas.latest(), ids[0], &pose(20.0, 0.0, 0.0), soon));
+    let reaches = |x: f64, stamp| {
+        let last = tracker.last.as_ref();
+        tracker.unit.reaches(atlas.latest(), last, ids[0], &pose(x, 0.0, 0.0), stamp)
+    };
+    assert!(reaches(2.0, soon) && !reaches(20.0, soon));
     let late = cairn_sensor::Stamp::from_seconds(from_s + 20.0);
-    assert!(tracker.reaches(atlas.latest(), ids[0], &pose(20.0, 0.0, 0.0), late));
+    assert!(reaches(20.0, late));
 }
 
 #[test]
@@ -275,7 +284,7 @@ fn the_last_pose_follows_a_correction_of_the_map() {
     let mut changes: Vec<Change> = snapshot.key_frames().map(moved).collect();
     changes.extend(snapshot.landmarks().map(|l| Change::MoveLandmark(l.id, shift * l.position)));
     atlas.commit(changes);
-    tracker.refresh_last(atlas.latest());
+    tracker.refresh(atlas.latest());
     let last = tracker.last.as_ref().expect("tracked").anchored.world_from_camera;
     assert!(off(&last, &(shift * pose(0.62, 0.0, 0.0))).0 < 1e-3, "{last:?}");
     let truth = pose(0.64, 0.0, 0.0);

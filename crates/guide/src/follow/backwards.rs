@@ -11,6 +11,11 @@ const STEP_GAIN: f64 = 0.45;
 const STEP_ASIDE_LIMIT: f64 = 2.5;
 
 impl Follower {
+    /// Whether the walker has stood for a second.
+    fn has_stopped(&self) -> bool {
+        self.motion.is_stationary(1.0, self.config.motion.standing_m_s)
+    }
+
     pub(crate) fn check_behind(&mut self, now: &Now) -> Option<CueKind> {
         let walked = now.at.along_m - self.memory.leg_start_m;
         let rest = self.next_at_m() - self.memory.leg_start_m;
@@ -23,7 +28,7 @@ impl Follower {
     }
 
     pub(crate) fn checking(&mut self, since: Stamp, now: &Now) -> Option<CueKind> {
-        if now.stamp - since < self.config.check_s || !self.motion.is_stationary(1.0, 0.15) {
+        if now.stamp - since < self.config.check_s || !self.has_stopped() {
             return None;
         }
         self.turn_now(now).or_else(|| self.go_or_rotate(now))
@@ -88,7 +93,7 @@ impl Follower {
         if let Some(arrived) = self.arrival(now) {
             return Some(arrived);
         }
-        if now.stamp - since < 3.5 || !self.motion.is_stationary(1.0, 0.15) {
+        if now.stamp - since < 3.5 || !self.has_stopped() {
             return None;
         }
         if let Some(kind) = self.turn_now(now) {

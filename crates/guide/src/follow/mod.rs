@@ -26,8 +26,6 @@ use crate::motion::MotionHistory;
 use cairn_sensor::Stamp;
 use phase::Memory;
 
-/// Slower than this counts as standing, m/s.
-const STANDING_M_S: f64 = 0.15;
 /// A stuck walker who is nearer to the route than this is on it, metres.
 const STUCK_BESIDE_M: f64 = 0.5;
 

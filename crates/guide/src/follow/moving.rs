@@ -1,6 +1,6 @@
 //! While the walker is moving: which direction is due, the wrong way, and the corridor.
 
-use super::{Follower, Now, STANDING_M_S, STUCK_BESIDE_M, since};
+use super::{Follower, Now, STUCK_BESIDE_M, since};
 use crate::cue::CueKind;
 use crate::ground::heading_of;
 
@@ -36,7 +36,7 @@ impl Follower {
         let limit = self.config.off_m - if self.memory.off { self.config.off_hysteresis_m } else { 0.0 };
         if now.at.cross_m.abs() <= limit {
             self.memory.off_since = None;
-        } else if now.speed > STANDING_M_S {
+        } else if now.speed > self.config.motion.standing_m_s {
             self.memory.off_since.get_or_insert(now.stamp);
         }
         let beside = now.at.cross_m.abs() > STUCK_BESIDE_M;
@@ -60,7 +60,7 @@ impl Follower {
             let was_off = std::mem::replace(&mut self.memory.off, false);
             return was_off.then_some(CueKind::BackOnPath);
         };
-        if now.stamp - off_since < self.config.off_dwell_s || now.speed <= STANDING_M_S {
+        if now.stamp - off_since < self.config.off_dwell_s || now.speed <= self.config.motion.standing_m_s {
             return None;
         }
         // A turn directly ahead will set the course again.

@@ -1,6 +1,6 @@
 //! Words for a walker who stands, and sounds and distances for one who is on course.
 
-use super::{Follower, Now, STANDING_M_S, since};
+use super::{Follower, Now, since};
 use crate::cue::CueKind;
 
 /// A standing walker whose course is off by more than this is turned instead of reassured, radians.
@@ -50,8 +50,9 @@ impl Follower {
     }
 
     pub(crate) fn tick(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        let on =
-            aim.abs().to_degrees() <= self.config.cone_deg && now.speed > STANDING_M_S && !self.memory.off;
+        let on = aim.abs().to_degrees() <= self.config.cone_deg
+            && now.speed > self.config.motion.standing_m_s
+            && !self.memory.off;
         if !on || since(self.memory.ticked, now.stamp) < self.config.tick_s {
             return None;
         }

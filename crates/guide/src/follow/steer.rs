@@ -5,7 +5,7 @@
 //! therefore held back until one such change leads back to the middle, unless the walker would leave the corridor
 //! before; correcting each small error at once would send him from side to side.
 
-use super::{Follower, Now, STANDING_M_S, since};
+use super::{Follower, Now, since};
 use crate::cue::CueKind;
 use crate::free_way::ANSWER_S;
 
@@ -54,7 +54,7 @@ impl Follower {
     /// A small correction before the walker leaves the corridor.
     pub(crate) fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
         let turn = self.wanted(now, aim);
-        let Some(turn) = turn.filter(|_| now.speed >= STANDING_M_S) else {
+        let Some(turn) = turn.filter(|_| now.speed >= self.config.motion.standing_m_s) else {
             self.memory.aim_off_since = None;
             return None;
         };

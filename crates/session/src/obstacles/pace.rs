@@ -4,8 +4,6 @@ use cairn_geometry::Vec2;
 use cairn_sensor::Stamp;
 use std::collections::VecDeque;
 
-/// Slower than this the walker stands, m/s.
-pub(super) const STANDING_M_S: f64 = 0.15;
 /// Speed is measured over this time, seconds.
 const SPEED_S: f64 = 0.4;
 /// Pace of somebody who was not seen to walk yet, m/s.
@@ -22,6 +20,8 @@ pub(super) struct Pace {
     /// Since when he walks, and since when he stands.
     walking: Option<Stamp>,
     standing: Option<Stamp>,
+    /// Whether they stand now.
+    stands: bool,
     speed: f64,
     pace: f64,
     last: Option<Stamp>,
@@ -29,7 +29,8 @@ pub(super) struct Pace {
 
 impl Pace {
     pub fn new() -> Self {
-        Self { track: VecDeque::new(), walking: None, standing: None, speed: 0.0, pace: PACE_M_S, last: None }
+        let (track, pace) = (VecDeque::new(), PACE_M_S);
+        Self { track, walking: None, standing: None, stands: true, speed: 0.0, pace, last: None }
     }
 
     /// The frame of the positions has changed.
@@ -38,8 +39,8 @@ impl Pace {
         self.last = None;
     }
 
-    /// Takes a position, in metres.
-    pub fn push(&mut self, at: Vec2, now: Stamp) {
+    /// Takes a position, in metres, of one who stands where they are no faster than `standing_m_s`.
+    pub fn push(&mut self, at: Vec2, now: Stamp, standing_m_s: f64) {
         if self.track.back().is_none_or(|(t, _)| *t < now) {
             self.track.push_back((now, at));
         }
@@ -51,7 +52,8 @@ impl Pace {
             _ => 0.0,
         };
         let dt = self.last.replace(now).map_or(0.0, |last| (now - last).clamp(0.0, 1.0));
-        if self.speed <= STANDING_M_S {
+        self.stands = self.speed <= standing_m_s;
+        if self.stands {
             self.walking = None;
             self.standing.get_or_insert(now);
             return;
@@ -77,7 +79,7 @@ impl Pace {
 
     /// Whether he stands.
     pub fn stands(&self) -> bool {
-        self.speed <= STANDING_M_S
+        self.stands
     }
 
     /// Whether he has stood for so many seconds.
@@ -89,6 +91,7 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cairn_sensor::MotionProfile;
 
     /// Walks along x at speeds (m/s) for some seconds each.
     fn walk(pace: &mut Pace, legs: &[(f64, f64)]) -> Stamp {
@@ -97,7 +100,7 @@ mod tests {
             for _ in 0..(seconds * 20.0) as usize {
                 x += speed * 0.05;
                 now = now.plus_seconds(0.05);
-                pace.push(Vec2::new(x, 0.0), now);
+                pace.push(Vec2::new(x, 0.0), now, MotionProfile::default().standing_m_s);
             }
         }
         now

@@ -172,7 +172,7 @@ impl Watch {
 
     /// The walker is here now.
     pub fn walked(&mut self, guide: &Guide, walker: &Heading, now: Stamp) {
-        self.pace.push(walker.position, now);
+        self.pace.push(walker.position, now, guide.motion().standing_m_s);
         if let Some(place) = guide.place() {
             self.tries.step(place.along_m, self.state != State::Free, now);
         }

@@ -12,7 +12,7 @@
 mod surface;
 mod texture;
 
-use crate::reckoning::{Reckoned, TRACKED_SIGMA_M, TRACKED_SIGMA_RAD};
+use crate::reckoned::{Reckoned, TRACKED_SIGMA_M, TRACKED_SIGMA_RAD};
 use crate::state::AnchoredPose;
 use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_dense::{DenseTracked, DepthConfig, DepthPreparer, TrackConfig, track_from};

@@ -5,11 +5,11 @@
 //! surface and last pose, as if tracking had never been lost. Where the next frame cannot be carried from there, tracking is as
 //! lost as before, and nothing of it is kept.
 
-use super::Tracker;
+use super::{Now, Tracker};
 use crate::dense::PREDICTED_S;
-use crate::state::{AnchoredPose, Last, State, Tracked, anchored_at};
-use cairn_atlas::{KeyFrameId, MapId, Snapshot};
-use cairn_geometry::{Se3, Vec3};
+use crate::state::{AnchoredPose, Last, State, Tracked, anchored_at, map_of};
+use cairn_atlas::{KeyFrameId, Snapshot};
+use cairn_geometry::Se3;
 use cairn_sensor::{DepthImage, Stamp};
 use cairn_vision::Frame;
 use nalgebra::Matrix6;
@@ -47,53 +47,37 @@ pub(super) struct Before {
 
 /// Features of an image, as a share of the budget, from which on they may speak for a place.
 const ENOUGH_FEATURES: f64 = 0.25;
-/// A walker's greatest speed, the error of both poses, and the distance within which rooms are taken not to repeat.
-const WALKED_M_S: f64 = 1.5;
+/// The error of both poses, and the distance within which rooms are taken not to repeat.
 const SLACK_M: f64 = 1.0;
 const MOST_REACH_M: f64 = 5.0;
 
 impl Tracker {
-    /// A search by depth has found where the camera is; to be told before [`Tracker::step`]. Used if tracking is lost.
-    pub fn found_by_depth(&mut self, found: FoundByDepth) {
-        self.found = Some(found);
-    }
-
-    /// The direction against gravity in the camera, where the IMU and a map that is aligned with gravity tell it.
-    pub fn up(&self, stamp: Stamp) -> Option<Vec3> {
-        let predicted = self.inertial.as_ref()?.predict(stamp)?;
-        let turn = predicted.world_from_camera.rotation;
-        let up = turn.inverse() * Vec3::z();
-        // Turning about the vertical does not change it.
-        let of_turn = predicted.pose_covariance().fixed_view::<3, 3>(3, 3).into_owned();
-        let variance = of_turn.trace() - up.dot(&(of_turn * up));
-        (up.iter().all(|v| v.is_finite()) && variance < UP_SIGMA_RAD * UP_SIGMA_RAD).then_some(up)
-    }
-
     /// Whether a place found by depth could be believed for a camera that is lost in this frame: it was tracked just before, there are
     /// features that may agree, or shape is to be enough.
     pub fn may_believe_depth(&self, frame: &Frame) -> bool {
-        let enough = frame.len() as f64 >= ENOUGH_FEATURES * self.features as f64;
+        let enough = frame.len() as f64 >= ENOUGH_FEATURES * self.setup.features as f64;
         let is_bounded = self.last.as_ref().is_some_and(|last| self.shape_reach(last, frame.stamp).is_some());
-        self.config.find_by_shape_alone || is_bounded || enough
+        self.setup.config.find_by_shape_alone || is_bounded || enough
     }
 
     /// How far from its last pose the camera may be found by shape alone, in metres; `None` where it may have got into another
     /// room meanwhile, which may look like the one it was in.
     fn shape_reach(&self, last: &Last, stamp: Stamp) -> Option<f64> {
-        let reach = WALKED_M_S * (stamp - last.frame.stamp) + SLACK_M;
+        let reach = self.setup.config.motion.fastest_m_s * (stamp - last.frame.stamp) + SLACK_M;
         (0.0..=MOST_REACH_M).contains(&reach).then_some(reach)
     }
 
     /// Sets tracking to where the search has found the camera, for a lost one; `None` where that is of no use: too old, or a
     /// place that the camera cannot have reached.
-    pub(super) fn begin_where_found(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot) -> Option<Before> {
-        let found = self.found.take().filter(|_| self.lost)?;
+    pub(super) fn begin_where_found(&mut self, now: &Now) -> Option<Before> {
+        let Now { frame, snapshot, .. } = *now;
+        let found = self.found.take().filter(|_| self.mode.is_lost())?;
         let newest = found.frames.last()?;
         let since_s = frame.stamp - newest.stamp;
         let place = snapshot.resolve(found.key_frame, &newest.key_frame_from_camera)?;
         let reference = nearest_key_frame(snapshot, found.key_frame, &place)?;
         let is_new = since_s > 0.0 && since_s < PREDICTED_S;
-        if !is_new || !self.reaches(snapshot, reference, &place, newest.stamp) {
+        if !is_new || !self.unit.reaches(snapshot, self.last.as_ref(), reference, &place, newest.stamp) {
             return None;
         }
         let placed = |f: &DepthPlaced| -> Option<(Stamp, Arc<DepthImage>, AnchoredPose)> {
@@ -102,49 +86,37 @@ impl Tracker {
         };
         let frames: Vec<_> = found.frames.iter().filter_map(placed).collect();
         let (stamp, _, anchored) = frames.last()?.clone();
-        self.dense.as_mut()?.begin_at(&frames, found.covariance);
-        if let Some(inertial) = &mut self.inertial {
+        self.priors.depth.as_mut()?.begin_at(&frames, found.covariance);
+        if let Some(inertial) = &mut self.priors.inertial {
             let information = found.covariance.try_inverse().unwrap_or_default();
-            inertial.update(snapshot, stamp, &anchored, None, &information);
+            inertial.filter.update(snapshot, stamp, &anchored, None, &information);
         }
-        let landmarks = vec![None; frame.len()];
-        let last = self.last.replace(Last { frame: frame.clone(), landmarks, anchored });
-        let located = self.located.replace(stamp);
+        let last = self.last.replace(Last::without_landmarks(frame.clone(), anchored));
+        let located = self.clock.located.replace(stamp);
         let is_bounded = last.as_ref().is_some_and(|last| {
             let moved =
                 (anchored.world_from_camera.translation - last.anchored.world_from_camera.translation).norm();
             self.shape_reach(last, stamp).is_some_and(|reach| moved <= reach)
                 && map_of(snapshot, last.anchored.reference) == map_of(snapshot, reference)
         });
-        let needs_features = !is_bounded && !self.config.find_by_shape_alone;
+        let needs_features = !is_bounded && !self.setup.config.find_by_shape_alone;
         let before = Before { last, located, needs_features };
-        (self.velocity, self.since_recovery, self.lost) = (None, 1, false);
-        self.reckoning.restart(false);
+        self.clock.since_recovery = 1;
+        self.mode.replace();
+        self.priors.velocity.forget();
+        self.priors.measured.restart(false);
         Some(before)
     }
 
     /// Whether the frame goes on from where it was found; else tracking is lost as before.
-    pub(super) fn keep_or_put_back(&mut self, before: Before, frame: &Arc<Frame>, tracked: &mut Tracked) {
+    pub(super) fn keep_or_put_back(&mut self, before: Before, now: &Now, tracked: &mut Tracked) {
         let goes_on = tracked.pose.is_some() && !matches!(tracked.state, State::Lost { .. });
         if !goes_on || (before.needs_features && tracked.state != State::Tracking) {
-            *tracked = self.lose(frame.clone(), tracked.evidence.inliers);
-            (self.last, self.located) = (before.last, before.located);
-            if let Some(inertial) = &mut self.inertial {
-                inertial.forget();
-            }
-            if let Some(dense) = &mut self.dense {
-                dense.moved_elsewhere();
-            }
+            *tracked = self.lose(now, tracked.evidence.inliers);
+            (self.last, self.clock.located) = (before.last, before.located);
+            self.priors.forget_place();
         }
     }
-}
-
-/// Greatest standard deviation of the direction of gravity for a search that relies on it.
-const UP_SIGMA_RAD: f64 = 0.05;
-
-fn map_of(snapshot: &Snapshot, id: KeyFrameId) -> Option<MapId> {
-    let (alive, _) = snapshot.surviving_ancestor(id)?;
-    Some(snapshot.key_frame(alive)?.map)
 }
 
 /// The key frame of the same map that looks most like a pose: nearest, a radian counting as a metre.

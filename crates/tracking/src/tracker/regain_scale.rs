@@ -5,10 +5,10 @@
 //! than the search around their projections bridges, and somebody who stands still asks for no key frame with
 //! which loop closing could look.
 
-use super::Tracker;
-use super::find::{RECOGNISE_SEED, RECOGNISE_SHARE};
+use super::scale::UnitOfLength;
 use crate::match_last::Matches;
-use crate::recover::GROUP;
+use crate::recover::{GROUP, RECOGNISE_SEED, RECOGNISE_SHARE};
+use crate::state::{Last, map_of};
 use cairn_adjust::{RecogniseConfig, View, recognise};
 use cairn_atlas::{KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
@@ -27,24 +27,25 @@ const FACING: f64 = 0.8;
 const OFF_SIGMAS: f64 = 3.0;
 const OFF_RAD: f64 = 0.3;
 
-impl Tracker {
+impl UnitOfLength {
     /// While scale is unsupported, every half second: the pose of a frame that was guessed at `guess` among key frames from
-    /// before, with the landmarks that it shows. `None` where no place from before is in view.
-    pub(crate) fn regain_scale(
+    /// before, with the landmarks that it shows. `None` where no place from before is in view. `last` is the last frame that had a
+    /// pose.
+    pub fn regain(
         &mut self,
         frame: &Frame,
         snapshot: &Snapshot,
+        last: Option<&Last>,
         guess: &Se3,
     ) -> Option<(Se3, Matches)> {
-        let since = self.scale_support.assumed_since()?;
-        if self.looked_for_scale.is_some_and(|looked| frame.stamp - looked < EVERY_S) {
+        let since = self.support.assumed_since()?;
+        if self.looked_for.is_some_and(|looked| frame.stamp - looked < EVERY_S) {
             return None;
         }
-        self.looked_for_scale = Some(frame.stamp);
+        self.looked_for = Some(frame.stamp);
         let (carried_since, _) = *self.unsupported.front()?;
         let reach = OFF_SIGMAS * self.on_the_spot_sigma(frame.stamp - carried_since);
-        let map = self.last.as_ref().and_then(|l| snapshot.surviving_ancestor(l.anchored.reference));
-        let map = map.and_then(|(id, _)| Some(snapshot.key_frame(id)?.map))?;
+        let map = map_of(snapshot, last?.anchored.reference)?;
         let distance = |at: &Se3| (at.translation - guess.translation).norm();
         let may_show = |k: &KeyFrame| {
             let (axis, ahead) = (k.world_from_camera.rotation * Vec3::z(), guess.rotation * Vec3::z());
@@ -56,9 +57,9 @@ impl Tracker {
         let bag = Vocabulary::current().bag(&frame.descriptors);
         let places = snapshot
             .similar_key_frames(&bag, PLACES, GROUP, &[], |id| snapshot.key_frame(id).is_some_and(&may_show));
-        let view = View::new(&self.camera, frame);
-        let config =
-            RecogniseConfig { seed: RECOGNISE_SEED, need: self.recovered_need(), share: RECOGNISE_SHARE };
+        let view = View::new(&self.setup.camera, frame);
+        let need = self.setup.recovered_need();
+        let config = RecogniseConfig { seed: RECOGNISE_SEED, need, share: RECOGNISE_SHARE };
         let seen = |id: KeyFrameId| {
             recognise(snapshot, &view, id, &BTreeSet::new(), &config, frame.stamp.0 as u64).ok()
         };

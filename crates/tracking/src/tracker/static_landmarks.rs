@@ -6,8 +6,8 @@
 //! texture, they outweigh the walls and drag the pose along. A landmark that key frames observed at one position over
 //! some time is known to be static: the confirmed landmarks determine the pose, and points on moving objects do not
 //! fit it for that long.
-use super::Tracker;
 use crate::match_last::Matches;
+use crate::setup::Setup;
 use cairn_adjust::{Located, locate, pinhole, pixel, weight};
 use cairn_atlas::{Landmark, Observation, Snapshot};
 use cairn_geometry::{Se3, Vec3};
@@ -22,74 +22,71 @@ const CONFIRMED_S: f64 = 0.5;
 /// twice the pixel noise, since landmarks are not exact either.
 const CHOW_THRESHOLD: f64 = 4.0 * 22.46;
 
-impl Tracker {
-    /// The pose from the confirmed landmarks alone, where the tentative ones disagree with them and the
-    /// confirmed ones agree among themselves; else the pose `located` from all. Tentative matches then count
-    /// as inliers where they fit the gated pose.
-    pub(crate) fn gated(
-        &self,
-        snapshot: &Snapshot,
-        frame: &Frame,
-        guess: &Se3,
-        prior: Option<&PosePrior>,
-        matches: &Matches,
-        located: Located,
-    ) -> Located {
-        let mut out = vec![false; frame.len()];
-        located.outliers.iter().for_each(|i| out[*i] = true);
-        let (mut tentative, mut confirmed) =
-            (Vec::with_capacity(located.inliers), Vec::with_capacity(located.inliers));
-        for (i, id) in matches.landmarks.iter().enumerate().filter(|(i, _)| !out[*i]) {
-            let Some(landmark) = id.and_then(|id| snapshot.landmark(id)) else { continue };
-            let group = if is_confirmed(snapshot, landmark) { &mut confirmed } else { &mut tentative };
-            group.push(point_match(snapshot, frame, i, landmark.position));
-        }
-        let extra = matches.extra.iter().filter(|(i, _)| !out[*i]);
-        tentative.extend(extra.map(|(i, point)| point_match(snapshot, frame, *i, *point)));
-        let least = self.need(frame);
-        if confirmed.len() < least || tentative.len() < least {
-            return located;
-        }
-        let statistic = chow_test(&pinhole(&self.camera), &located.world_from_camera, &confirmed, &tentative);
-        if statistic.is_none_or(|statistic| statistic < CHOW_THRESHOLD) {
-            return located;
-        }
-        self.locate_by_confirmed(snapshot, frame, guess, prior, matches).unwrap_or(located)
+/// The pose from the confirmed landmarks alone, where the tentative ones disagree with them and the
+/// confirmed ones agree among themselves; else the pose `located` from all. Tentative matches then count
+/// as inliers where they fit the gated pose.
+pub(super) fn gated(
+    setup: &Setup,
+    snapshot: &Snapshot,
+    frame: &Frame,
+    guess: &Se3,
+    prior: Option<&PosePrior>,
+    matches: &Matches,
+    located: Located,
+) -> Located {
+    let mut out = vec![false; frame.len()];
+    located.outliers.iter().for_each(|i| out[*i] = true);
+    let (mut tentative, mut confirmed) =
+        (Vec::with_capacity(located.inliers), Vec::with_capacity(located.inliers));
+    for (i, id) in matches.landmarks.iter().enumerate().filter(|(i, _)| !out[*i]) {
+        let Some(landmark) = id.and_then(|id| snapshot.landmark(id)) else { continue };
+        let group = if is_confirmed(snapshot, landmark) { &mut confirmed } else { &mut tentative };
+        group.push(point_match(snapshot, frame, i, landmark.position));
     }
+    let extra = matches.extra.iter().filter(|(i, _)| !out[*i]);
+    tentative.extend(extra.map(|(i, point)| point_match(snapshot, frame, *i, *point)));
+    let least = setup.need(frame);
+    if confirmed.len() < least || tentative.len() < least {
+        return located;
+    }
+    let statistic = chow_test(&pinhole(&setup.camera), &located.world_from_camera, &confirmed, &tentative);
+    if statistic.is_none_or(|statistic| statistic < CHOW_THRESHOLD) {
+        return located;
+    }
+    locate_by_confirmed(setup, snapshot, frame, guess, prior, matches).unwrap_or(located)
+}
 
-    /// The pose from the confirmed landmarks alone, with the other matches that fit it; `None` where most of
-    /// the confirmed landmarks do not agree with each other.
-    fn locate_by_confirmed(
-        &self,
-        snapshot: &Snapshot,
-        frame: &Frame,
-        guess: &Se3,
-        prior: Option<&PosePrior>,
-        matches: &Matches,
-    ) -> Option<Located> {
-        let mut confirmed = vec![None; matches.landmarks.len()];
-        let mut tentative = Vec::new();
-        for (i, id) in matches.landmarks.iter().enumerate() {
-            let Some(landmark) = id.and_then(|id| snapshot.landmark(id)) else { continue };
-            if is_confirmed(snapshot, landmark) {
-                confirmed[i] = Some(landmark.id);
-            } else {
-                tentative.push((i, landmark.position));
-            }
+/// The pose from the confirmed landmarks alone, with the other matches that fit it; `None` where most of
+/// the confirmed landmarks do not agree with each other.
+fn locate_by_confirmed(
+    setup: &Setup,
+    snapshot: &Snapshot,
+    frame: &Frame,
+    guess: &Se3,
+    prior: Option<&PosePrior>,
+    matches: &Matches,
+) -> Option<Located> {
+    let mut confirmed = vec![None; matches.landmarks.len()];
+    let mut tentative = Vec::new();
+    for (i, id) in matches.landmarks.iter().enumerate() {
+        let Some(landmark) = id.and_then(|id| snapshot.landmark(id)) else { continue };
+        if is_confirmed(snapshot, landmark) {
+            confirmed[i] = Some(landmark.id);
+        } else {
+            tentative.push((i, landmark.position));
         }
-        tentative.extend(&matches.extra);
-        let mut gated = locate(snapshot, &self.camera, frame, guess, &confirmed, &[], prior);
-        if gated.inliers < self.need(frame) || 2 * gated.inliers < confirmed.iter().flatten().count() {
-            return None;
-        }
-        let points: Vec<PointMatch> =
-            tentative.iter().map(|(i, point)| point_match(snapshot, frame, *i, *point)).collect();
-        let mut fits = vec![false; points.len()];
-        gated.inliers +=
-            PoseOnly::judge(&pinhole(&self.camera), &gated.world_from_camera, &points, &mut fits);
-        gated.outliers.extend(tentative.iter().zip(&fits).filter(|(_, fits)| !**fits).map(|((i, _), _)| *i));
-        Some(gated)
     }
+    tentative.extend(&matches.extra);
+    let mut gated = locate(snapshot, &setup.camera, frame, guess, &confirmed, &[], prior);
+    if gated.inliers < setup.need(frame) || 2 * gated.inliers < confirmed.iter().flatten().count() {
+        return None;
+    }
+    let points: Vec<PointMatch> =
+        tentative.iter().map(|(i, point)| point_match(snapshot, frame, *i, *point)).collect();
+    let mut fits = vec![false; points.len()];
+    gated.inliers += PoseOnly::judge(&pinhole(&setup.camera), &gated.world_from_camera, &points, &mut fits);
+    gated.outliers.extend(tentative.iter().zip(&fits).filter(|(_, fits)| !**fits).map(|((i, _), _)| *i));
+    Some(gated)
 }
 
 /// Whether key frames observed a landmark at one position for at least [`CONFIRMED_S`].
@@ -207,8 +204,9 @@ mod tests {
             Matches { landmarks: (0..POINTS).map(LandmarkId::from_index).collect(), extra: Vec::new() };
         let guess = Se3::identity();
         let all = locate(snapshot, &camera(), &now, &guess, &matches.landmarks, &[], None);
-        let tracker = Tracker::new(camera(), 1000, 15.0, TrackerConfig::default());
-        let gated = tracker.gated(snapshot, &now, &guess, None, &matches, all.clone());
+        let setup =
+            Setup { camera: camera(), features: 1000, rate_hz: 15.0, config: TrackerConfig::default() };
+        let gated = gated(&setup, snapshot, &now, &guess, None, &matches, all.clone());
         (all, gated)
     }
 

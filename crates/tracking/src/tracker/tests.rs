@@ -18,7 +18,7 @@ fn matched(world: &World, snapshot: &Snapshot, view: &View) -> Matches {
 }
 
 #[test]
-fn locate_from_drops_the_matches_that_disagree_and_heeds_a_prior() {
+fn locate_drops_the_matches_that_disagree_and_heeds_a_prior() {
     let world = World::around(stereo(), 111);
     let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
     let (tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
@@ -31,7 +31,7 @@ fn locate_from_drops_the_matches_that_disagree_and_heeds_a_prior() {
     let far = |i: usize| known[(known.iter().position(|k| *k == i).unwrap() + known.len() / 2) % known.len()];
     let swapped: Vec<_> = wrong.iter().map(|i| matches.landmarks[far(*i)]).collect();
     wrong.iter().zip(swapped).for_each(|(i, landmark)| matches.landmarks[*i] = landmark);
-    let located = tracker.locate_from(snapshot, &view.frame, &pose(0.6, 0.0, 0.0), None, &mut matches);
+    let located = tracker.locator.locate(snapshot, &view.frame, &pose(0.6, 0.0, 0.0), None, &mut matches);
     let (metres, radians) = off(&located.world_from_camera, &truth);
     assert!(metres < 1e-3 && radians < 1e-3, "{metres} m, {radians} rad");
     assert!(wrong.len() > 5 && wrong.iter().all(|i| matches.landmarks[*i].is_none()), "they are dropped");
@@ -40,7 +40,7 @@ fn locate_from_drops_the_matches_that_disagree_and_heeds_a_prior() {
     let elsewhere = truth * pose(0.0, 0.01, 0.0);
     let prior = PosePrior { world_from_camera: elsewhere, information: SMatrix::identity() * 1e12 };
     let mut matches = matched(&world, snapshot, &view);
-    let located = tracker.locate_from(snapshot, &view.frame, &truth, Some(&prior), &mut matches);
+    let located = tracker.locator.locate(snapshot, &view.frame, &truth, Some(&prior), &mut matches);
     assert!(off(&located.world_from_camera, &elsewhere).0 < 1e-4, "{:?}", located.world_from_camera);
 }
 
@@ -56,7 +56,7 @@ fn match_from_searches_farther_where_the_guess_is_poor_and_gives_up_elsewhere() 
     // Off by 21 pixels: three times as far as is searched at first.
     let (truth, guess) = (pose(0.62, 0.0, 0.05), pose(0.62, 0.0, 0.0));
     let view = world.see(&truth, from_s + STEP_S);
-    let (found, matches) = tracker.match_from(&last, &guess, &view.frame, snapshot).expect("a pose");
+    let (found, matches) = tracker.locator.match_from(&last, &guess, &view.frame, snapshot).expect("a pose");
     let (metres, radians) = off(&found, &truth);
     assert!(metres < 1e-3 && radians < 1e-3, "{metres} m, {radians} rad");
     // The last search is close around the better pose, and finds nearly all that can be found.
@@ -64,22 +64,22 @@ fn match_from_searches_farther_where_the_guess_is_poor_and_gives_up_elsewhere() 
     assert!(matches.landmarks.iter().zip(&truly).all(|(found, truly)| found.is_none() || found == truly));
     assert!(matches.count() * 10 > truly.iter().flatten().count() * 9, "{}", matches.count());
     let nowhere = other.see(&truth, from_s + STEP_S);
-    assert!(tracker.match_from(&last, &guess, &nowhere.frame, snapshot).is_none());
+    assert!(tracker.locator.match_from(&last, &guess, &nowhere.frame, snapshot).is_none());
 }
 
 #[test]
-fn metre_in_map_units_is_one_with_depth_and_else_by_the_walking_speed() {
+fn metre_is_one_with_depth_and_else_by_the_walking_speed() {
     for (camera, before, walking) in [(stereo(), 1.0, 1.0), (mono(), 1.0 / 1.5, 0.2)] {
         let mut tracker = tracker(camera);
-        assert!((tracker.metre_in_map_units() - before).abs() < 1e-12, "{}", tracker.metre_in_map_units());
+        assert!((tracker.unit.metre() - before).abs() < 1e-12, "{}", tracker.unit.metre());
         // Whoever walks at 0.3 units a second is taken to walk at 1.5 m/s.
-        (0..30).for_each(|_| tracker.pace.push(0.3));
-        assert!((tracker.metre_in_map_units() - walking).abs() < 1e-12, "{}", tracker.metre_in_map_units());
+        (0..30).for_each(|_| tracker.unit.pace.push(0.3));
+        assert!((tracker.unit.metre() - walking).abs() < 1e-12, "{}", tracker.unit.metre());
     }
 }
 
 #[test]
-fn with_imu_segment_gives_a_beginning_map_the_readings_between_its_frames() {
+fn with_imu_data_gives_a_beginning_map_the_readings_between_its_frames() {
     let world = World::around(stereo(), 114);
     let noise = ImuNoise { gyro: 3e-4, gyro_walk: 1e-4, accel: 3e-3, accel_walk: 1e-3 };
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise, offset_s: 0.0 };
@@ -89,10 +89,11 @@ fn with_imu_segment_gives_a_beginning_map_the_readings_between_its_frames() {
         ImuSample::new(stamp, Vec3::zeros(), Vec3::y() * -GRAVITY_M_S2)
     };
     let readings: Vec<ImuSample> = (0..=200).map(reading).collect();
-    with_imu.inertial.as_mut().unwrap().take(&readings, 0.0);
+    with_imu.priors.inertial.as_mut().unwrap().filter.take(&readings, 0.0);
     let frame = |seconds: f64| world.see(&Se3::identity(), seconds).frame;
     let begun = KeyFrameRequest::First { frame: frame(1.5), relocation_prior: None, imu: None };
-    let KeyFrameRequest::First { imu: Some(segment), .. } = with_imu.with_imu_segment(begun.clone()) else {
+    let KeyFrameRequest::First { imu: Some(segment), .. } = with_imu.priors.with_imu_data(begun.clone())
+    else {
         panic!("no IMU data")
     };
     let up = segment.up.expect("readings before the frame");
@@ -107,13 +108,15 @@ fn with_imu_segment_gives_a_beginning_map_the_readings_between_its_frames() {
         imu: None,
         clocks: None,
     };
-    let KeyFrameRequest::Pair { imu: Some(segment), .. } = with_imu.with_imu_segment(pair) else {
+    let KeyFrameRequest::Pair { imu: Some(segment), .. } = with_imu.priors.with_imu_data(pair) else {
         panic!("no IMU data")
     };
     let ends =
         [segment.samples.first(), segment.samples.last()].map(|s| s.expect("readings").stamp.seconds());
     assert_eq!(ends, [0.5, 1.5]);
-    let KeyFrameRequest::First { imu, .. } = tracker(world.camera).with_imu_segment(begun) else { panic!() };
+    let KeyFrameRequest::First { imu, .. } = tracker(world.camera).priors.with_imu_data(begun) else {
+        panic!()
+    };
     assert!(imu.is_none(), "without an IMU");
 }
 
@@ -124,10 +127,10 @@ fn anchor_nearest_takes_the_nearest_key_frame_of_the_local_map_else_the_fallback
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
     let snapshot = atlas.latest();
     let near_third = pose(0.43, 0.05, 0.1);
-    let anchored = tracker.anchor_nearest(snapshot, ids[0], near_third).expect("a pose");
+    let anchored = tracker.locator.anchor_nearest(snapshot, ids[0], near_third).expect("a pose");
     assert_eq!(anchored.reference, ids[0], "there is no local map yet");
     step(&mut tracker, snapshot, &world.see(&pose(0.98, 0.0, 0.0), from_s + STEP_S));
-    let anchored = tracker.anchor_nearest(snapshot, ids[0], near_third).expect("a pose");
+    let anchored = tracker.locator.anchor_nearest(snapshot, ids[0], near_third).expect("a pose");
     assert_eq!(anchored.reference, ids[2]);
     assert_eq!(anchored.world_from_camera, near_third);
     let resolved = snapshot.resolve(anchored.reference, &anchored.reference_from_camera).unwrap();
@@ -135,24 +138,24 @@ fn anchor_nearest_takes_the_nearest_key_frame_of_the_local_map_else_the_fallback
 }
 
 #[test]
-fn is_scale_supported_while_neither_parallax_is_lost_nor_a_guessed_unit_is_unchecked() {
+fn unit_is_supported_while_neither_parallax_is_lost_nor_a_guessed_unit_is_unchecked() {
     let world = World::around(mono(), 116);
     let (atlas, ids) = world.exact_map(&sideways(4, 0.005));
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
-    assert!(tracker.is_scale_supported());
+    assert!(tracker.unit.is_supported());
     for (done, expected) in [(0, false), (1, true)] {
-        tracker.pace_comparison = Some(PaceComparison { map: MapId(ids[0]), pace: 1.2, done });
-        assert_eq!(tracker.is_scale_supported(), expected, "after {done} comparisons");
+        tracker.unit.comparison = Some(PaceComparison { map: MapId(ids[0]), pace: 1.2, done });
+        assert_eq!(tracker.unit.is_supported(), expected, "after {done} comparisons");
     }
     // No landmark of this map has parallax.
     let view = world.see(&pose(0.015, 0.0, 0.0), from_s + STEP_S);
     let matches = matched(&world, atlas.latest(), &view);
-    (0..3).for_each(|_| tracker.scale_support.update(atlas.latest(), &matches.landmarks));
-    assert!(!tracker.is_scale_supported());
+    (0..3).for_each(|_| tracker.unit.support.update(atlas.latest(), &matches.landmarks));
+    assert!(!tracker.unit.is_supported());
 }
 
 #[test]
-fn watch_scale_keeps_the_poses_of_one_camera_that_sees_no_parallax_and_no_others() {
+fn watch_keeps_the_poses_of_one_camera_that_sees_no_parallax_and_no_others() {
     let up = Sim3 { rotation: So3::exp(&(Vec3::x() * -std::f64::consts::FRAC_PI_2)), ..Sim3::identity() };
     for (camera, apart_m, is_aligned, kept) in [
         (mono(), 0.005, false, 3),
@@ -171,12 +174,12 @@ fn watch_scale_keeps_the_poses_of_one_camera_that_sees_no_parallax_and_no_others
         for n in 1..=5 {
             let view = world.see(&pose(3.0 * apart_m, 0.0, 0.0), from_s + STEP_S * f64::from(n));
             let matches = matched(&world, snapshot, &view);
-            tracker.watch_scale(&view.frame, snapshot, &matches, AnchoredPose::at(ids[3], at));
+            tracker.unit.watch(&view.frame, snapshot, &matches, AnchoredPose::at(ids[3], at));
         }
         let case = format!("depth {}, {apart_m} m, aligned {is_aligned}", world.camera.has_depth());
-        assert_eq!(tracker.scale_support.is_lost(), kept > 0, "{case}");
+        assert_eq!(tracker.unit.support.is_lost(), kept > 0, "{case}");
         // It is lost from the third frame on.
-        let stamps: Vec<f64> = tracker.unsupported.iter().map(|(stamp, _)| stamp.seconds()).collect();
+        let stamps: Vec<f64> = tracker.unit.unsupported.iter().map(|(stamp, _)| stamp.seconds()).collect();
         assert_eq!(stamps.len(), kept, "{case}: {stamps:?}");
         assert!(
             stamps.first().is_none_or(|first| (first - from_s - 3.0 * STEP_S).abs() < 1e-9),
@@ -192,9 +195,9 @@ fn rotation_prior_is_where_the_camera_was_carried_and_as_sure_as_it_has_turned_l
     let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
     let at = |n: u32| Stamp::from_seconds(from_s + STEP_S * f64::from(n));
     let turned = |n: u32| pose(0.6, 0.0, 0.04 * f64::from(n));
-    assert!(tracker.rotation_prior(at(1), atlas.latest()).is_none(), "nothing was carried");
+    assert!(tracker.unit.rotation_prior(at(1), atlas.latest()).is_none(), "nothing was carried");
     for n in 1..=20 {
-        tracker.keep_unsupported(at(n), anchored_at(atlas.latest(), ids[3], turned(n)).unwrap());
+        tracker.unit.keep_unsupported(at(n), anchored_at(atlas.latest(), ids[3], turned(n)).unwrap());
     }
     // The map moves in the meantime, and the poses with it.
     let shift = pose(0.5, 0.3, 1.5);
@@ -202,13 +205,13 @@ fn rotation_prior_is_where_the_camera_was_carried_and_as_sure_as_it_has_turned_l
     atlas.commit(
         snapshot.key_frames().map(|k| Change::MoveKeyFrame(k.id, shift * k.world_from_camera)).collect(),
     );
-    let prior = tracker.rotation_prior(at(15), atlas.latest()).expect("it was carried");
+    let prior = tracker.unit.rotation_prior(at(15), atlas.latest()).expect("it was carried");
     let (metres, radians) = off(&prior.anchored.world_from_camera, &(shift * turned(15)));
     assert!(metres < 1e-9 && radians < 1e-9, "{metres} m, {radians} rad");
     assert_eq!(prior.anchored.reference, ids[3]);
-    assert!((prior.sigma - tracker.on_the_spot_sigma(14.0 * STEP_S)).abs() < 1e-9, "{}", prior.sigma);
+    assert!((prior.sigma - tracker.unit.on_the_spot_sigma(14.0 * STEP_S)).abs() < 1e-9, "{}", prior.sigma);
     assert_eq!((prior.sigma_rad, prior.gravity_aligned), (super::scale::TURNED_RAD, false));
-    assert!(tracker.rotation_prior(at(21), atlas.latest()).is_none(), "that frame was not carried");
+    assert!(tracker.unit.rotation_prior(at(21), atlas.latest()).is_none(), "that frame was not carried");
 }
 
 #[test]

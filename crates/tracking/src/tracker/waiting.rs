@@ -1,121 +1,97 @@
-//! Frames from before there is a map: a start with two views, and the poses of the waiting frames once it succeeds.
+//! A map that is to begin: the first of the two views it needs, and the frames that wait for it and get their poses from it.
 
-use super::Tracker;
-use crate::first_clocks::Known;
-use crate::shutter::Shutter;
+use super::locator::Locator;
+use crate::first_clocks::FirstClocks;
+use crate::flow::FlowClocks;
+use crate::setup::Setup;
 use crate::start::Starter;
-use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, Last, State, Tracked, anchored_at};
-use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
-use cairn_geometry::Se3;
+use crate::state::{AnchoredPose, KeyFrameRequest, Last, State};
+use cairn_atlas::Snapshot;
 use cairn_sensor::Stamp;
 use cairn_vision::Frame;
+use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// How far the rotation between two views may be from what the gyroscope has measured where the lens is a guess: radians, and per
-/// radian (`phone/b`: 0.016 of 0.24).
-const OFF_RAD: [f64; 2] = [0.02, 0.15];
 /// Frames buffered while there is no map, so that they get their poses afterwards.
 const WAITING: usize = 64;
 
-impl Tracker {
-    pub(super) fn start(&mut self, frame: Arc<Frame>, snapshot: &Snapshot) -> Tracked {
-        self.odometry.miss();
-        let features = frame.len();
-        self.wait(&frame);
-        let submitted = match self.knows_clocks(&frame, snapshot) {
-            true => {
-                let newest = self.waiting.back().cloned().unwrap_or_else(|| frame.clone());
-                self.starter.step(&self.camera, &newest, self.features)
-            }
-            false => Err(State::Starting { have: features, need: 0 }),
-        };
-        let submitted = submitted.and_then(|request| match self.contradicts_gyroscope(&request) {
-            true => Err(State::Starting { have: features, need: 0 }),
-            false => Ok(request),
-        });
-        let (state, request) = match submitted.map(|request| self.with_imu_segment(request)) {
-            Ok(mut request) => {
-                if let KeyFrameRequest::Pair { clocks, .. } = &mut request {
-                    *clocks = self.flow;
-                }
-                (State::Starting { have: features, need: 0 }, Some(request))
-            }
-            Err(state) => (state, None),
-        };
-        self.since_key_frame = 0;
-        let evidence = Evidence { features, ..Evidence::default() };
-        Tracked {
-            stamp: frame.stamp,
-            state,
-            pose: None,
-            covariance: None,
-            evidence,
-            request,
-            earlier: Vec::new(),
-            scale_supported: true,
-            seen: Vec::new(),
+/// What is kept of the frames from which a map may begin.
+#[derive(Debug)]
+pub(crate) struct MapStart {
+    setup: Setup,
+    pair: Starter,
+    /// Frames from before there was a map, oldest first.
+    waiting: VecDeque<Arc<Frame>>,
+    /// Clocks and rows before there is a map, and what was found of them.
+    pub clocks: FirstClocks,
+    pub flow: Option<FlowClocks>,
+}
+
+impl MapStart {
+    pub fn new(setup: Setup) -> Self {
+        Self {
+            setup,
+            pair: Starter::default(),
+            waiting: VecDeque::new(),
+            clocks: FirstClocks::default(),
+            flow: None,
         }
     }
 
-    /// Whether two views do not differ by the rotation that the gyroscope has measured between them, once its clock is known: what
-    /// looks like parallax there is something else.
-    fn contradicts_gyroscope(&self, request: &KeyFrameRequest) -> bool {
-        let KeyFrameRequest::Pair { first, second, first_from_second, .. } = request else { return false };
-        let known = self.inertial.as_ref().filter(|_| self.flow.is_some());
-        let Some(turned) = known.and_then(|i| i.turned(first.stamp, second.stamp)) else { return false };
-        let off = (turned.inverse() * first_from_second.rotation).angle();
-        off > OFF_RAD[0] + OFF_RAD[1] * turned.angle()
+    /// Examines a frame: a request when a map can begin with it, else the progress so far.
+    pub fn step(&mut self, frame: &Arc<Frame>) -> Result<KeyFrameRequest, State> {
+        self.pair.step(&self.setup.camera, frame, self.setup.features)
     }
 
-    /// Whether nothing more is waited for of clocks and rows before a map may begin. Once they are known, what was seen until then is
-    /// corrected by them.
-    fn knows_clocks(&mut self, frame: &Arc<Frame>, snapshot: &Snapshot) -> bool {
-        let wanted = self.config.clocks_by_flow
-            && self.shutter.is_estimated()
-            && !self.camera.has_depth()
-            && self.flow.is_none();
-        let Some(inertial) = self.inertial.as_mut().filter(|_| wanted) else { return true };
-        let camera_from_imu = inertial.imu_from_camera.rotation.inverse();
-        let known =
-            self.first_clocks.step(&self.camera, &self.shutter, frame, inertial.samples(), &camera_from_imu);
-        match known {
-            Known::Ended => return true,
-            Known::NotYet => {}
-            Known::Now(flow) => {
-                inertial.shift_to(flow.offset_s[0]);
-                self.flow = Some(flow);
-                self.starter = Starter::default();
-                for mut seen in std::mem::take(&mut self.waiting) {
-                    Shutter::undo(Arc::make_mut(&mut seen), &self.camera);
-                    let seen = self.at_middle_row(seen, snapshot);
-                    self.waiting.push_back(seen);
-                }
-                // A map begins with a frame since which all readings are there.
-                let from = self.inertial.as_ref().and_then(|i| i.samples().next().map(|s| s.stamp));
-                let before = self.waiting.len().saturating_sub(1);
-                for seen in self.waiting.iter().take(before).filter(|seen| Some(seen.stamp) >= from) {
-                    self.starter.follow(seen, self.features);
-                }
-                return true;
-            }
+    /// No map is to begin at present.
+    pub fn abandon(&mut self) {
+        self.pair = Starter::default();
+    }
+
+    /// Examines a frame with which no map is to begin: features of the first one are followed through it.
+    pub fn follow(&mut self, frame: &Arc<Frame>) {
+        self.pair.follow(frame, self.setup.features);
+    }
+
+    /// The newest frame that waits.
+    pub fn newest(&self) -> Option<&Arc<Frame>> {
+        self.waiting.back()
+    }
+
+    /// All that was seen is to be examined anew: the frames that waited, oldest first.
+    pub fn restart(&mut self) -> VecDeque<Arc<Frame>> {
+        self.abandon();
+        std::mem::take(&mut self.waiting)
+    }
+
+    /// Takes frames that wait for a map. Features are followed through all but the newest since `from`, when the readings begin.
+    pub fn resume(&mut self, waiting: VecDeque<Arc<Frame>>, from: Option<Stamp>) {
+        self.waiting = waiting;
+        let before = self.waiting.len().saturating_sub(1);
+        for seen in self.waiting.iter().take(before).filter(|seen| Some(seen.stamp) >= from) {
+            self.pair.follow(seen, self.setup.features);
         }
-        self.starter.follow(frame, self.features);
-        false
     }
 
     /// Buffers a frame that may get its pose later.
-    pub(crate) fn wait(&mut self, frame: &Arc<Frame>) {
+    pub fn wait(&mut self, frame: &Arc<Frame>) {
         if self.waiting.len() == WAITING {
             self.waiting.pop_front();
         }
         self.waiting.push_back(frame.clone());
     }
 
-    /// Poses of the frames from before the initialisation, newest to oldest, as far as they can be tracked.
-    pub(super) fn track_waiting_frames(&mut self, snapshot: &Snapshot) -> Vec<(Stamp, AnchoredPose)> {
+    /// Poses of the frames that have waited for a map, newest to oldest, as far as they can be tracked back from the last frame
+    /// that has one.
+    pub fn track_back(
+        &mut self,
+        locator: &mut Locator,
+        last: Option<&Last>,
+        snapshot: &Snapshot,
+    ) -> Vec<(Stamp, AnchoredPose)> {
         let frames = std::mem::take(&mut self.waiting);
         let mut found = Vec::new();
-        let (Some(last), false) = (&self.last, frames.is_empty()) else { return found };
+        let (Some(last), false) = (last, frames.is_empty()) else { return found };
         let mut before =
             Last { frame: last.frame.clone(), landmarks: last.landmarks.clone(), anchored: last.anchored };
         for frame in frames.iter().rev() {
@@ -123,7 +99,7 @@ impl Tracker {
             let (anchored, landmarks) = match known {
                 Some(k) => (AnchoredPose::at(k.id, k.world_from_camera), k.landmarks.clone()),
                 None => {
-                    let Some((anchored, landmarks)) = self.track_next_to(&before, frame, snapshot) else {
+                    let Some((anchored, landmarks)) = locator.next_to(&before, frame, snapshot) else {
                         break;
                     };
                     found.push((frame.stamp, anchored));
@@ -133,39 +109,5 @@ impl Tracker {
             before = Last { frame: frame.clone(), landmarks, anchored };
         }
         found
-    }
-
-    /// The pose of a frame taken next to one whose pose is known.
-    fn track_next_to(
-        &mut self,
-        before: &Last,
-        frame: &Frame,
-        snapshot: &Snapshot,
-    ) -> Option<(AnchoredPose, Vec<Option<LandmarkId>>)> {
-        let (guess, mut matches) =
-            self.match_from(before, &before.anchored.world_from_camera, frame, snapshot)?;
-        matches.extra.clear();
-        self.local.gather(snapshot, &matches, before.anchored.reference, self.config.local_key_frames);
-        self.local.search(snapshot, &self.camera, frame, &guess, 1.0, &mut matches);
-        let located = self.locate(snapshot, frame, &guess, &mut matches);
-        if located.inliers < self.config.min_inliers {
-            return None;
-        }
-        let anchored = self.anchor_nearest(snapshot, before.anchored.reference, located.world_from_camera)?;
-        Some((anchored, matches.landmarks))
-    }
-
-    /// A pose anchored to the nearest of the key frames that the local map was collected around.
-    pub(super) fn anchor_nearest(
-        &self,
-        snapshot: &Snapshot,
-        fallback: KeyFrameId,
-        world_from_camera: Se3,
-    ) -> Option<AnchoredPose> {
-        anchored_at(
-            snapshot,
-            self.local.nearest(snapshot, &world_from_camera.translation).unwrap_or(fallback),
-            world_from_camera,
-        )
     }
 }

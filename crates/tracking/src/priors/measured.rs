@@ -3,11 +3,14 @@
 //! gate: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4);
 //! and where too little is seen, it is the pose, until its standard deviation is too great ([`crate::State::Coasting`]).
 
+use super::{Correction, MotionPrior};
+use crate::odometry::MotionSource;
+use crate::reckoned::{Estimate, Reckoned, diagonal, tracked_covariance};
+use crate::state::Last;
 use cairn_adjust::MotionSince;
-use cairn_geometry::{Manifold, Se3};
+use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 use cairn_solve::PosePrior;
-use nalgebra::{Matrix6, Vector6};
 
 /// The motion of the body since the packet before, measured by other means than the camera and the IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,12 +23,6 @@ pub struct MeasuredMotion {
     pub sigma_rad: f64,
 }
 
-/// What a tracked pose is uncertain by where a motion is added to it, metres and radians: its own noise and that of the map
-/// around it, which adjustment moves by about as much.
-pub(crate) const TRACKED_SIGMA_M: f64 = 0.015;
-pub(crate) const TRACKED_SIGMA_RAD: f64 = 0.01;
-/// Chi-square of six degrees of freedom, 99.9 %.
-const GATE: f64 = 22.46;
 /// Up to these standard deviations the pose is carried on without being tracked, metres and radians.
 const COAST_SIGMA_M: f64 = 0.25;
 const COAST_SIGMA_RAD: f64 = 0.2;
@@ -89,14 +86,14 @@ impl DeadReckoning {
         self.since_key_frame
     }
 
-    /// The camera's motion since the frame before.
-    pub fn step(&self) -> Option<Se3> {
-        self.step
-    }
-
-    /// The same, with the variances of its translation and rotation.
+    /// The camera's motion since the frame before, with the variances of its translation and rotation.
     pub fn uncertain_step(&self) -> Option<(Se3, [f64; 2])> {
         self.step.map(|step| (step, self.step_variance))
+    }
+
+    /// The pose now, from that of the last frame.
+    pub(super) fn since(&self, last: Option<&Last>) -> Option<Reckoned> {
+        self.pose(&last?.anchored.world_from_camera)
     }
 
     /// The pose now, from the one that was kept; `None` where a motion since then was not measured.
@@ -108,57 +105,37 @@ impl DeadReckoning {
     }
 }
 
-/// What a tracked pose is uncertain by, of its right perturbation: translation, rotation.
-pub(crate) fn tracked_covariance() -> Matrix6<f64> {
-    diagonal([TRACKED_SIGMA_M, TRACKED_SIGMA_RAD].map(|s| s * s))
-}
-
-fn diagonal([m, rad]: [f64; 2]) -> Matrix6<f64> {
-    Matrix6::from_diagonal(&Vector6::new(m, m, m, rad, rad, rad))
-}
-
-/// A pose without features: by dead reckoning, or by the shape of what the depth camera sees.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Reckoned {
-    pub world_from_camera: Se3,
-    /// Of its right perturbation (translation, rotation), m^2 and rad^2.
-    pub covariance: Matrix6<f64>,
-    /// Standard deviations up to which it may be the pose by itself, metres and radians.
-    pub limit: [f64; 2],
-}
-
-impl Reckoned {
-    /// The pose as a prior.
-    pub fn prior(&self) -> PosePrior {
-        let information = self.covariance.try_inverse().unwrap_or_default();
-        PosePrior { world_from_camera: self.world_from_camera, information }
+impl MotionPrior for DeadReckoning {
+    fn predict(&self, last: Option<&Last>, _: Stamp) -> Option<Se3> {
+        Some(self.since(last)?.world_from_camera)
     }
 
-    /// Whether a pose may be the one reckoned.
-    pub fn agrees(&self, world_from_camera: &Se3) -> bool {
-        let off = self.world_from_camera.local(world_from_camera);
-        off.dot(&(self.prior().information * off)) <= GATE
+    fn carry(&self, last: Option<&Last>, _: Stamp) -> Option<Estimate> {
+        self.since(last)?.carry()
     }
 
-    /// Standard deviations along the least certain axis, in metres and radians.
-    pub fn sigma(&self) -> [f64; 2] {
-        [0, 3].map(|at| {
-            let block = self.covariance.fixed_view::<3, 3>(at, at).into_owned();
-            block.symmetric_eigenvalues().max().max(0.0).sqrt()
-        })
+    fn prior(&self, last: Option<&Last>, _: Stamp) -> Option<PosePrior> {
+        Some(self.since(last).filter(Reckoned::may_coast)?.prior())
     }
 
-    /// Whether it is certain enough to go on with nothing else.
-    pub fn may_coast(&self) -> bool {
-        let sigma = self.sigma();
-        sigma[0] <= self.limit[0] && sigma[1] <= self.limit[1]
+    fn agrees(&self, last: Option<&Last>, _: Stamp, world_from_camera: &Se3) -> bool {
+        self.since(last).is_none_or(|reckoned| reckoned.agrees(world_from_camera))
+    }
+
+    fn relative(&self) -> Option<(Se3, MotionSource)> {
+        self.step.map(|step| (step, MotionSource::Measured))
+    }
+
+    fn correct(&mut self, _: &Correction) {
+        self.restart(true);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_geometry::{So3, Vec3};
+    use crate::reckoned::TRACKED_SIGMA_M;
+    use cairn_geometry::{Manifold, So3, Vec3};
 
     fn motion(x: f64, yaw: f64) -> MeasuredMotion {
         let last_from_now = Se3::new(So3::exp(&Vec3::new(0.0, 0.0, yaw)), Vec3::new(x, 0.0, 0.0));
