@@ -13,7 +13,6 @@ const LARGER: &[(&str, usize)] = &[
     ("cli/demo/phone/page.rs Page", 21),
     ("ros/node.rs Node", 22),
     ("session/session.rs Session", 32),
-    ("tracking/tracker/mod.rs Tracker", 33),
     ("trial/robot/pilot/mod.rs Pilot", 32),
     ("trial/robot/run.rs End", 21),
     ("web/hub.rs Hub", 27),

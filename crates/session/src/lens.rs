@@ -1,6 +1,22 @@
 //! What is known of the lens of a camera that nobody calibrated, as far as the walker is told of it: a wrong focal length makes
 //! distances wrong by as much.
 
+/// What is known of the lens, and what the walker has heard of it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct LensReport {
+    pub known: Option<LensKnowledge>,
+    reported: Option<LensKnowledge>,
+}
+
+impl LensReport {
+    /// What is known and has not been said yet; it counts as said from now on.
+    pub fn news(&mut self) -> Option<LensKnowledge> {
+        let news = self.known.filter(|known| self.reported != Some(*known));
+        self.reported = news.or(self.reported);
+        news
+    }
+}
+
 /// What is known of the lens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LensKnowledge {

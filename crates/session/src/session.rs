@@ -19,7 +19,7 @@ use crate::disk::{Disk, OwnDisk};
 use crate::dwell::{Dwell, Warnings};
 use crate::event::Event;
 use crate::guidance::Guiding;
-use crate::lens::LensKnowledge;
+use crate::lens::{LensKnowledge, LensReport};
 use crate::library::{MapKeeper, RouteFolder, WallClock, WallTime};
 use crate::obstacles::ObstacleMonitor;
 use crate::place::Place;
@@ -112,9 +112,7 @@ pub struct Session<S = Engine> {
     warnings: Warnings,
     arrived: bool,
     dead: Option<String>,
-    /// What is known of the lens, and what was told of it last.
-    lens: Option<LensKnowledge>,
-    lens_told: Option<LensKnowledge>,
+    lens: LensReport,
     status: SessionStatus,
 }
 
@@ -155,8 +153,7 @@ impl<S: Slam> Session<S> {
             warnings: Warnings::default(),
             arrived: false,
             dead: None,
-            lens: None,
-            lens_told: None,
+            lens: LensReport::default(),
             status,
         }
     }
@@ -184,7 +181,7 @@ impl<S: Slam> Session<S> {
 
     /// Tells the walker what is known of a lens that nobody calibrated.
     pub fn knows_of_lens(&mut self, lens: LensKnowledge) {
-        self.lens = Some(lens);
+        self.lens.known = Some(lens);
     }
 
     /// The engine.
@@ -295,7 +292,7 @@ impl<S: Slam> Session<S> {
 
     /// Whether the images are read with a lens that is a guess, or is known to be another.
     fn reads_with_guess(&self) -> bool {
-        matches!(self.lens, Some(LensKnowledge::Guessed | LensKnowledge::FoundForLater))
+        matches!(self.lens.known, Some(LensKnowledge::Guessed | LensKnowledge::FoundForLater))
     }
 
     /// Says what is new of the lens, once nothing else is being said.
@@ -303,8 +300,7 @@ impl<S: Slam> Session<S> {
         if !self.speech.is_free(self.now) {
             return;
         }
-        let Some(known) = self.lens.filter(|known| self.lens_told != Some(*known)) else { return };
-        self.lens_told = Some(known);
+        let Some(known) = self.lens.news() else { return };
         self.say(&self.speech.text(known.id()), Priority::Normal);
     }
 
