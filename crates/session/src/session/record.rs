@@ -51,7 +51,8 @@ impl<S: Slam> Session<S> {
     pub(super) fn record(&mut self, seen: &RecordInput) {
         let due = self.config.auto_record.is_some_and(|n| self.status.tracked >= n);
         // What is recorded stays with the lens that it was recorded with.
-        let lens_may_come = self.lens.known == Some(LensKnowledge::Guessed) && self.elapsed_s() < LENS_PATIENCE_S;
+        let lens_may_come =
+            self.lens.known == Some(LensKnowledge::Guessed) && self.elapsed_s() < LENS_PATIENCE_S;
         if due
             && !lens_may_come
             && !self.auto_recorded
