@@ -9,6 +9,7 @@ mod cancel;
 mod csv;
 mod decode;
 mod euroc;
+mod first_image;
 mod frames;
 mod images;
 mod imu;

@@ -4,7 +4,7 @@ use crate::options::{OpenOptions, SourceKind};
 use crate::player::Player;
 use crate::prefetch::Prefetch;
 use crate::recording::Recording;
-use crate::{android, bag, decode, euroc, frames, images, kitti, live, seven_scenes, tum};
+use crate::{android, bag, euroc, first_image, frames, images, kitti, live, seven_scenes, tum};
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_sim::{SimConfig, SimSource};
 use std::path::{Path, PathBuf};
@@ -160,28 +160,7 @@ pub fn image_size(source: &str) -> Option<[usize; 2]> {
         return Some(size);
     }
     let path = sequence_of(Path::new(source)).ok()?;
-    const INSIDE: [&str; 11] = [
-        "",
-        "mav0/cam0/data",
-        "cam0/data",
-        "image_0",
-        "image_2",
-        "image_00/data",
-        "image_02/data",
-        "rgb",
-        "color",
-        "results",
-        "images",
-    ];
-    let first = |folder: PathBuf| {
-        let files = std::fs::read_dir(folder).ok()?.filter_map(|e| Some(e.ok()?.path()));
-        let mut files: Vec<PathBuf> = files
-            .filter(|p| p.file_name().is_some_and(|name| !name.to_string_lossy().contains("depth")))
-            .collect();
-        files.sort();
-        files.iter().filter(|p| p.is_file()).take(50).find_map(|p| decode::size(p).ok())
-    };
-    INSIDE.iter().find_map(|inside| first(path.join(inside)))
+    first_image::size(&path)
 }
 
 fn kind_of(path: &Path, asked: Option<SourceKind>) -> Result<Found, SourceError> {

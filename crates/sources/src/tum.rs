@@ -5,12 +5,12 @@
 //! Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012). Depth is registered to
 //! colour; 5000 units are one metre.
 
-use crate::decode;
 use crate::recording::{
     ImageAt, Instant, Recording, in_folder, join_depth, named_by_time, read_index, read_truth,
 };
 use crate::rig;
 use crate::text::{data_lines, fields, numbers, place, read_text, stamp_any, stamp_seconds};
+use crate::{decode, first_image};
 use cairn_eval::Format;
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SkipKind, Skipped, SourceError, Stamp};
@@ -178,7 +178,7 @@ fn calibration_txt(folder: &Path) -> Result<Option<Camera>, SourceError> {
         |why: &str| SourceError::new(path.display().to_string(), why, "write fx fy cx cy, or give --rig");
     let [fx, fy, cx, cy] =
         numbers::<4>(fields(&read_text(&path)?)).ok_or_else(|| wrong("does not hold fx fy cx cy"))?;
-    let size = crate::image_size(&folder.to_string_lossy());
+    let size = first_image::size(folder);
     let [width, height] = size.ok_or_else(|| wrong("is beside no image that can be read"))?;
     Ok(Some(Camera::pinhole(width, height, fx, fy, cx, cy)))
 }

@@ -3,7 +3,7 @@
 //!
 //! Source: Snavely, "Bundler v0.4 user's manual" (2010), section "Output format".
 
-use super::text::Words;
+use super::words::Words;
 use super::{Bal, BalCamera, BalObservation};
 use crate::text::TextError;
 use cairn_geometry::{Mat3, Se3, So3, Vec2};

@@ -8,6 +8,7 @@ mod bundler;
 mod camera;
 mod solve;
 mod text;
+mod words;
 
 pub use camera::BalCamera;
 pub use solve::BalConfig;
