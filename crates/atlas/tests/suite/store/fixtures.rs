@@ -7,7 +7,7 @@ use cairn_vision::SensorMode;
 use std::path::PathBuf;
 
 fn fixture(version: u32) -> PathBuf {
-    PathBuf::from(format!("{}/tests/store/fixtures/v{version}.map", env!("CARGO_MANIFEST_DIR")))
+    PathBuf::from(format!("{}/tests/suite/store/fixtures/v{version}.map", env!("CARGO_MANIFEST_DIR")))
 }
 
 /// Run once for a new version: `cargo test -p cairn-atlas --test suite store:: -- --ignored writes_the_fixture`.

@@ -57,7 +57,7 @@ fn killed_process_leaves_a_loadable_file() {
     let mut dice = Dice::new(11);
     let (mut left, mut saves) = (0, 0);
     for round in 0..50 {
-        let child = this_test("saving::child_saves_in_a_loop");
+        let child = this_test("store::saving::child_saves_in_a_loop");
         let mut child = Command::new(&child[0])
             .args(&child[1..])
             .env(TARGET, &path)
@@ -107,7 +107,7 @@ fn child_has_no_room() {
 fn without_room(line: &str, path: &Path) -> Option<(String, Option<String>)> {
     let output = Command::new("sh")
         .args(["-c", line, "sh"])
-        .args(this_test("saving::child_has_no_room"))
+        .args(this_test("store::saving::child_has_no_room"))
         .env(TARGET, path)
         .env("FOLDER", path.parent().unwrap())
         .output()
