@@ -55,7 +55,7 @@ impl Tracker {
         let since_s = self.clock.located.map_or(0.0, |t| frame.stamp - t);
         let is_due = self
             .coast_by_imu(now, &anchored, spot)
-            .unwrap_or_else(|| self.clock.since_key_frame as f64 >= COAST_KEY_FRAME_S * self.setup.rate_hz);
+            .unwrap_or(self.clock.since_key_frame as f64 >= COAST_KEY_FRAME_S * self.setup.rate_hz);
         let is_wanted = is_due && now.idle && self.setup.usable(frame) >= self.setup.need_of_new();
         let request = is_wanted.then(|| {
             // Views that differ by a rotation alone tell no depth.
