@@ -190,7 +190,7 @@ impl DemoCamera {
 
     /// Poses of the camera for every tracked frame, with all corrections of the map so far.
     pub fn estimate(&mut self) -> Result<Trajectory, Failure> {
-        for ms in self.session.engine_mut().finish().map_ms {
+        for ms in self.session.engine_mut().finish().timings.map_ms {
             self.times.add_ms("map", ms);
         }
         let poses = self.session.engine().trajectory().into_iter().map(|(t, p)| (t.0, p)).collect();
