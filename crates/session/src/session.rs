@@ -28,7 +28,7 @@ use crate::route_metres::may_have_metres;
 use crate::slam::{NotTracked, Slam};
 use crate::speech::{Clock, Speech};
 use crate::status::SessionStatus;
-use cairn_engine::{Engine, Host, Output, Scale, record_input};
+use cairn_engine::{Engine, Output, Scale, record_input};
 use cairn_geometry::Vec3;
 use cairn_guide::{Confidence, Priority, Route};
 use cairn_phrases::Language;
@@ -402,7 +402,7 @@ impl<S: Slam> Session<S> {
 mod tests {
     use super::*;
     use crate::command::Command;
-    use cairn_engine::{Config, Runner, SensorMode};
+    use cairn_engine::{Config, Host, Runner, SensorMode};
     use cairn_sensor::{Camera, Rig};
 
     #[test]
