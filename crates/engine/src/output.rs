@@ -77,7 +77,7 @@ pub struct FramePose {
 #[derive(Clone, Debug)]
 pub enum StageEvent {
     /// An attempt to initialise gravity, scale and biases, the last of several.
-    Attempt(Attempt),
+    Attempt(Box<Attempt>),
     /// What the IMU says of the scale of a metric map, where a key frame was checked.
     ScaleCheck(ScaleCheck),
     /// The verdict of closing on a place that may have been seen before.
@@ -94,7 +94,7 @@ impl StageEvent {
 
     /// The attempt to initialise, if it is one.
     pub fn attempt(&self) -> Option<&Attempt> {
-        if let Self::Attempt(attempt) = self { Some(attempt) } else { None }
+        if let Self::Attempt(attempt) = self { Some(attempt.as_ref()) } else { None }
     }
 
     /// The check of the scale, if it is one.

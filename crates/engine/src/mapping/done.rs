@@ -25,7 +25,7 @@ pub(crate) struct Done {
 impl Done {
     /// Events, a failure aside, and the times of the stages.
     pub fn report(self) -> (Vec<StageEvent>, Timings) {
-        let initialising = self.attempt.map(StageEvent::Attempt).into_iter();
+        let initialising = self.attempt.map(|attempt| StageEvent::Attempt(Box::new(attempt))).into_iter();
         let checking = self.scale_check.map(StageEvent::ScaleCheck);
         let events = initialising.chain(checking).chain(self.verdicts.into_iter().map(StageEvent::Verdict));
         (events.collect(), Timings { map_ms: self.ms, close_ms: self.close_ms, ..Timings::default() })
