@@ -169,7 +169,7 @@ fn pace_ratio(moved: &[(Stamp, Odometry)]) -> f64 {
 /// A frame, in words.
 fn line(at_s: f64, out: &Output, engine: &Engine) -> String {
     let state = match out.state {
-        State::Tracking { .. } => "tracking".to_owned(),
+        State::Tracking => "tracking".to_owned(),
         other => format!("{other:?}"),
     };
     let mut text = format!(
