@@ -1,6 +1,6 @@
 //! A lens that is not known yet.
 
-use crate::walk::walk::{RATE_HZ, Walk, engine, folder, out};
+use crate::walk::scripted::{RATE_HZ, Walk, engine, folder, out};
 use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
 use cairn_sensor::Camera;
 use cairn_session::{LensKnowledge, LibraryCamera, Session, SessionConfig};

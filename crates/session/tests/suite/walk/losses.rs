@@ -1,6 +1,6 @@
 //! Images that stay away, are late, or come from a clock that shows anything; SLAM that is away.
 
-use crate::walk::walk::{RATE_HZ, Walk, engine, folder, out};
+use crate::walk::scripted::{RATE_HZ, Walk, engine, folder, out};
 use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Engine, Output, Phase, Status};

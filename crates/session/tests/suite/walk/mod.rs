@@ -5,4 +5,4 @@
 mod lens;
 mod losses;
 mod recording;
-mod walk;
+mod scripted;

@@ -1,7 +1,7 @@
 //! Routes are recorded, also on a disk that fills up, and lead back.
 
 use crate::small::Small;
-use crate::walk::walk::{Walk, engine, folder, out};
+use crate::walk::scripted::{Walk, engine, folder, out};
 use cairn_guide::Route;
 use cairn_session::{Disk, Medium, Session, SessionConfig};
 use std::io;
