@@ -1,13 +1,15 @@
 //! Bags as sources: topics found and named, rigs from what the bag has, pairs by approximate time, damage.
 
-#[path = "../../../../bag/tests/suite/common/mod.rs"]
-mod bags;
 mod realsense;
+#[path = "../../../../bag/tests/suite/common/mod.rs"]
+mod written;
 
-use bags::{Info, Message, Temporary, camera_info, compressed, image, imu, mcap, rosbag1, tf_static, truth};
 use cairn_geometry::Vec3;
 use cairn_sensor::{FramePacket, Rig, Source, SourceError};
 use cairn_sources::{NamedTopic, OpenOptions, open};
+use written::{
+    Info, Message, Temporary, camera_info, compressed, image, imu, mcap, rosbag1, tf_static, truth,
+};
 
 const SIZE: [u32; 2] = [32, 24];
 const K: [f64; 9] = [30.0, 0.0, 15.5, 0.0, 30.0, 11.5, 0.0, 0.0, 1.0];

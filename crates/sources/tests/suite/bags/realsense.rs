@@ -1,6 +1,6 @@
 //! Recordings of the SDK of RealSense cameras.
 
-use super::bags::{Info, Message, Temporary, camera_info, float32, image, imu, rosbag1, transform};
+use super::written::{Info, Message, Temporary, camera_info, float32, image, imu, rosbag1, transform};
 use super::{SIZE, STEP, T0, gray, info, play};
 use cairn_geometry::Vec3;
 use cairn_sensor::Distortion;
