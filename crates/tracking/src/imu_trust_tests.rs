@@ -59,7 +59,7 @@ fn told(aligned: bool, change: impl Fn(f64, ImuSample, &ImuSample) -> Option<Imu
             trust.see(&snapshot, Stamp::from_seconds(t), &anchored, &buffer, &belief);
         }
         let is_believed = trust.fault().is_none();
-        if found.last().map_or(true, |(_, before)| *before) != is_believed {
+        if found.last().is_none_or(|(_, before)| *before) != is_believed {
             found.push((t, is_believed));
         }
     }
@@ -116,8 +116,11 @@ fn numbers(text: &str) -> Vec<Vec<f64>> {
     text.lines().filter(|l| !l.starts_with('#')).filter_map(of).collect()
 }
 
-/// A recording's readings, and its true poses with their times; `None` where it is not there.
-fn recorded(folder: &str) -> Option<(Vec<ImuSample>, Vec<(Stamp, Se3)>)> {
+/// Readings, and poses with their times.
+type Recorded = (Vec<ImuSample>, Vec<(Stamp, Se3)>);
+
+/// A recording's readings, and its true poses; `None` where it is not there.
+fn recorded(folder: &str) -> Option<Recorded> {
     let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
     let data = std::env::var("CAIRN_DATA").unwrap_or_else(|_| beside.into());
     let read = |name: &str| std::fs::read_to_string(format!("{data}/{folder}/{name}")).ok();
