@@ -106,10 +106,10 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         .into_iter()
         .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: None })
         .collect();
-    if let Some(sensor) = rig.depth.as_ref().filter(|d| d.metres_per_unit == 1.0 / 5000.0) {
-        if let Some(note) = doubt_of_unit(&depth, sensor.metres_per_unit) {
-            skipped.push(Skipped::new(SkipKind::Other, "the unit of depth is doubtful", note));
-        }
+    if let Some(sensor) = rig.depth.as_ref().filter(|d| d.metres_per_unit == 1.0 / 5000.0)
+        && let Some(note) = doubt_of_unit(&depth, sensor.metres_per_unit)
+    {
+        skipped.push(Skipped::new(SkipKind::Other, "the unit of depth is doubtful", note));
     }
     join_depth(&mut instants, depth, MAX_APART_NS);
     Ok(Recording { name, rig, instants, imu: None, bag: None, truth, no_depth: None, skipped, assumed })
