@@ -211,8 +211,8 @@ impl Form {
 /// The image that the YAML of a map names; errors are reported when the map is opened.
 fn image_of(grid: &Path) -> Option<PathBuf> {
     let text = cairn_files::read_text_lossy(grid, 16 * cairn_files::MIB).ok()?;
-    let description = map_server::read_description(&text).ok()?;
-    Some(map_server::image_beside(grid, &description.image))
+    let root = cairn_files::yaml::parse(&text).ok()?;
+    Some(map_server::image_beside(grid, Path::new(root.get("image")?.text()?)))
 }
 
 fn draw(form: Form, map: &Grid<i8>, route: &PlannedPath) -> Result<Vec<u8>, Failure> {
