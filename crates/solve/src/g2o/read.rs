@@ -82,8 +82,8 @@ pub fn read(text: &str) -> Result<G2o, TextError> {
     }
 }
 
-/// Reads a g2o text, and replaces information matrices that are not positive semi-definite by the nearest that are
-/// ([`nearest_semi_definite`]); how many is in [`G2o::replaced`].
+/// Reads a g2o text, and replaces information matrices that are not positive semi-definite by the nearest that are;
+/// how many is in [`G2o::replaced`].
 ///
 /// # Errors
 /// As [`read`], but for those information matrices.
