@@ -4,7 +4,7 @@
 //! random ones. One row for each fault and one column for each of the sensors: error, coverage, and when it was told.
 
 use crate::{MeasureError, Sensors, run};
-use cairn_engine::{Config, Output, Runner};
+use cairn_engine::{Config, Output, PoseTime, Runner};
 use cairn_eval::Align;
 use cairn_geometry::Se3;
 use cairn_random::Random;
@@ -179,10 +179,11 @@ fn one(
         }
     }
     engine.finish();
-    let truth = engine.comparable(&source.info().truth);
+    let truth = source.info().truth.clone();
     let align = if engine.is_metric() { Align::Se3 } else { Align::Sim3 };
-    let ate = |poses: &[(Stamp, Se3)]| -> Result<Option<f64>, MeasureError> {
-        Ok(run::aligned(&truth, poses, align)?.map(|e| e.ate_m.rmse))
+    let ate = |time: PoseTime| -> Result<Option<f64>, MeasureError> {
+        let poses = engine.camera_poses(time);
+        Ok(run::aligned(&poses.comparable(&truth), &poses.trajectory(), align)?.map(|e| e.ate_m.rmse))
     };
     let poses = engine.trajectory();
     Ok(Row {
@@ -190,8 +191,8 @@ fn one(
         sensors: sensors.name(),
         fault: fault.as_ref().map_or_else(|| "none".into(), name),
         from_s: fault.map(|f| f.from_s),
-        ate_m: ate(&poses)?,
-        live_ate_m: ate(&engine.live_trajectory())?,
+        ate_m: ate(PoseTime::Corrected)?,
+        live_ate_m: ate(PoseTime::Live)?,
         metric: engine.is_metric(),
         coverage: poses.len() as f64 / frames.max(1) as f64,
         maps: engine.snapshot().maps().count(),

@@ -2,7 +2,7 @@
 
 use crate::{MeasureError, run};
 use cairn_atlas::KeyFrameId;
-use cairn_engine::{Config, Engine, Joined, Runner, Sensors, StageEvent};
+use cairn_engine::{Config, Engine, Joined, PoseTime, Runner, Sensors, StageEvent};
 use cairn_eval::{Align, Percentiles};
 use cairn_geometry::Se3;
 use cairn_sensor::{Source, Stamp};
@@ -174,7 +174,8 @@ pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Measured
     let truth = engine.comparable(&source.info().truth);
     let (ate_m, _) = ate(&truth, &poses, align)?;
     let (_, scale) = ate(&truth, &poses, Align::Sim3)?;
-    let (live_ate_m, _) = ate(&truth, &engine.live_trajectory(), align)?;
+    let live = engine.camera_poses(PoseTime::Live);
+    let (live_ate_m, _) = ate(&live.comparable(&source.info().truth), &live.trajectory(), align)?;
     let (started, lost) = gaps(&stamps, &poses);
     Ok(Measured {
         sensor: options.sensor,

@@ -17,7 +17,7 @@
 //! }
 //! slam.finish();
 //! let accuracy = slam.accuracy(&source.info().truth)?;
-//! assert!(accuracy.coverage > 0.9 && accuracy.ate_m.rmse < 0.05);
+//! assert!(accuracy.reference_covered > 0.9 && accuracy.ate_m.rmse < 0.05);
 //!
 //! let file = std::env::temp_dir().join("cairn-quick-start.map");
 //! slam.save(&file)?;

@@ -39,4 +39,4 @@ pub use saved::{OpenMapError, UnfitMap};
 pub use scale::{Scale, ScaleStretch};
 pub use sensors::{Sensors, UnknownSensors, has_colours};
 pub use status::{ImuStatus, Phase, Status, StatusEvent, Wait};
-pub use trajectory::PoseTime;
+pub use trajectory::{CameraPoses, PoseTime};

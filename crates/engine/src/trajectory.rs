@@ -18,15 +18,61 @@ pub enum PoseTime {
     Corrected,
 }
 
-impl Engine {
-    /// The pose of the body in every tracked frame, in the latest map.
-    pub fn trajectory(&self) -> Vec<(Stamp, Se3)> {
-        self.poses(PoseTime::Corrected).map(|(t, pose, metric)| (t, self.body(&pose, metric).se3)).collect()
+/// `world_from_camera` of the first camera in tracked frames, each with whether its lengths are metres.
+///
+/// The body is not where the camera is, and how far apart they are is known in metres alone. So poses are those of the body
+/// only where all of them are in metres, else those of the first camera: one trajectory is of one thing.
+#[derive(Clone, Debug)]
+pub struct CameraPoses {
+    /// Where the camera is on the body, metres.
+    pub body_from_camera: Se3,
+    /// Time, `world_from_camera`, and whether its lengths are metres.
+    pub poses: Vec<(Stamp, Se3, bool)>,
+}
+
+impl CameraPoses {
+    /// Whether all lengths are metres.
+    pub fn is_metric(&self) -> bool {
+        self.poses.iter().all(|(_, _, metric)| *metric)
     }
 
-    /// The pose of the body in every tracked frame, as estimated at the time.
+    /// Where on the body that is of which [`CameraPoses::trajectory`] has the poses: the body itself, or the first camera.
+    pub fn body_from_frame(&self) -> Se3 {
+        if self.is_metric() { Se3::identity() } else { self.body_from_camera }
+    }
+
+    /// The poses of the body, or of the first camera where not all lengths are metres.
+    pub fn trajectory(&self) -> Vec<(Stamp, Se3)> {
+        self.of_mounted(&self.body_from_frame())
+    }
+
+    /// The poses of something mounted on the body (`body_from_mounted`, metres). Where lengths are not metres only its orientation is
+    /// known, and its position is the first camera's.
+    pub fn of_mounted(&self, body_from_mounted: &Se3) -> Vec<(Stamp, Se3)> {
+        let camera_from_mounted = self.body_from_camera.inverse() * *body_from_mounted;
+        let turned = Se3::new(camera_from_mounted.rotation, Vec3::zeros());
+        let pose_of = |(t, pose, metric): &(Stamp, Se3, bool)| {
+            (*t, *pose * if *metric { camera_from_mounted } else { turned })
+        };
+        self.poses.iter().map(pose_of).collect()
+    }
+
+    /// True poses of the body as poses of what [`CameraPoses::trajectory`] has.
+    pub fn comparable(&self, truth: &[(Stamp, Se3)]) -> Vec<(Stamp, Se3)> {
+        let body_from_frame = self.body_from_frame();
+        truth.iter().map(|(t, body)| (*t, *body * body_from_frame)).collect()
+    }
+}
+
+impl Engine {
+    /// The pose of the body in every tracked frame in the latest map; of the first camera where not all lengths are metres.
+    pub fn trajectory(&self) -> Vec<(Stamp, Se3)> {
+        self.camera_poses(PoseTime::Corrected).trajectory()
+    }
+
+    /// The same as estimated at the time.
     pub fn live_trajectory(&self) -> Vec<(Stamp, Se3)> {
-        self.poses(PoseTime::Live).map(|(t, pose, metric)| (t, self.body(&pose, metric).se3)).collect()
+        self.camera_poses(PoseTime::Live).trajectory()
     }
 
     /// The pose of the body in the odometry frame, frame by frame as it was told: one list for each segment (see
@@ -38,23 +84,10 @@ impl Engine {
         segments.map(|s| s.iter().map(|(t, o)| (*t, o.odom_from_body.se3)).collect()).collect()
     }
 
-    /// The pose of something mounted on the body (`body_from_mounted`, metres) in every tracked frame: the first camera,
-    /// for instance. Without metric scale the body is given at the first camera's position ([`Engine::trajectory`]), and a
-    /// lever arm in metres cannot be added to it: then only the orientation is that of the mounted thing, the position is
-    /// the first camera's.
-    pub fn mounted_trajectory(&self, body_from_mounted: &Se3, time: PoseTime) -> Vec<(Stamp, Se3)> {
-        let pose_of = |(t, pose, metric): (Stamp, Se3, bool)| {
-            let body = self.body(&pose, metric).se3;
-            let arm = if metric { body_from_mounted.translation } else { Vec3::zeros() };
-            (t, Se3::new(body.rotation * body_from_mounted.rotation, body * arm))
-        };
-        self.poses(time).map(pose_of).collect()
-    }
-
-    /// Time, `world_from_camera` and whether lengths are metres, of every tracked frame.
-    fn poses(&self, time: PoseTime) -> impl Iterator<Item = (Stamp, Se3, bool)> + '_ {
+    /// The poses of the first camera in every tracked frame.
+    pub fn camera_poses(&self, time: PoseTime) -> CameraPoses {
         let snapshot = self.snapshot();
-        self.log().frames().iter().filter_map(move |f| {
+        let pose_of = |f: &Logged| {
             let p = f.anchored?;
             Some(match time {
                 PoseTime::Live => (f.stamp, p.world_from_camera, f.metric),
@@ -63,7 +96,9 @@ impl Engine {
                     (f.stamp, pose, self.is_metric_at(&snapshot, p.reference))
                 }
             })
-        })
+        };
+        let poses = self.log().frames().iter().filter_map(pose_of).collect();
+        CameraPoses { body_from_camera: self.front_end().model().body_from_camera, poses }
     }
 
     fn is_metric_at(&self, snapshot: &Snapshot, reference: KeyFrameId) -> bool {
@@ -83,15 +118,9 @@ impl Engine {
         stretches(self.log().frames().iter().filter_map(scale))
     }
 
-    /// Ground truth in the form of [`Engine::trajectory`]: without metric scale, at the first camera's
-    /// position.
+    /// True poses of the body in the form of [`Engine::trajectory`].
     pub fn comparable(&self, truth: &[(Stamp, Se3)]) -> Vec<(Stamp, Se3)> {
-        let arm = if self.is_metric() {
-            Vec3::zeros()
-        } else {
-            self.front_end().model().body_from_camera.translation
-        };
-        truth.iter().map(|(t, body)| (*t, Se3::new(body.rotation, *body * arm))).collect()
+        self.camera_poses(PoseTime::Corrected).comparable(truth)
     }
 
     /// A digest of the map and of every frame's pose, as estimated at the time and as in the latest map:

@@ -30,7 +30,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{}", serde_json::to_string_pretty(&result)?);
         return Ok(());
     }
-    println!("pairs {}, coverage {:.3}, path {:.3} m", result.pairs, result.coverage, result.path_m);
+    println!(
+        "pairs {}, reference covered {:.3}, path {:.3} m",
+        result.pairs, result.reference_covered, result.path_m
+    );
     println!("ATE {:.6} m (rmse), scale {:.6}", result.ate_m.rmse, result.scale);
     if let (Some(m), Some(deg)) = (result.rpe_m, result.rpe_deg) {
         println!("RPE {:.6} m, {:.6} deg (rmse) over {}", m.rmse, deg.rmse, result.delta);

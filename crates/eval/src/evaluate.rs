@@ -12,6 +12,7 @@ use crate::statistics::Statistics;
 use crate::write::seconds_text;
 use cairn_geometry::{Sim3, Trajectory, Vec3, associate, umeyama};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::str::FromStr;
 
 /// Alignment of the estimate to the reference before the comparison.
@@ -108,8 +109,10 @@ pub struct Evaluation {
     pub reference_poses: usize,
     /// Number of poses of the estimate.
     pub estimate_poses: usize,
-    /// Fraction of the reference covered by the estimate, see [`coverage_of_reference`].
-    pub coverage: f64,
+    /// Fraction of the recording's frames that have a pose, where the estimate's file says how many frames there were.
+    pub coverage: Option<f64>,
+    /// Fraction of the reference that has a pose of the estimate near it, see [`coverage_of_reference`].
+    pub reference_covered: f64,
     /// Path length of the reference over the pairs, in metres.
     pub path_m: f64,
     /// Absolute trajectory error (ATE): distances of positions in metres.
@@ -153,7 +156,11 @@ pub fn evaluate_files(
     let mut options = *options;
     options.rotations &= reference.has_rotations && estimate.has_rotations;
     options.association = association(reference, estimate)?;
-    let mut out = evaluate(&reference.trajectory, &estimate.trajectory, &options)?;
+    let (compared, note) = reference_for(estimate, reference);
+    let mut out = evaluate(&compared, &estimate.trajectory, &options)?;
+    out.notes.extend(note);
+    let frames = estimate.header.as_ref().and_then(|h| h.frames).filter(|frames| *frames > 0);
+    out.coverage = frames.map(|frames| estimate.trajectory.len() as f64 / frames as f64);
     for file in [reference, estimate] {
         if !file.has_rotations {
             out.notes.push(format!("{} has positions only: no angles and no relative error", file.name));
@@ -175,6 +182,31 @@ pub fn evaluate_files(
         });
     }
     Ok(out)
+}
+
+/// The poses of the reference in the frame that the estimate's poses are of, and what there is to say of it. A file that names no frame
+/// has poses of the rig's body.
+pub fn reference_for<'a>(
+    estimate: &TrajectoryFile,
+    reference: &'a TrajectoryFile,
+) -> (Cow<'a, Trajectory>, Option<String>) {
+    let of = |file: &TrajectoryFile| file.header.clone().unwrap_or_default();
+    let (ours, theirs) = (of(estimate), of(reference));
+    let as_it_is = Cow::Borrowed(&reference.trajectory);
+    if ours.body_from_frame == theirs.body_from_frame {
+        return (as_it_is, None);
+    }
+    let names =
+        format!("{} has poses of {}, {} of {}", estimate.name, ours.frame, reference.name, theirs.frame);
+    if !reference.has_rotations || !theirs.metric {
+        let lacks = if theirs.metric { "rotations" } else { "metres" };
+        return (
+            as_it_is,
+            Some(format!("{names}: compared as they are, since the reference has no {lacks}")),
+        );
+    }
+    let moved = ours.poses_from(&theirs, &reference.trajectory);
+    (Cow::Owned(moved), Some(format!("{names}: the reference was moved to {}", ours.frame)))
 }
 
 /// How poses of two files are paired. Times that are only numbers of frames are paired with other times only where these
@@ -250,7 +282,7 @@ pub fn evaluate(
     let distances: Vec<f64> = errors.iter().map(|e| e.error_m).collect();
     let ate_m = Statistics::of(&distances)
         .ok_or_else(|| EvalError::Option("the distances are not finite numbers".into()))?;
-    let coverage = match options.association {
+    let reference_covered = match options.association {
         Association::Time => {
             coverage_of_reference(reference.stamps_ns(), estimate.stamps_ns(), options.max_difference_s)
         }
@@ -273,7 +305,8 @@ pub fn evaluate(
         pairs: matches.len(),
         reference_poses: reference.len(),
         estimate_poses: estimate.len(),
-        coverage,
+        coverage: None,
+        reference_covered,
         path_m: targets.windows(2).map(|w| (w[1] - w[0]).norm()).sum(),
         ate_m,
         ate_deg,

@@ -6,6 +6,7 @@ mod decimal;
 mod error;
 mod evaluate;
 mod figures;
+mod header;
 mod html;
 mod load;
 mod percentiles;
@@ -26,9 +27,11 @@ pub use coverage::{coverage_of_frames, coverage_of_reference};
 pub use decimal::nanoseconds;
 pub use error::{EvalError, FileError};
 pub use evaluate::{
-    Align, Association, EvalOptions, Evaluation, PairError, evaluate, evaluate_files, tracked_fraction,
+    Align, Association, EvalOptions, Evaluation, PairError, evaluate, evaluate_files, reference_for,
+    tracked_fraction,
 };
 pub use figures::{error_over_time, times_histogram, times_over_frames, trajectory_view, widest_axes};
+pub use header::TrajectoryHeader;
 pub use html::{Page, Said};
 pub use load::load_trajectory;
 pub use percentiles::{Percentiles, StageTimes, Stages};
@@ -43,4 +46,4 @@ pub use statistics::Statistics;
 pub use status_summary::{GateSummary, ImuSummary, StatusSummary};
 pub use svg::{Figure, Tone};
 pub use timeline::{Moment, Span, Timeline, TimelineRow};
-pub use write::{seconds_text, to_euroc, to_kitti, to_tum, write_bytes_whole, write_whole};
+pub use write::{seconds_text, to_euroc, to_kitti, to_tum, to_tum_with, write_bytes_whole, write_whole};

@@ -109,6 +109,7 @@ fn load_matrices(folder: &Path) -> Result<TrajectoryFile, FileError> {
         nominal_times: true,
         frame_numbers: true,
         unknown_poses,
+        header: None,
     };
     Ok(numbered)
 }

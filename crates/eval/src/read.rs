@@ -13,6 +13,7 @@
 
 use crate::decimal;
 use crate::error::FileError;
+use crate::header::TrajectoryHeader;
 use cairn_geometry::{Mat3, Se3, So3, Trajectory, Vec3};
 use nalgebra::Matrix3x4;
 use serde::{Deserialize, Serialize};
@@ -56,6 +57,8 @@ pub struct TrajectoryFile {
     pub frame_numbers: bool,
     /// Number of lines left out because of `nan`.
     pub unknown_poses: usize,
+    /// What the file itself says its poses are of.
+    pub header: Option<TrajectoryHeader>,
 }
 
 /// Parses a trajectory; `name` is used in errors. The poses of a KITTI file get `times_ns`, or nominal times at 10 Hz
@@ -70,9 +73,16 @@ pub fn parse_trajectory(
 ) -> Result<TrajectoryFile, FileError> {
     let mut file: Option<TrajectoryFile> = None;
     let (mut columns, mut rows, mut fields) = (0, 0, Vec::new());
+    let mut header = None;
     for (index, line) in text.lines().enumerate() {
         let line = line.trim();
-        if line.is_empty() || line.starts_with('#') {
+        if line.is_empty() {
+            continue;
+        }
+        if line.starts_with('#') {
+            if file.is_none() {
+                TrajectoryHeader::read(&mut header, line);
+            }
             continue;
         }
         let fail = |reason: String| FileError::at(name, index + 1, reason);
@@ -90,6 +100,7 @@ pub fn parse_trajectory(
                 nominal_times: format == Format::Kitti && times_ns.is_none(),
                 frame_numbers: format == Format::Kitti && columns == 13,
                 unknown_poses: 0,
+                header: header.take(),
             });
         }
         let Some(file) = file.as_mut() else { continue };
@@ -216,6 +227,15 @@ fn parse_pose(format: Format, has_rotations: bool, fields: &[&str]) -> Result<Op
         LineError(format!("the quaternion ({x} {y} {z} {w}) has zero norm or is not finite"))
     })?;
     Ok(Some(Se3::new(rotation, Vec3::from(p))))
+}
+
+/// A pose from the numbers `x y z qx qy qz qw`; `None` where they are none.
+pub(crate) fn pose_of_numbers(numbers: &str) -> Option<Se3> {
+    let fields: Vec<&str> = std::iter::once("0").chain(split(numbers)).collect();
+    if fields.len() != 8 {
+        return None;
+    }
+    parse_pose(Format::Tum, true, &fields).ok().flatten()
 }
 
 /// A pose from the 3x4 or 4x4 numbers of its matrix, row by row, as KITTI and 7-Scenes write them. The rotation may be

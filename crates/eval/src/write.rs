@@ -1,6 +1,7 @@
 //! Writers of trajectory files: TUM, KITTI, EuRoC. Poses are `world_from_body`.
 
 use crate::error::FileError;
+use crate::header::TrajectoryHeader;
 use cairn_geometry::{Se3, Trajectory};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -31,6 +32,11 @@ pub fn to_tum(trajectory: &Trajectory) -> String {
         );
     }
     out
+}
+
+/// TUM, with what the poses are of said before them.
+pub fn to_tum_with(header: &TrajectoryHeader, trajectory: &Trajectory) -> String {
+    header.to_text() + &to_tum(trajectory)
 }
 
 /// KITTI: the 3x4 matrix by rows with nine decimals; times are not stored.

@@ -109,6 +109,12 @@ impl Trajectory {
         self.stamps_ns.iter().copied().zip(&self.poses)
     }
 
+    /// The same times with other poses.
+    #[must_use]
+    pub fn map(&self, pose: impl FnMut(&Se3) -> Se3) -> Self {
+        Self { stamps_ns: self.stamps_ns.clone(), poses: self.poses.iter().map(pose).collect() }
+    }
+
     /// Positions in metres, (n).
     pub fn positions(&self) -> Vec<Vec3> {
         self.poses.iter().map(|p| p.translation).collect()

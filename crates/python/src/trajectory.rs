@@ -165,8 +165,8 @@ impl Evaluation {
     fn __repr__(&self) -> String {
         let e = &self.inner;
         format!(
-            "Evaluation(ATE {:.4} m RMSE over {:.2} m, coverage {:.3})",
-            e.ate_m.rmse, e.path_m, e.coverage
+            "Evaluation(ATE {:.4} m RMSE over {:.2} m, {:.3} of the reference covered)",
+            e.ate_m.rmse, e.path_m, e.reference_covered
         )
     }
 
@@ -188,10 +188,16 @@ impl Evaluation {
         self.inner.rpe_m.as_ref().map(|s| s.rmse)
     }
 
-    /// Share of the ground truth's time that has a pose, 0 to 1.
+    /// Share of the frames that have a pose, 0 to 1; None where the number of frames is not known.
     #[getter]
-    fn coverage(&self) -> f64 {
+    fn coverage(&self) -> Option<f64> {
         self.inner.coverage
+    }
+
+    /// Share of the ground truth's poses that have a pose near them, 0 to 1.
+    #[getter]
+    fn reference_covered(&self) -> f64 {
+        self.inner.reference_covered
     }
 
     /// Scale found by the alignment; 1 where lengths are metres.

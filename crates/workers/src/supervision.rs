@@ -3,8 +3,7 @@
 use crate::Role;
 use crate::message::{Anchored, Failure, Finished, LeftOut, Opened, Said, SurfaceInput, Tracked};
 use cairn_atlas::store::MapFile;
-use cairn_engine::PoseTime;
-use cairn_geometry::Se3;
+use cairn_engine::{CameraPoses, PoseTime};
 use cairn_sensor::Stamp;
 use std::process::Command;
 use std::sync::Arc;
@@ -131,8 +130,8 @@ pub struct Supervised {
 }
 
 impl Supervised {
-    /// The poses of the body in all tracked frames: in the latest map, or as they were told.
-    pub fn trajectory(&self, time: PoseTime) -> Vec<(Stamp, Se3)> {
+    /// The poses of the first camera in all tracked frames: in the latest map, or as they were told.
+    pub fn camera_poses(&self, time: PoseTime) -> CameraPoses {
         let (snapshot, camera) = (&self.map.snapshot, &self.map.about.camera);
         let pose_of = |f: &Tracked| {
             let pose = f.pose.as_ref().and_then(Anchored::pose)?;
@@ -144,8 +143,9 @@ impl Supervised {
                     (snapshot.resolve(pose.reference, &pose.reference_from_camera)?, metric)
                 }
             };
-            Some((Stamp(f.stamp), camera.world_from_body(&world_from_camera, metric)))
+            Some((Stamp(f.stamp), world_from_camera, metric))
         };
-        self.frames.iter().filter_map(pose_of).collect()
+        let poses = self.frames.iter().filter_map(pose_of).collect();
+        CameraPoses { body_from_camera: camera.body_from_camera, poses }
     }
 }

@@ -5,7 +5,7 @@ use super::carried::Carried;
 use super::live_scale::LiveScale;
 use crate::{MeasureError, RunOptions, run};
 use cairn_atlas::MapId;
-use cairn_engine::{Engine, Odometry, Runner, StageEvent, State};
+use cairn_engine::{Engine, Odometry, PoseTime, Runner, StageEvent, State};
 use cairn_eval::{Align, Percentiles};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Source, Stamp};
@@ -164,7 +164,7 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
     Ok(Ran {
         truth,
         poses: engine.trajectory(),
-        live: since_metric(engine.live_trajectory(), metric_at),
+        live: since_metric(&engine, metric_at),
         moved,
         sigmas,
         told,
@@ -181,9 +181,10 @@ pub fn run_in(source: &mut dyn Source, options: &RunOptions, runner: Runner) -> 
     })
 }
 
-fn since_metric(mut poses: Vec<(Stamp, Se3)>, metric_at: Option<Stamp>) -> Vec<(Stamp, Se3)> {
-    poses.retain(|(t, _)| metric_at.is_none_or(|at| *t >= at));
-    poses
+fn since_metric(engine: &Engine, metric_at: Option<Stamp>) -> Vec<(Stamp, Se3)> {
+    let mut live = engine.camera_poses(PoseTime::Live);
+    live.poses.retain(|(t, _, _)| metric_at.is_none_or(|at| *t >= at));
+    live.of_mounted(&engine.camera_poses(PoseTime::Corrected).body_from_frame())
 }
 
 /// Number of maps that contain the poses of all frames.

@@ -237,7 +237,7 @@ fn localised(atlas: &MapFile, options: &str) -> Result<(f64, f64), String> {
     slam.finish();
     assert_eq!(slam.map().snapshot().key_frame_count(), atlas.snapshot.key_frame_count());
     let found = slam.accuracy(&source.info().truth).expect("poses");
-    Ok((found.coverage, found.ate_m.rmse))
+    Ok((found.reference_covered, found.ate_m.rmse))
 }
 
 /// A camera that made none of an atlas's key frames finds its way in it; without depth only where gravity is known.
@@ -271,7 +271,7 @@ fn continued(robot: RobotId, before: &MapFile, options: &str) -> (Walk, f64, f64
     let truth = source.info().truth.iter().copied().collect();
     let file = map_file(slam.session(), &BTreeMap::new()).expect("a map with key frames");
     file.snapshot.check().expect("a sound map");
-    (Walk { robot, file, truth }, accuracy.coverage, accuracy.ate_m.rmse)
+    (Walk { robot, file, truth }, accuracy.reference_covered, accuracy.ate_m.rmse)
 }
 
 /// Yesterday's map goes on with another camera: new ground is added to it, in its unit and at its place; and the first camera

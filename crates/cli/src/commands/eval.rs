@@ -2,8 +2,10 @@
 
 use crate::failure::Failure;
 use crate::output::Output;
+use crate::outputs::Outputs;
 use cairn_eval::{
     Align, Delta, EvalError, EvalOptions, Evaluation, Statistics, evaluate_files, load_trajectory,
+    reference_for, to_tum,
 };
 use std::path::PathBuf;
 
@@ -17,9 +19,16 @@ pub struct Arguments {
     reference: PathBuf,
     /// The trajectory to evaluate.
     estimate: PathBuf,
-    /// How the estimate is aligned to the reference: none, se3 or sim3.
-    #[arg(long, default_value = "se3", value_name = "HOW")]
-    align: Align,
+    /// How the estimate is aligned to the reference: none, se3 or sim3; se3 by default, sim3 where the estimate's file
+    /// says that its lengths are not metres.
+    #[arg(long, value_name = "HOW")]
+    align: Option<Align>,
+    /// Writes the reference as it was compared, in the frame of the estimate's poses, in TUM format: for other programs.
+    #[arg(long, value_name = "FILE")]
+    reference_out: Option<PathBuf>,
+    /// Replaces an existing file.
+    #[arg(long)]
+    overwrite: bool,
     /// Largest time difference between two poses that are compared, in seconds.
     #[arg(long, default_value_t = EvalOptions::default().max_difference_s, value_name = "S")]
     max_difference: f64,
@@ -44,15 +53,22 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
             Failure::new(format!("{}{place}", e.file), e.reason, hint)
         })
     };
+    let outputs = Outputs::new(arguments.overwrite)
+        .input("the reference", Some(&arguments.reference))
+        .input("the estimate", Some(&arguments.estimate))
+        .output("--reference-out", arguments.reference_out.as_deref())
+        .checked()?;
     let (reference, estimate) = (load(&arguments.reference)?, load(&arguments.estimate)?);
+    let metric = estimate.header.as_ref().is_none_or(|h| h.metric);
     let options = EvalOptions {
-        align: arguments.align,
+        align: arguments.align.unwrap_or(if metric { Align::Se3 } else { Align::Sim3 }),
         max_difference_s: arguments.max_difference,
         delta: arguments.delta,
         all_pairs: arguments.all_pairs,
         ..EvalOptions::default()
     };
     let evaluation = evaluate_files(&reference, &estimate, &options).map_err(|e| explain(e, arguments))?;
+    outputs.write("--reference-out", || Ok(to_tum(&reference_for(&estimate, &reference).0).into_bytes()))?;
     output.result(&evaluation, text)
 }
 
@@ -93,10 +109,11 @@ fn text(e: &Evaluation) -> String {
         Align::Sim3 => format!("aligned by Sim3, scale {:.6}", e.scale),
     };
     let drift = e.drift().map_or_else(String::new, |d| format!(" ({:.3} % of the path)", 100.0 * d));
+    let of_frames = e.coverage.map_or_else(String::new, |c| format!("; coverage {c:.4} of the frames"));
     let mut lines = vec![
         format!("poses     {} of {} reference poses", e.estimate_poses, e.reference_poses),
         format!("pairs     {}, {align}, over {:.3} m", e.pairs, e.path_m),
-        format!("coverage  {:.4}", e.coverage),
+        format!("covered   {:.4} of the reference{of_frames}", e.reference_covered),
         format!("ATE       {:.6} m RMSE{drift}{}", e.ate_m.rmse, rest(&e.ate_m, "m")),
     ];
     let more = [

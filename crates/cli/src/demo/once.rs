@@ -7,7 +7,7 @@ use super::out::walk_out;
 use crate::failure::Failure;
 use crate::progress::Progress;
 use crate::surface::Surface;
-use cairn_eval::{Align, EvalOptions, Evaluation, Percentiles, Stages, evaluate, process};
+use cairn_eval::{Align, EvalOptions, Evaluation, Percentiles, Stages, evaluate, process, tracked_fraction};
 use cairn_geometry::{Trajectory, Vec2, Vec3};
 use cairn_guide::Route;
 use serde::Serialize;
@@ -174,7 +174,7 @@ pub fn once(config: &DemoConfig) -> Result<Demo, Failure> {
         farthest_off_m,
         ate_m: evaluation.ate_m.rmse,
         metric: align == Align::Se3,
-        coverage: evaluation.coverage,
+        coverage: tracked_fraction(camera.truth.stamps_ns(), &estimate),
         frames: camera.truth.len(),
         lost: camera.lost.clone(),
         keyframes: map.key_frame_count(),

@@ -123,9 +123,9 @@ impl Run {
         let told: Vec<bool> = posed.map(|f| f.metric).collect();
         assert!(told.len() as f64 > 0.8 * RATE_HZ * WALK_S, "{name}: {} poses", told.len());
         for (mounted, body_from_mounted) in self.mounted() {
-            let corrected = self.engine.mounted_trajectory(&body_from_mounted, PoseTime::Corrected);
+            let corrected = self.engine.camera_poses(PoseTime::Corrected).of_mounted(&body_from_mounted);
             self.check_poses(&format!("{name} {mounted} corrected"), &corrected, &body_from_mounted, metric);
-            let live = self.engine.mounted_trajectory(&body_from_mounted, PoseTime::Live);
+            let live = self.engine.camera_poses(PoseTime::Live).of_mounted(&body_from_mounted);
             for metric in [false, true] {
                 let poses =
                     live.iter().zip(&told).filter(|(_, told)| **told == metric).map(|(pose, _)| *pose);

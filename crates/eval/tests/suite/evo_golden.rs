@@ -86,13 +86,13 @@ fn reference_with_gap_or_positions_only() {
     let (mut reference, estimate) =
         (load_trajectory(&reference).unwrap(), load_trajectory(&estimate).unwrap());
     let whole = evaluate_files(&reference, &estimate, &EvalOptions::default()).unwrap();
-    assert!(whole.coverage > 0.95 && whole.notes.is_empty(), "coverage {}", whole.coverage);
+    assert!(whole.reference_covered > 0.95 && whole.notes.is_empty(), "coverage {}", whole.reference_covered);
 
     let n = reference.trajectory.len();
     let rest: Vec<usize> = (0..n / 4).chain(n / 2..n).collect();
     reference.trajectory = reference.trajectory.select(&rest).unwrap();
     let gap = evaluate_files(&reference, &estimate, &EvalOptions::default()).unwrap();
-    assert!(gap.pairs < whole.pairs * 9 / 10 && gap.coverage > 0.95, "{} pairs", gap.pairs);
+    assert!(gap.pairs < whole.pairs * 9 / 10 && gap.reference_covered > 0.95, "{} pairs", gap.pairs);
 
     reference.has_rotations = false;
     let positions = evaluate_files(&reference, &estimate, &EvalOptions::default()).unwrap();

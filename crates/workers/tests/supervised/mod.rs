@@ -191,8 +191,12 @@ fn result_equals_that_of_one_process() {
     let isolated = run(|_, _| ()).unwrap();
     no_frame_is_lost(&isolated);
     assert!(isolated.deaths.is_empty());
-    assert_eq!(isolated.trajectory(PoseTime::Live), live, "the poses as they were told");
-    assert_eq!(isolated.trajectory(PoseTime::Corrected), engine.trajectory(), "the poses in the end");
+    assert_eq!(isolated.camera_poses(PoseTime::Live).trajectory(), live, "the poses as they were told");
+    assert_eq!(
+        isolated.camera_poses(PoseTime::Corrected).trajectory(),
+        engine.trajectory(),
+        "the poses in the end"
+    );
     assert_eq!(isolated.map.snapshot.landmark_count(), engine.snapshot().landmark_count());
 }
 
@@ -276,7 +280,10 @@ fn surface_is_the_same_whatever_becomes_of_dense() {
     assert!(killed.deaths.len() == 3 && killed.deaths.iter().all(|d| d.role == Role::Dense));
     assert!(same == surface, "killed three times: another surface");
     assert_eq!(images(&killed), images(&whole));
-    assert_eq!(killed.trajectory(PoseTime::Corrected), whole.trajectory(PoseTime::Corrected));
+    assert_eq!(
+        killed.camera_poses(PoseTime::Corrected).trajectory(),
+        whole.camera_poses(PoseTime::Corrected).trajectory()
+    );
     let (hung, same) = with_surface("WITH_DEPTH", |told, ids| match told {
         RunEvent::Tracked(frame) if frame.number == 60 => signal(ids[&Role::Dense], Signal::STOP),
         _ => {}
@@ -298,7 +305,10 @@ fn surface_is_the_same_whatever_becomes_of_dense() {
     let why = without.surfaces.as_ref().unwrap_err().to_string();
     assert!(why.contains("died 7 times in a row: it ended with code 3"), "{why}");
     assert!(none.is_none());
-    assert_eq!(without.trajectory(PoseTime::Corrected), whole.trajectory(PoseTime::Corrected));
+    assert_eq!(
+        without.camera_poses(PoseTime::Corrected).trajectory(),
+        whole.camera_poses(PoseTime::Corrected).trajectory()
+    );
 }
 
 /// Without a place for the depth of key frames there is no surface; the map and all poses are there.

@@ -31,7 +31,7 @@ use crate::outputs::Outputs;
 use crate::terminal::Terminal;
 pub use arguments::{Arguments, FrontEnd, Kind};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Journal, Runner, SensorMode, Sensors, Status};
+use cairn_engine::{Config, Journal, PoseTime, Runner, SensorMode, Sensors, Status};
 use cairn_files::MIB;
 use cairn_guide::{AnnouncerConfig, RouteConfig};
 use cairn_rerun::viewer;
@@ -214,8 +214,9 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     let mut report = tally.report(engine, &FileConfig { engine: config, route: settings }, &skips);
     (report.source, report.sensor) = (name, sensor.name().to_owned());
     // No figure without ground truth, or where it has no time in common with the run.
-    report.accuracy = cairn::accuracy(engine, &truth).ok();
-    report.live = tally::live(&truth, engine);
+    let of = results::body_from_cam0(a.frame, &rig);
+    report.accuracy = tally::accuracy(&truth, &engine.camera_poses(PoseTime::Corrected), of);
+    report.live = tally::live(&truth, &engine.camera_poses(PoseTime::Live), of);
     report.scale = tally::scale(&truth, engine);
     let problems = problems::of(&report);
     let searches = dense.as_ref().map(|d| d.search_counts()).filter(|counts| counts.attempts > 0);
@@ -226,7 +227,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
     if report.tracked > 0 {
         let surface = surface::write(dense.as_mut(), &outputs, a, engine);
         failures.extend(surface.err());
-        failures.extend(results::write_trajectories(&outputs, a.frame, &rig, engine));
+        failures.extend(results::write_trajectories(&outputs, of, engine));
     } else if interrupted {
         warn("interrupted before the first pose: there is no trajectory to write");
     } else if failures.is_empty() {

@@ -7,11 +7,11 @@ use super::say::Say;
 use super::tally::Tally;
 use crate::failure::Failure;
 use crate::outputs::Outputs;
-use cairn_engine::{Engine, PoseTime};
-use cairn_eval::to_tum;
+use cairn_engine::{CameraPoses, Engine, PoseTime};
+use cairn_eval::{TrajectoryHeader, to_tum_with};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_rerun::viewer;
-use cairn_sensor::{Rig, Stamp};
+use cairn_sensor::Rig;
 use std::fs::File;
 use std::path::Path;
 
@@ -77,27 +77,38 @@ pub fn write_reports(outputs: &Outputs, engine: &Engine, ended: &Outcome, tally:
         .collect()
 }
 
-/// Writes the trajectories.
-pub fn write_trajectories(
-    outputs: &Outputs,
-    whose: TrajectoryFrame,
-    rig: &Rig,
-    engine: &Engine,
-) -> Vec<Failure> {
-    let body_from = match whose {
-        TrajectoryFrame::Body => Se3::identity(),
-        TrajectoryFrame::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
-    };
-    write_poses(outputs, &|time| engine.mounted_trajectory(&body_from, time))
+/// Where the first camera is on the body, if trajectories are asked for of it.
+pub fn body_from_cam0(whose: TrajectoryFrame, rig: &Rig) -> Option<Se3> {
+    let camera = rig.cameras.first().map(|c| c.body_from_camera);
+    camera.filter(|_| matches!(whose, TrajectoryFrame::Cam0))
 }
 
-/// Writes trajectories of these poses: each frame once and in order.
-pub fn write_poses(outputs: &Outputs, poses: &dyn Fn(PoseTime) -> Vec<(Stamp, Se3)>) -> Vec<Failure> {
+/// Writes the trajectories.
+pub fn write_trajectories(outputs: &Outputs, body_from_cam0: Option<Se3>, engine: &Engine) -> Vec<Failure> {
+    write_poses(outputs, body_from_cam0, engine.log().frames().len(), &|time| engine.camera_poses(time))
+}
+
+/// Writes trajectories of these poses: each frame once and in order, of the body or of the first camera (`body_from_cam0`).
+pub fn write_poses(
+    outputs: &Outputs,
+    body_from_cam0: Option<Se3>,
+    frames: usize,
+    poses: &dyn Fn(PoseTime) -> CameraPoses,
+) -> Vec<Failure> {
     let poses = |time: PoseTime| {
-        let poses = poses(time).into_iter();
-        let poses = Trajectory::from_unsorted(poses.map(|(t, pose)| (t.0, pose)).collect())
+        let poses = poses(time);
+        let body_from_frame = body_from_cam0.unwrap_or(poses.body_from_frame());
+        let is_body = body_from_cam0.is_none() && poses.is_metric();
+        let header = TrajectoryHeader {
+            frame: if is_body { "body" } else { "cam0" }.into(),
+            body_from_frame,
+            metric: poses.is_metric(),
+            frames: Some(frames),
+        };
+        let list = poses.of_mounted(&body_from_frame).into_iter();
+        let trajectory = Trajectory::from_unsorted(list.map(|(t, pose)| (t.0, pose)).collect())
             .map_err(|e| Failure::new("trajectory", e.to_string(), "report this with the recording"))?;
-        Ok(to_tum(&poses).into_bytes())
+        Ok(to_tum_with(&header, &trajectory).into_bytes())
     };
     [
         outputs.write("--trajectory", || poses(PoseTime::Corrected)),

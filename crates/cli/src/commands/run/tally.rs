@@ -4,10 +4,10 @@ use super::history::History;
 use super::outcome::Outcome;
 use super::status::{self, StatusTally};
 use crate::style::{self, Paint};
-use cairn_engine::{Engine, Finished, Joined, Output, ScaleStretch, State, Timings, Verdict};
+use cairn_engine::{CameraPoses, Engine, Finished, Joined, Output, ScaleStretch, State, Timings, Verdict};
 use cairn_eval::{
-    Align, EvalOptions, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport, SkipReport,
-    StageTimes, evaluate,
+    Align, EvalOptions, Evaluation, LiveReport, Lost, PairError, Percentiles, RunReport, ScaleReport,
+    SkipReport, StageTimes, evaluate,
 };
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{FramePacket, SkipCount, SkipKind, Skipped, Skips, Stamp};
@@ -171,11 +171,22 @@ fn trajectory(poses: &[(Stamp, Se3)]) -> Option<Trajectory> {
 /// A jump of the live trajectory worth counting, metres.
 const JUMP_M: f64 = 0.1;
 
+/// Poses against the ground truth, as they are written: those of the body, or of the first camera where it is asked for
+/// (`body_from_cam0`) or lengths are not metres.
+pub fn accuracy(
+    truth: &[(Stamp, Se3)],
+    poses: &CameraPoses,
+    body_from_cam0: Option<Se3>,
+) -> Option<Evaluation> {
+    let body_from_frame = body_from_cam0.unwrap_or(poses.body_from_frame());
+    let truth: Vec<(Stamp, Se3)> = truth.iter().map(|(t, body)| (*t, *body * body_from_frame)).collect();
+    let (reference, estimate) = (trajectory(&truth)?, trajectory(&poses.of_mounted(&body_from_frame))?);
+    evaluate(&reference, &estimate, &options(poses.is_metric())).ok()
+}
+
 /// The trajectory as it was estimated at the time, against the ground truth.
-pub fn live(truth: &[(Stamp, Se3)], engine: &Engine) -> Option<LiveReport> {
-    let (reference, estimate) =
-        (trajectory(&engine.comparable(truth))?, trajectory(&engine.live_trajectory())?);
-    let e = evaluate(&reference, &estimate, &options(engine.is_metric())).ok()?;
+pub fn live(truth: &[(Stamp, Se3)], poses: &CameraPoses, body_from_cam0: Option<Se3>) -> Option<LiveReport> {
+    let e = accuracy(truth, poses, body_from_cam0)?;
     let error = |p: &PairError| p.estimate - p.reference;
     let changes: Vec<f64> = e.errors.windows(2).map(|w| (error(&w[1]) - error(&w[0])).norm()).collect();
     let steps = Percentiles::of(&changes)?;

@@ -24,7 +24,7 @@ fn eval_prints_figures_in_text_and_json() {
     let result = json(&cairn(&["eval", truth, guess, "--json"]));
     let rmse = result["ate_m"]["rmse"].as_f64().unwrap();
     assert!(rmse > 0.001 && rmse < 0.1 / 20f64.sqrt(), "{result}");
-    assert_eq!((&result["pairs"], &result["coverage"]), (&20.into(), &1.0.into()));
+    assert_eq!((&result["pairs"], &result["reference_covered"]), (&20.into(), &1.0.into()));
     let raw = json(&cairn(&["eval", truth, guess, "--align", "none", "--json"]));
     assert!((raw["ate_m"]["mean"].as_f64().unwrap() - 7.0).abs() < 0.01, "{raw}");
     let text = stdout(&cairn(&["eval", truth, guess, "--delta", "2s"]));
@@ -53,5 +53,73 @@ fn eval_reports_errors_in_files() {
     let output = cairn(&["eval", &good, &later, "--json"]);
     assert_eq!(output.status.code(), Some(1));
     assert!(json(&output)["error"]["hint"].is_string());
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn what_a_run_prints_is_the_error_of_its_own_files() {
+    let data = std::env::var_os("CAIRN_DATA").map_or_else(
+        || std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
+        std::path::PathBuf::from,
+    );
+    let (euroc, kitti, kitchen) =
+        (data.join("euroc-mh01"), data.join("kitti-a"), data.join("7scenes-kitchen"));
+    if !euroc.is_dir() {
+        assert!(std::env::var("CI").is_err(), "recordings are missing");
+        println!("skipped: no folder {}", euroc.display());
+        return;
+    }
+    let folder = folder("eval-run");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let error_of = |evaluated: &serde_json::Value| evaluated["ate_m"]["rmse"].as_f64().unwrap();
+    for (recording, sensor, frame, metric) in [
+        (&euroc, "mono", "body", false),
+        (&euroc, "mono-imu", "body", true),
+        (&euroc, "mono-imu", "cam0", true),
+        (&euroc, "stereo", "body", true),
+        (&euroc, "stereo", "cam0", true),
+        (&kitti, "mono", "body", false),
+        (&kitchen, "rgbd", "body", true),
+    ] {
+        let what = format!("{} {sensor} {frame}", recording.display());
+        let recording = recording.to_str().unwrap();
+        let (last, live, moved) = (path("last.tum"), path("live.tum"), path("moved.tum"));
+        let report = json(&cairn(&[
+            "run",
+            recording,
+            "--sensor",
+            sensor,
+            "--frame",
+            frame,
+            "--frames",
+            "150",
+            "--trajectory",
+            &last,
+            "--live-trajectory",
+            &live,
+            "--overwrite",
+            "--json",
+        ]));
+        let printed = error_of(&report["accuracy"]);
+        let evaluated =
+            json(&cairn(&["eval", recording, &last, "--reference-out", &moved, "--overwrite", "--json"]));
+        assert!((error_of(&evaluated) - printed).abs() < 1e-6, "{what}: {printed} against {evaluated}");
+        assert_eq!(evaluated["align"], if metric { "se3" } else { "sim3" }, "{what}");
+        assert_eq!(evaluated["coverage"], report["coverage"], "{what}");
+        let told = report["live"]["ate_m"].as_f64().unwrap();
+        let evaluated = json(&cairn(&["eval", recording, &live, "--json"]));
+        assert!((error_of(&evaluated) - told).abs() < 1e-6, "{what}: live {told} against {evaluated}");
+        // Programs that know nothing of the header are given the reference as it was compared.
+        let plain = path("plain.tum");
+        let text = std::fs::read_to_string(&last).unwrap();
+        let at_camera = !metric || frame == "cam0";
+        let name = if at_camera { "cam0" } else { "body" };
+        assert!(text.starts_with(&format!("# frame: {name}\n")), "{what}: {}", &text[..200]);
+        let poses: Vec<&str> = text.lines().filter(|l| !l.starts_with('#')).collect();
+        std::fs::write(&plain, poses.join("\n")).unwrap();
+        let align = if metric { "se3" } else { "sim3" };
+        let evaluated = json(&cairn(&["eval", &moved, &plain, "--align", align, "--json"]));
+        assert!((error_of(&evaluated) - printed).abs() < 1e-6, "{what}: {printed} against {evaluated}");
+    }
     std::fs::remove_dir_all(&folder).unwrap();
 }

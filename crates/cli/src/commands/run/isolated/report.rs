@@ -8,8 +8,8 @@ use crate::interrupt;
 use crate::output::Output;
 use crate::outputs::Outputs;
 use cairn_engine::PoseTime;
-use cairn_eval::{Align, EvalOptions, Lost, Percentiles, RunReport, evaluate};
-use cairn_geometry::{Se3, Trajectory};
+use cairn_eval::{Lost, Percentiles, RunReport};
+use cairn_geometry::Se3;
 use cairn_sensor::{SkipKind, Stamp};
 use cairn_session::FileConfig;
 use cairn_workers::Supervised;
@@ -47,6 +47,7 @@ pub(super) fn report(
     run: &Supervised,
     monitor: &Monitor,
     config: &FileConfig,
+    compared: &Compared,
     began: Instant,
 ) -> RunReport {
     let snapshot = &run.map.snapshot;
@@ -69,7 +70,7 @@ pub(super) fn report(
         ms: Percentiles::of(&ms),
         first_pose_s: monitor.first_pose_s,
         config: tally::as_printed(config),
-        accuracy: accuracy(a, run, config),
+        accuracy: tally::accuracy(&compared.truth, &run.camera_poses(PoseTime::Corrected), compared.cam0),
         ..RunReport::default()
     };
     let tracked = run.frames.iter().filter(|f| f.pose.is_some()).count();
@@ -85,18 +86,23 @@ fn lost(frames: &[Tracked]) -> Vec<Lost> {
     gaps.map(|w| Lost { t: Stamp(w[1].stamp).seconds(), reason: format!("{:?}", w[1].outcome) }).collect()
 }
 
-/// Against the ground truth of the source, where it has any.
-fn accuracy(a: &Arguments, run: &Supervised, config: &FileConfig) -> Option<cairn_eval::Evaluation> {
-    let (source, _) = open_source(a, &mut config.engine.clone(), None).ok()?;
-    let metric = run.map.snapshot.is_metric(&run.map.about.camera);
-    let arm = if metric { Se3::identity() } else { run.map.about.camera.body_from_camera };
-    let arm = arm.translation;
-    let truth = source.info().truth.iter().map(|(t, body)| (t.0, Se3::new(body.rotation, *body * arm)));
-    let estimate = run.trajectory(PoseTime::Corrected).into_iter().map(|(t, pose)| (t.0, pose));
-    let truth = Trajectory::from_unsorted(truth.collect()).ok()?;
-    let estimate = Trajectory::from_unsorted(estimate.collect()).ok()?;
-    let align = if metric { Align::Se3 } else { Align::Sim3 };
-    evaluate(&truth, &estimate, &EvalOptions { align, ..EvalOptions::default() }).ok()
+/// What trajectories are compared with, and what they are of.
+#[derive(Default)]
+pub(super) struct Compared {
+    truth: Vec<(Stamp, Se3)>,
+    /// Where the first camera is on the body, if trajectories are asked for of it.
+    cam0: Option<Se3>,
+}
+
+impl Compared {
+    /// As the source says it, opened once more.
+    pub(super) fn of(a: &Arguments, config: &FileConfig) -> Self {
+        let opened = open_source(a, &mut config.engine.clone(), None).ok();
+        opened.map_or_else(Self::default, |(source, _)| Self {
+            truth: source.info().truth.clone(),
+            cam0: results::body_from_cam0(a.frame, source.rig()),
+        })
+    }
 }
 
 /// Writes the results, all that can be written.
@@ -106,6 +112,7 @@ pub(super) fn written(
     output: &Output,
     run: &Supervised,
     report: &RunReport,
+    compared: &Compared,
     surface: &dyn Fn() -> Result<Vec<u8>, Failure>,
 ) -> Result<(), Failure> {
     let (interrupted, problems) = (interrupt::requested(), problems::of(report));
@@ -132,7 +139,9 @@ pub(super) fn written(
         failures.extend(outputs.write("--map-out", map).err());
     }
     if report.tracked > 0 {
-        failures.extend(results::write_poses(outputs, &|time| run.trajectory(time)));
+        failures.extend(results::write_poses(outputs, compared.cam0, run.frames.len(), &|time| {
+            run.camera_poses(time)
+        }));
     } else if failures.is_empty() {
         let why = run.frames.last().map_or_else(|| "it has no frames".into(), |f| format!("{:?}", f.outcome));
         failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), super::super::NO_POSE));

@@ -4,7 +4,7 @@ use super::super::say::Say;
 use super::super::{Arguments, map};
 use super::monitor::Monitor;
 use super::options::{config_of, makes_surfaces};
-use super::report::{report, written};
+use super::report::{Compared, report, written};
 use crate::commands::map::failed;
 use crate::failure::Failure;
 use crate::interrupt;
@@ -88,13 +88,14 @@ pub fn supervise(
     let heard = monitor.voice.end().map_err(super::super::say::fail);
     run.map.attached.extend(attached);
     drop(std::mem::replace(&mut monitor.progress, Progress::hidden()));
-    let report = report(a, &run, &monitor, &config, began);
+    let compared = Compared::of(a, &config);
+    let report = report(a, &run, &monitor, &config, &compared, began);
     let surface = || {
         let path = folder.path().join(dense::SURFACE);
         std::fs::read(&path)
             .map_err(|e| Failure::new("the surface", e.to_string(), "free some shared memory"))
     };
-    let written = written(a, outputs, output, &run, &report, &surface);
+    let written = written(a, outputs, output, &run, &report, &compared, &surface);
     heard.and(written)
 }
 
