@@ -6,9 +6,7 @@
 use crate::{MeasureError, Sensors, run};
 use cairn_engine::{Config, Output, PoseTime, Runner};
 use cairn_eval::Align;
-use cairn_geometry::Se3;
 use cairn_random::Random;
-use cairn_sensor::Stamp;
 use cairn_sim::{FaultyImu, ImuFault, ImuFaultKind};
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
