@@ -1,13 +1,15 @@
 //! `--journal` and `--replay`: writing and replaying the journal of a real-time run.
 
-use super::Arguments;
+use super::arguments::Arguments;
+use super::sink::{Ended, Sink};
 use crate::failure::Failure;
 use crate::output::{note, warn};
 use crate::outputs::Outputs;
-use cairn_engine::{Engine, Journal, Stopped};
+use cairn_engine::{Engine, Journal, Replayed, Stopped};
 use cairn_files::MIB;
 use std::fs::File;
 use std::io::BufWriter;
+use std::path::PathBuf;
 
 /// Reads the journal given by --replay.
 ///
@@ -47,16 +49,36 @@ pub fn engine(
     })
 }
 
-/// Checks that the journal was written completely, or that the replay matched.
-///
-/// # Errors
-/// When writing the journal failed, or the replay differs from it.
-pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
-    if let (Some(path), Some(why)) = (&a.journal, engine.journal_failed()) {
-        return Err(Failure::new(path.display().to_string(), why, "free some space on the disk"));
+/// Says how the journal, or its replay, ended.
+pub struct Checked {
+    journal: Option<PathBuf>,
+    replay: Option<PathBuf>,
+}
+
+impl Checked {
+    /// Of these arguments.
+    pub fn new(a: &Arguments) -> Self {
+        Self { journal: a.journal.clone(), replay: a.replay.clone() }
     }
-    let (Some(path), Some(replay)) = (&a.replay, engine.replayed()) else { return Ok(()) };
-    let shown = path.display().to_string();
+}
+
+impl Sink for Checked {
+    /// Fails when writing the journal failed, or the replay differs from it.
+    fn end(self: Box<Self>, ended: &mut Ended) -> Result<(), Failure> {
+        let Some(here) = ended.run.here() else { return Ok(()) };
+        let engine = here.session.engine();
+        if let (Some(path), Some(why)) = (&self.journal, engine.journal_failed()) {
+            return Err(Failure::new(path.display().to_string(), why, "free some space on the disk"));
+        }
+        match (&self.replay, engine.replayed()) {
+            (Some(path), Some(replay)) => tell(&path.display().to_string(), replay),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Says what a replay showed.
+fn tell(journal: &str, replay: &Replayed) -> Result<(), Failure> {
     match &replay.stopped {
         None => note(&format!(
             "replay: {} of {} frames equal bit for bit{}",
@@ -65,7 +87,7 @@ pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
             if replay.map_equal { ", and the map" } else { "" }
         )),
         Some(Stopped::Cut(why)) => warn(&format!(
-            "{shown}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
+            "{journal}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
             replay.equal, replay.of
         )),
         Some(Stopped::Differs { stamp, what }) => {
@@ -73,7 +95,7 @@ pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
             let why = format!("{at}: {what}; the {} frames before are equal", replay.equal);
             let hint =
                 "the same program, source and options on the same kind of processor give the same bits";
-            return Err(Failure::new(shown, why, hint));
+            return Err(Failure::new(journal, why, hint));
         }
     }
     Ok(())

@@ -1,0 +1,141 @@
+//! A run in several processes, when its last frame is done.
+
+use super::super::arguments::Arguments;
+use super::super::outcome::{DeathReport, Outcome, Processes, RelocalisedReport};
+use super::super::sink::Run;
+use super::super::source::open_source;
+use super::super::tally::{self, Tally};
+use crate::failure::Failure;
+use cairn_atlas::store::MapFile;
+use cairn_engine::PoseTime;
+use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, evaluate};
+use cairn_geometry::{Se3, Trajectory};
+use cairn_sensor::{SkipKind, Stamp};
+use cairn_session::FileConfig;
+use cairn_workers::message::Tracked;
+use cairn_workers::{RunFolder, Supervised, dense};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What its processes have left, with what its report says of it.
+pub(super) struct Several<'a> {
+    pub(super) a: &'a Arguments,
+    pub(super) run: Supervised,
+    pub(super) folder: RunFolder,
+    pub(super) tally: Tally,
+    pub(super) config: FileConfig,
+}
+
+impl Several<'_> {
+    fn report(&self) -> RunReport {
+        let run = &self.run;
+        let snapshot = &run.map.snapshot;
+        let ms: Vec<f64> = run.frames.iter().map(|f| f.ms).collect();
+        let (skips, dropped) = (run.left_out.skips(), run.left_out.dropped);
+        let skipped = skips.count(SkipKind::Frame);
+        let mut report = RunReport {
+            version: env!("CARGO_PKG_VERSION").into(),
+            source: run.opened.name.clone(),
+            sensor: run.opened.sensor.clone(),
+            skipped,
+            skips: skips.iter().map(tally::skip_report).collect(),
+            dropped,
+            lost: lost(&run.frames),
+            maps: snapshot.maps().count(),
+            loops: run.finished.loops,
+            merges: run.finished.merges,
+            keyframes: snapshot.key_frame_count(),
+            landmarks: snapshot.landmark_count(),
+            ms: Percentiles::of(&ms),
+            first_pose_s: self.tally.first_pose_s,
+            config: tally::as_printed(&self.config),
+            accuracy: self.accuracy(),
+            // Memory and CPU time of the supervisor would say nothing of the run.
+            wall_s: self.tally.wall_s(),
+            ..RunReport::default()
+        };
+        let tracked = run.frames.iter().filter(|f| f.pose.is_some()).count();
+        report.set_frames(run.frames.len() + dropped + skipped, tracked);
+        report
+    }
+
+    /// Against the ground truth of the source, where it has any.
+    fn accuracy(&self) -> Option<Evaluation> {
+        let (source, _) = open_source(self.a, &mut self.config.engine.clone(), None).ok()?;
+        let map = &self.run.map;
+        let metric = map.snapshot.is_metric(&map.about.camera);
+        let arm = if metric { Se3::identity() } else { map.about.camera.body_from_camera }.translation;
+        let truth = source.info().truth.iter().map(|(t, body)| (t.0, Se3::new(body.rotation, *body * arm)));
+        let estimate = self.run.trajectory(PoseTime::Corrected).into_iter().map(|(t, pose)| (t.0, pose));
+        let truth = Trajectory::from_unsorted(truth.collect()).ok()?;
+        let estimate = Trajectory::from_unsorted(estimate.collect()).ok()?;
+        let align = if metric { Align::Se3 } else { Align::Sim3 };
+        evaluate(&truth, &estimate, &EvalOptions { align, ..EvalOptions::default() }).ok()
+    }
+
+    /// Whether there are surfaces, or none were asked for.
+    pub(super) fn surfaces(&self) -> Result<(), Failure> {
+        self.run.surfaces.clone().map_err(|e| Failure::new(e.what, e.why, e.cure))
+    }
+
+    fn processes(&self) -> Processes {
+        let deaths = self.run.deaths.iter().map(|d| DeathReport {
+            process: d.role.name(),
+            why: d.how.clone(),
+            at_frame: d.at_frame,
+            t_s: d.t_s,
+        });
+        let relocalised = self.run.relocalised.iter();
+        let relocalised =
+            relocalised.map(|(frames, after_s)| RelocalisedReport { frames: *frames, after_s: *after_s });
+        Processes { deaths: deaths.collect(), relocalised: relocalised.collect() }
+    }
+}
+
+/// Where tracking was lost.
+fn lost(frames: &[Tracked]) -> Vec<Lost> {
+    let gaps = frames.windows(2).filter(|w| w[0].pose.is_some() && w[1].pose.is_none());
+    gaps.map(|w| Lost { t: Stamp(w[1].stamp).seconds(), reason: format!("{:?}", w[1].outcome) }).collect()
+}
+
+impl Run for Several<'_> {
+    fn poses(&self, time: PoseTime) -> Vec<(Stamp, Se3)> {
+        self.run.trajectory(time)
+    }
+
+    fn map(&mut self, attached: &BTreeMap<String, Vec<u8>>) -> Option<MapFile> {
+        let MapFile { snapshot, about, attached: own } = &self.run.map;
+        let mut all = own.clone();
+        all.extend(attached.iter().map(|(name, bytes)| (name.clone(), bytes.clone())));
+        (snapshot.key_frame_count() > 0).then(|| MapFile {
+            snapshot: snapshot.clone(),
+            about: about.clone(),
+            attached: all,
+        })
+    }
+
+    fn surface(&mut self, _: &Path) -> Result<Vec<u8>, Failure> {
+        self.surfaces()?;
+        let path = self.folder.path().join(dense::SURFACE);
+        std::fs::read(&path)
+            .map_err(|e| Failure::new("the surface", e.to_string(), "free some shared memory"))
+    }
+
+    fn close_recording(&mut self) -> Result<(), Failure> {
+        let fail = |why: String, hint: &str| Err(Failure::new("recording", why, hint));
+        match &self.run.recorded {
+            Some(Err(why)) => fail(why.to_string(), "free some space on the disk"),
+            None if self.a.record.is_some() => {
+                fail("the process that records died too often".into(), "run without --isolated")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn outcome(&mut self) -> Outcome {
+        let (report, processes) = (self.report(), Some(self.processes()));
+        let last = self.run.frames.last();
+        let last_state = last.filter(|f| f.pose.is_none()).map(|f| format!("{:?}", f.outcome));
+        Outcome { processes, last_state, ..self.tally.outcome(report) }
+    }
+}
