@@ -1,11 +1,9 @@
 //! A run in this process.
 
-use super::arguments::Arguments;
+use super::arguments::{Arguments, TrajectoryFrame};
 use super::events::Events;
 use super::outcome::Outcome;
 use super::played::{self, Played};
-use super::results::Recording;
-use super::say::Say;
 use super::sink::{Here, Run};
 use super::sinks::{Follow, Sinks};
 use super::status::StatusLines;
@@ -44,15 +42,7 @@ pub fn run(a: &Arguments, outputs: &Outputs, output: &Output, began: Instant) ->
     let mut config = source::config_of(a)?;
     let mut script = walker::script(a)?;
     let live = is_live(&a.source);
-    let say = a.say.clone().unwrap_or(match live || a.guide.is_some() || a.script.is_some() || a.lines {
-        true => Say::Text,
-        false => Say::None,
-    });
-    say.check(walker::speech_of(a))?;
-    if live && (a.journal.is_some() || a.replay.is_some()) {
-        let hint = "record it first and run the recording";
-        return Err(Failure::new(&a.source, "a live source cannot be replayed", hint));
-    }
+    let say = walker::say_of(a, live || a.guide.is_some() || a.script.is_some() || a.lines)?;
     let replayed = journal::opened(a)?;
     let stamps = replayed.as_ref().map(Journal::stamps);
     let mut map = map::opened(a)?;
@@ -77,12 +67,14 @@ pub fn run(a: &Arguments, outputs: &Outputs, output: &Output, began: Instant) ->
     status.iter_mut().for_each(|lines| lines.update_from(&session));
     sinks.add(status);
     walker::begin(&mut session, a, outputs, map.as_ref())?;
-    sinks.add(Some(journal::Checked::new(a)));
-    sinks.add(Some(Recording));
+    sinks.at_end(move |ended| journal::end(a, ended));
+    sinks.at_end(|ended| ended.run.close_recording());
     let sharing = team::begin(a, outputs)?;
     let attached = map.map_or_else(BTreeMap::new, |file| file.attached);
     sinks.add(map::Saver::begin(a, outputs.file("--map-out"), attached, sinks.progress.clone()));
-    sinks.add(sharing);
+    if let Some(sharing) = sharing {
+        sinks.at_end(move |_| sharing.end());
+    }
     results::add(&mut sinks, a, outputs);
 
     if interrupt::requested() {
@@ -108,10 +100,8 @@ pub fn run(a: &Arguments, outputs: &Outputs, output: &Output, began: Instant) ->
 /// What poses of --frame are to the body.
 fn mounted(a: &Arguments, rig: &Rig) -> Se3 {
     match a.frame {
-        super::arguments::TrajectoryFrame::Body => Se3::identity(),
-        super::arguments::TrajectoryFrame::Cam0 => {
-            rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera)
-        }
+        TrajectoryFrame::Body => Se3::identity(),
+        TrajectoryFrame::Cam0 => rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera),
     }
 }
 

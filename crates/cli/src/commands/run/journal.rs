@@ -1,21 +1,25 @@
 //! `--journal` and `--replay`: writing and replaying the journal of a real-time run.
 
 use super::arguments::Arguments;
-use super::sink::{Ended, Sink};
+use super::sink::Ended;
 use crate::failure::Failure;
 use crate::output::{note, warn};
 use crate::outputs::Outputs;
 use cairn_engine::{Engine, Journal, Replayed, Stopped};
 use cairn_files::MIB;
+use cairn_sources::is_live;
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::PathBuf;
 
 /// Reads the journal given by --replay.
 ///
 /// # Errors
-/// When the file cannot be read or is not a journal.
+/// When the file cannot be read or is not a journal, or the source is live.
 pub fn opened(a: &Arguments) -> Result<Option<Journal>, Failure> {
+    if is_live(&a.source) && (a.journal.is_some() || a.replay.is_some()) {
+        let hint = "record it first and run the recording";
+        return Err(Failure::new(&a.source, "a live source cannot be replayed", hint));
+    }
     let Some(path) = &a.replay else { return Ok(None) };
     let fail = |why: String| {
         let hint = "give a file that cairn run --realtime --journal has written";
@@ -49,31 +53,19 @@ pub fn engine(
     })
 }
 
-/// Says how the journal, or its replay, ended.
-pub struct Checked {
-    journal: Option<PathBuf>,
-    replay: Option<PathBuf>,
-}
-
-impl Checked {
-    /// Of these arguments.
-    pub fn new(a: &Arguments) -> Self {
-        Self { journal: a.journal.clone(), replay: a.replay.clone() }
+/// Checks that the journal was written completely, or that the replay matched.
+///
+/// # Errors
+/// When writing the journal failed, or the replay differs from it.
+pub fn end(a: &Arguments, ended: &mut Ended) -> Result<(), Failure> {
+    let Some(here) = ended.run.here() else { return Ok(()) };
+    let engine = here.session.engine();
+    if let (Some(path), Some(why)) = (&a.journal, engine.journal_failed()) {
+        return Err(Failure::new(path.display().to_string(), why, "free some space on the disk"));
     }
-}
-
-impl Sink for Checked {
-    /// Fails when writing the journal failed, or the replay differs from it.
-    fn end(self: Box<Self>, ended: &mut Ended) -> Result<(), Failure> {
-        let Some(here) = ended.run.here() else { return Ok(()) };
-        let engine = here.session.engine();
-        if let (Some(path), Some(why)) = (&self.journal, engine.journal_failed()) {
-            return Err(Failure::new(path.display().to_string(), why, "free some space on the disk"));
-        }
-        match (&self.replay, engine.replayed()) {
-            (Some(path), Some(replay)) => tell(&path.display().to_string(), replay),
-            _ => Ok(()),
-        }
+    match (&a.replay, engine.replayed()) {
+        (Some(path), Some(replay)) => tell(&path.display().to_string(), replay),
+        _ => Ok(()),
     }
 }
 

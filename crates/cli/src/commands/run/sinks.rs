@@ -30,6 +30,11 @@ impl<'a> Sinks<'a> {
         self.list.extend(sink.map(|sink| Box::new(sink) as Box<dyn Sink + 'a>));
     }
 
+    /// Appends what is done at the end only.
+    pub fn at_end(&mut self, end: impl FnOnce(&mut Ended) -> Result<(), Failure> + 'a) {
+        self.add(Some(AtEnd(end)));
+    }
+
     /// A frame is done.
     pub fn frame(&mut self, tally: &mut Tally, frame: &Frame) {
         tally.frame(frame);
@@ -57,6 +62,15 @@ impl<'a> Sinks<'a> {
             failures.extend(sink.end(&mut ended).err());
         }
         (failures, ended)
+    }
+}
+
+/// A sink that hears of nothing but the end.
+struct AtEnd<F>(F);
+
+impl<F: FnOnce(&mut Ended) -> Result<(), Failure>> Sink for AtEnd<F> {
+    fn end(self: Box<Self>, ended: &mut Ended) -> Result<(), Failure> {
+        (self.0)(ended)
     }
 }
 

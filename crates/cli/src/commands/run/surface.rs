@@ -1,7 +1,7 @@
 //! `--mesh` and `--dense`: surfaces from the depth of key frames with the final poses, and that depth in saved maps.
 
 use super::arguments::Arguments;
-use super::sink::{Ended, Sink};
+use super::sink::Ended;
 use crate::commands::map::failed;
 use crate::failure::Failure;
 use crate::output::warn;
@@ -72,14 +72,13 @@ pub fn begin(
 }
 
 /// Writes the surface, of a run that has poses.
-pub struct Written<'a>(pub &'a Outputs, pub &'a Path);
-
-impl Sink for Written<'_> {
-    fn end(self: Box<Self>, ended: &mut Ended) -> Result<(), Failure> {
-        match ended.outcome().report.tracked {
-            0 => Ok(()),
-            _ => self.0.write("--mesh", || ended.run.surface(self.1)),
-        }
+///
+/// # Errors
+/// When nothing was fused or the file cannot be written.
+pub fn write(outputs: &Outputs, path: &Path, ended: &mut Ended) -> Result<(), Failure> {
+    match ended.outcome().report.tracked {
+        0 => Ok(()),
+        _ => outputs.write("--mesh", || ended.run.surface(path)),
     }
 }
 

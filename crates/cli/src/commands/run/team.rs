@@ -1,7 +1,6 @@
 //! `--team`: sharing the map while the run goes on.
 
 use super::arguments::Arguments;
-use super::sink::{Ended, Sink};
 use crate::commands::team::join::Sharing;
 use crate::failure::Failure;
 use crate::outputs::Outputs;
@@ -25,11 +24,5 @@ pub fn begin(a: &Arguments, outputs: &Outputs) -> Result<Option<Sharing>, Failur
     match (a.robot, outputs.file("--map-out"), outputs.file("--team-map")) {
         (Some(robot), Some(map), Some(out)) => Sharing::begin(robot, team, &a.reach, map, out).map(Some),
         _ => Err(Failure::usage("--team", "needs --robot, --map-out and --team-map", "add them")),
-    }
-}
-
-impl Sink for Sharing {
-    fn end(self: Box<Self>, _: &mut Ended) -> Result<(), Failure> {
-        Sharing::end(*self)
     }
 }

@@ -2,6 +2,7 @@
 
 use super::arguments::Arguments;
 use super::route;
+use super::say::Say;
 use crate::failure::Failure;
 use crate::outputs::Outputs;
 use cairn_atlas::store::MapFile;
@@ -29,6 +30,16 @@ pub fn session_config(a: &Arguments, outputs: &Outputs, live: bool, route: Route
         announcer: announcer_of(a),
         route,
     }
+}
+
+/// How what is said is given, by default as text if there are `words` to be expected.
+///
+/// # Errors
+/// When the speech program is missing.
+pub fn say_of(a: &Arguments, words: bool) -> Result<Say, Failure> {
+    let say = a.say.clone().unwrap_or(if words { Say::Text } else { Say::None });
+    say.check(speech_of(a))?;
+    Ok(say)
 }
 
 /// How what is said is timed.

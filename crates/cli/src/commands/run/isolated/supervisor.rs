@@ -1,7 +1,6 @@
 //! Runs the processes, and writes the results.
 
 use super::super::arguments::Arguments;
-use super::super::say::Say;
 use super::super::sinks::Sinks;
 use super::super::tally::Tally;
 use super::super::{map, results, route, source, surface, walker};
@@ -42,9 +41,7 @@ pub fn supervise(
     let _lock = outputs.file("--map-out").map(MapLock::take).transpose()?;
     let config = source::config_of(a)?;
     check(a)?;
-    let say = a.say.clone().unwrap_or(if a.guide.is_some() { Say::Text } else { Say::None });
-    let speech = walker::speech_of(a);
-    say.check(speech)?;
+    let say = walker::say_of(a, a.guide.is_some())?;
     if let (Some(path), Some(map)) = (a.record.as_ref().filter(|path| path.exists()), map::opened(a)?) {
         // It fits, or the run ends here.
         route::resume(path, &map, config.route.recorder)?;
@@ -55,8 +52,8 @@ pub fn supervise(
     let stop = Arc::new(AtomicBool::new(false));
     interrupt::sets(stop.clone());
     let mut sinks = Sinks::new(Progress::new(None));
-    sinks.add(Some(say.voice(speech, outputs.file("--say wav:"), output.is_json())?));
-    sinks.add(Some(results::Recording));
+    sinks.add(Some(say.voice(walker::speech_of(a), outputs.file("--say wav:"), output.is_json())?));
+    sinks.at_end(|ended| ended.run.close_recording());
     sinks.add(map::Saver::begin(a, outputs.file("--map-out"), attached, sinks.progress.clone()));
     results::add(&mut sinks, a, outputs);
     let mut tally = Tally::new(began);
