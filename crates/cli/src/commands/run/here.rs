@@ -166,7 +166,8 @@ impl Run for OneProcess {
 
     fn surface(&mut self, path: &Path) -> Result<Vec<u8>, Failure> {
         let aligned = self.engine().snapshot().is_gravity_aligned_throughout();
-        self.here.dense.as_mut().map_or_else(|| Ok(Vec::new()), |dense| surface::bytes(dense, aligned, path))
+        let none = || Failure::new("the surface", "there is no depth", "use --sensor rgbd");
+        surface::bytes(self.here.dense.as_mut().ok_or_else(none)?, aligned, path)
     }
 
     fn close_recording(&mut self) -> Result<(), Failure> {

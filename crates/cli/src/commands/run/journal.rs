@@ -64,13 +64,13 @@ pub fn end(a: &Arguments, ended: &mut Ended) -> Result<(), Failure> {
         return Err(Failure::new(path.display().to_string(), why, "free some space on the disk"));
     }
     match (&a.replay, engine.replayed()) {
-        (Some(path), Some(replay)) => tell(&path.display().to_string(), replay),
+        (Some(path), Some(replay)) => report(&path.display().to_string(), replay),
         _ => Ok(()),
     }
 }
 
-/// Says what a replay showed.
-fn tell(journal: &str, replay: &Replayed) -> Result<(), Failure> {
+/// Reports what a replay showed.
+fn report(journal: &str, replay: &Replayed) -> Result<(), Failure> {
     match &replay.stopped {
         None => note(&format!(
             "replay: {} of {} frames equal bit for bit{}",
