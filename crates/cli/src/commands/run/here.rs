@@ -177,7 +177,9 @@ impl Run for OneProcess {
 
     fn outcome(&mut self) -> Outcome {
         let engine = self.here.session.engine();
-        let mut report = self.tally.report(engine, &self.config, &self.skips);
+        let tracked = engine.log().tracked();
+        let mut report = self.tally.report(&engine.snapshot(), tracked, &self.config, &self.skips);
+        report.set_usage(report.wall_s);
         (report.source, report.sensor) = (self.info.name.clone(), self.sensor.name().to_owned());
         // No figure without ground truth, or where it has no time in common with the run.
         report.accuracy = cairn::accuracy(engine, &self.info.truth).ok();

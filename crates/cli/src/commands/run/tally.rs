@@ -6,7 +6,8 @@ use super::problems;
 use super::sink::{Frame, Here, Processed};
 use super::status_tally::StatusTally;
 use crate::interrupt;
-use cairn_engine::{Engine, Joined, Output, State, Timings, Verdict};
+use cairn_atlas::Snapshot;
+use cairn_engine::{Joined, Output, State, Timings, Verdict};
 use cairn_eval::{Lost, Percentiles, RunReport, SkipReport, StageTimes};
 use cairn_sensor::{FramePacket, SkipCount, SkipKind, Skipped, Skips};
 use cairn_session::{FileConfig, NotTracked};
@@ -20,16 +21,18 @@ pub struct Tally {
     /// Frames dropped because the engine was busy.
     pub dropped: usize,
     /// From the start of the process to the first pose.
-    pub first_pose_s: Option<f64>,
-    step_ms: Vec<f64>,
+    first_pose_s: Option<f64>,
+    /// Milliseconds from decoded image to pose, frame by frame.
+    pub step_ms: Vec<f64>,
     stages: StageTimes,
-    lost: Vec<Lost>,
+    pub lost: Vec<Lost>,
     tracking: bool,
-    last_state: Option<String>,
+    /// Why the last frame has no pose; `None` where it has one.
+    pub last_state: Option<String>,
     /// Frames of which feature extraction could make nothing.
     rejected: Skips,
-    loops: usize,
-    merges: usize,
+    pub loops: usize,
+    pub merges: usize,
     status: StatusTally,
     history: History,
 }
@@ -74,7 +77,7 @@ impl Tally {
     }
 
     /// Seconds since the process started.
-    pub fn wall_s(&self) -> f64 {
+    fn wall_s(&self) -> f64 {
         self.began.elapsed().as_secs_f64()
     }
 
@@ -128,9 +131,9 @@ impl Tally {
         }
     }
 
-    /// The report, without source and sensor, which are not known here, and without ground truth.
-    pub fn report(&self, engine: &Engine, config: &FileConfig, skips: &Skips) -> RunReport {
-        let snapshot = engine.snapshot();
+    /// The report of a run that ended with this map and so many poses, without source and sensor, which are not known here,
+    /// and without ground truth.
+    pub fn report(&self, map: &Snapshot, tracked: usize, config: &FileConfig, skips: &Skips) -> RunReport {
         let skipped = skips.count(SkipKind::Frame);
         let mut report = RunReport {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -140,19 +143,19 @@ impl Tally {
             lost: self.lost.clone(),
             resets: self.status.resets,
             standing: self.status.summary(),
-            maps: snapshot.maps().count(),
+            maps: map.maps().count(),
             loops: self.loops,
             merges: self.merges,
-            keyframes: snapshot.key_frame_count(),
-            landmarks: snapshot.landmark_count(),
+            keyframes: map.key_frame_count(),
+            landmarks: map.landmark_count(),
             ms: Percentiles::of(&self.step_ms),
             stages: self.stages.summary(),
             first_pose_s: self.first_pose_s,
+            wall_s: self.wall_s(),
             config: as_printed(config),
             ..RunReport::default()
         };
-        report.set_frames(self.frames + self.dropped + skipped, engine.log().tracked());
-        report.set_usage(self.wall_s());
+        report.set_frames(self.frames + self.dropped + skipped, tracked);
         report
     }
 
@@ -172,7 +175,7 @@ impl Tally {
 }
 
 /// How much was left out for one reason, as reports have it.
-pub fn skip_report(s: &SkipCount) -> SkipReport {
+fn skip_report(s: &SkipCount) -> SkipReport {
     SkipReport {
         what: s.kind.name().to_owned(),
         reason: s.reason.clone(),
@@ -183,7 +186,7 @@ pub fn skip_report(s: &SkipCount) -> SkipReport {
 
 /// The configuration as `cairn config --json` prints it: converted through text, so that 0.8 in single precision stays
 /// 0.8.
-pub fn as_printed(config: &FileConfig) -> serde_json::Value {
+fn as_printed(config: &FileConfig) -> serde_json::Value {
     // Everything in a configuration can be written as JSON.
     let text = serde_json::to_string(config).unwrap_or_default();
     serde_json::from_str(&text).unwrap_or_default()

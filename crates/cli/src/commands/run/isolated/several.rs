@@ -4,13 +4,13 @@ use super::super::arguments::Arguments;
 use super::super::outcome::{DeathReport, Outcome, Processes, RelocalisedReport};
 use super::super::sink::Run;
 use super::super::source::open_source;
-use super::super::tally::{self, Tally};
+use super::super::tally::Tally;
 use crate::failure::Failure;
 use cairn_atlas::store::MapFile;
 use cairn_engine::PoseTime;
-use cairn_eval::{Align, EvalOptions, Evaluation, Lost, Percentiles, RunReport, evaluate};
+use cairn_eval::{Align, EvalOptions, Evaluation, Lost, RunReport, evaluate};
 use cairn_geometry::{Se3, Trajectory};
-use cairn_sensor::{SkipKind, Stamp};
+use cairn_sensor::Stamp;
 use cairn_session::FileConfig;
 use cairn_workers::message::Tracked;
 use cairn_workers::{RunFolder, Supervised, dense};
@@ -27,35 +27,19 @@ pub(super) struct Several<'a> {
 }
 
 impl Several<'_> {
-    fn report(&self) -> RunReport {
-        let run = &self.run;
-        let snapshot = &run.map.snapshot;
-        let ms: Vec<f64> = run.frames.iter().map(|f| f.ms).collect();
-        let (skips, dropped) = (run.left_out.skips(), run.left_out.dropped);
-        let skipped = skips.count(SkipKind::Frame);
-        let mut report = RunReport {
-            version: env!("CARGO_PKG_VERSION").into(),
-            source: run.opened.name.clone(),
-            sensor: run.opened.sensor.clone(),
-            skipped,
-            skips: skips.iter().map(tally::skip_report).collect(),
-            dropped,
-            lost: lost(&run.frames),
-            maps: snapshot.maps().count(),
-            loops: run.finished.loops,
-            merges: run.finished.merges,
-            keyframes: snapshot.key_frame_count(),
-            landmarks: snapshot.landmark_count(),
-            ms: Percentiles::of(&ms),
-            first_pose_s: self.tally.first_pose_s,
-            config: tally::as_printed(&self.config),
-            accuracy: self.accuracy(),
-            // Memory and CPU time of the supervisor would say nothing of the run.
-            wall_s: self.tally.wall_s(),
-            ..RunReport::default()
-        };
+    /// Memory and CPU time of the supervisor would say nothing of the run, and are left out.
+    fn report(&mut self) -> RunReport {
+        let (run, tally) = (&self.run, &mut self.tally);
+        (tally.frames, tally.dropped) = (run.frames.len(), run.left_out.dropped);
+        (tally.loops, tally.merges) = (run.finished.loops, run.finished.merges);
+        tally.step_ms = run.frames.iter().map(|f| f.ms).collect();
+        tally.lost = lost(&run.frames);
+        let last = run.frames.last().filter(|f| f.pose.is_none());
+        tally.last_state = last.map(|f| format!("{:?}", f.outcome));
         let tracked = run.frames.iter().filter(|f| f.pose.is_some()).count();
-        report.set_frames(run.frames.len() + dropped + skipped, tracked);
+        let mut report = tally.report(&run.map.snapshot, tracked, &self.config, &run.left_out.skips());
+        (report.source, report.sensor) = (run.opened.name.clone(), run.opened.sensor.clone());
+        report.accuracy = self.accuracy();
         report
     }
 
@@ -133,9 +117,7 @@ impl Run for Several<'_> {
     }
 
     fn outcome(&mut self) -> Outcome {
-        let (report, processes) = (self.report(), Some(self.processes()));
-        let last = self.run.frames.last();
-        let last_state = last.filter(|f| f.pose.is_none()).map(|f| format!("{:?}", f.outcome));
-        Outcome { processes, last_state, ..self.tally.outcome(report) }
+        let report = self.report();
+        Outcome { processes: Some(self.processes()), ..self.tally.outcome(report) }
     }
 }
