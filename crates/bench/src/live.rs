@@ -10,7 +10,7 @@ use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::Percentiles;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig, Stamp};
 use cairn_session::{
-    Command as Ask, Event, Inbox, NotTracked, Observer, Script, Session, SessionConfig, drive_live, feed,
+    Clock, Command as Ask, Event, Inbox, NotTracked, Observer, Script, Session, SessionConfig, drive, feed,
 };
 use cairn_sim::{LiveRig, SimConfig, SimSensor, WorldKind};
 use cairn_sources::{OpenOptions, open, std_host};
@@ -89,7 +89,7 @@ pub fn run(minutes: f64) -> Result<Live, MeasureError> {
     let inbox = Inbox::new();
     feed(source, inbox.clone())?;
     let mut stopwatch = Stopwatch::new(handed.clone(), minutes);
-    let driven = drive_live(&mut session, &inbox, &mut Script::default(), &mut stopwatch);
+    let driven = drive(&mut session, Clock::Wall(&inbox), &mut Script::default(), &mut stopwatch);
     inbox.close();
     over.store(true, Ordering::Relaxed);
     let published = publisher.join().map_err(|_| MeasureError::Program("the publisher failed".into()))?;

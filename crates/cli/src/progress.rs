@@ -8,15 +8,23 @@ pub struct Progress(ProgressBar);
 impl Progress {
     /// With the total number of steps, if it is known.
     pub fn new(steps: Option<usize>) -> Self {
-        let bar = match steps {
-            Some(n) => ProgressBar::new(n as u64),
-            None => ProgressBar::no_length(),
-        };
+        let progress = Self(ProgressBar::no_length());
+        progress.begin(steps);
+        progress
+    }
+
+    /// Begins again with the total number of steps, if it is known.
+    pub fn begin(&self, steps: Option<usize>) {
+        steps.iter().for_each(|n| self.0.set_length(*n as u64));
         let shown = if steps.is_some() { "{wide_bar} {pos}/{len}, {eta} left" } else { "{spinner} {pos}" };
         if let Ok(style) = ProgressStyle::with_template(shown) {
-            bar.set_style(style);
+            self.0.set_style(style);
         }
-        Self(bar)
+    }
+
+    /// Takes it off the terminal.
+    pub fn clear(&self) {
+        self.0.finish_and_clear();
     }
 
     /// A bar that is never drawn; warnings are still printed.
@@ -42,6 +50,6 @@ impl Progress {
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        self.0.finish_and_clear();
+        self.clear();
     }
 }

@@ -16,8 +16,6 @@ const LARGER: &[(&str, usize)] = &[
     ("trial/robot/pilot/mod.rs Pilot", 32),
     ("trial/robot/run.rs End", 21),
     ("web/hub.rs Hub", 27),
-    ("workers/remote.rs RemoteSlam", 27),
-    ("workers/supervisor.rs Run", 33),
 ];
 
 /// Whether a type is made of what people or other programs write or read.

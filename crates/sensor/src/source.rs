@@ -56,6 +56,11 @@ pub trait Source: Send {
     /// The packets skipped so far and why, one line each.
     fn skipped(&self) -> &[String];
 
+    /// Packets that were left out until now because they did not come in time, or were not asked for.
+    fn dropped(&self) -> usize {
+        0
+    }
+
     /// What a live source tells while another thread reads it; `None` for recordings, and for sources that know no more of
     /// a picture's time than when it came.
     fn live(&self) -> Option<Arc<dyn Live>> {

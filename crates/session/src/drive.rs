@@ -46,58 +46,50 @@ pub enum Ended {
     Requested,
 }
 
-/// Processes every packet of a source in order; time is the packets' own.
-///
-/// # Errors
-/// The source's error.
-pub fn drive_lockstep<S: Slam>(
-    session: &mut Session<S>,
-    source: &mut dyn Source,
-    script: &mut Script,
-    observer: &mut dyn Observer<S>,
-) -> Result<Ended, SourceError> {
-    while let Some(packet) = source.next_packet()? {
-        let output = session.on_packet(&packet);
-        observer.on_output(session, &packet, &output);
-        let mut commands = script.due(session);
-        commands.extend(observer.take_commands());
-        if carry_out(session, &commands, observer) {
-            return Ok(Ended::Requested);
-        }
-        after(session, observer);
-    }
-    Ok(Ended::Source)
+/// What gives a session its packets, and when.
+pub enum Clock<'a> {
+    /// Every packet of a source in order, as soon as the one before is done; time is the packets' own. A source that
+    /// waits for the time of each packet sets the pace.
+    Packets(&'a mut dyn Source),
+    /// The newest packet whenever there is one, and ticks of a wall clock while there is none.
+    Wall(&'a Inbox),
 }
 
-/// Processes the newest packet whenever there is one, and ticks while there is none. Ends with the source, or on a
-/// quit command.
+/// Drives a session until its source ends or a quit command comes.
 ///
 /// # Errors
 /// The source's error.
-pub fn drive_live<S: Slam>(
+pub fn drive<S: Slam>(
     session: &mut Session<S>,
-    inbox: &Inbox,
+    mut clock: Clock,
     script: &mut Script,
     observer: &mut dyn Observer<S>,
 ) -> Result<Ended, SourceError> {
     let arrivals = Arc::new(Arrivals::default());
-    // Where the time of capture is not known, the age is judged from the time of arrival: the capture was no later.
-    session.follow(inbox.live().unwrap_or_else(|| arrivals.clone()));
+    if let Clock::Wall(inbox) = &clock {
+        // Where the time of capture is not known, the age is judged from the time of arrival: the capture was no later.
+        session.follow(inbox.live().unwrap_or_else(|| arrivals.clone()));
+    }
     loop {
         let mut commands = Vec::new();
-        let item = inbox.take(TICK);
-        if let (false, Some(now)) = (matches!(item, Item::Packet(..)), arrivals.now()) {
-            session.tick(now);
-        }
-        match item {
-            Item::Packet(packet, put) => {
-                arrivals.put(packet.stamp, put);
-                let output = session.on_packet(&packet);
-                observer.on_output(session, &packet, &output);
-            }
-            Item::Command(command) => commands.push(command),
-            Item::Ended(result) => return result.map(|()| Ended::Source),
-            Item::Nothing => {}
+        let packet = match &mut clock {
+            Clock::Packets(source) => match source.next_packet()? {
+                None => return Ok(Ended::Source),
+                packet => packet,
+            },
+            Clock::Wall(inbox) => match next(session, inbox, &arrivals) {
+                Item::Packet(packet, _) => Some(packet),
+                Item::Command(command) => {
+                    commands.push(command);
+                    None
+                }
+                Item::Ended(result) => return result.map(|()| Ended::Source),
+                Item::Nothing => None,
+            },
+        };
+        if let Some(packet) = packet {
+            let output = session.on_packet(&packet);
+            observer.on_output(session, &packet, &output);
         }
         commands.extend(script.due(session));
         commands.extend(observer.take_commands());
@@ -106,6 +98,16 @@ pub fn drive_live<S: Slam>(
         }
         after(session, observer);
     }
+}
+
+/// What a live source gives next; the session ticks while that is no packet.
+fn next<S: Slam>(session: &mut Session<S>, inbox: &Inbox, arrivals: &Arrivals) -> Item {
+    let item = inbox.take(TICK);
+    match &item {
+        Item::Packet(packet, put) => arrivals.put(packet.stamp, *put),
+        _ => arrivals.now().into_iter().for_each(|now| session.tick(now)),
+    }
+    item
 }
 
 /// The source's clock, estimated from the arrival of its packets.

@@ -30,13 +30,30 @@ pub struct Said {
     pub priority: u8,
     /// The current utterance must be interrupted.
     pub interrupts: bool,
-    /// Estimated duration in seconds.
+    /// Estimated duration in seconds; 0 where nobody waits for it.
     pub duration_s: f64,
     /// The turn that the words ask for, radians, positive to the walker's left.
     pub turn_rad: Option<f64>,
     /// The time of the pose that a direction is based on, in the source's clock; `None` if it is not a direction.
     #[serde(skip)]
     pub pose: Option<Stamp>,
+}
+
+impl Said {
+    /// Words that are no direction, said at `stamp`, `t_s` after the first packet.
+    pub fn plain(text: String, language: Language, priority: Priority, (stamp, t_s): (Stamp, f64)) -> Self {
+        Self {
+            t_s,
+            stamp,
+            text,
+            language,
+            priority: rank(priority),
+            interrupts: priority == Priority::Urgent,
+            duration_s: 0.0,
+            turn_rad: None,
+            pose: None,
+        }
+    }
 }
 
 /// A short synthesised sound.

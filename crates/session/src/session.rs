@@ -1,8 +1,7 @@
 //! One walk: packets and commands in, utterances and earcons out. It runs the engine, the recorder and the guide.
 //!
 //! It has no thread, and no clock except the stamps and, for a live source, that source's clock. The caller
-//! ([`crate::drive_live`], [`crate::drive_lockstep`]) passes packets, and ticks while there are none: after a while
-//! the guide then says stop.
+//! ([`crate::drive`]) passes packets, and ticks while there are none: after a while the guide then says stop.
 
 mod commands;
 mod guide;

@@ -31,11 +31,6 @@ impl Paced {
         Self { cancel, ..self }
     }
 
-    /// Packets that were overtaken before they were requested.
-    pub fn dropped(&self) -> usize {
-        self.dropped
-    }
-
     /// Time until a stamp is due; `None` when it is.
     fn until(&self, stamp: Stamp) -> Option<Duration> {
         let (instant, first) = self.started?;
@@ -84,6 +79,11 @@ impl Source for Paced {
 
     fn skipped(&self) -> &[String] {
         self.source.skipped()
+    }
+
+    /// Packets that were overtaken before they were requested.
+    fn dropped(&self) -> usize {
+        self.dropped
     }
 
     fn skips(&self) -> Skips {

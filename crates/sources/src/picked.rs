@@ -15,11 +15,6 @@ impl Picked {
     pub fn new(source: Box<dyn Source>, stamps: Vec<Stamp>) -> Self {
         Self { source, stamps, delivered: 0, passed: 0 }
     }
-
-    /// Packets that were not delivered.
-    pub fn passed(&self) -> usize {
-        self.passed
-    }
 }
 
 impl Source for Picked {
@@ -50,6 +45,11 @@ impl Source for Picked {
 
     fn skipped(&self) -> &[String] {
         self.source.skipped()
+    }
+
+    /// Packets that were not delivered.
+    fn dropped(&self) -> usize {
+        self.passed
     }
 
     fn skips(&self) -> Skips {

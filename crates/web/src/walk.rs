@@ -12,8 +12,8 @@ use cairn_dense::SubmapConfig;
 use cairn_engine::{Output, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
-    Command, Event, LensKnowledge, LibraryError, MapKeeper, NotTracked, Observer, Refused, RoutesLock,
-    Script, Session, Slam, WallClock, WallTime, drive_live, feed, routes_in,
+    Clock, Command, Event, LensKnowledge, LibraryError, MapKeeper, NotTracked, Observer, Refused, RoutesLock,
+    Script, Session, Slam, WallClock, WallTime, drive, feed, routes_in,
 };
 use cairn_sources::{PhoneSource, Validator};
 use std::path::{Path, PathBuf};
@@ -116,7 +116,7 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
     hub.running.store(true, Ordering::Relaxed);
     let lens = lens.map(|lens| (lens, start));
     let mut observer = PageObserver { lens, survives, surface, ..PageObserver::new(hub.clone()) };
-    let ended = drive_live(&mut session, &hub.inbox, &mut Script::default(), &mut observer);
+    let ended = drive(&mut session, Clock::Wall(&hub.inbox), &mut Script::default(), &mut observer);
     let closed = session.close();
     observer.finish(&mut session);
     ended?;

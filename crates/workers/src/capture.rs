@@ -5,7 +5,6 @@ use crate::{pixels, ring::Ring};
 use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
 use cairn_sources::Paced;
 use std::io::{Read, Write};
-use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -84,7 +83,7 @@ where
     F: FnOnce(Option<Delivered>) -> Result<(Box<dyn Source>, String), Failure>,
 {
     let (source, sensor) = open(begin.delivered)?;
-    let mut source = if is_realtime { Played::Paced(Paced::new(source)) } else { Played::AsRead(source) };
+    let mut source = if is_realtime { Box::new(Paced::new(source)) } else { source };
     let (info, rig) = (source.info(), source.rig());
     let opened = Opened {
         name: info.name.clone(),
@@ -106,12 +105,12 @@ where
         }
         let written = pixels::pieces(&packet, |pieces| ring.write(number, pieces));
         written.map_err(|e| Failure::new("capture", e, "run without --isolated"))?;
-        if !tell_left_out(to, &source, &mut told) || !say(to, &Report::Frame(Frame::of(number, &packet))) {
+        if !tell_left_out(to, &*source, &mut told) || !say(to, &Report::Frame(Frame::of(number, &packet))) {
             return Ok(());
         }
         number += 1;
     }
-    if !tell_left_out(to, &source, &mut told) || !say(to, &Report::SourceEnded) {
+    if !tell_left_out(to, &*source, &mut told) || !say(to, &Report::SourceEnded) {
         return Ok(());
     }
     // Until the supervisor is gone: an end before it would count as a death.
@@ -119,44 +118,9 @@ where
     Ok(())
 }
 
-/// A source as it is played.
-enum Played {
-    AsRead(Box<dyn Source>),
-    Paced(Paced),
-}
-
-impl Played {
-    fn left_out(&self) -> LeftOut {
-        match self {
-            Self::AsRead(source) => LeftOut::of(&source.skips(), 0),
-            Self::Paced(paced) => LeftOut::of(&paced.skips(), paced.dropped()),
-        }
-    }
-}
-
-impl Deref for Played {
-    type Target = dyn Source;
-
-    fn deref(&self) -> &Self::Target {
-        match self {
-            Self::AsRead(source) => source.as_ref(),
-            Self::Paced(paced) => paced,
-        }
-    }
-}
-
-impl DerefMut for Played {
-    fn deref_mut(&mut self) -> &mut Self::Target {
-        match self {
-            Self::AsRead(source) => source.as_mut(),
-            Self::Paced(paced) => paced,
-        }
-    }
-}
-
 /// Tells what was left out, where that is more than was told; false when the supervisor is gone.
-fn tell_left_out(to: &Mutex<impl Write>, source: &Played, told: &mut LeftOut) -> bool {
-    let now = source.left_out();
+fn tell_left_out(to: &Mutex<impl Write>, source: &dyn Source, told: &mut LeftOut) -> bool {
+    let now = LeftOut::of(&source.skips(), source.dropped());
     if now == *told {
         return true;
     }

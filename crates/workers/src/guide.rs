@@ -5,12 +5,13 @@
 //! pose.
 
 use crate::journal::Tail;
-use crate::message::{Failure, Order, Report, Said, Tracked, read, write};
+use crate::message::{Failure, Order, Report, Tracked, read, write};
+use crate::speech::Speech;
 use cairn_atlas::Snapshot;
-use cairn_guide::{Earcon, RecorderConfig, StopReason};
+use cairn_guide::{Priority, RecorderConfig, StopReason};
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
-use cairn_session::{Event, NotSaved, Refused, RouteGuide, RouteRecorder};
+use cairn_session::{Event, NotSaved, Refused, RouteGuide, RouteRecorder, Said};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -134,8 +135,9 @@ impl Recording {
         let place = frame.place.as_ref().and_then(|p| p.to_tracked(stamp, frame.metric));
         let words = recorder.tracked(tail.map(), &camera, stamp, place.as_ref());
         Ok(words.map(|id| {
-            let text = self.to.language.text(id);
-            Report::Said(Said::Words { text, t_s: stamp - began, interrupts: false })
+            let language = self.to.language;
+            let at = (stamp, stamp - began);
+            said(Event::Said(Said::plain(language.text(id), language, Priority::High, at)))
         }))
     }
 
@@ -221,20 +223,6 @@ fn cannot_guide(why: Refused) -> Failure {
     Failure::new("the route", why, "give another route with --guide")
 }
 
-const EARCONS: [Earcon; 6] =
-    [Earcon::OnCourse, Earcon::OffCourse, Earcon::Turn, Earcon::Waypoint, Earcon::Arrival, Earcon::Stop];
-
 fn said(event: Event) -> Report {
-    Report::Said(match event {
-        Event::Said(s) => Said::Words { text: s.text, t_s: s.t_s, interrupts: s.interrupts },
-        Event::Sound(s) => {
-            let earcon = EARCONS.iter().position(|e| *e == s.earcon).unwrap_or(0) as u8;
-            Said::Sound { earcon, bearing_rad: s.bearing_rad, t_s: s.t_s }
-        }
-    })
-}
-
-/// The earcon of a number in [`Said::Sound`].
-pub fn earcon_of(number: u8) -> Option<Earcon> {
-    EARCONS.get(usize::from(number)).copied()
+    Report::Said(Speech::of(event))
 }

@@ -20,6 +20,7 @@ mod run_folder;
 mod seen;
 mod shown;
 pub mod slam;
+mod speech;
 mod supervision;
 mod supervisor;
 mod surfaces;

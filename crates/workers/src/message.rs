@@ -9,6 +9,7 @@ pub use crate::anchored::Anchored;
 use crate::anchored::{numbers, se3};
 use crate::seen::Seen;
 use crate::shown::Shown;
+use crate::speech::Speech;
 use cairn_engine::Config;
 use cairn_geometry::{Pose, Se3, Sim3, Similarity, Vec3};
 use cairn_guide::{Anchor, Confidence};
@@ -125,7 +126,7 @@ pub enum Report {
         pose: Anchored,
     },
     /// Guide: something is to be heard now.
-    Said(Said),
+    Said(Speech),
     /// Guide: the time of the last point of its recording (ns), where there is one; it waits for the frames since.
     RecordedUntil(Option<i64>),
     /// Guide: the recording has ended, or why its file does not hold all of it.
@@ -285,29 +286,6 @@ pub struct Place {
     /// Good 0, low 1, lost 2.
     confidence: u8,
     quality: f32,
-}
-
-/// Something to be heard.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Said {
-    /// Words.
-    Words {
-        /// The text.
-        text: String,
-        /// Seconds since the first frame.
-        t_s: f64,
-        /// They break off what is being said.
-        interrupts: bool,
-    },
-    /// An earcon ([`crate::guide::earcon_of`]).
-    Sound {
-        /// Its number.
-        earcon: u8,
-        /// Where it is heard from, positive to the left.
-        bearing_rad: f64,
-        /// Seconds since the first frame.
-        t_s: f64,
-    },
 }
 
 /// What became of a frame.

@@ -6,8 +6,11 @@
 //! that come meanwhile are not tracked, since a direction from an old picture guides nobody; the readings of those that a
 //! process which lives had no time for go to it with the next.
 
-use crate::journal::{self, JournalWriter, Tail, recover};
-use crate::message::{Failure, Frame, Opened, Order, Report, SurfaceInput, Tracked};
+mod frames;
+mod map;
+
+use crate::journal::{self, JournalWriter, recover};
+use crate::message::{Failure, Opened, Order, Report, SurfaceInput, Tracked};
 use crate::process::{Event, EventKind, Process, Start};
 use crate::remote_dense::RemoteDense;
 use crate::ring::Ring;
@@ -19,9 +22,11 @@ use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
 use cairn_dense::SubmapConfig;
 use cairn_engine::{Config, DenseSetupError, Engine, Host, OpenMapError, Output, Runner, SensorMode, Status};
-use cairn_sensor::{FramePacket, ImuSample, Rig, Stamp};
+use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_session::{DepthWanted, NotTracked, Slam, Surfaces};
 use cairn_vision::RectifiedCamera;
+use frames::Frames;
+use map::FollowedMap;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -34,8 +39,6 @@ const LATE: Duration = Duration::from_millis(200);
 const HANG_LIMIT: Duration = Duration::from_secs(2);
 /// A process that has not begun its work after this time hangs: a large map takes seconds to read.
 const BEGIN_LIMIT: Duration = Duration::from_secs(60);
-/// Readings that are kept for the next frame at most: some seconds of them.
-const MOST_READINGS: usize = 4000;
 
 /// What SLAM is started with.
 pub struct RemoteSetup<'a> {
@@ -63,16 +66,9 @@ pub struct RemoteSetup<'a> {
 
 /// SLAM in a process of its own. Dropped, it ends the process.
 pub struct RemoteSlam {
-    folder: PathBuf,
-    ring_path: PathBuf,
-    ring: Ring,
-    opened: Opened,
-    config: Config,
-    command: Start,
+    launch: Launch,
     tell: EventSink,
-    /// What SLAM writes for surfaces.
-    surfaces: Option<SurfaceInput>,
-    /// Who makes them, once they were asked for.
+    /// Who makes surfaces, once they were asked for.
     dense: Option<RemoteDense>,
     events: Receiver<Event>,
     to: Sender<Event>,
@@ -82,23 +78,38 @@ pub struct RemoteSlam {
     starts: u64,
     began: Instant,
     camera: RectifiedCamera,
-    /// The map before the journal is followed, and its provenance.
-    base: MapFile,
-    tail: Option<Tail>,
-    snapshot: Arc<Snapshot>,
+    map: FollowedMap,
     status: Status,
-    /// The number of the next frame.
-    next: u64,
-    /// The frame that SLAM has not answered.
-    in_hand: Option<u64>,
-    /// The answer to it.
-    answer: Option<Box<Tracked>>,
-    /// Readings of packets that were not given to it.
-    readings: Vec<ImuSample>,
+    frames: Frames,
     away: Option<String>,
     /// It died or was late, frames without a pose since, and when.
     recovering: Option<(Instant, usize, Instant)>,
     given_up: bool,
+}
+
+/// What each process is started with.
+struct Launch {
+    command: Start,
+    folder: PathBuf,
+    ring: PathBuf,
+    opened: Opened,
+    config: Config,
+    /// What SLAM writes for surfaces.
+    surfaces: Option<SurfaceInput>,
+}
+
+impl Launch {
+    /// What the process number `start` is told first.
+    fn order(&self, start: u64) -> Order {
+        Order::Map {
+            ring: self.ring.clone(),
+            folder: self.folder.clone(),
+            opened: self.opened.clone(),
+            start,
+            surfaces: self.surfaces,
+            session: Some(Box::new(self.config.clone())),
+        }
+    }
 }
 
 impl RemoteSlam {
@@ -136,15 +147,17 @@ impl RemoteSlam {
         let ring = shared(&ring_path, pixels::slot_bytes(rig)).map_err(|e| why(&e))?;
         let rig = cairn_sources::write_rig(rig).map_err(|e| why(&e))?;
         let (to, events) = channel();
-        let mut remote = Self {
+        let launch = Launch {
+            command,
             folder: folder.to_owned(),
-            ring_path,
-            ring,
+            ring: ring_path,
             opened: Opened { name, frames: None, rate_hz, rig, sensor: sensor_name(mode, imu) },
             config,
-            command,
-            tell,
             surfaces: dense.then_some(SurfaceInput::Depth),
+        };
+        let mut remote = Self {
+            launch,
+            tell,
             dense: None,
             events,
             to,
@@ -153,14 +166,9 @@ impl RemoteSlam {
             starts: first_start(folder).map_err(|e| why(&e))?,
             began: Instant::now(),
             camera,
-            snapshot: Arc::new(base.snapshot.clone()),
-            base,
-            tail: None,
+            map: FollowedMap::new(base),
             status: Status::default(),
-            next: 0,
-            in_hand: None,
-            answer: None,
-            readings: Vec::new(),
+            frames: Frames::new(ring),
             away: None,
             recovering: None,
             given_up: false,
@@ -180,19 +188,12 @@ impl RemoteSlam {
     fn start(&mut self) {
         self.starts += 1;
         let (role, start) = (Role::Slam, self.starts);
-        let started = Process::start((self.command)(role), role, start, self.to.clone());
+        let started = Process::start((self.launch.command)(role), role, start, self.to.clone());
         let process = match started {
             Ok(process) => process,
             Err(e) => return self.fails(format!("the process for slam cannot be started: {e}")),
         };
-        process.order(Order::Map {
-            ring: self.ring_path.clone(),
-            folder: self.folder.clone(),
-            opened: self.opened.clone(),
-            start,
-            surfaces: self.surfaces,
-            session: Some(Box::new(self.config.clone())),
-        });
+        process.order(self.launch.order(start));
         (self.tell)(RunEvent::Started { role, id: process.id() });
         self.worker.started(process, start);
     }
@@ -220,12 +221,12 @@ impl RemoteSlam {
                     (self.tell)(RunEvent::Resumed { key_frames, after_s: died.elapsed().as_secs_f64() });
                 }
             }
-            Report::Tracked(tracked) if self.in_hand == Some(tracked.number) => {
-                self.in_hand = None;
-                self.worker.progress = true;
-                self.worker.backoff.calm();
-                self.away = None;
-                self.answer = Some(tracked);
+            Report::Tracked(tracked) => {
+                if self.frames.answered(tracked) {
+                    self.worker.progress = true;
+                    self.worker.backoff.calm();
+                    self.away = None;
+                }
             }
             Report::Failed(Failure { what, why, cure }) => {
                 self.died(Some(format!("{what}: {why}; {cure}")));
@@ -262,12 +263,10 @@ impl RemoteSlam {
         let status = process.end();
         let how = why.unwrap_or(status);
         let role = Role::Slam;
-        let (at_frame, t_s) = (self.next, self.began.elapsed().as_secs_f64());
+        let (at_frame, t_s) = (self.frames.next, self.began.elapsed().as_secs_f64());
         (self.tell)(RunEvent::Died(&Death { role, how: how.clone(), at_frame, t_s }));
         self.worker.ready = false;
-        (self.in_hand, self.answer) = (None, None);
-        // A process that begins anew has no use for readings from before.
-        self.readings.clear();
+        self.frames.died();
         self.recovering.get_or_insert((Instant::now(), 0, Instant::now()));
         self.away = Some(format!("SLAM is started again: {how}"));
         let had_done_work = self.worker.has_done_work();
@@ -296,24 +295,9 @@ impl RemoteSlam {
 
     /// Reads what SLAM has written since.
     fn follow(&mut self) {
-        let read = match &mut self.tail {
-            Some(tail) => tail.follow(),
-            None => Tail::open(&self.folder).map(|tail| self.tail = tail),
-        };
-        if let Err(e) = read {
-            return self.fails(format!("the journal of the map: {e}"));
+        if let Err(e) = self.map.follow(&self.launch.folder) {
+            self.fails(format!("the journal of the map: {e}"));
         }
-        if let Some(tail) = &self.tail
-            && tail.map().version() != self.snapshot.version()
-        {
-            self.snapshot = Arc::new(tail.map().clone());
-        }
-    }
-
-    fn keep_readings(&mut self, packet: &FramePacket) {
-        self.readings.extend(packet.imu.iter().cloned());
-        let excess = self.readings.len().saturating_sub(MOST_READINGS);
-        self.readings.drain(..excess);
     }
 
     fn not_tracked(&mut self) -> NotTracked {
@@ -346,22 +330,14 @@ impl RemoteSlam {
 impl Slam for RemoteSlam {
     fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked> {
         self.look();
-        if self.away.is_some() || self.in_hand.is_some() {
-            self.keep_readings(packet);
+        if self.away.is_some() || self.frames.in_hand() {
+            self.frames.keep_readings(packet);
             return Err(self.not_tracked());
         }
-        let number = self.next;
-        self.next += 1;
-        let written = pixels::pieces(packet, |pieces| self.ring.write(number, pieces));
-        written.map_err(|e| NotTracked::Refused(e.to_string()))?;
-        let mut imu = std::mem::take(&mut self.readings);
-        imu.extend(packet.imu.iter().cloned());
-        let frame =
-            Frame::of(number, &FramePacket { images: Vec::new(), depth: None, imu, ..packet.clone() });
+        let frame = self.frames.give(packet)?;
         self.worker.order(Order::Frame(frame));
-        (self.in_hand, self.answer) = (Some(number), None);
         let late = Instant::now() + LATE;
-        while self.in_hand.is_some() {
+        while self.frames.in_hand() {
             let left = late.saturating_duration_since(Instant::now());
             match self.events.recv_timeout(left) {
                 Ok(event) => self.event(event),
@@ -371,7 +347,7 @@ impl Slam for RemoteSlam {
                 }
             }
         }
-        match self.answer.take() {
+        match self.frames.take_answer() {
             Some(tracked) => self.output(&tracked),
             None => Err(self.not_tracked()),
         }
@@ -380,7 +356,7 @@ impl Slam for RemoteSlam {
     fn look_after(&mut self) {
         self.look();
         // An answer that came late tells nothing of now but that SLAM lives.
-        self.answer = None;
+        self.frames.take_answer();
     }
 
     fn end(&mut self) {
@@ -388,7 +364,7 @@ impl Slam for RemoteSlam {
         self.worker = Worker::new();
         self.dense = None;
         // Else the next would begin in this map.
-        let removed = journal::remove(&self.folder);
+        let removed = journal::remove(&self.launch.folder);
         self.fails(removed.err().map_or_else(|| "ended".into(), |e| e.to_string()));
     }
 
@@ -397,7 +373,7 @@ impl Slam for RemoteSlam {
     }
 
     fn snapshot(&self) -> Arc<Snapshot> {
-        self.snapshot.clone()
+        self.map.snapshot.clone()
     }
 
     fn camera(&self) -> &RectifiedCamera {
@@ -409,23 +385,21 @@ impl Slam for RemoteSlam {
     }
 
     fn surfaces(&mut self, rig: &Rig, _: SubmapConfig) -> Result<Surfaces, DenseSetupError> {
-        if rig.depth.is_none() || !self.opened.sensor.starts_with("rgbd") {
+        if rig.depth.is_none() || !self.launch.opened.sensor.starts_with("rgbd") {
             return Err(DenseSetupError::NoDepth);
         }
-        let (ring, folder) = (self.ring_path.clone(), self.folder.clone());
-        let (command, tell) = (self.command.clone(), self.tell.clone());
+        let Launch { command, folder, ring, opened, .. } = &self.launch;
+        let (ring, folder, command, tell) =
+            (ring.clone(), folder.clone(), command.clone(), self.tell.clone());
         let wanted = Arc::new(DepthWanted::default());
-        let begun = RemoteDense::begin(ring, folder, self.opened.clone(), command, tell, wanted.clone());
+        let begun = RemoteDense::begin(ring, folder, opened.clone(), command, tell, wanted.clone());
         let (dense, changes) = begun.map_err(|_| DenseSetupError::NoMapping)?;
         self.dense = Some(dense);
         Ok(Surfaces::Elsewhere { changes, wanted })
     }
 
     fn to_save(&self, program: &str, attached: BTreeMap<String, Vec<u8>>) -> MapFile {
-        let file = self.tail.as_ref().map_or(&self.base, Tail::file);
-        let mut about = file.about.clone();
-        program.clone_into(&mut about.program);
-        MapFile { snapshot: file.snapshot.clone(), about, attached }
+        self.map.to_save(program, attached)
     }
 }
 

@@ -1,10 +1,11 @@
 //! How a run is supervised, what is told meanwhile, and what it gives.
 
 use crate::Role;
-use crate::message::{Anchored, Failure, Finished, LeftOut, Opened, Said, SurfaceInput, Tracked};
+use crate::message::{Anchored, Failure, Finished, LeftOut, Opened, SurfaceInput, Tracked};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{CameraPoses, PoseTime};
 use cairn_sensor::Stamp;
+use cairn_session::Event;
 use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
@@ -78,8 +79,8 @@ pub enum RunEvent<'a> {
         /// Seconds since it resumed.
         resumed_s: f64,
     },
-    /// The guide has something to say.
-    Said(&'a Said),
+    /// The guide has something to be heard.
+    Said(&'a Event),
     /// A process died so often that it is not started again; the run goes on without it.
     GivenUp {
         /// What it did.

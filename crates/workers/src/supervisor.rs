@@ -5,27 +5,27 @@
 //! source. It has one thread, and sees everything as one queue of events.
 
 mod deaths;
+mod frames;
 
-use crate::capture::SLOTS;
-use crate::message::{Failure, Finished, Frame, LeftOut, Opened, Order, Report, Tracked};
+use crate::message::{Failure, Finished, Opened, Order, Report, Tracked};
 use crate::process::{Event, EventKind, Process};
 use crate::run_folder::RunFolder;
 use crate::slam::FINAL_MAP;
-use crate::supervision::{Death, RunEvent, Supervised, Supervision};
+use crate::supervision::{RunEvent, Supervised, Supervision};
 use crate::surfaces::Surfaces;
 use crate::worker::Worker;
 use crate::{Role, SuperviseError};
 use cairn_atlas::store::MapFile;
 use cairn_session::NotSaved;
-use std::collections::{BTreeMap, VecDeque};
+use deaths::Deaths;
+use frames::Frames;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
 /// The queue of events is left at least so often.
 const TICK: Duration = Duration::from_millis(20);
-/// Frames that SLAM has in hand at most: few, so that a ping is answered soon.
-const IN_HAND: usize = 4;
 
 /// Supervises a run in its folder until the source has ended or `stop` is set, and the map is finished.
 ///
@@ -49,40 +49,17 @@ pub fn supervise(
         slam: Worker::new(),
         dense: Worker::new(),
         guide: Worker::new(),
-        poses_come: true,
+        listener: Listener { poses_come: true, waits: how.records, ..Listener::default() },
         opened: None,
-        pending: VecDeque::new(),
-        sent: 0,
-        next: 0,
-        first_stamp: None,
-        last_stamp: None,
-        fresh_from: 0,
-        credit: u64::from(SLOTS),
+        frames: Frames::new(),
         log: BTreeMap::new(),
-        source_ended: false,
-        left_out: LeftOut::default(),
-        left_out_before: LeftOut::default(),
         finished: None,
-        recorded: None,
-        guide_waits: how.records,
-        guide_given_up: false,
         surfaces: Surfaces::new(how.surfaces.is_some()),
-        finished_at: None,
-        deaths: Vec::new(),
-        died_at: (u64::MAX, 0),
-        recovering: None,
-        relocalised: Vec::new(),
+        deaths: Deaths::default(),
     };
     run.start(Role::Capture)?;
     run.go(&events, stop)?;
     run.end()
-}
-
-/// SLAM since its last death, until it has a pose.
-struct Recovering {
-    died: Instant,
-    resumed: Option<Instant>,
-    frames: usize,
 }
 
 struct Run<'a, 't> {
@@ -96,37 +73,27 @@ struct Run<'a, 't> {
     slam: Worker,
     dense: Worker,
     guide: Worker,
+    listener: Listener,
+    opened: Option<Opened>,
+    frames: Frames,
+    log: BTreeMap<u64, Tracked>,
+    /// What SLAM had done when it had finished, and when that was.
+    finished: Option<(Finished, Instant)>,
+    surfaces: Surfaces,
+    deaths: Deaths,
+}
+
+/// The guide as a listener to poses.
+#[derive(Default)]
+struct Listener {
+    /// What it was told last: whether poses come.
+    poses_come: bool,
     /// Poses of frames before this one are old: capture has died since.
     fresh_from: u64,
-    /// What the guide was told last.
-    poses_come: bool,
-    opened: Option<Opened>,
-    /// Frames that SLAM has not acknowledged, oldest first; the first `sent` were given to its process.
-    pending: VecDeque<Frame>,
-    sent: usize,
-    /// The number of the next frame of capture, and the stamps of the first and the last.
-    next: u64,
-    first_stamp: Option<i64>,
-    last_stamp: Option<i64>,
-    credit: u64,
-    log: BTreeMap<u64, Tracked>,
-    source_ended: bool,
-    /// By this process of capture, and by those before it.
-    left_out: LeftOut,
-    left_out_before: LeftOut,
-    finished: Option<Finished>,
+    /// It records, and has not said yet what it has: frames are kept for it.
+    waits: bool,
+    given_up: bool,
     recorded: Option<Result<usize, NotSaved>>,
-    /// A guide that records has not said yet what it has: frames are kept for it.
-    guide_waits: bool,
-    guide_given_up: bool,
-    surfaces: Surfaces,
-    /// When SLAM had finished.
-    finished_at: Option<Instant>,
-    deaths: Vec<Death>,
-    /// The frame at which SLAM died last, and how often.
-    died_at: (u64, usize),
-    recovering: Option<Recovering>,
-    relocalised: Vec<(usize, f64)>,
 }
 
 impl Run<'_, '_> {
@@ -148,10 +115,9 @@ impl Run<'_, '_> {
                 }
                 self.look_after(role)?;
             }
-            if stop.load(Ordering::Relaxed) && !self.source_ended {
-                self.source_ended = true;
+            if stop.load(Ordering::Relaxed) && !self.frames.have_ended {
+                self.frames.stop();
                 self.capture.process = None;
-                self.pending.truncate(self.sent);
                 if self.opened.is_none() {
                     return Err(SuperviseError::Interrupted);
                 }
@@ -162,12 +128,12 @@ impl Run<'_, '_> {
     }
 
     fn is_recording(&self) -> bool {
-        self.how.records && self.recorded.is_none() && !self.guide_given_up
+        self.how.records && self.listener.recorded.is_none() && !self.listener.given_up
     }
 
     /// Whether a process of this role has begun its work in this run.
     fn has_begun(&mut self, role: Role) -> bool {
-        self.worker(role).ready || self.deaths.iter().any(|death| death.role == role)
+        self.worker(role).ready || self.deaths.all.iter().any(|death| death.role == role)
     }
 
     /// Surfaces are written, or will not be.
@@ -188,8 +154,8 @@ impl Run<'_, '_> {
 
     /// Tells the guide whether poses come.
     fn poses_come(&mut self, lives: bool) {
-        if self.poses_come != lives {
-            self.poses_come = lives;
+        if self.listener.poses_come != lives {
+            self.listener.poses_come = lives;
             self.guide.order(Order::PosesCome(lives));
         }
     }
@@ -200,9 +166,9 @@ impl Run<'_, '_> {
         let first = match role {
             Role::Capture => Order::Capture {
                 ring: self.folder.ring(),
-                next: self.next,
-                delivered: self.first_stamp.zip(self.last_stamp),
-                until: self.credit,
+                next: self.frames.next,
+                delivered: self.frames.delivered,
+                until: self.frames.credit,
             },
             Role::Slam | Role::Dense => {
                 let Some(opened) = self.opened.clone() else { return Ok(()) };
@@ -218,7 +184,7 @@ impl Run<'_, '_> {
             Role::Walk => return Ok(()),
             Role::Guide => Order::Guide {
                 folder: self.folder.path().to_owned(),
-                began: self.first_stamp,
+                began: self.frames.delivered.map(|(first, _)| first),
                 again: self.guide.start > 0,
             },
         };
@@ -226,8 +192,8 @@ impl Run<'_, '_> {
             .map_err(|e| SuperviseError::Start { role, why: e.to_string() })?;
         process.order(first);
         if role == Role::Guide {
-            self.guide_waits = self.how.records;
-            process.order(Order::PosesCome(self.poses_come));
+            self.listener.waits = self.how.records;
+            process.order(Order::PosesCome(self.listener.poses_come));
         }
         (self.tell)(RunEvent::Started { role, id: process.id() });
         self.worker(role).started(process, start);
@@ -269,13 +235,11 @@ impl Run<'_, '_> {
             }
             Report::Frame(frame) => {
                 self.capture.progress = true;
-                self.first_stamp.get_or_insert(frame.stamp);
-                (self.next, self.last_stamp) = (frame.number + 1, Some(frame.stamp));
-                self.pending.push_back(frame);
+                self.frames.add(frame);
             }
-            Report::LeftOut(left_out) => self.left_out = left_out,
+            Report::LeftOut(left_out) => self.frames.leaves_out(left_out),
             Report::SourceEnded => {
-                self.source_ended = true;
+                self.frames.have_ended = true;
                 self.capture.process = None;
             }
             Report::Ready { .. } if role == Role::Guide => self.guide.ready = true,
@@ -287,9 +251,8 @@ impl Run<'_, '_> {
             }
             Report::Ready { key_frames, .. } => {
                 self.slam.ready = true;
-                if let Some(r) = &mut self.recovering {
-                    r.resumed = Some(Instant::now());
-                    (self.tell)(RunEvent::Resumed { key_frames, after_s: r.died.elapsed().as_secs_f64() });
+                if let Some(after_s) = self.deaths.resumed() {
+                    (self.tell)(RunEvent::Resumed { key_frames, after_s });
                 }
             }
             Report::Tracked(tracked) => self.tracked(*tracked),
@@ -301,16 +264,17 @@ impl Run<'_, '_> {
             Report::Pong | Report::Shown(_) => {}
             Report::RecordedUntil(until) => self.missed(until),
             Report::Recorded(recorded) => {
-                self.recorded = Some(recorded);
+                self.listener.recorded = Some(recorded);
                 self.guide.process = None;
             }
-            Report::Said(said) => (self.tell)(RunEvent::Said(&said)),
+            Report::Said(speech) => {
+                speech.event().iter().for_each(|event| (self.tell)(RunEvent::Said(event)))
+            }
             Report::Followed => self.dense.progress = true,
             Report::NoSurfaces(why) => self.end_surfaces(Err(why)),
             Report::Finished(_) if role == Role::Dense => self.end_surfaces(Ok(())),
             Report::Finished(finished) => {
-                self.finished = Some(finished);
-                self.finished_at = Some(Instant::now());
+                self.finished = Some((finished, Instant::now()));
                 self.slam.process = None;
             }
             // What was done until now is worth more than the surface.
@@ -321,28 +285,17 @@ impl Run<'_, '_> {
     }
 
     fn tracked(&mut self, tracked: Tracked) {
-        while self.pending.front().is_some_and(|f| f.number <= tracked.number) {
-            self.pending.pop_front();
-            self.sent = self.sent.saturating_sub(1);
-        }
+        self.frames.done(tracked.number);
         self.slam.progress = true;
         self.slam.backoff.calm();
-        if let Some(r) = &mut self.recovering {
-            if tracked.pose.is_some() {
-                let (after_s, since) = (r.died.elapsed().as_secs_f64(), r.resumed.unwrap_or(r.died));
-                let (frames, resumed_s) = (r.frames, since.elapsed().as_secs_f64());
-                (self.tell)(RunEvent::Relocalised { frames, after_s, resumed_s });
-                self.relocalised.push((frames, after_s));
-                self.recovering = None;
-            } else {
-                r.frames += 1;
-            }
+        if let Some(relocalised) = self.deaths.frame(tracked.pose.is_some()) {
+            (self.tell)(relocalised);
         }
         if self.how.guide {
-            if tracked.number >= self.fresh_from {
+            if tracked.number >= self.listener.fresh_from {
                 self.poses_come(true);
             }
-            if !self.guide_waits {
+            if !self.listener.waits {
                 self.guide.progress = true;
                 self.guide.order(Order::Tracked(Box::new(tracked.clone())));
             }
@@ -356,39 +309,34 @@ impl Run<'_, '_> {
         for tracked in self.log.values().filter(|t| until.is_none_or(|until| t.stamp >= until)) {
             self.guide.order(Order::Missed(Box::new(tracked.clone())));
         }
-        self.guide_waits = false;
+        self.listener.waits = false;
     }
 
     /// Gives frames to SLAM and credit to capture, and says when there are no more.
     fn pump(&mut self) {
         if self.slam.ready {
-            while self.sent < self.pending.len().min(IN_HAND) {
-                self.slam.order(Order::Frame(self.pending[self.sent].clone()));
-                self.sent += 1;
+            while let Some(frame) = self.frames.take_next() {
+                self.slam.order(Order::Frame(frame));
             }
-            if self.source_ended && self.pending.is_empty() && !self.slam.ending {
+            if self.frames.are_done() && !self.slam.ending {
                 self.slam.ending = true;
                 self.slam.order(Order::End);
             }
         }
         // Its end may take minutes, so that one that hangs is to be found out before.
-        let answers = self.finished_at.is_some_and(|at| self.dense.has_answered_since(at));
+        let answers = self.finished.is_some_and(|(_, at)| self.dense.has_answered_since(at));
         if answers && self.dense.ready && !self.dense.ending {
             self.dense.ending = true;
             // One that dies at its end again and again is in a crash loop, whatever it did before.
             self.dense.progress = false;
             self.dense.order(Order::End);
         }
-        let has_all = self.source_ended && self.pending.is_empty() && !self.guide_waits;
+        let has_all = self.frames.are_done() && !self.listener.waits;
         if self.is_recording() && has_all && self.guide.ready && !self.guide.ending {
             self.guide.ending = true;
             self.guide.order(Order::End);
         }
-        // No frame is written over that is not acknowledged.
-        let oldest = self.pending.front().map_or(self.next, |f| f.number);
-        let credit = oldest + u64::from(SLOTS);
-        if credit > self.credit {
-            self.credit = credit;
+        if let Some(credit) = self.frames.more_credit() {
             self.capture.order(Order::Credit(credit));
         }
     }
@@ -400,12 +348,12 @@ impl Run<'_, '_> {
             opened,
             frames: self.log.into_values().collect(),
             map,
-            finished: self.finished.unwrap_or_default(),
-            left_out: self.left_out_before.and(&self.left_out),
-            recorded: self.recorded,
+            finished: self.finished.map(|(finished, _)| finished).unwrap_or_default(),
+            left_out: self.frames.left_out(),
+            recorded: self.listener.recorded,
             surfaces: self.surfaces.outcome(),
-            deaths: self.deaths,
-            relocalised: self.relocalised,
+            deaths: self.deaths.all,
+            relocalised: self.deaths.relocalised,
         })
     }
 }

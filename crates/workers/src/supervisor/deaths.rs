@@ -1,6 +1,6 @@
 //! The life of the processes: who hangs is killed, who died is started again, and what SLAM dies at twice is left out.
 
-use super::{Recovering, Run};
+use super::Run;
 use crate::message::{Failure, Outcome, Tracked};
 use crate::supervision::{Death, RunEvent};
 use crate::{Role, SuperviseError};
@@ -12,6 +12,58 @@ const BEGIN_LIMIT: Duration = Duration::from_secs(60);
 const FINISH_LIMIT: Duration = Duration::from_secs(900);
 /// A frame at which SLAM has died so often is left out.
 const DEATHS_AT_A_FRAME: usize = 2;
+
+/// The deaths of a run, and how SLAM recovers from its own.
+#[derive(Default)]
+pub(super) struct Deaths {
+    pub(super) all: Vec<Death>,
+    /// The frame at which SLAM died last, and how often.
+    at_frame: Option<(u64, usize)>,
+    recovering: Option<Recovering>,
+    /// Frames without a pose after each death of SLAM, and seconds until the next pose.
+    pub(super) relocalised: Vec<(usize, f64)>,
+}
+
+/// SLAM since its last death, until it has a pose.
+struct Recovering {
+    died: Instant,
+    resumed: Option<Instant>,
+    frames: usize,
+}
+
+impl Deaths {
+    /// A process of SLAM has begun; seconds since the one before died, if it did.
+    pub(super) fn resumed(&mut self) -> Option<f64> {
+        let r = self.recovering.as_mut()?;
+        r.resumed = Some(Instant::now());
+        Some(r.died.elapsed().as_secs_f64())
+    }
+
+    /// SLAM has done a frame; what is to be told, if it has recovered.
+    pub(super) fn frame(&mut self, has_pose: bool) -> Option<RunEvent<'static>> {
+        let r = self.recovering.as_mut()?;
+        if !has_pose {
+            r.frames += 1;
+            return None;
+        }
+        let (after_s, since) = (r.died.elapsed().as_secs_f64(), r.resumed.unwrap_or(r.died));
+        let (frames, resumed_s) = (r.frames, since.elapsed().as_secs_f64());
+        self.relocalised.push((frames, after_s));
+        self.recovering = None;
+        Some(RunEvent::Relocalised { frames, after_s, resumed_s })
+    }
+
+    /// SLAM has died; how often at this frame in a row, if it had one in hand.
+    fn slam_died(&mut self, at: Option<u64>) -> usize {
+        let before = self.recovering.take();
+        let (died, frames) = before.map_or((Instant::now(), 0), |r| (r.died, r.frames));
+        self.recovering = Some(Recovering { died, resumed: None, frames });
+        let Some(number) = at else { return 0 };
+        let times = self.at_frame.filter(|(last, _)| *last == number).map_or(1, |(_, times)| times + 1);
+        self.at_frame = Some((number, times));
+        times
+    }
+}
 
 impl Run<'_, '_> {
     /// Pings a process, kills it when it hangs, starts it again when that is due.
@@ -31,7 +83,7 @@ impl Run<'_, '_> {
             (true, false) => hang_limit,
         };
         let silent = worker.heard.elapsed();
-        if role == Role::Slam && self.sent > 0 && silent > self.how.late_limit {
+        if role == Role::Slam && self.frames.in_hand() && silent > self.how.late_limit {
             self.poses_come(false);
         }
         if silent > limit {
@@ -43,7 +95,7 @@ impl Run<'_, '_> {
 
     /// A process has ended, or is ended here for the reason `why`.
     pub(super) fn died(&mut self, role: Role, why: Option<String>) -> Result<(), SuperviseError> {
-        let (at_frame, t_s) = (self.pending.front().map_or(self.next, |f| f.number), self.began.elapsed());
+        let (at_frame, t_s) = (self.frames.oldest(), self.began.elapsed());
         let worker = self.worker(role);
         let Some(process) = worker.process.take() else { return Ok(()) };
         let (had_begun, progress) = (worker.ready, worker.has_done_work());
@@ -55,8 +107,8 @@ impl Run<'_, '_> {
         let death = Death { role, how, at_frame, t_s: t_s.as_secs_f64() };
         (self.tell)(RunEvent::Died(&death));
         if role == Role::Capture {
-            self.fresh_from = self.next;
-            self.left_out_before = self.left_out_before.and(&std::mem::take(&mut self.left_out));
+            self.listener.fresh_from = self.frames.next;
+            self.frames.capture_died();
         }
         if matches!(role, Role::Capture | Role::Slam) {
             self.poses_come(false);
@@ -68,9 +120,9 @@ impl Run<'_, '_> {
                 let cure = "run without --isolated to see where it fails";
                 self.surfaces.end(Err(Failure::new("surfaces", why, cure)));
             } else {
-                self.guide_given_up = true;
+                self.listener.given_up = true;
             }
-            self.deaths.push(death);
+            self.deaths.all.push(death);
             return Ok(());
         }
         if role == Role::Dense {
@@ -83,7 +135,7 @@ impl Run<'_, '_> {
             (self.tell)(RunEvent::Waits { role, delay_s: delay.as_secs_f64(), times });
         }
         self.worker(role).due = Some(Instant::now() + delay);
-        self.deaths.push(death);
+        self.deaths.all.push(death);
         if role == Role::Slam {
             self.slam_died(had_begun);
         }
@@ -91,34 +143,17 @@ impl Run<'_, '_> {
     }
 
     fn slam_died(&mut self, had_begun: bool) {
-        let before = self.recovering.take();
-        let (died, frames) = before.map_or((Instant::now(), 0), |r| (r.died, r.frames));
-        self.recovering = Some(Recovering { died, resumed: None, frames });
-        if had_begun && self.sent > 0 {
-            let number = self.pending[0].number;
-            let times = if self.died_at.0 == number { self.died_at.1 + 1 } else { 1 };
-            self.died_at = (number, times);
-            if times >= DEATHS_AT_A_FRAME
-                && let Some(frame) = self.pending.pop_front()
-            {
-                (self.tell)(RunEvent::LeftOut { number });
-                let outcome = Outcome::State("left out: SLAM died at it twice".into());
-                let (stamp, ms) = (frame.stamp, 0.0);
-                self.log.insert(
-                    number,
-                    Tracked {
-                        number,
-                        stamp,
-                        outcome,
-                        pose: None,
-                        metric: false,
-                        ms,
-                        place: None,
-                        seen: None,
-                    },
-                );
-            }
+        let at = Some(self.frames.oldest()).filter(|_| had_begun && self.frames.in_hand());
+        if self.deaths.slam_died(at) >= DEATHS_AT_A_FRAME
+            && let Some(frame) = self.frames.leave_out_oldest()
+        {
+            let (number, stamp) = (frame.number, frame.stamp);
+            (self.tell)(RunEvent::LeftOut { number });
+            let outcome = Outcome::State("left out: SLAM died at it twice".into());
+            let (pose, place, seen) = (None, None, None);
+            let left_out = Tracked { number, stamp, outcome, pose, metric: false, ms: 0.0, place, seen };
+            self.log.insert(number, left_out);
         }
-        self.sent = 0;
+        self.frames.slam_died();
     }
 }

@@ -1,5 +1,6 @@
 //! `--events`: the changes of the map as lines of JSON; docs/formats/events.md describes the format.
 
+use super::sink::{Ended, Frame, Sink};
 use crate::failure::Failure;
 use cairn_atlas::{Change, KeyFrameId, MapPrior, Mirror, Published, Subscription};
 use cairn_engine::{Engine, Joined, Verdict};
@@ -35,7 +36,7 @@ impl Events {
     }
 
     /// Writes everything that has happened up to a frame.
-    pub fn write<'v>(&mut self, stamp: Stamp, verdicts: impl Iterator<Item = &'v Verdict>) {
+    fn write<'v>(&mut self, stamp: Stamp, verdicts: impl Iterator<Item = &'v Verdict>) {
         let mut lines: Vec<Value> = verdicts.map(verdict).collect();
         while let Ok(published) = self.from.changes.try_recv() {
             lines.extend(commit_lines(&published, &mut self.mirror));
@@ -52,12 +53,19 @@ impl Events {
             .collect();
         self.failed = self.to.write_all(text.as_bytes()).and_then(|()| self.to.flush()).err();
     }
+}
 
-    /// Closes the file.
-    ///
-    /// # Errors
-    /// The first failure of writing.
-    pub fn end(self) -> Result<(), Failure> {
+impl Sink for Events {
+    fn frame(&mut self, frame: &Frame) {
+        if let Some((_, done)) = frame.output() {
+            self.write(done.stamp, done.verdicts());
+        }
+    }
+
+    fn end(mut self: Box<Self>, ended: &mut Ended) -> Result<(), Failure> {
+        if let Some(here) = ended.run.here() {
+            self.write(here.last, here.finished.verdicts());
+        }
         let Some(e) = self.failed else { return Ok(()) };
         Err(Failure::new(self.path.display().to_string(), e.to_string(), "free some space on the disk"))
     }

@@ -1,19 +1,25 @@
 //! `--journal` and `--replay`: writing and replaying the journal of a real-time run.
 
-use super::Arguments;
+use super::arguments::Arguments;
+use super::sink::Ended;
 use crate::failure::Failure;
 use crate::output::{note, warn};
 use crate::outputs::Outputs;
-use cairn_engine::{Engine, Journal, Stopped};
+use cairn_engine::{Engine, Journal, Replayed, Stopped};
 use cairn_files::MIB;
+use cairn_sources::is_live;
 use std::fs::File;
 use std::io::BufWriter;
 
 /// Reads the journal given by --replay.
 ///
 /// # Errors
-/// When the file cannot be read or is not a journal.
+/// When the file cannot be read or is not a journal, or the source is live.
 pub fn opened(a: &Arguments) -> Result<Option<Journal>, Failure> {
+    if is_live(&a.source) && (a.journal.is_some() || a.replay.is_some()) {
+        let hint = "record it first and run the recording";
+        return Err(Failure::new(&a.source, "a live source cannot be replayed", hint));
+    }
     let Some(path) = &a.replay else { return Ok(None) };
     let fail = |why: String| {
         let hint = "give a file that cairn run --realtime --journal has written";
@@ -51,12 +57,20 @@ pub fn engine(
 ///
 /// # Errors
 /// When writing the journal failed, or the replay differs from it.
-pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
+pub fn end(a: &Arguments, ended: &mut Ended) -> Result<(), Failure> {
+    let Some(here) = ended.run.here() else { return Ok(()) };
+    let engine = here.session.engine();
     if let (Some(path), Some(why)) = (&a.journal, engine.journal_failed()) {
         return Err(Failure::new(path.display().to_string(), why, "free some space on the disk"));
     }
-    let (Some(path), Some(replay)) = (&a.replay, engine.replayed()) else { return Ok(()) };
-    let shown = path.display().to_string();
+    match (&a.replay, engine.replayed()) {
+        (Some(path), Some(replay)) => report(&path.display().to_string(), replay),
+        _ => Ok(()),
+    }
+}
+
+/// Reports what a replay showed.
+fn report(journal: &str, replay: &Replayed) -> Result<(), Failure> {
     match &replay.stopped {
         None => note(&format!(
             "replay: {} of {} frames equal bit for bit{}",
@@ -65,7 +79,7 @@ pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
             if replay.map_equal { ", and the map" } else { "" }
         )),
         Some(Stopped::Cut(why)) => warn(&format!(
-            "{shown}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
+            "{journal}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
             replay.equal, replay.of
         )),
         Some(Stopped::Differs { stamp, what }) => {
@@ -73,7 +87,7 @@ pub fn end(a: &Arguments, engine: &Engine) -> Result<(), Failure> {
             let why = format!("{at}: {what}; the {} frames before are equal", replay.equal);
             let hint =
                 "the same program, source and options on the same kind of processor give the same bits";
-            return Err(Failure::new(shown, why, hint));
+            return Err(Failure::new(journal, why, hint));
         }
     }
     Ok(())

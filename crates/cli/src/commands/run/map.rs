@@ -1,17 +1,19 @@
 //! Opening the map of --map-in and saving the map of --map-out.
 
-use super::Arguments;
+use super::arguments::Arguments;
+use super::sink::{Ended, Sink, Step};
 use crate::commands::map::{failed, open};
 use crate::failure::Failure;
 use crate::output::warn;
+use crate::progress::Progress;
 use cairn::map_file;
 use cairn_atlas::store::{MapFile, StoreError};
-use cairn_engine::{Config, DenseMapper, Engine, OpenMapError, Runner, SensorMode};
+use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
 use cairn_sensor::Rig;
-use cairn_session::Session;
 use cairn_sources::std_host;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::rc::Rc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -65,41 +67,46 @@ pub fn engine(
 
 /// Saves the map to --map-out, periodically and at the end.
 pub struct Saver<'a> {
-    to: Option<&'a Path>,
+    to: &'a Path,
     every: Duration,
     /// The attachments of the map of --map-in.
     attached: BTreeMap<String, Vec<u8>>,
     last: Instant,
     /// The save in progress, on its own thread: the run does not wait for the disk.
     work: Option<JoinHandle<Result<u64, StoreError>>>,
+    progress: Rc<Progress>,
 }
 
 impl<'a> Saver<'a> {
-    /// Saves to the checked file of --map-out as the arguments say; the attachments of the map of --map-in are kept.
-    pub fn new(a: &Arguments, to: Option<&'a Path>, before: Option<MapFile>) -> Self {
-        Self {
-            to,
-            every: Duration::try_from_secs_f64(a.map_every).unwrap_or(Duration::MAX),
-            attached: before.map_or_else(BTreeMap::new, |file| file.attached),
-            last: Instant::now(),
-            work: None,
-        }
+    /// Saves to the checked file of --map-out as the arguments say, if there is one; what was attached to the map of
+    /// --map-in is kept.
+    pub fn begin(
+        a: &Arguments,
+        to: Option<&'a Path>,
+        attached: BTreeMap<String, Vec<u8>>,
+        progress: Rc<Progress>,
+    ) -> Option<Self> {
+        let every = Duration::try_from_secs_f64(a.map_every).unwrap_or(Duration::MAX);
+        Some(Self { to: to?, every, attached, last: Instant::now(), work: None, progress })
     }
 
+    fn is_due(&self) -> bool {
+        self.last.elapsed() >= self.every && self.work.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+}
+
+impl Sink for Saver<'_> {
     /// Starts a save if one is due and the previous one is done, with the depth of key frames where there is a dense map.
     /// Failures are reported and retried.
-    pub fn save_if_due(&mut self, session: &Session, dense: Option<&mut DenseMapper>, warn: impl Fn(&str)) {
-        let Some(path) = self.to else { return };
-        if self.last.elapsed() < self.every || self.work.as_ref().is_some_and(|work| !work.is_finished()) {
-            return;
-        }
+    fn step(&mut self, step: &mut Step) {
+        let Some((session, dense)) = step.here.as_mut().filter(|_| self.is_due()) else { return };
         self.last = Instant::now();
         if let Some(Ok(Err(e))) = self.work.take().map(JoinHandle::join) {
-            warn(&failed(path, &e).to_string());
+            self.progress.warn(&failed(self.to, &e).to_string());
         }
-        let Some(mut file) = self.file(session) else { return };
-        let depth = dense.map_or_else(Vec::new, |dense| dense.to_save(&file.snapshot));
-        let path = path.to_owned();
+        let Some(mut file) = map_file(session, &self.attached) else { return };
+        let depth = dense.as_mut().map_or_else(Vec::new, |dense| dense.to_save(&file.snapshot));
+        let path = self.to.to_owned();
         let save = move || {
             file.add_depth(&depth);
             file.save(&path)
@@ -108,26 +115,13 @@ impl<'a> Saver<'a> {
     }
 
     /// Saves the final map. A map without a key frame is not saved.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn end(mut self, session: &Session, dense: Option<&mut DenseMapper>) -> Result<(), Failure> {
-        let Some(path) = self.to else { return Ok(()) };
+    fn end(mut self: Box<Self>, ended: &mut Ended) -> Result<(), Failure> {
         // If that save failed, the one below is the retry.
         drop(self.work.take().map(JoinHandle::join));
-        let Some(mut file) = self.file(session) else {
-            warn(&format!("{}: not written because the map is empty", path.display()));
+        let Some(file) = ended.run.map(&self.attached) else {
+            warn(&format!("{}: not written because the map is empty", self.to.display()));
             return Ok(());
         };
-        if let Some(dense) = dense {
-            let depth = dense.to_save(&file.snapshot);
-            file.add_depth(&depth);
-        }
-        file.save(path).map(drop).map_err(|e| failed(path, &e))
-    }
-
-    /// The current map with its attachments; `None` while it is empty.
-    fn file(&self, session: &Session) -> Option<MapFile> {
-        map_file(session, &self.attached)
+        file.save(self.to).map(drop).map_err(|e| failed(self.to, &e))
     }
 }

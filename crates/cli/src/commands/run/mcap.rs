@@ -4,13 +4,14 @@
 //! `/path` (the corrected poses) at the end. `/image` with `/features` a few times a second, `/said` what the walker hears,
 //! `/events` what happens to the map. Times are those of the source.
 
+use super::sink::{Ended, Frame, Sink};
 use crate::failure::Failure;
 use cairn_bag::foxglove::{self, Level};
 use cairn_bag::{Channel, McapWriter};
 use cairn_engine::{Engine, Output, Phase};
 use cairn_geometry::{Se3, Vec2};
 use cairn_sensor::{FramePacket, Stamp};
-use cairn_session::Said;
+use cairn_session::Event;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
@@ -80,8 +81,7 @@ impl Recording {
         }
     }
 
-    /// Adds a frame.
-    pub fn frame(&mut self, packet: &FramePacket, done: &Output, engine: &Engine) {
+    fn add(&mut self, packet: &FramePacket, done: &Output, engine: &Engine) {
         let (stamp, ns) = (done.stamp, done.stamp.0);
         self.last = stamp;
         let mut say = |level: Level, text: &str| {
@@ -117,22 +117,29 @@ impl Recording {
         let message = foxglove::point_cloud(stamp.0, MAP, snapshot.landmarks().map(|l| l.position));
         self.put(self.channels.points, stamp, &message);
     }
+}
 
-    /// Adds an utterance.
-    pub fn said(&mut self, said: &Said) {
+impl Sink for Recording {
+    fn frame(&mut self, frame: &Frame) {
+        if let Some((here, done)) = frame.output() {
+            self.add(here.packet, done, here.session.engine());
+        }
+    }
+
+    fn event(&mut self, event: &Event) {
+        let Event::Said(said) = event else { return };
         let level = if said.priority == 0 { Level::Warning } else { Level::Info };
         self.put(self.channels.said, said.stamp, &foxglove::log(said.stamp.0, level, "guide", &said.text));
     }
 
-    /// Adds the final map and path, and closes the file.
-    ///
-    /// # Errors
-    /// The first failure of writing.
-    pub fn end(mut self, engine: &Engine) -> Result<(), Failure> {
-        let last = self.last;
-        self.points(last, engine);
-        let poses: Vec<Se3> = engine.trajectory().into_iter().map(|(_, pose)| pose).collect();
-        self.put(self.channels.path, last, &foxglove::poses_in_frame(last.0, MAP, &poses));
+    /// Adds the final map and path.
+    fn end(mut self: Box<Self>, ended: &mut Ended) -> Result<(), Failure> {
+        if let Some(here) = ended.run.here() {
+            let (engine, last) = (here.session.engine(), self.last);
+            self.points(last, engine);
+            let poses: Vec<Se3> = engine.trajectory().into_iter().map(|(_, pose)| pose).collect();
+            self.put(self.channels.path, last, &foxglove::poses_in_frame(last.0, MAP, &poses));
+        }
         let ended = match self.failed {
             Some(e) => Err(e),
             None => self.to.finish().map(drop),

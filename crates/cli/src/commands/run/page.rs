@@ -4,15 +4,15 @@
 use super::history::{History, Tracking};
 use super::outcome::Outcome;
 use super::picture;
-use super::tally::{Tally, metres, plural};
+use super::text::{metres, plural};
 use cairn_atlas::Snapshot;
 use cairn_eval::{Page, RunReport, error_over_time, times_histogram, times_over_frames};
 use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
 
 /// The page.
-pub fn of(ended: &Outcome, tally: &Tally, world_from_body: &[(Stamp, Se3)], map: &Snapshot) -> String {
-    let r = ended.report;
+pub fn of(ended: &Outcome, world_from_body: &[(Stamp, Se3)], map: &Snapshot) -> String {
+    let (r, history) = (&ended.report, &ended.history);
     let stopped = if ended.interrupted { " The run was interrupted." } else { "" };
     let lead = format!("{} of {} frames have a pose.{stopped}", r.tracked, r.frames);
     let mut page = Page::new(&format!("{}, {}", r.source, r.sensor), &lead);
@@ -26,20 +26,20 @@ pub fn of(ended: &Outcome, tally: &Tally, world_from_body: &[(Stamp, Se3)], map:
     }
     page.heading("The map");
     let view = picture::View::of(r, world_from_body);
-    page.figure(&picture::plan(r, &tally.history, world_from_body, map, &view).figure(), &view.caption());
+    page.figure(&picture::plan(r, history, world_from_body, map, &view).figure(), &view.caption());
     page.heading("What happened when");
     page.figure(
-        &picture::timeline(r, &tally.history, map).figure(),
+        &picture::timeline(r, history, map).figure(),
         "Colours say how each frame was tracked. Numbers of loops and merges are those in the picture of the map and in \
          the table.",
     );
-    joins(&mut page, &tally.history);
-    losses(&mut page, r, &tally.history);
+    joins(&mut page, history);
+    losses(&mut page, r, history);
     skips(&mut page, r);
     scale(&mut page, r);
-    if tally.history.growth.len() > 1 {
+    if history.growth.len() > 1 {
         page.heading("Growth of the map");
-        page.figure(&picture::growth(&tally.history), "Landmarks in all maps, sampled twice a second.");
+        page.figure(&picture::growth(history), "Landmarks in all maps, sampled twice a second.");
     }
     if let Some(e) = &r.accuracy {
         page.heading("Accuracy");
@@ -55,7 +55,7 @@ pub fn of(ended: &Outcome, tally: &Tally, world_from_body: &[(Stamp, Se3)], map:
             ));
         }
     }
-    cost(&mut page, r, tally);
+    cost(&mut page, r, &ended.step_ms);
     page.heading("Configuration");
     let config = serde_json::to_string_pretty(&r.config).unwrap_or_default();
     page.folded("The complete configuration", &config);
@@ -170,10 +170,10 @@ fn scale(page: &mut Page, r: &RunReport) {
     page.table("Stretches of one unit of length, in the clock of the source", &head, &rows);
 }
 
-fn cost(page: &mut Page, r: &RunReport, tally: &Tally) {
+fn cost(page: &mut Page, r: &RunReport, step_ms: &[f64]) {
     page.heading("Cost");
-    page.figure(&times_over_frames("Step", &tally.step_ms), "Time from the decoded image to the pose.");
-    page.figure(&times_histogram("Steps", &tally.step_ms), "Distribution of the times of a step.");
+    page.figure(&times_over_frames("Step", step_ms), "Time from the decoded image to the pose.");
+    page.figure(&times_histogram("Steps", step_ms), "Distribution of the times of a step.");
     let rows = r.stages.0.iter().map(|(name, p)| {
         let cells = [p.p50, p.p95, p.p99, p.max].map(|v| format!("{v:.2}"));
         std::iter::once(name.clone()).chain(cells).collect()

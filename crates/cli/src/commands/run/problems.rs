@@ -1,6 +1,6 @@
 //! What a run did wrong, in sentences, the worst first: for the top of its result.
 
-use super::tally::plural;
+use super::text::plural;
 use cairn_eval::RunReport;
 
 /// One sentence for each problem; none where all is well.

@@ -1,120 +1,94 @@
-//! The files of a run: which there are, and writing reports and trajectories at its end.
+//! The results of a run that are made at its end: the report as JSON and as a page, trajectories.
 
-use super::arguments::{Arguments, TrajectoryFrame};
+use super::arguments::Arguments;
 use super::outcome::Outcome;
-use super::page;
-use super::say::Say;
-use super::tally::Tally;
+use super::sink::Ended;
+use super::sinks::Sinks;
+use super::{page, surface, text};
 use crate::failure::Failure;
+use crate::output::{Output, warn};
 use crate::outputs::Outputs;
-use cairn_engine::{CameraPoses, Engine, PoseTime};
-use cairn_eval::{TrajectoryHeader, to_tum_with};
-use cairn_geometry::{Se3, Trajectory};
-use cairn_rerun::viewer;
-use cairn_sensor::Rig;
-use std::fs::File;
-use std::path::Path;
+use cairn_engine::PoseTime;
+use cairn_eval::to_tum_with;
+use cairn_sources::is_live;
 
-/// Checks before the run that every result can be written.
-///
-/// # Errors
-/// Wrong usage where an output is an input or another output; a failure where one exists or cannot be written.
-pub fn checked(a: &Arguments) -> Result<Outputs, Failure> {
-    let wav = match &a.say {
-        Some(Say::Wav(path)) => Some(path.as_path()),
-        _ => None,
-    };
-    let outputs = Outputs::new(a.overwrite)
-        .input("the source", Some(Path::new(&a.source)))
-        .input("--rig", a.rig.as_deref())
-        .input("--config", a.config.as_deref())
-        .input("--vocabulary", a.vocabulary.as_deref())
-        .input("--script", a.script.as_deref())
-        .input("--guide", a.guide.as_deref())
-        .input("--replay", a.replay.as_deref())
-        .input("--map-in", a.map_in.as_deref())
-        .output("--trajectory", a.trajectory.as_deref())
-        .output("--live-trajectory", a.live_trajectory.as_deref())
-        .output("--report", a.report.as_deref())
-        .output("--report-html", a.report_html.as_deref())
-        .output("--events", a.events.as_deref())
-        .output("--mcap", a.mcap.as_deref())
-        .output("--rerun", a.rerun.as_deref().filter(|to| viewer(to).is_none()))
-        .output("--mesh", a.mesh.as_deref())
-        .output("--journal", a.journal.as_deref())
-        .output("--say wav:", wav)
-        .output_map("--team-map", a.team_map.as_deref())
-        .output_map_over("--map-out", a.map_out.as_deref(), "--map-in")
-        .output_kept("--record", a.record.as_deref())
-        .checked()?;
-    // An existing route is continued if it was recorded in the opened map.
-    let new = |route: &&Path| a.map_in.is_none() || !route.exists();
-    let Some(route) = outputs.file("--record").filter(new) else { return Ok(outputs) };
-    // Created and removed again, to detect a folder that is not writable.
-    let created =
-        File::options().write(true).create_new(true).open(route).and_then(|_| std::fs::remove_file(route));
-    created.map_err(|e| {
-        let hint = match e.kind() {
-            std::io::ErrorKind::AlreadyExists => "a recorded route is never overwritten: give another name",
-            _ => "check that its folder is writable and the disk has room",
-        };
-        Failure::new(route.display().to_string(), e.to_string(), hint)
-    })?;
-    Ok(outputs)
+/// Appends them to the list, and the surface.
+pub fn add<'a>(sinks: &mut Sinks<'a>, a: &'a Arguments, outputs: &'a Outputs) {
+    sinks.at_end(move |ended| report(outputs, ended));
+    sinks.at_end(move |ended| report_page(outputs, ended));
+    if let Some(path) = &a.mesh {
+        sinks.at_end(move |ended| surface::write(outputs, path, ended));
+    }
+    sinks.at_end(move |ended| poses(outputs, "--trajectory", PoseTime::Corrected, ended));
+    sinks.at_end(move |ended| poses(outputs, "--live-trajectory", PoseTime::Live, ended));
 }
 
-/// Writes the reports.
-pub fn write_reports(outputs: &Outputs, engine: &Engine, ended: &Outcome, tally: &Tally) -> Vec<Failure> {
-    let json = || {
-        let text = serde_json::to_string_pretty(ended)
+/// The report as JSON; of a run that failed before its first frame there is none.
+fn report(outputs: &Outputs, ended: &mut Ended) -> Result<(), Failure> {
+    let failed = ended.failed;
+    let outcome = ended.outcome();
+    if failed && outcome.report.frames == 0 {
+        return Ok(());
+    }
+    outputs.write("--report", || {
+        let text = serde_json::to_string_pretty(outcome)
             .map_err(|e| Failure::new("report", e.to_string(), "leave out --report"))?;
         Ok((text + "\n").into_bytes())
-    };
-    let html = || Ok(page::of(ended, tally, &engine.trajectory(), &engine.snapshot()).into_bytes());
-    [outputs.write("--report", json), outputs.write("--report-html", html)]
-        .into_iter()
-        .filter_map(Result::err)
-        .collect()
+    })
 }
 
-/// Where the first camera is on the body, if trajectories are asked for of it.
-pub fn body_from_cam0(whose: TrajectoryFrame, rig: &Rig) -> Option<Se3> {
-    let camera = rig.cameras.first().map(|c| c.body_from_camera);
-    camera.filter(|_| matches!(whose, TrajectoryFrame::Cam0))
+/// The report as a page, as [`report`].
+fn report_page(outputs: &Outputs, ended: &mut Ended) -> Result<(), Failure> {
+    let failed = ended.failed;
+    let (outcome, run) = ended.parts();
+    let Some(here) = run.here().filter(|_| !failed || outcome.report.frames > 0) else { return Ok(()) };
+    let engine = here.session.engine();
+    let page = || page::of(outcome, &engine.trajectory(), &engine.snapshot());
+    outputs.write("--report-html", || Ok(page().into_bytes()))
 }
 
-/// Writes the trajectories.
-pub fn write_trajectories(outputs: &Outputs, body_from_cam0: Option<Se3>, engine: &Engine) -> Vec<Failure> {
-    write_poses(outputs, body_from_cam0, engine.log().frames().len(), &|time| engine.camera_poses(time))
-}
-
-/// Writes trajectories of these poses: each frame once and in order, of the body or of the first camera (`body_from_cam0`).
-pub fn write_poses(
-    outputs: &Outputs,
-    body_from_cam0: Option<Se3>,
-    frames: usize,
-    poses: &dyn Fn(PoseTime) -> CameraPoses,
-) -> Vec<Failure> {
-    let poses = |time: PoseTime| {
-        let poses = poses(time);
-        let body_from_frame = body_from_cam0.unwrap_or(poses.body_from_frame());
-        let is_body = body_from_cam0.is_none() && poses.is_metric();
-        let header = TrajectoryHeader {
-            frame: if is_body { "body" } else { "cam0" }.into(),
-            body_from_frame,
-            metric: poses.is_metric(),
-            frames: Some(frames),
-        };
-        let list = poses.of_mounted(&body_from_frame).into_iter();
-        let trajectory = Trajectory::from_unsorted(list.map(|(t, pose)| (t.0, pose)).collect())
+/// The poses as they are known at the end, or as they were given, if there are any: each frame once and in order.
+fn poses(outputs: &Outputs, option: &str, time: PoseTime, ended: &mut Ended) -> Result<(), Failure> {
+    if ended.outcome().report.tracked == 0 {
+        return Ok(());
+    }
+    outputs.write(option, || {
+        let poses = ended.run.poses(time);
+        let trajectory = poses
+            .trajectory()
             .map_err(|e| Failure::new("trajectory", e.to_string(), "report this with the recording"))?;
-        Ok(to_tum_with(&header, &trajectory).into_bytes())
-    };
-    [
-        outputs.write("--trajectory", || poses(PoseTime::Corrected)),
-        outputs.write("--live-trajectory", || poses(PoseTime::Live)),
-    ]
-    .into_iter()
-    .filter_map(Result::err)
-    .collect()
+        Ok(to_tum_with(&poses.header(), &trajectory).into_bytes())
+    })
+}
+
+const NO_POSE: &str = "check the calibration (cairn rig check), use a longer part of the recording, or show the camera more texture";
+
+/// Prints what the run came to.
+///
+/// # Errors
+/// The failures until here; also when no frame has a pose, or too few of a recording.
+pub fn conclude(
+    a: &Arguments,
+    output: &Output,
+    (mut failures, mut ended): (Vec<Failure>, Ended),
+) -> Result<(), Failure> {
+    let outcome = ended.outcome();
+    let (r, live) = (&outcome.report, is_live(&a.source));
+    if r.tracked == 0 && outcome.interrupted {
+        warn("interrupted before the first pose: there is no trajectory to write");
+    } else if r.tracked == 0 && failures.is_empty() {
+        let why = outcome.last_state.as_deref().unwrap_or("it has no frames");
+        failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
+    }
+    let text = |outcome: &Outcome| text::of(outcome, a.realtime || live);
+    // A live camera may well show nothing for long; a recording that is lost cannot be relied on. A try of a few frames ends
+    // before one camera has seen enough to begin.
+    let enough = r.frames >= 100 && !live && !outcome.interrupted;
+    if failures.is_empty() && enough && 2 * r.tracked < r.frames {
+        output.text(&text(outcome))?;
+        let why = format!("only {} of {} frames got a pose", r.tracked, r.frames);
+        failures.push(Failure::new(&a.source, why, NO_POSE));
+    }
+    Failure::all(failures)?;
+    output.result(outcome, text)
 }

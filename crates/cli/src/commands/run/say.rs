@@ -1,6 +1,9 @@
 //! How what is said reaches the user: `--say`.
 
+use super::sink::{Ended, Sink, Step};
 use crate::failure::Failure;
+use crate::interrupt;
+use cairn_session::Event;
 use cairn_voice::{Espeak, EspeakVoice, NoVoice, SpeechConfig, TextVoice, Voice, VoiceError, WavVoice};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -55,23 +58,49 @@ impl Say {
     ///
     /// # Errors
     /// When the speech program is missing or the WAV file cannot be created.
-    pub fn voice(
-        &self,
-        config: SpeechConfig,
-        wav: Option<&Path>,
-        json: bool,
-    ) -> Result<Box<dyn Voice>, Failure> {
+    pub fn voice(&self, config: SpeechConfig, wav: Option<&Path>, json: bool) -> Result<Spoken, Failure> {
         let espeak = || Espeak::find(config).map_err(fail);
-        Ok(match self {
+        let voice: Box<dyn Voice> = match self {
             Self::Text if json => Box::new(TextVoice::new(std::io::stderr())),
             Self::Text => Box::new(TextVoice::new(std::io::stdout())),
             Self::Speech => Box::new(EspeakVoice::new(espeak()?)),
             Self::Wav(path) => Box::new(WavVoice::create(wav.unwrap_or(path), espeak()?).map_err(fail)?),
             Self::None => Box::new(NoVoice),
-        })
+        };
+        Ok(Spoken { voice, aloud: matches!(self, Self::Speech) })
     }
 }
 
-pub(super) fn fail(e: VoiceError) -> Failure {
+/// What the walker hears.
+pub struct Spoken {
+    voice: Box<dyn Voice>,
+    aloud: bool,
+}
+
+impl Sink for Spoken {
+    fn event(&mut self, event: &Event) {
+        match event {
+            Event::Said(said) => {
+                self.voice.set_language(said.language);
+                self.voice.say(&said.text, said.t_s, said.interrupts);
+            }
+            Event::Sound(s) => self.voice.sound(s.earcon, s.bearing_rad, s.t_s),
+        }
+    }
+
+    fn step(&mut self, step: &mut Step) {
+        self.voice.pass(step.t_s);
+    }
+
+    /// Waits until the last announcement has been given, unless a signal ended the run and it is given aloud.
+    fn end(mut self: Box<Self>, _: &mut Ended) -> Result<(), Failure> {
+        match self.aloud && interrupt::requested() {
+            true => Ok(()),
+            false => self.voice.end().map_err(fail),
+        }
+    }
+}
+
+fn fail(e: VoiceError) -> Failure {
     Failure::new("voice", e.why, e.cure)
 }

@@ -1,6 +1,7 @@
 //! `--mesh` and `--dense`: surfaces from the depth of key frames with the final poses, and that depth in saved maps.
 
 use super::arguments::Arguments;
+use super::sink::Ended;
 use crate::commands::map::failed;
 use crate::failure::Failure;
 use crate::output::warn;
@@ -11,6 +12,12 @@ use cairn_dense::{SubmapConfig, TsdfConfig};
 use cairn_engine::{DenseMapper, DenseSetupError, Engine, SensorMode};
 use cairn_sensor::Rig;
 use cairn_session::Session;
+use std::path::Path;
+
+/// Whether surfaces are asked for.
+pub fn is_wanted(a: &Arguments) -> bool {
+    a.mesh.is_some() || a.dense
+}
 
 /// How submaps are made.
 pub fn config(a: &Arguments) -> SubmapConfig {
@@ -64,21 +71,23 @@ pub fn begin(
     Ok(Some(mapper))
 }
 
-/// Writes the surface.
+/// Writes the surface, of a run that has poses.
 ///
 /// # Errors
 /// When nothing was fused or the file cannot be written.
-pub fn write(
-    mapper: Option<&mut DenseMapper>,
-    outputs: &Outputs,
-    a: &Arguments,
-    engine: &Engine,
-) -> Result<(), Failure> {
-    let (Some(mapper), Some(path)) = (mapper, &a.mesh) else { return Ok(()) };
-    outputs.write("--mesh", || {
-        let surface = Surface::of(mapper, engine.snapshot().is_gravity_aligned_throughout())?;
-        surface.bytes(form(path)?, &path.display().to_string())
-    })
+pub fn write(outputs: &Outputs, path: &Path, ended: &mut Ended) -> Result<(), Failure> {
+    match ended.outcome().report.tracked {
+        0 => Ok(()),
+        _ => outputs.write("--mesh", || ended.run.surface(path)),
+    }
+}
+
+/// The surface in the form of the ending of this file.
+///
+/// # Errors
+/// When nothing was fused.
+pub fn bytes(mapper: &mut DenseMapper, gravity_aligned: bool, path: &Path) -> Result<Vec<u8>, Failure> {
+    Surface::of(mapper, gravity_aligned)?.bytes(form(path)?, &path.display().to_string())
 }
 
 /// Watches the walker's way, if that is wanted.

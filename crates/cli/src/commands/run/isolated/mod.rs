@@ -5,15 +5,13 @@
 #[cfg(unix)]
 mod monitor;
 #[cfg(unix)]
-mod options;
-#[cfg(unix)]
-mod report;
+mod several;
 #[cfg(unix)]
 mod supervisor;
 #[cfg(unix)]
 mod worker;
 
-use super::Arguments;
+use super::arguments::Arguments;
 use crate::failure::Failure;
 #[cfg(not(unix))]
 use crate::output::Output;

@@ -1,85 +1,61 @@
-//! What is shown, said and counted while the run goes on.
+//! What the supervisor tells of a run, as the frames and events of its sinks.
 
-use super::super::Arguments;
+use super::super::arguments::Arguments;
+use super::super::sink::{Frame, Step};
+use super::super::sinks::Sinks;
+use super::super::tally::Tally;
 use crate::processes::line;
-use crate::progress::Progress;
-use cairn_guide::{Cue, CueKind, StopReason};
+use cairn_guide::{Cue, CueKind, Priority, StopReason};
 use cairn_sensor::Stamp;
-use cairn_voice::Voice;
-use cairn_workers::message::Said;
-use cairn_workers::{Death, Role, RunEvent};
-use std::time::Instant;
+use cairn_session::{Event, Said};
+use cairn_workers::message::Tracked;
+use cairn_workers::{Role, RunEvent};
 
-/// What is shown and counted while the run goes on.
-pub(super) struct Monitor {
-    began: Instant,
-    pub(super) progress: Progress,
-    frames: usize,
-    pub(super) first_pose_s: Option<f64>,
+/// Passes on what is told.
+pub(super) struct Monitor<'t, 'a> {
+    a: &'a Arguments,
+    sinks: &'t mut Sinks<'a>,
+    tally: &'t mut Tally,
     first: Option<Stamp>,
-    /// Seconds from the first frame to the last.
-    t_s: f64,
-    pub(super) voice: Box<dyn Voice>,
-    /// What is said when the guide itself has died.
-    guide_died: String,
+    last: Stamp,
 }
 
-impl Monitor {
-    pub(super) fn new(a: &Arguments, began: Instant, voice: Box<dyn Voice>) -> Self {
-        let language = a.speaking.language;
-        Self {
-            began,
-            progress: Progress::new(None),
-            frames: 0,
-            first_pose_s: None,
-            first: None,
-            t_s: 0.0,
-            voice,
-            guide_died: stop_words(a, StopReason::StageDied)
-                .unwrap_or_else(|| language.text("stop-stage-died")),
-        }
-    }
-
-    fn died(&mut self, death: &Death) {
-        if death.role == Role::Guide {
-            self.voice.say(&self.guide_died, self.t_s, true);
-        }
-    }
-
-    fn said(&mut self, said: &Said) {
-        match said {
-            Said::Words { text, t_s, interrupts } => self.voice.say(text, *t_s, *interrupts),
-            Said::Sound { earcon, bearing_rad, t_s } => {
-                if let Some(earcon) = cairn_workers::guide::earcon_of(*earcon) {
-                    self.voice.sound(earcon, *bearing_rad, *t_s);
-                }
-            }
-        }
+impl<'t, 'a> Monitor<'t, 'a> {
+    pub(super) fn new(a: &'a Arguments, sinks: &'t mut Sinks<'a>, tally: &'t mut Tally) -> Self {
+        Self { a, sinks, tally, first: None, last: Stamp::default() }
     }
 
     pub(super) fn tell(&mut self, told: &RunEvent) {
-        line(told).iter().for_each(|line| self.progress.note(line));
+        line(told).iter().for_each(|line| self.sinks.progress.note(line));
         match told {
-            RunEvent::Opened(opened) => self.progress = Progress::new(opened.frames),
-            RunEvent::Tracked(frame) => {
-                self.frames += 1;
-                let stamp = Stamp(frame.stamp);
-                self.t_s = stamp - *self.first.get_or_insert(stamp);
-                self.voice.pass(self.t_s);
-                if frame.pose.is_some() {
-                    self.first_pose_s.get_or_insert(self.began.elapsed().as_secs_f64());
-                }
-                self.progress.step(self.frames);
-            }
-            RunEvent::Died(death) => self.died(death),
-            RunEvent::Said(said) => self.said(said),
+            RunEvent::Opened(opened) => self.sinks.progress.begin(opened.frames),
+            RunEvent::Tracked(frame) => self.tracked(frame),
+            RunEvent::Said(event) => self.sinks.event(event),
+            RunEvent::Died(death) if death.role == Role::Guide => self.guide_died(),
             _ => {}
         }
     }
-}
 
-/// The sentence that stops the walker.
-fn stop_words(a: &Arguments, reason: StopReason) -> Option<String> {
-    let cue = Cue { stamp: Stamp::default(), facing: a.facing.facing(), kind: CueKind::Stop(reason) };
-    a.speaking.phrases().words(&cue)
+    fn tracked(&mut self, frame: &Tracked) {
+        self.last = Stamp(frame.stamp);
+        self.first.get_or_insert(self.last);
+        self.sinks.step(&mut Step { t_s: self.t_s(), here: None });
+        self.sinks.frame(self.tally, &Frame { has_pose: frame.pose.is_some(), here: None });
+    }
+
+    /// Seconds from the first frame to the last.
+    fn t_s(&self) -> f64 {
+        self.first.map_or(0.0, |first| self.last - first)
+    }
+
+    /// The guide cannot say itself that it has died: the walker is to stop.
+    fn guide_died(&mut self) {
+        let kind = CueKind::Stop(StopReason::StageDied);
+        let cue = Cue { stamp: Stamp::default(), facing: self.a.facing.facing(), kind };
+        let language = self.a.speaking.language;
+        let words = self.a.speaking.phrases().words(&cue);
+        let words = words.unwrap_or_else(|| language.text("stop-stage-died"));
+        let said = Said::plain(words, language, Priority::Urgent, (self.last, self.t_s()));
+        self.sinks.event(&Event::Said(said));
+    }
 }

@@ -1,10 +1,12 @@
 //! Runs the processes, and writes the results.
 
-use super::super::say::Say;
-use super::super::{Arguments, map};
+use super::super::arguments::Arguments;
+use super::super::poses::cam0;
+use super::super::sinks::Sinks;
+use super::super::tally::Tally;
+use super::super::{map, results, route, source, surface, walker};
 use super::monitor::Monitor;
-use super::options::{config_of, makes_surfaces};
-use super::report::{Compared, report, written};
+use super::several::Several;
 use crate::commands::map::failed;
 use crate::failure::Failure;
 use crate::interrupt;
@@ -16,7 +18,7 @@ use crate::progress::Progress;
 use crate::surface::form;
 use cairn_atlas::store::MapFile;
 use cairn_workers::message::SurfaceInput;
-use cairn_workers::{RunFolder, Supervision, dense};
+use cairn_workers::{RunFolder, SuperviseError, Supervision};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -38,10 +40,45 @@ pub fn supervise(
     parent: &Path,
 ) -> Result<(), Failure> {
     let _lock = outputs.file("--map-out").map(MapLock::take).transpose()?;
-    let config = config_of(a)?;
-    a.guide.as_deref().map(super::super::route::check).transpose()?;
+    let config = source::config_of(a)?;
+    check(a)?;
+    let say = walker::say_of(a, a.guide.is_some())?;
+    if let (Some(path), Some(map)) = (a.record.as_ref().filter(|path| path.exists()), map::opened(a)?) {
+        // It fits, or the run ends here.
+        route::resume(path, &map, config.route.recorder)?;
+    }
+    let folder = folder_in(parent)?;
+    let attached = begin_in(a, &folder)?;
+    interrupt::in_order();
+    let stop = Arc::new(AtomicBool::new(false));
+    interrupt::sets(stop.clone());
+    let mut sinks = Sinks::new(Progress::new(None));
+    sinks.add(Some(say.voice(walker::speech_of(a), outputs.file("--say wav:"), output.is_json())?));
+    sinks.at_end(|ended| ended.run.close_recording());
+    sinks.add(map::Saver::begin(a, outputs.file("--map-out"), attached, sinks.progress.clone()));
+    results::add(&mut sinks, a, outputs);
+    let mut tally = Tally::new(began);
+    let mut monitor = Monitor::new(a, &mut sinks, &mut tally);
+    let run = cairn_workers::supervise(&supervision(a), &folder, &stop, &mut |told| monitor.tell(&told));
+    let run = run.map_err(|e| match e {
+        SuperviseError::Worker(e) => Failure::new(e.what, e.why, e.cure),
+        e => Failure::new("the run", e.to_string(), "run without --isolated to see where it fails"),
+    })?;
+    // Without the source there is no ground truth, and the run is none the worse for it.
+    let source = source::open_source(a, &mut config.engine.clone(), None).ok().map(|(source, _)| source);
+    let cam0 = source.as_ref().and_then(|source| cam0(a, source.rig()));
+    let truth = source.map_or_else(Vec::new, |source| source.info().truth.clone());
+    let mut several = Several { a, run, folder, tally, config, cam0, truth };
+    // With --mesh that is said when the surface is to be written.
+    let no_surfaces = several.surfaces().err().filter(|_| a.mesh.is_none());
+    results::conclude(a, output, sinks.end(&mut several, no_surfaces))
+}
+
+/// Checks before anything is opened what needs no input.
+fn check(a: &Arguments) -> Result<(), Failure> {
+    a.guide.as_deref().map(route::check).transpose()?;
     a.mesh.as_deref().map(form).transpose()?;
-    if a.colour && !makes_surfaces(a) {
+    if a.colour && !surface::is_wanted(a) {
         let hint = "add --mesh or --dense";
         return Err(Failure::usage("--colour", "colours are those of surfaces", hint));
     }
@@ -53,50 +90,22 @@ pub fn supervise(
         let hint = "record in one run and be guided in another";
         return Err(Failure::usage("--isolated", "one process guides or records", hint));
     }
-    let say = a.say.clone().unwrap_or(if a.guide.is_some() { Say::Text } else { Say::None });
-    let speech = super::super::speech_of(a);
-    say.check(speech)?;
-    if let (Some(path), Some(map)) = (a.record.as_ref().filter(|path| path.exists()), map::opened(a)?) {
-        // It fits, or the run ends here.
-        super::super::route::resume(path, &map, config.route.recorder)?;
-    }
-    let folder = folder_in(parent)?;
-    let attached = begin_in(a, &folder)?;
-    interrupt::in_order();
-    let stop = Arc::new(AtomicBool::new(false));
-    interrupt::sets(stop.clone());
+    Ok(())
+}
+
+fn supervision(a: &Arguments) -> Supervision {
     let hang_limit = hang_limit(a);
-    let late_limit = if a.realtime { LATE } else { hang_limit };
-    let how = Supervision {
+    Supervision {
         command: Box::new(this_program),
         hang_limit,
-        late_limit,
+        late_limit: if a.realtime { LATE } else { hang_limit },
         guide: a.guide.is_some() || a.record.is_some(),
         records: a.record.is_some(),
-        surfaces: makes_surfaces(a).then_some(match a.colour {
+        surfaces: surface::is_wanted(a).then_some(match a.colour {
             true => SurfaceInput::DepthAndGray,
             false => SurfaceInput::Depth,
         }),
-    };
-    let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
-    let mut monitor = Monitor::new(a, began, voice);
-    let run = cairn_workers::supervise(&how, &folder, &stop, &mut |told| monitor.tell(&told));
-    let mut run = run.map_err(|e| match e {
-        cairn_workers::SuperviseError::Worker(e) => Failure::new(e.what, e.why, e.cure),
-        e => Failure::new("the run", e.to_string(), "run without --isolated to see where it fails"),
-    })?;
-    let heard = monitor.voice.end().map_err(super::super::say::fail);
-    run.map.attached.extend(attached);
-    drop(std::mem::replace(&mut monitor.progress, Progress::hidden()));
-    let compared = Compared::of(a, &config);
-    let report = report(a, &run, &monitor, &config, &compared, began);
-    let surface = || {
-        let path = folder.path().join(dense::SURFACE);
-        std::fs::read(&path)
-            .map_err(|e| Failure::new("the surface", e.to_string(), "free some shared memory"))
-    };
-    let written = written(a, outputs, output, &run, &report, &compared, &surface);
-    heard.and(written)
+    }
 }
 
 /// Lockstep adjusts whole maps between two frames, which takes seconds in a large one.
@@ -111,7 +120,7 @@ fn begin_in(a: &Arguments, folder: &RunFolder) -> Result<BTreeMap<String, Vec<u8
     cairn_workers::journal::JournalWriter::begin(folder.path(), &base)
         .map_err(|e| Failure::new(SHARED_MEMORY, e.to_string(), "free some of it"))?;
     let Some(mut file) = map::opened(a)? else { return Ok(BTreeMap::new()) };
-    if makes_surfaces(a) {
+    if surface::is_wanted(a) {
         // Dense goes on from it, and gives it back with what it adds.
         let path = a.map_in.as_deref().unwrap_or(Path::new("--map-in"));
         file.take_depth().map_err(|e| failed(path, &e))?;

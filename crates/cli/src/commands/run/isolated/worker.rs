@@ -1,10 +1,10 @@
 //! The work of one process of the run.
 
-use super::super::{Arguments, map, open_part};
-use super::options::config_of;
+use super::super::arguments::Arguments;
+use super::super::source::{config_of, open_part, vocabulary};
+use super::super::{map, surface, walker};
 use crate::failure::Failure;
 use crate::output::warn;
-use crate::surface::{Surface, form};
 use cairn_engine::{DenseMapper, Runner};
 use cairn_guide::{Route, Travel};
 use cairn_sensor::Source;
@@ -50,7 +50,7 @@ pub fn work(a: &Arguments) -> Result<(), Failure> {
         }),
         Role::Slam => {
             if let Some(path) = &a.vocabulary {
-                super::super::vocabulary(path)?;
+                vocabulary(path)?;
             }
             cairn_workers::slam::run(from, to, &config, runner(a));
         }
@@ -87,14 +87,10 @@ fn dense_of(a: &Arguments) -> Result<dense::Work<Mesh>, WorkerFailure> {
         }
         None => Vec::new(),
     };
-    let surface = a.mesh.clone().map(|path| -> Mesh {
-        Box::new(move |mapper, gravity_aligned| {
-            let write = form(&path).map_err(told)?;
-            let surface = Surface::of(mapper, gravity_aligned).map_err(told)?;
-            surface.bytes(write, &path.display().to_string()).map_err(told)
-        })
+    let mesh = a.mesh.clone().map(|path| -> Mesh {
+        Box::new(move |mapper, gravity_aligned| surface::bytes(mapper, gravity_aligned, &path).map_err(told))
     });
-    Ok(dense::Work { config: super::super::surface::config(a), saved, surface })
+    Ok(dense::Work { config: surface::config(a), saved, surface: mesh })
 }
 
 /// The route of --record.
@@ -120,7 +116,7 @@ fn guide_of(a: &Arguments) -> Result<RouteGuide, WorkerFailure> {
     let route = Route::load(path).map_err(|e| no_route(shown.clone(), e.to_string()))?;
     let travel = if a.back { Travel::Home } else { Travel::Again };
     let config = config_of(a).map_err(told)?.route;
-    let announcer = super::super::announcer_of(a);
+    let announcer = walker::announcer_of(a);
     Ok(RouteGuide::new(route, travel, a.facing.facing(), config, a.speaking.phrases(), announcer))
 }
 

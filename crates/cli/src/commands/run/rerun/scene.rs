@@ -5,12 +5,13 @@
 
 use super::pipe::{Pipe, pose, similarity, single};
 use super::shown::{self, MapView};
+use crate::commands::run::sink::{Ended, Frame, Processed, Sink};
 use crate::failure::Failure;
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
 use cairn_engine::{DenseMapper, Engine, FramePose, Output, Phase};
 use cairn_rerun::{Colour, Level, Show};
-use cairn_sensor::{Camera, FramePacket, Rig, Stamp};
-use cairn_session::{Said, Session, anchor_in_map};
+use cairn_sensor::{Camera, Rig, Stamp};
+use cairn_session::{Event, Session, anchor_in_map};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -58,14 +59,7 @@ impl Scene {
         }))
     }
 
-    /// Adds a frame.
-    pub fn frame(
-        &mut self,
-        packet: &FramePacket,
-        done: &Output,
-        session: &Session,
-        dense: Option<&DenseMapper>,
-    ) {
+    fn add(&mut self, here: &Processed, done: &Output) {
         let stamp = done.stamp;
         self.last = stamp;
         let first = *self.first.get_or_insert(stamp);
@@ -75,12 +69,12 @@ impl Scene {
         self.to.show("numbers/features", Show::Number(done.frame.len() as f64));
         self.to.show("numbers/extract_ms", Show::Number(done.timings.extract_ms));
         self.to.show("numbers/track_ms", Show::Number(done.timings.track_ms));
-        let snapshot = session.engine().snapshot();
+        let snapshot = here.session.engine().snapshot();
         let map = done.pose.as_ref().and_then(|pose| shown::map_of(&snapshot, pose.anchored.reference));
         self.current = map.or(self.current);
         self.poses(done, map);
         let due = |last: Option<Stamp>, step_s: f64| last.is_none_or(|last| stamp - last >= step_s);
-        if let Some(image) = packet.images.first().filter(|_| due(self.image_at, IMAGE_STEP_S)) {
+        if let Some(image) = here.packet.images.first().filter(|_| due(self.image_at, IMAGE_STEP_S)) {
             self.image_at = Some(stamp);
             // What the camera sees is shown without a pose too: in the map of the last one, and beside any map before.
             let below = self.current.map_or("image".into(), |map| format!("{}/cam0/image", shown::root(map)));
@@ -91,7 +85,7 @@ impl Scene {
         }
         if due(self.map_at, MAP_STEP_S.max(MAP_STEP_SHARE * (stamp - first))) {
             self.map_at = Some(stamp);
-            self.maps(session, &snapshot, dense);
+            self.maps(here.session, &snapshot, here.dense);
         }
     }
 
@@ -175,22 +169,29 @@ impl Scene {
         self.to.show(below("loops"), Show::Lines(view.loops, Colour::RED));
         self.to.show(below("trajectory"), Show::Lines(view.path, Colour::GREEN));
     }
+}
 
-    /// Adds an utterance.
-    pub fn said(&mut self, said: &Said) {
+impl Sink for Scene {
+    fn frame(&mut self, frame: &Frame) {
+        if let Some((here, done)) = frame.output() {
+            self.add(here, done);
+        }
+    }
+
+    fn event(&mut self, event: &Event) {
+        let Event::Said(said) = event else { return };
         self.to.at(said.stamp.0, self.frames);
         let level = if said.priority == 0 { Level::Warning } else { Level::Info };
         self.to.show("said", Show::Text(level, said.text.clone()));
     }
 
-    /// Draws the final map and closes the file.
-    ///
-    /// # Errors
-    /// The first failure of writing.
-    pub fn end(mut self, session: &Session, dense: Option<&DenseMapper>) -> Result<(), Failure> {
-        let snapshot = session.engine().snapshot();
-        self.to.at(self.last.0, self.frames);
-        self.maps(session, &snapshot, dense);
+    /// Draws the final map.
+    fn end(mut self: Box<Self>, ended: &mut Ended) -> Result<(), Failure> {
+        if let Some(here) = ended.run.here() {
+            let snapshot = here.session.engine().snapshot();
+            self.to.at(self.last.0, self.frames);
+            self.maps(&here.session, &snapshot, here.dense.as_ref());
+        }
         self.to.end()
     }
 }
