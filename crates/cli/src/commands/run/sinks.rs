@@ -163,11 +163,11 @@ fn log(done: &Output) {
 mod tests {
     use super::*;
     use crate::commands::run::outcome::Outcome;
+    use crate::commands::run::poses::Poses;
     use cairn_atlas::store::MapFile;
-    use cairn_engine::PoseTime;
+    use cairn_engine::{CameraPoses, PoseTime};
     use cairn_eval::RunReport;
     use cairn_geometry::Se3;
-    use cairn_sensor::Stamp;
     use std::cell::RefCell;
     use std::collections::BTreeMap;
     use std::path::Path;
@@ -177,8 +177,9 @@ mod tests {
     struct NoFrames(usize);
 
     impl Run for NoFrames {
-        fn poses(&self, _: PoseTime) -> Vec<(Stamp, Se3)> {
-            Vec::new()
+        fn poses(&self, _: PoseTime) -> Poses {
+            let of_camera = CameraPoses { body_from_camera: Se3::identity(), poses: Vec::new() };
+            Poses { of_camera, cam0: None, frames: 0 }
         }
         fn map(&mut self, _: &BTreeMap<String, Vec<u8>>) -> Option<MapFile> {
             None
