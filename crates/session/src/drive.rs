@@ -9,6 +9,7 @@ use crate::session::Session;
 use crate::slam::{NotTracked, Slam};
 use cairn_engine::{Engine, Output};
 use cairn_sensor::{ClockReading, FramePacket, Live, Source, SourceError, Stamp};
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -57,16 +58,62 @@ pub fn drive_lockstep<S: Slam>(
     observer: &mut dyn Observer<S>,
 ) -> Result<Ended, SourceError> {
     while let Some(packet) = source.next_packet()? {
-        let output = session.on_packet(&packet);
-        observer.on_output(session, &packet, &output);
-        let mut commands = script.due(session);
-        commands.extend(observer.take_commands());
-        if carry_out(session, &commands, observer) {
+        if step(session, &packet, script, observer) {
             return Ok(Ended::Requested);
         }
-        after(session, observer);
     }
     Ok(Ended::Source)
+}
+
+/// Processes every packet that a source gives in its own time, one after the other, and ticks while one is waited for: a
+/// recording that a loaded machine or a slow disk does not give says so in the status.
+///
+/// # Errors
+/// The source's error, or that no thread can be started to read it.
+pub fn drive_paced<S: Slam>(
+    session: &mut Session<S>,
+    source: &mut dyn Source,
+    script: &mut Script,
+    observer: &mut dyn Observer<S>,
+) -> Result<Ended, SourceError> {
+    let name = source.info().name.clone();
+    let arrivals = Arrivals::default();
+    std::thread::scope(|scope| {
+        let ((ask, asked), (give, given)) = (channel::<()>(), channel());
+        let read = move || {
+            while asked.recv().is_ok() {
+                if give.send(source.next_packet()).is_err() {
+                    return;
+                }
+            }
+        };
+        let reader = std::thread::Builder::new().name("cairn-paced".into()).spawn_scoped(scope, read);
+        reader.map_err(|e| {
+            SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
+        })?;
+        while ask.send(()).is_ok() {
+            let next = loop {
+                match given.recv_timeout(TICK) {
+                    Err(RecvTimeoutError::Timeout) => {}
+                    next => break next,
+                }
+                if let Some(now) = arrivals.now() {
+                    session.tick(now);
+                }
+                let commands = observer.take_commands();
+                if carry_out(session, &commands, observer) {
+                    return Ok(Ended::Requested);
+                }
+                after(session, observer);
+            };
+            let Some(packet) = next.unwrap_or(Ok(None))? else { break };
+            arrivals.put(packet.stamp, Instant::now());
+            if step(session, &packet, script, observer) {
+                return Ok(Ended::Requested);
+            }
+        }
+        Ok(Ended::Source)
+    })
 }
 
 /// Processes the newest packet whenever there is one, and ticks while there is none. Ends with the source, or on a
@@ -127,6 +174,24 @@ impl Live for Arrivals {
     fn clock(&self) -> Option<ClockReading> {
         self.now().map(|now| ClockReading { now, bound_s: 0.0, delivery_s: 0.0 })
     }
+}
+
+/// Processes a packet and what was asked meanwhile; true when that was quit.
+fn step<S: Slam>(
+    session: &mut Session<S>,
+    packet: &FramePacket,
+    script: &mut Script,
+    observer: &mut dyn Observer<S>,
+) -> bool {
+    let output = session.on_packet(packet);
+    observer.on_output(session, packet, &output);
+    let mut commands = script.due(session);
+    commands.extend(observer.take_commands());
+    let quits = carry_out(session, &commands, observer);
+    if !quits {
+        after(session, observer);
+    }
+    quits
 }
 
 /// Carries out the commands; true when one of them was quit.

@@ -42,7 +42,7 @@ pub use age::Age;
 pub use command::{Command, CommandError, KEYS, Key, RouteChoice, help, key_of};
 pub use config::SessionConfig;
 pub use disk::{Disk, Medium, OwnDisk, PatientFile, Trouble};
-pub use drive::{Ended, Observer, drive_live, drive_lockstep};
+pub use drive::{Ended, Observer, drive_live, drive_lockstep, drive_paced};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
 pub use file_config::FileConfig;
 pub use inbox::{Inbox, Item, feed};

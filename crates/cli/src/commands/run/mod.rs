@@ -38,7 +38,7 @@ use cairn_rerun::viewer;
 use cairn_sensor::{Rig, Skips, Source, Stamp};
 use cairn_session::{
     Age, Command, FileConfig, Inbox, Item, RouteChoice, Script, Session, SessionConfig, drive_live,
-    drive_lockstep, feed,
+    drive_lockstep, drive_paced, feed,
 };
 use cairn_sources::{OpenOptions, Paced, Picked, Validator, is_live, open, waiting_for};
 use cairn_vision::bow::Vocabulary;
@@ -170,7 +170,7 @@ pub fn run(a: &Arguments, output: &Output, began: Instant) -> Result<(), Failure
         (driven, Skips::default(), Vec::new())
     } else if a.realtime {
         let mut paced = Paced::new(source).cancelled_by(interrupt::cancel());
-        let driven = drive_lockstep(&mut session, &mut paced, &mut script, &mut observer);
+        let driven = drive_paced(&mut session, &mut paced, &mut script, &mut observer);
         observer.tally.dropped = paced.dropped();
         (driven, paced.skips(), paced.skipped().to_vec())
     } else if let Some(stamps) = stamps {
@@ -356,6 +356,7 @@ fn open_part(
         topics: a.topics.clone(),
         number_frames_hz: a.number_frames,
         cancel: interrupt::cancel(),
+        told: Some(note),
     };
     let given = a.rig.as_deref().map(|path| rig_of(path, &a.source, config)).transpose()?;
     let of_live = a.sensor.filter(|_| is_live(&a.source));

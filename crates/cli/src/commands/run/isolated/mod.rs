@@ -9,6 +9,8 @@ mod options;
 #[cfg(unix)]
 mod report;
 #[cfg(unix)]
+mod saver;
+#[cfg(unix)]
 mod supervisor;
 #[cfg(unix)]
 mod worker;

@@ -5,6 +5,7 @@ use super::super::{Arguments, map};
 use super::monitor::Monitor;
 use super::options::{config_of, makes_surfaces};
 use super::report::{report, written};
+use super::saver::Saver;
 use crate::commands::map::failed;
 use crate::failure::Failure;
 use crate::interrupt;
@@ -14,7 +15,6 @@ use crate::outputs::Outputs;
 use crate::processes::{SHARED_MEMORY, folder_in, this_program};
 use crate::progress::Progress;
 use crate::surface::form;
-use cairn_atlas::store::MapFile;
 use cairn_workers::message::SurfaceInput;
 use cairn_workers::{RunFolder, Supervision, dense};
 use std::collections::BTreeMap;
@@ -61,7 +61,8 @@ pub fn supervise(
         super::super::route::resume(path, &map, config.route.recorder)?;
     }
     let folder = folder_in(parent)?;
-    let attached = begin_in(a, &folder)?;
+    let Attached { whole, kept } = begin_in(a, &folder)?;
+    let mut saver = Saver::new(a, folder.path(), outputs.file("--map-out"), whole);
     interrupt::in_order();
     let stop = Arc::new(AtomicBool::new(false));
     interrupt::sets(stop.clone());
@@ -80,13 +81,17 @@ pub fn supervise(
     };
     let voice = say.voice(speech, outputs.file("--say wav:"), output.is_json())?;
     let mut monitor = Monitor::new(a, began, voice);
-    let run = cairn_workers::supervise(&how, &folder, &stop, &mut |told| monitor.tell(&told));
+    let run = cairn_workers::supervise(&how, &folder, &stop, &mut |told| {
+        monitor.tell(&told);
+        saver.save_if_due().iter().for_each(|why| monitor.progress.warn(why));
+    });
+    drop(saver);
     let mut run = run.map_err(|e| match e {
         cairn_workers::SuperviseError::Worker(e) => Failure::new(e.what, e.why, e.cure),
         e => Failure::new("the run", e.to_string(), "run without --isolated to see where it fails"),
     })?;
     let heard = monitor.voice.end().map_err(super::super::say::fail);
-    run.map.attached.extend(attached);
+    run.map.attached.extend(kept);
     drop(std::mem::replace(&mut monitor.progress, Progress::hidden()));
     let report = report(a, &run, &monitor, &config, began);
     let surface = || {
@@ -103,17 +108,24 @@ fn hang_limit(a: &Arguments) -> Duration {
     Duration::from_secs(if a.realtime { 2 } else { 30 })
 }
 
+/// What is attached to the map of --map-in: all of it, and what the map at the end gets of it.
+#[derive(Default)]
+struct Attached {
+    whole: BTreeMap<String, Vec<u8>>,
+    kept: BTreeMap<String, Vec<u8>>,
+}
+
 /// Begins the journal with the map of --map-in; returns what is attached to it.
-fn begin_in(a: &Arguments, folder: &RunFolder) -> Result<BTreeMap<String, Vec<u8>>, Failure> {
-    let Some(file) = map::opened(a)? else { return Ok(BTreeMap::new()) };
-    let base = MapFile { attached: BTreeMap::new(), ..file };
-    cairn_workers::journal::JournalWriter::begin(folder.path(), &base)
+fn begin_in(a: &Arguments, folder: &RunFolder) -> Result<Attached, Failure> {
+    let Some(mut file) = map::opened(a)? else { return Ok(Attached::default()) };
+    let whole = std::mem::take(&mut file.attached);
+    cairn_workers::journal::JournalWriter::begin(folder.path(), &file)
         .map_err(|e| Failure::new(SHARED_MEMORY, e.to_string(), "free some of it"))?;
-    let Some(mut file) = map::opened(a)? else { return Ok(BTreeMap::new()) };
+    file.attached = whole.clone();
     if makes_surfaces(a) {
         // Dense goes on from it, and gives it back with what it adds.
         let path = a.map_in.as_deref().unwrap_or(Path::new("--map-in"));
         file.take_depth().map_err(|e| failed(path, &e))?;
     }
-    Ok(file.attached)
+    Ok(Attached { whole, kept: file.attached })
 }
