@@ -81,7 +81,9 @@ impl Stream {
             })
         };
         let (s, h, name) = (slot.clone(), handle.clone(), shown.to_owned());
-        stream.threads.push(spawn("cairn-video", Box::new(move || read(&name, &command, listens, told, &s, &h)))?);
+        stream
+            .threads
+            .push(spawn("cairn-video", Box::new(move || read(&name, &command, listens, told, &s, &h)))?);
         let (s, h) = (slot.clone(), handle);
         stream.threads.push(spawn("cairn-video-watch", Box::new(move || stop_when_silent(listens, &s, &h)))?);
         // A listener that cannot listen fails at once; one that can waits.
@@ -269,7 +271,9 @@ fn ended(shown: &str, s: &mut State, listens: bool, delivered: usize, why: &str,
     } else if listens && delivered == 0 && !cannot_listen(why) {
         // A browser, a scanner: whoever it was, the sender may come next.
         if !std::mem::replace(&mut s.refused, true) {
-            s.lines.push(format!("who connected sends no RTMP video and was refused ({why}); waiting on at {shown}"));
+            s.lines.push(format!(
+                "who connected sends no RTMP video and was refused ({why}); waiting on at {shown}"
+            ));
         }
     } else if s.known.is_none() && (!listens || quick) {
         let cure = match listens {

@@ -65,7 +65,9 @@ pub fn assumed_in(path: impl AsRef<Path>) -> Option<String> {
     let rate = "states no rate of the IMU";
     if camodocal::is(&doc.root) && camodocal::has_imu(&doc.root) {
         let hz = camodocal::RATE_HZ;
-        Some(format!("{rate}: {hz} samples a second are taken, and its noise as that of one sample at this rate"))
+        Some(format!(
+            "{rate}: {hz} samples a second are taken, and its noise as that of one sample at this rate"
+        ))
     } else if okvis::is(&doc.root) && okvis::lacks_rate(&doc.root) {
         Some(format!("{rate}: {} samples a second are taken", okvis::RATE_HZ))
     } else {

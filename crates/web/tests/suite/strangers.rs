@@ -5,7 +5,7 @@ use crate::client::tls;
 use crate::plain::{Http, Plain, stream};
 use crate::played::walk;
 use cairn_session::SessionConfig;
-use cairn_web::{CameraSource, ServeConfig, Server};
+use cairn_web::{ServeConfig, Server};
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -99,7 +99,8 @@ async fn one_address_with_many_connections_does_not_send_off_another_that_is_com
         held.push(connect([127, 0, 0, 7], server.address()).await);
     }
     let connector = TlsConnector::from(tls(&server));
-    let mut phone = connector.connect("localhost".try_into().unwrap(), phone).await.expect("its place is kept");
+    let mut phone =
+        connector.connect("localhost".try_into().unwrap(), phone).await.expect("its place is kept");
     phone.write_all(b"GET / HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n").await.unwrap();
     let page = ends(&mut phone, Duration::from_secs(5)).await.expect("an answer");
     assert!(page.starts_with(b"HTTP/1.1 200 OK"));

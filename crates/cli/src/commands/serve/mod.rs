@@ -16,9 +16,7 @@ use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
 use cairn_session::{Command, FileConfig, LibraryError, SessionConfig};
 use cairn_sources::{OpenOptions, Paced, Validator, is_live, open, waiting_for};
-use cairn_web::{
-    CameraSource, MOST_CONNECTIONS, ServeConfig, Server, StartSlam, WebError, engine_here, qr,
-};
+use cairn_web::{CameraSource, MOST_CONNECTIONS, ServeConfig, Server, StartSlam, WebError, engine_here, qr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
