@@ -71,6 +71,7 @@ async fn a_page_with_the_token_comes_in_and_stays_beside_connections_that_are_he
 #[tokio::test]
 async fn a_request_that_does_not_come_is_given_up_after_ten_seconds() {
     let server = server("slow");
+    let mut page = Plain::enter(&server, "secret", true).await;
     let began = Instant::now();
     // One never begins, one never ends its head, one begins the next request and stops there.
     let mut silent = stream(&server).await;
@@ -85,7 +86,10 @@ async fn a_request_that_does_not_come_is_given_up_after_ten_seconds() {
     let first = c.expect("it is given up after the first answer");
     assert!(first.starts_with(b"HTTP/1.1 200 OK"), "{}", String::from_utf8_lossy(&first));
     assert!(began.elapsed() > Duration::from_secs(8), "{:?}", began.elapsed());
-    // The server goes on.
+    // The server goes on, and a page whose one request is answered all the time stays.
+    for _ in 0..20 {
+        page.text("status").await;
+    }
     assert_eq!(Http::new(&server).await.ask("GET", "/icon.svg", b"").await.0, 200);
 }
 
