@@ -97,7 +97,7 @@ fn full_disk_under_a_server_is_said_on_the_terminal_at_stop_and_at_the_end() {
     served.line("the map of the routes is not saved");
     served.ask("stop");
     let stopped = served.line("The map cannot be saved");
-    assert!(stopped.starts_with("Recorded"), "{stopped}");
+    assert!(stopped.starts_with("Recording has ended"), "{stopped}");
     served.line("make room on the disk");
     served.ask("quit");
     let end = served.line("error: ");
@@ -125,7 +125,7 @@ fn more_connections_than_descriptors_end_no_server_and_keep_nobody_out() {
     // The walk goes on meanwhile, and what it writes is whole.
     std::thread::sleep(Duration::from_secs(6));
     served.ask("stop");
-    let stopped = served.line("Recorded");
+    let stopped = served.line("Recording has ended");
     assert!(!stopped.contains("cannot be saved"), "{stopped}");
     served.ask("quit");
     assert_eq!(served.code(), Some(0));
