@@ -372,6 +372,12 @@ impl Guide {
             .plan
             .maneuvers()
             .partition_point(|m| m.end_m < along + 0.3 || m.at_m < along + RIGHT_AHEAD_M);
+        let at = match self.started {
+            true => follower.past_corner(now),
+            false => now.at,
+        };
+        self.last_match = Some(at);
+        let now = &Now { at, ..*now };
         let turn = now.walker.turn_to(follower.aim(now));
         let tolerance_deg = match follower.detour {
             Some(_) => follower.config.detour_tolerance_deg,

@@ -76,6 +76,14 @@ impl Matcher {
         self.passed_m = along_m;
     }
 
+    /// Whether a walker who is matched before a corner stands nearer to the leg after it: he has cut it, or came round it while
+    /// nobody saw him.
+    pub fn is_past(&self, plan: &ManeuverPlan, position: &Vec2, at: &Match, corner_m: f64) -> bool {
+        let ahead_m = self.config.ahead_m;
+        let after = self.nearest(plan, position, corner_m, corner_m + ahead_m);
+        corner_m - at.along_m <= ahead_m && (after.foot - position).norm() < (at.foot - position).norm()
+    }
+
     /// Metres along at the last match.
     pub fn along_m(&self) -> f64 {
         self.along_m
@@ -217,6 +225,20 @@ mod tests {
             m = matcher.update(&r, &far, Stamp::from_seconds(1.0 + 0.1 * k as f64));
         }
         assert!((m.along_m - 70.0).abs() < 1e-9 && (m.cross_m + 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn walker_beside_a_corner_is_past_it_where_the_leg_after_it_is_nearer() {
+        // A sharp turn to the left at 20 m.
+        let r = plan(&[[0., 0.], [20., 0.], [10., 10.]]);
+        let past = |x: f64, y: f64| {
+            let position = Vec2::new(x, y);
+            let mut matcher = Matcher::new(MatcherConfig::default());
+            matcher.place(17.0);
+            let at = matcher.nearest(&r, &position, 13.0, 20.0);
+            matcher.is_past(&r, &position, &at, 20.0)
+        };
+        assert!(past(18.0, 1.6) && !past(18.0, 0.3) && !past(18.0, -1.0) && !past(12.0, 3.0));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use crate::session::Session;
 use crate::slam::{NotTracked, Slam};
 use cairn_engine::{Engine, Output};
 use cairn_sensor::{ClockReading, FramePacket, Live, Source, SourceError, Stamp};
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -48,9 +49,11 @@ pub enum Ended {
 
 /// What gives a session its packets, and when.
 pub enum Clock<'a> {
-    /// Every packet of a source in order, as soon as the one before is done; time is the packets' own. A source that
-    /// waits for the time of each packet sets the pace.
+    /// Every packet of a source in order, as soon as the one before is done; time is the packets' own.
     Packets(&'a mut dyn Source),
+    /// Every packet that a source gives in its own time, one after the other, and ticks of a wall clock while one is waited for: a
+    /// recording that a loaded machine or a slow disk does not give says so in the status.
+    Paced(&'a mut dyn Source),
     /// The newest packet whenever there is one, and ticks of a wall clock while there is none.
     Wall(&'a Inbox),
 }
@@ -58,38 +61,42 @@ pub enum Clock<'a> {
 /// Drives a session until its source ends or a quit command comes.
 ///
 /// # Errors
-/// The source's error.
+/// The source's error; with a paced one also that no thread can be started to read it.
 pub fn drive<S: Slam>(
     session: &mut Session<S>,
-    mut clock: Clock,
+    clock: Clock,
     script: &mut Script,
     observer: &mut dyn Observer<S>,
 ) -> Result<Ended, SourceError> {
-    let arrivals = Arc::new(Arrivals::default());
-    if let Clock::Wall(inbox) = &clock {
-        // Where the time of capture is not known, the age is judged from the time of arrival: the capture was no later.
-        session.follow(inbox.live().unwrap_or_else(|| arrivals.clone()));
+    match clock {
+        Clock::Packets(source) => each(session, script, observer, |_| item(source.next_packet())),
+        Clock::Paced(source) => paced(session, source, script, observer),
+        Clock::Wall(inbox) => {
+            // Where the time of capture is not known, the age is judged from the time of arrival: the capture was no later.
+            let arrivals = Arc::new(Arrivals::default());
+            session.follow(inbox.live().unwrap_or_else(|| arrivals.clone()));
+            each(session, script, observer, |session| next(session, inbox, &arrivals))
+        }
     }
+}
+
+/// Does with each item what is to be done, until there are no more.
+fn each<S: Slam>(
+    session: &mut Session<S>,
+    script: &mut Script,
+    observer: &mut dyn Observer<S>,
+    mut next: impl FnMut(&mut Session<S>) -> Item,
+) -> Result<Ended, SourceError> {
     loop {
         let mut commands = Vec::new();
-        let packet = match &mut clock {
-            Clock::Packets(source) => match source.next_packet()? {
-                None => return Ok(Ended::Source),
-                packet => packet,
-            },
-            Clock::Wall(inbox) => match next(session, inbox, &arrivals) {
-                Item::Packet(packet, _) => Some(packet),
-                Item::Command(command) => {
-                    commands.push(command);
-                    None
-                }
-                Item::Ended(result) => return result.map(|()| Ended::Source),
-                Item::Nothing => None,
-            },
-        };
-        if let Some(packet) = packet {
-            let output = session.on_packet(&packet);
-            observer.on_output(session, &packet, &output);
+        match next(session) {
+            Item::Packet(packet, _) => {
+                let output = session.on_packet(&packet);
+                observer.on_output(session, &packet, &output);
+            }
+            Item::Command(command) => commands.push(command),
+            Item::Ended(result) => return result.map(|()| Ended::Source),
+            Item::Nothing => {}
         }
         commands.extend(script.due(session));
         commands.extend(observer.take_commands());
@@ -98,6 +105,60 @@ pub fn drive<S: Slam>(
         }
         after(session, observer);
     }
+}
+
+fn item(read: Result<Option<FramePacket>, SourceError>) -> Item {
+    match read {
+        Ok(Some(packet)) => Item::Packet(packet, Instant::now()),
+        Ok(None) => Item::Ended(Ok(())),
+        Err(e) => Item::Ended(Err(e)),
+    }
+}
+
+/// The packets of a source that is read on a thread of its own, one when it is asked for; the session ticks until it comes.
+fn paced<S: Slam>(
+    session: &mut Session<S>,
+    source: &mut dyn Source,
+    script: &mut Script,
+    observer: &mut dyn Observer<S>,
+) -> Result<Ended, SourceError> {
+    let name = source.info().name.clone();
+    let arrivals = Arrivals::default();
+    std::thread::scope(|scope| {
+        let ((ask, asked), (give, given)) = (channel::<()>(), channel());
+        let read = move || {
+            while asked.recv().is_ok() {
+                if give.send(source.next_packet()).is_err() {
+                    return;
+                }
+            }
+        };
+        let reader = std::thread::Builder::new().name("cairn-paced".into()).spawn_scoped(scope, read);
+        reader.map_err(|e| {
+            SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
+        })?;
+        let mut is_asked = false;
+        each(session, script, observer, |session| {
+            if !std::mem::replace(&mut is_asked, true) && ask.send(()).is_err() {
+                return Item::Ended(Ok(()));
+            }
+            match given.recv_timeout(TICK) {
+                Err(RecvTimeoutError::Timeout) => {
+                    arrivals.now().into_iter().for_each(|now| session.tick(now));
+                    Item::Nothing
+                }
+                Err(RecvTimeoutError::Disconnected) => Item::Ended(Ok(())),
+                Ok(read) => {
+                    is_asked = false;
+                    let item = item(read);
+                    if let Item::Packet(packet, at) = &item {
+                        arrivals.put(packet.stamp, *at);
+                    }
+                    item
+                }
+            }
+        })
+    })
 }
 
 /// What a live source gives next; the session ticks while that is no packet.

@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 /// A packet that waited longer than this is dropped when a newer one may follow.
 const TOO_OLD: Duration = Duration::from_millis(150);
+/// But one is taken at least so often, however long it waited: beside load all of them do.
+const AT_LEAST: Duration = Duration::from_millis(200);
 
 /// What [`Inbox::take`] returns.
 pub enum Item {
@@ -31,6 +33,8 @@ struct State {
     ended: Option<Result<(), SourceError>>,
     closed: bool,
     dropped: usize,
+    /// When a packet was taken last.
+    taken: Option<Instant>,
     live: Option<Arc<dyn Live>>,
 }
 
@@ -105,7 +109,9 @@ impl Inbox {
                 return Item::Command(command);
             }
             if let Some((packet, put)) = s.packet.take() {
-                if put.elapsed() <= TOO_OLD || s.ended.is_some() {
+                let is_due = s.taken.is_some_and(|at| at.elapsed() >= AT_LEAST);
+                if put.elapsed() <= TOO_OLD || is_due || s.ended.is_some() {
+                    s.taken = Some(Instant::now());
                     return Item::Packet(packet, put);
                 }
                 s.orphans.extend(packet.imu);
@@ -168,16 +174,28 @@ mod tests {
         let Item::Packet(p, _) = inbox.take(Duration::ZERO) else { panic!("no packet") };
         assert_eq!((p.stamp, p.imu.len(), inbox.dropped()), (Stamp(3), 3, 2));
         assert!(matches!(inbox.take(Duration::from_millis(5)), Item::Nothing));
-        // A packet that waited too long is dropped; its samples come with the next one.
-        inbox.put(packet(4));
-        std::thread::sleep(Duration::from_millis(170));
-        assert!(matches!(inbox.take(Duration::ZERO), Item::Nothing));
-        inbox.put(packet(5));
-        let Item::Packet(p, _) = inbox.take(Duration::ZERO) else { panic!("no packet") };
-        assert_eq!((p.stamp, p.imu.len(), inbox.dropped()), (Stamp(5), 2, 3));
         inbox.end(Ok(()));
         assert!(matches!(inbox.take(Duration::ZERO), Item::Ended(Ok(()))));
         inbox.close();
         assert!(!inbox.put(packet(6)));
+    }
+
+    #[test]
+    fn a_packet_that_waited_too_long_is_dropped_unless_none_was_taken_for_200_ms() {
+        let inbox = Inbox::new();
+        inbox.put(packet(1));
+        std::thread::sleep(TOO_OLD + Duration::from_millis(20));
+        assert!(matches!(inbox.take(Duration::ZERO), Item::Nothing));
+        // Its samples come with the next one.
+        inbox.put(packet(2));
+        let Item::Packet(p, _) = inbox.take(Duration::ZERO) else { panic!("no packet") };
+        assert_eq!((p.stamp, p.imu.len(), inbox.dropped()), (Stamp(2), 2, 1));
+        // Beside load each step takes so long that every packet waits.
+        for n in 3..6 {
+            inbox.put(packet(n));
+            std::thread::sleep(AT_LEAST + Duration::from_millis(20));
+            assert!(matches!(inbox.take(Duration::ZERO), Item::Packet(p, _) if p.stamp == Stamp(n)), "{n}");
+        }
+        assert_eq!(inbox.dropped(), 1);
     }
 }

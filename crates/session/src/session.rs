@@ -59,11 +59,26 @@ struct PendingQuestion {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, serde::Serialize, serde::Deserialize)]
 pub enum NotSaved {
     /// The file of a route.
-    #[error("{0}")]
+    #[error("the route is not saved: {0}")]
     Route(String),
     /// The map of the routes.
     #[error("the map of the routes is not saved: {0}")]
     Map(String),
+    /// Both.
+    #[error("the route is not saved: {0}; nor is the map of the routes: {1}")]
+    Both(String, String),
+}
+
+impl NotSaved {
+    /// What helps.
+    pub fn cure(&self) -> &'static str {
+        let (Self::Route(why) | Self::Map(why) | Self::Both(why, _)) = self;
+        // The system's words end in its number: EMFILE and ENFILE.
+        match ["(os error 24)", "(os error 23)"].iter().any(|number| why.contains(number)) {
+            true => "too many files are open: close other programs, or raise the limit (ulimit -n)",
+            false => "make room on the disk, and see that its folder may be written to",
+        }
+    }
 }
 
 /// Readings of the IMU that are wrong for less than this are not worth a word, seconds: vision goes on without them.
@@ -369,9 +384,12 @@ impl<S: Slam> Session<S> {
         if let Some(keeper) = &mut self.keeper {
             keeper.end(&self.engine);
         }
-        recorded?;
-        let trouble = self.keeper.as_ref().and_then(MapKeeper::trouble);
-        trouble.map_or(Ok(()), |why| Err(NotSaved::Map(why.to_string())))
+        let trouble = self.keeper.as_ref().and_then(MapKeeper::trouble).map(ToString::to_string);
+        match (recorded, trouble) {
+            (recorded, None) => recorded,
+            (Err(NotSaved::Route(route)), Some(map)) => Err(NotSaved::Both(route, map)),
+            (_, Some(map)) => Err(NotSaved::Map(map)),
+        }
     }
 
     /// Whether the routes at hand lie in maps with metres, but for a few seconds.

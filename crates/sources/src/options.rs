@@ -21,6 +21,8 @@ pub struct OpenOptions {
     pub number_frames_hz: Option<f64>,
     /// Ends waiting: for a stream to open, and for the next packet.
     pub cancel: Cancel,
+    /// Is told at once what happens while a stream is waited for, which may take long: a line each.
+    pub told: Option<fn(&str)>,
 }
 
 /// A kind of recording that is a folder.

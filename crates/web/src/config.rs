@@ -6,6 +6,7 @@ use cairn_sensor::{Rig, Source, SourceError};
 use cairn_session::{SessionConfig, Slam};
 use cairn_sources::std_host;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Opens a source that is not the page's camera; returns it with its camera mode and whether its IMU is used.
 pub type OpenSource = Box<dyn FnOnce() -> Result<(Box<dyn Source>, SensorMode, bool), SourceError> + Send>;
@@ -46,6 +47,9 @@ pub fn engine_here() -> StartSlam {
     })
 }
 
+/// Is told, a line each, what a person at the terminal should know.
+pub type Tell = Arc<dyn Fn(&str) + Send + Sync>;
+
 /// The session's camera.
 pub enum CameraSource {
     /// The camera of the page that holds the walk.
@@ -61,6 +65,9 @@ pub enum CameraSource {
         open: OpenSource,
     },
 }
+
+/// The most connections that are of use: a page has up to nine (six of its browser for files, three for the walk).
+pub const MOST_CONNECTIONS: usize = 256;
 
 /// Config of a server.
 pub struct ServeConfig {
@@ -87,6 +94,10 @@ pub struct ServeConfig {
     pub dense: bool,
     /// Begins SLAM: [`engine_here`], or a process of its own.
     pub slam: StartSlam,
+    /// Connections that may be open at a time; half of them are kept for pages that have shown the token.
+    pub connections: usize,
+    /// The person at the terminal.
+    pub tell: Tell,
     /// The engine's config.
     pub config: Config,
     /// The session's config.
@@ -107,6 +118,8 @@ impl ServeConfig {
             camera,
             dense: false,
             slam: engine_here(),
+            connections: MOST_CONNECTIONS,
+            tell: Arc::new(|_| ()),
             config: Config::default(),
             session: SessionConfig::default(),
         }

@@ -4,6 +4,7 @@
 //! its secret, and another page gets the walk only by taking it over.
 
 use crate::columns::Columns;
+use crate::config::Tell;
 use crate::doors::Doors;
 use crate::drawn::Drawn;
 use crate::line::Lines;
@@ -41,6 +42,8 @@ pub(crate) struct Hub {
     pub lines: Lines,
     /// Further connections of pages.
     pub doors: Doors,
+    /// The person at the terminal.
+    pub tell: Tell,
     /// Receives the images of the page's camera.
     pub port: PhonePort,
     /// Receives the commands.
@@ -87,13 +90,14 @@ pub(crate) struct Hub {
 }
 
 impl Hub {
-    pub fn new(token: String, camera: String) -> Self {
+    pub fn new(token: String, camera: String, tell: Tell) -> Self {
         let empty: Arc<str> = "".into();
         Self {
             token,
             camera,
             lines: Lines::default(),
             doors: Doors::default(),
+            tell,
             port: PhonePort::default(),
             inbox: Inbox::new(),
             running: AtomicBool::new(false),
@@ -219,7 +223,7 @@ mod tests {
 
     #[test]
     fn walk_waits_for_the_page_that_began_it() {
-        let hub = Hub::new("token".into(), String::new());
+        let hub = Hub::new("token".into(), String::new(), Arc::new(|_| ()));
         assert!(!hub.arrived(1, "a") && hub.controller().is_none(), "being first takes nothing");
         assert!(hub.take(1, "a", false) && hub.controller() == Some(1));
         assert!(!hub.arrived(2, "b") && !hub.take(2, "b", false));

@@ -17,6 +17,7 @@ mod lens;
 mod line;
 mod link;
 mod page;
+mod places;
 mod pulse;
 mod requests;
 mod server;
@@ -33,7 +34,10 @@ mod words;
 
 pub use authority::{Authority, trusted};
 pub use certificate::Certificate;
-pub use config::{CameraSource, OpenSource, ServeConfig, SlamSetup, StartSlam, StartedSlam, engine_here};
+pub use config::{
+    CameraSource, MOST_CONNECTIONS, OpenSource, ServeConfig, SlamSetup, StartSlam, StartedSlam, Tell,
+    engine_here,
+};
 pub use error::WebError;
 pub use in_order::InOrder;
 pub use invitation::{Invitation, lan_address, qr};

@@ -8,6 +8,7 @@ use crate::drawn::Drawn;
 use crate::hub::{Hub, Shared};
 use crate::in_order::InOrder;
 use crate::link::{ASK_EVERY, GONE_AFTER, Link};
+use crate::places::Place;
 use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
@@ -52,22 +53,26 @@ pub(crate) struct Guest {
 }
 
 /// The page at a web socket, from its hello until it disconnects.
-pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>) {
+pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>, place: Arc<Place>) {
     let first = async {
         match socket.recv().await {
             Some(Ok(Message::Text(text))) => Some(text),
             _ => None,
         }
     };
-    let first = tokio::time::timeout(HELLO_WITHIN, first).await.ok().flatten().unwrap_or_default();
+    let first = tokio::select! {
+        first = tokio::time::timeout(HELLO_WITHIN, first) => first.ok().flatten().unwrap_or_default(),
+        () = place.has_to_leave() => return,
+    };
     if let Ok(FromPage::Beside { token, id, secret }) = serde_json::from_str(&first) {
-        if same(&token, &hub.token) {
+        if same(&token, &hub.token) && place.keep() {
             beside(Connection::Socket(Box::new(socket)), hub, id, &secret).await;
         }
         return;
     }
     match guest(&first, &hub) {
-        Ok(guest) => converse(Connection::Socket(Box::new(socket)), guest, hub).await,
+        Ok(guest) if place.keep() => converse(Connection::Socket(Box::new(socket)), guest, hub).await,
+        Ok(_) => {}
         Err(language) => {
             let text = ToPage::Trouble(&language.text("page-wrong-key")).text();
             let _ = socket.send(Message::Text(text.into())).await;

@@ -9,13 +9,14 @@
 
 use crate::connection::Connection;
 use crate::hub::Hub;
-use crate::line::{Requests, frame};
+use crate::line::{Line, Requests, frame};
 use crate::page::{Guest, converse, guest};
+use crate::places::Place;
 use crate::token::new_token;
 use crate::wire::ToPage;
 use axum::Router;
 use axum::body::{Body, Bytes};
-use axum::extract::{DefaultBodyLimit, Path, State};
+use axum::extract::{DefaultBodyLimit, Extension, Path, State};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
@@ -28,6 +29,9 @@ const LARGEST_TEXTS: usize = 64 << 10;
 /// Some browsers show nothing of a stream before its first bytes are this many.
 const FIRST_BYTES: usize = 2048;
 
+/// The place of the connection that a request came on.
+type ThePlace = Extension<Arc<Place>>;
+
 /// The requests of pages without a web socket; `largest` is that of a picture.
 pub(crate) fn routes(largest: usize) -> Router<Arc<Hub>> {
     let limited = |bytes: usize| DefaultBodyLimit::max(bytes);
@@ -39,7 +43,7 @@ pub(crate) fn routes(largest: usize) -> Router<Arc<Hub>> {
 }
 
 /// Opens a line for a page with the right token.
-async fn open(State(hub): State<Arc<Hub>>, hello: String) -> Response {
+async fn open(State(hub): State<Arc<Hub>>, Extension(place): ThePlace, hello: String) -> Response {
     let guest = match guest(&hello, &hub) {
         Ok(guest) => guest,
         Err(language) => {
@@ -47,6 +51,9 @@ async fn open(State(hub): State<Arc<Hub>>, hello: String) -> Response {
             return (StatusCode::FORBIDDEN, trouble).into_response();
         }
     };
+    if !place.keep() {
+        return StatusCode::TOO_MANY_REQUESTS.into_response();
+    }
     let Ok(name) = new_token() else { return StatusCode::INTERNAL_SERVER_ERROR.into_response() };
     let Some(end) = hub.lines.open(&name) else {
         return StatusCode::TOO_MANY_REQUESTS.into_response();
@@ -71,9 +78,19 @@ impl Drop for Closes {
     }
 }
 
+/// The line of this name; the connection on which it was named keeps its place.
+fn line_of(hub: &Hub, place: &Place, name: &str) -> Result<Arc<Line>, StatusCode> {
+    let line = hub.lines.find(name)?;
+    place.keep().then_some(line).ok_or(StatusCode::TOO_MANY_REQUESTS)
+}
+
 /// Streams what goes to the page, once.
-async fn down(State(hub): State<Arc<Hub>>, Path(name): Path<String>) -> Result<Response, StatusCode> {
-    let frames = hub.lines.find(&name)?.down().ok_or(StatusCode::CONFLICT)?;
+async fn down(
+    State(hub): State<Arc<Hub>>,
+    Extension(place): ThePlace,
+    Path(name): Path<String>,
+) -> Result<Response, StatusCode> {
+    let frames = line_of(&hub, &place, &name)?.down().ok_or(StatusCode::CONFLICT)?;
     let first = Some(frame(0, 0, &[0; FIRST_BYTES]));
     let stream = futures_util::stream::unfold((first, frames), async |(first, mut frames)| {
         let next = match first {
@@ -87,18 +104,20 @@ async fn down(State(hub): State<Arc<Hub>>, Path(name): Path<String>) -> Result<R
 
 async fn texts(
     State(hub): State<Arc<Hub>>,
+    Extension(place): ThePlace,
     Path((name, number)): Path<(String, u64)>,
     body: String,
 ) -> Result<StatusCode, StatusCode> {
-    Ok(hub.lines.find(&name)?.texts(number, &body))
+    Ok(line_of(&hub, &place, &name)?.texts(number, &body))
 }
 
 async fn picture(
     State(hub): State<Arc<Hub>>,
+    Extension(place): ThePlace,
     Path((name, number)): Path<(String, u64)>,
     body: Bytes,
 ) -> Result<StatusCode, StatusCode> {
-    Ok(hub.lines.find(&name)?.picture(number, body))
+    Ok(line_of(&hub, &place, &name)?.picture(number, body))
 }
 
 fn without_cache(body: impl IntoResponse) -> Response {

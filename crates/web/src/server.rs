@@ -7,16 +7,17 @@ use crate::error::WebError;
 use crate::hub::Hub;
 use crate::invitation::{Invitation, lan_address};
 use crate::page::page;
+use crate::places::{Place, Places};
 use crate::requests;
 use crate::survive;
-use crate::tls::TlsListener;
+use crate::tls::{Answers, accept};
 use crate::token::new_token;
 use crate::trust;
 use crate::walk::walk;
 use crate::words;
 use axum::Router;
-use axum::extract::State;
 use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::{Extension, State};
 use axum::http::{HeaderMap, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -31,6 +32,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
+use tokio_rustls::TlsAcceptor;
 
 /// The largest message of a page: an image.
 const LARGEST: usize = 4 << 20;
@@ -87,7 +89,7 @@ impl Server {
             CameraSource::Page { .. } => String::new(),
             CameraSource::Source { name, .. } => name.clone(),
         };
-        let hub = Arc::new(Hub::new(token, camera));
+        let hub = Arc::new(Hub::new(token, camera, config.tell.clone()));
         if let Some(holder) = config.survives.as_deref().and_then(|path| survive::read(path).holder) {
             hub.held_by(holder);
         }
@@ -100,11 +102,13 @@ impl Server {
         hub.pulse.beat_on(runtime.handle());
         let (stop, stopped) = oneshot::channel();
         let router = router(hub.clone(), &config.session, authority.as_ref());
+        let answers = Answers { tls: TlsAcceptor::from(Arc::new(tls)), files: files.into(), router };
+        let (places, tell) = (Places::new(config.connections), config.tell.clone());
         let web = std::thread::Builder::new().name("cairn-web".into()).spawn(move || {
             let serve = async {
-                let listener = TcpListener::from_std(listener).and_then(|l| TlsListener::new(l, tls, files));
-                if let Ok(listener) = listener {
-                    let _ = axum::serve(listener, router).await;
+                match TcpListener::from_std(listener) {
+                    Ok(listener) => accept(listener, places, answers, &*tell).await,
+                    Err(e) => tell(&format!("the page is not served: {e}")),
                 }
             };
             runtime.block_on(async {
@@ -288,6 +292,11 @@ fn with_headers(kind: &'static str, body: impl IntoResponse) -> Response {
     (headers, body).into_response()
 }
 
-async fn socket(State(hub): State<Arc<Hub>>, upgrade: WebSocketUpgrade) -> Response {
-    upgrade.max_message_size(LARGEST).max_frame_size(LARGEST).on_upgrade(move |socket| page(socket, hub))
+async fn socket(
+    State(hub): State<Arc<Hub>>,
+    Extension(place): Extension<Arc<Place>>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    let upgrade = upgrade.max_message_size(LARGEST).max_frame_size(LARGEST);
+    upgrade.on_upgrade(move |socket| page(socket, hub, place))
 }

@@ -1,71 +1,104 @@
-//! TLS connections for the page's server; handshakes run concurrently, so that a slow one blocks no other.
+//! The connections of the page's server: TLS, then HTTP/1.1. Each has a task of its own, so that a slow one holds up no other,
+//! and a place ([`Places`]), which it loses when it does not show the token in time.
 
+use crate::places::{Place, Places};
 use crate::trust::{self, File};
-use axum::serve::Listener;
+use axum::Router;
+use hyper::service::{Service, service_fn};
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
 use std::io;
-use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::mpsc;
 use tokio_rustls::TlsAcceptor;
-use tokio_rustls::server::TlsStream;
 
-/// A handshake that takes longer is aborted.
+/// A handshake that takes longer is aborted, and a request whose head takes longer, also the next one on a connection.
 const HANDSHAKE_WITHIN: Duration = Duration::from_secs(10);
+const HEAD_WITHIN: Duration = Duration::from_secs(10);
 /// No more is read of a request without TLS.
 const LONGEST_REQUEST: usize = 4096;
-/// How many finished connections may wait to be accepted.
-const WAITING: usize = 32;
+/// How long to wait when the system gives no connection, and how often that is said.
+const PAUSE: Duration = Duration::from_millis(50);
+const SAID_EVERY: Duration = Duration::from_secs(60);
 
-/// Returns connections whose handshake is done.
-pub(crate) struct TlsListener {
-    address: SocketAddr,
-    ready: mpsc::Receiver<(TlsStream<TcpStream>, SocketAddr)>,
+/// What answers on a connection.
+#[derive(Clone)]
+pub(crate) struct Answers {
+    pub tls: TlsAcceptor,
+    /// Given without TLS as well.
+    pub files: Arc<[File]>,
+    pub router: Router,
 }
 
-impl TlsListener {
-    /// Accepts connections from a bound socket; the files are also given without TLS.
-    pub fn new(listener: TcpListener, config: rustls::ServerConfig, files: Vec<File>) -> io::Result<Self> {
-        let address = listener.local_addr()?;
-        let acceptor = TlsAcceptor::from(Arc::new(config));
-        let (tell, ready) = mpsc::channel(WAITING);
-        tokio::spawn(accept(listener, acceptor, files.into(), tell));
-        Ok(Self { address, ready })
+/// Accepts connections for ever; `tell` is told where the system gives none.
+pub(crate) async fn accept(
+    listener: TcpListener,
+    places: Places,
+    answers: Answers,
+    tell: impl Fn(&str) + Send,
+) {
+    let mut said: Option<Instant> = None;
+    loop {
+        match listener.accept().await {
+            Ok((stream, peer)) => {
+                let place = Arc::new(places.take(peer.ip()));
+                tokio::spawn(converse(stream, place, answers.clone()));
+            }
+            Err(why) => {
+                if said.is_none_or(|at| at.elapsed() > SAID_EVERY) {
+                    said = Some(Instant::now());
+                    tell(&refused(&why));
+                }
+                places.make_room();
+                tokio::time::sleep(PAUSE).await;
+            }
+        }
     }
 }
 
-async fn accept(
-    listener: TcpListener,
-    acceptor: TlsAcceptor,
-    files: Arc<[File]>,
-    tell: mpsc::Sender<(TlsStream<TcpStream>, SocketAddr)>,
-) {
-    while !tell.is_closed() {
-        let Ok((stream, peer)) = listener.accept().await else {
-            // Out of file descriptors, or the other side has gone: wait briefly and continue.
-            tokio::time::sleep(Duration::from_millis(50)).await;
-            continue;
-        };
-        let (acceptor, files, tell) = (acceptor.clone(), files.clone(), tell.clone());
-        tokio::spawn(async move {
-            let _ = stream.set_nodelay(true);
-            let handshake = async {
-                let mut first = [0];
-                match stream.peek(&mut first).await {
-                    // A TLS handshake begins with 22 (RFC 8446, 5.1).
-                    Ok(1) if first[0] == 22 => acceptor.accept(stream).await.ok(),
-                    _ => {
-                        plain(stream, &files).await;
-                        None
-                    }
-                }
-            };
-            if let Ok(Some(stream)) = tokio::time::timeout(HANDSHAKE_WITHIN, handshake).await {
-                let _ = tell.send((stream, peer)).await;
+/// Why no connection is taken, and what helps.
+fn refused(why: &io::Error) -> String {
+    // EMFILE and ENFILE (accept(2)).
+    let cure = match why.raw_os_error() {
+        Some(23 | 24) => "; close other programs, or raise the limit of open files (ulimit -n)",
+        _ => "",
+    };
+    format!("a connection to the page could not be taken: {why}{cure}; the walk goes on")
+}
+
+/// A connection until it ends, or has to.
+async fn converse(stream: TcpStream, place: Arc<Place>, answers: Answers) {
+    let _ = stream.set_nodelay(true);
+    let Answers { tls, files, router } = answers;
+    let handshake = async {
+        let mut first = [0];
+        match stream.peek(&mut first).await {
+            // A TLS handshake begins with 22 (RFC 8446, 5.1).
+            Ok(1) if first[0] == 22 => tls.accept(stream).await.ok(),
+            _ => {
+                plain(stream, &files).await;
+                None
             }
-        });
+        }
+    };
+    let (router, named) = (TowerToHyperService::new(router), place.clone());
+    let service = service_fn(move |mut request: hyper::Request<hyper::body::Incoming>| {
+        request.extensions_mut().insert(named.clone());
+        router.call(request)
+    });
+    let talk = async {
+        if let Ok(Some(stream)) = tokio::time::timeout(HANDSHAKE_WITHIN, handshake).await {
+            let mut http = hyper::server::conn::http1::Builder::new();
+            http.timer(TokioTimer::new()).header_read_timeout(HEAD_WITHIN);
+            // How a connection ends changes nothing here.
+            let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
+        }
+    };
+    tokio::select! {
+        () = talk => {}
+        () = place.has_to_leave() => {}
     }
 }
 
@@ -83,19 +116,14 @@ async fn plain(mut stream: TcpStream, files: &[File]) {
     let _ = stream.shutdown().await;
 }
 
-impl Listener for TlsListener {
-    type Io = TlsStream<TcpStream>;
-    type Addr = SocketAddr;
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    async fn accept(&mut self) -> (Self::Io, Self::Addr) {
-        match self.ready.recv().await {
-            Some(connection) => connection,
-            // The accepting task has ended with the runtime.
-            None => std::future::pending().await,
-        }
-    }
-
-    fn local_addr(&self) -> io::Result<SocketAddr> {
-        Ok(self.address)
+    #[test]
+    fn a_machine_without_descriptors_is_told_from_a_full_disk() {
+        let text = refused(&io::Error::from_raw_os_error(24));
+        assert!(text.contains("ulimit -n") && !text.contains("disk"), "{text}");
+        assert!(!refused(&io::Error::from_raw_os_error(103)).contains("ulimit"));
     }
 }

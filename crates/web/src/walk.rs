@@ -12,8 +12,8 @@ use cairn_dense::SubmapConfig;
 use cairn_engine::{Output, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
-    Clock, Command, Event, LensKnowledge, LibraryError, MapKeeper, NotTracked, Observer, Refused, RoutesLock,
-    Script, Session, Slam, WallClock, WallTime, drive, feed, routes_in,
+    Clock, Command, Event, LensKnowledge, LibraryError, MapKeeper, NotSaved, NotTracked, Observer, Refused,
+    RoutesLock, Script, Session, SessionStatus, Slam, WallClock, WallTime, drive, feed, routes_in,
 };
 use cairn_sources::{PhoneSource, Validator};
 use std::path::{Path, PathBuf};
@@ -41,9 +41,7 @@ pub(crate) fn walk(
     serve: ServeConfig,
     routes: Option<RoutesLock>,
 ) -> Result<(), SourceError> {
-    // A session that was ended before its first picture has not failed.
-    let result = run_session(hub, serve, routes)
-        .or_else(|e| if hub.shutting_down.load(Ordering::Relaxed) { Ok(()) } else { Err(e) });
+    let result = run_session(hub, serve, routes);
     hub.running.store(false, Ordering::Relaxed);
     match &result {
         Err(e) => hub.broadcast(&ToPage::Trouble(&e.to_string())),
@@ -52,7 +50,38 @@ pub(crate) fn walk(
     result
 }
 
+/// A session that was ended before its first picture has not failed.
 fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> Result<(), SourceError> {
+    let (mut session, mut observer) = match begin(hub, serve, lock) {
+        Err(_) if hub.shutting_down.load(Ordering::Relaxed) => return Ok(()),
+        begun => begun?,
+    };
+    hub.running.store(true, Ordering::Relaxed);
+    let ended = drive(&mut session, Clock::Wall(&hub.inbox), &mut Script::default(), &mut observer);
+    let closed = session.close();
+    observer.finish(&mut session);
+    let name = &session.config().source;
+    let closed = closed.map_err(|why| SourceError::new(name, why.to_string(), why.cure()));
+    match ended {
+        // The source fails because it was asked to end.
+        Err(_) if hub.shutting_down.load(Ordering::Relaxed) => closed,
+        Err(e) => {
+            // Both are said.
+            if let Err(why) = closed {
+                (hub.tell)(&why.to_string());
+            }
+            Err(e)
+        }
+        Ok(_) => closed,
+    }
+}
+
+/// Opens the source and begins the session, with who reports on it.
+fn begin(
+    hub: &Arc<Hub>,
+    serve: ServeConfig,
+    lock: Option<RoutesLock>,
+) -> Result<(Walk, PageObserver), SourceError> {
     // Routes are shown before there is a picture.
     if let Some(folder) = &serve.routes {
         let listed = routes_in(folder, wall_of(hub)(), &serve.session.phrases);
@@ -113,14 +142,8 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
     feed(source, hub.inbox.clone()).map_err(|e| {
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
     })?;
-    hub.running.store(true, Ordering::Relaxed);
     let lens = lens.map(|lens| (lens, start));
-    let mut observer = PageObserver { lens, survives, surface, ..PageObserver::new(hub.clone()) };
-    let ended = drive(&mut session, Clock::Wall(&hub.inbox), &mut Script::default(), &mut observer);
-    let closed = session.close();
-    observer.finish(&mut session);
-    ended?;
-    closed.map_err(|why| SourceError::new(&name, why.to_string(), "make room on the disk"))
+    Ok((session, PageObserver { lens, survives, surface, ..PageObserver::new(hub.clone()) }))
 }
 
 /// Takes the lens that is kept for the phone, and checks it; where none is, it is watched for. Nothing is kept without a
@@ -175,6 +198,8 @@ struct PageObserver {
     survives: Option<SurvivesIn>,
     /// Makes surfaces, where they are wanted.
     surface: Option<SurfaceWork>,
+    /// What is not on disk, as the terminal was told.
+    unsaved: Vec<NotSaved>,
 }
 
 impl PageObserver {
@@ -189,14 +214,30 @@ impl PageObserver {
             lens: None,
             survives: None,
             surface: None,
+            unsaved: Vec::new(),
         }
     }
 
-    fn send_status(&self, session: &Walk) {
+    fn send_status(&mut self, session: &Walk) {
         let status = session.status();
+        self.tell_unsaved(&status);
         let dropped = self.hub.inbox.dropped();
         let message = ToPage::Status { status: &status, dropped };
         self.hub.status.send_replace(message.text().into());
+    }
+
+    /// Tells the terminal what is not on disk, once, and when the map is.
+    fn tell_unsaved(&mut self, status: &SessionStatus) {
+        let now = unsaved(status);
+        let kind = |u: &[NotSaved]| u.iter().map(std::mem::discriminant).collect::<Vec<_>>();
+        if kind(&now) != kind(&self.unsaved) {
+            now.iter().for_each(|why| (self.hub.tell)(&told(why)));
+            let is_map = |u: &[NotSaved]| u.iter().any(|why| matches!(why, NotSaved::Map(_)));
+            if is_map(&self.unsaved) && !is_map(&now) {
+                (self.hub.tell)("the map of the routes is saved now");
+            }
+            self.unsaved = now;
+        }
     }
 
     /// The kept routes, where they have changed.
@@ -250,6 +291,17 @@ impl PageObserver {
     }
 }
 
+/// What is not on disk at present.
+fn unsaved(status: &SessionStatus) -> Vec<NotSaved> {
+    let route = status.recording.as_ref().and_then(|r| Some(NotSaved::Route(r.trouble.clone()?)));
+    route.into_iter().chain(status.map_trouble.clone().map(NotSaved::Map)).collect()
+}
+
+/// As the terminal is told.
+fn told(why: &NotSaved) -> String {
+    format!("{why}; {}", why.cure())
+}
+
 /// Whether the interval has passed; stores the time if so.
 fn due(last: &mut Option<Instant>, every: Duration) -> bool {
     let due = last.is_none_or(|t| t.elapsed() >= every);
@@ -282,7 +334,7 @@ impl Observer<Box<dyn Slam>> for PageObserver {
         }
     }
 
-    fn on_command(&mut self, _: &Walk, command: &Command, done: &Result<String, Refused>) {
+    fn on_command(&mut self, session: &Walk, command: &Command, done: &Result<String, Refused>) {
         // A page that sets how it is spoken to, as it does whenever it connects, needs no answer.
         if matches!(command, Command::Set(_)) {
             return;
@@ -292,6 +344,11 @@ impl Observer<Box<dyn Slam>> for PageObserver {
             Err(why) => (false, &why.words),
         };
         self.hub.broadcast(&ToPage::Did { ok, text });
+        if *command == Command::Stop {
+            (self.hub.tell)(text);
+            // Whoever stops a recording relies on it.
+            unsaved(&session.status()).iter().for_each(|why| (self.hub.tell)(&told(why)));
+        }
         // The map on the screens is updated at once.
         self.map = None;
     }

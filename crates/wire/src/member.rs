@@ -106,6 +106,7 @@ impl Member {
     fn take(&mut self, link: LinkId, bytes: &[u8]) -> Option<String> {
         match self.peer.receive_from(bytes) {
             Ok((from, answers)) => {
+                self.wire.know(link);
                 self.robots.insert(link, from);
                 self.send(answers);
                 None

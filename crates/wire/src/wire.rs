@@ -1,11 +1,12 @@
 //! TCP links to other robots: dialled again and again, or accepted; a thread to read and one to write each.
 //!
-//! All queues are bounded. A message that finds a full queue is dropped, as by a bad network.
+//! All queues are bounded. A message that finds a full queue is dropped, as by a bad network. So are places: a link that came in
+//! is a stranger's until a message on it was believed ([`Wire::know`]). One address has few strangers, and the oldest makes room.
 
 use crate::link;
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter, Write};
-use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
+use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream, ToSocketAddrs};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,6 +15,8 @@ use std::time::Duration;
 
 /// Greatest number of links at a time.
 const MAX_LINKS: usize = 64;
+/// Greatest number of those of one address on which nothing was believed yet; a robot says what it has at once.
+const MAX_STRANGERS: usize = 8;
 /// Messages that wait to be written on a link, and messages that wait to be taken from the wire.
 const OUT_QUEUE: usize = 64;
 const IN_QUEUE: usize = 256;
@@ -39,6 +42,9 @@ pub enum Event {
 struct Link {
     out: SyncSender<Arc<Vec<u8>>>,
     stream: TcpStream,
+    from: IpAddr,
+    /// It was dialled, or a message on it was believed.
+    is_known: bool,
 }
 
 struct Shared {
@@ -94,6 +100,13 @@ impl Wire {
         self.shared.links().get(&link).is_some_and(|l| l.out.try_send(bytes.clone()).is_ok())
     }
 
+    /// A message on this link was believed: it keeps its place.
+    pub fn know(&self, link: LinkId) {
+        if let Some(link) = self.shared.links().get_mut(&link) {
+            link.is_known = true;
+        }
+    }
+
     /// The open links.
     pub fn links(&self) -> Vec<LinkId> {
         self.shared.links().keys().copied().collect()
@@ -117,6 +130,28 @@ impl Shared {
         self.links.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Makes room for a link from this address; false where all places are those of robots.
+    fn make_room(&self, from: IpAddr) -> bool {
+        let mut links = self.links();
+        let strangers = |links: &BTreeMap<LinkId, Link>, of: IpAddr| -> Vec<LinkId> {
+            links.iter().filter(|(_, link)| !link.is_known && link.from == of).map(|(id, _)| *id).collect()
+        };
+        let (own, is_full) = (strangers(&links, from), links.len() >= MAX_LINKS);
+        let oldest = if own.len() >= MAX_STRANGERS {
+            own.first().copied()
+        } else if is_full {
+            let addresses = links.values().filter(|link| !link.is_known).map(|link| link.from);
+            let busiest = addresses.max_by_key(|of| strangers(&links, *of).len());
+            busiest.and_then(|of| strangers(&links, of).first().copied())
+        } else {
+            return true;
+        };
+        let Some(link) = oldest.and_then(|id| links.remove(&id)) else { return false };
+        // Its reader ends.
+        let _ = link.stream.shutdown(Shutdown::Both);
+        true
+    }
+
     fn has_ended(&self) -> bool {
         self.ends.load(Ordering::SeqCst)
     }
@@ -127,13 +162,18 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
         if shared.has_ended() {
             return;
         }
-        match stream {
-            Ok(stream) if shared.links().len() < MAX_LINKS => {
-                let shared = shared.clone();
+        match stream.and_then(|stream| Ok((stream.peer_addr()?, stream))) {
+            Ok((peer, stream)) if shared.make_room(peer.ip()) => {
+                let Ok(begun) = begin(stream, shared, false) else { continue };
+                let (id, shared) = (begun.0, shared.clone());
+                let reading = shared.clone();
+                let read = move || carry(begun, &reading);
                 // Without a thread the link is not made; the other side dials again.
-                let _ = thread::Builder::new().name("wire-read".into()).spawn(move || carry(stream, &shared));
+                if thread::Builder::new().name("wire-read".into()).spawn(read).is_err() {
+                    shared.links().remove(&id);
+                }
             }
-            // Too many links: this one is closed.
+            // All places are those of robots: this one is closed.
             Ok(_) => {}
             // No more files, for example: the next one may work.
             Err(_) => thread::sleep(REDIAL),
@@ -144,16 +184,19 @@ fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
 fn dial_on(to: &str, shared: &Arc<Shared>) {
     while !shared.has_ended() {
         let address = to.to_socket_addrs().ok().and_then(|mut all| all.next());
-        if let Some(stream) = address.and_then(|a| TcpStream::connect_timeout(&a, DIAL).ok()) {
-            carry(stream, shared);
+        let stream = address.and_then(|a| TcpStream::connect_timeout(&a, DIAL).ok());
+        if let Some(begun) = stream.and_then(|stream| begin(stream, shared, true).ok()) {
+            carry(begun, shared);
         }
         thread::sleep(REDIAL);
     }
 }
 
+/// A link that has begun: its number, its address, and the stream to read from.
+type Begun = (LinkId, SocketAddr, TcpStream);
+
 /// Reads from a link until it ends.
-fn carry(stream: TcpStream, shared: &Arc<Shared>) {
-    let Ok((id, address, mut reading)) = begin(stream, shared) else { return };
+fn carry((id, address, mut reading): Begun, shared: &Arc<Shared>) {
     if shared.events.send(Event::Opened(id, address)).is_err() {
         return;
     }
@@ -179,7 +222,7 @@ fn carry(stream: TcpStream, shared: &Arc<Shared>) {
     let _ = shared.events.send(Event::Closed(id, why));
 }
 
-fn begin(stream: TcpStream, shared: &Arc<Shared>) -> io::Result<(LinkId, SocketAddr, TcpStream)> {
+fn begin(stream: TcpStream, shared: &Arc<Shared>, is_known: bool) -> io::Result<Begun> {
     let address = stream.peer_addr()?;
     stream.set_nodelay(true)?;
     stream.set_read_timeout(Some(SILENT))?;
@@ -196,6 +239,6 @@ fn begin(stream: TcpStream, shared: &Arc<Shared>) -> io::Result<(LinkId, SocketA
         }
     })?;
     let id = shared.next.fetch_add(1, Ordering::SeqCst);
-    shared.links().insert(id, Link { out, stream });
+    shared.links().insert(id, Link { out, stream, from: address.ip(), is_known });
     Ok((id, address, reading))
 }

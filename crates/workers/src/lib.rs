@@ -27,7 +27,7 @@ mod surfaces;
 mod worker;
 
 pub use journal::JournalError;
-pub use limits::{die_with_parent, limit_memory};
+pub use limits::{die_with_parent, limit_memory, raise_open_files};
 pub use process::Start;
 pub use remote::{RemoteSetup, RemoteSlam};
 pub use respawn::respawn;

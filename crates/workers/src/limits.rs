@@ -1,4 +1,5 @@
-//! What a worker does at its beginning: bounds its memory, and ties its life to the supervisor's.
+//! What a process does at its beginning: a worker bounds its memory and ties its life to the supervisor's, a server raises the
+//! number of its files.
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use std::io;
@@ -11,6 +12,14 @@ use std::io;
 pub fn limit_memory(bytes: u64) -> io::Result<()> {
     let maximum = getrlimit(Resource::Data).maximum;
     Ok(setrlimit(Resource::Data, Rlimit { current: Some(bytes), maximum })?)
+}
+
+/// Raises the number of files and connections that this process may have open to what its user may have; returns it.
+pub fn raise_open_files() -> u64 {
+    let limit = getrlimit(Resource::Nofile);
+    let raised = Rlimit { current: limit.maximum, maximum: limit.maximum };
+    let now = if setrlimit(Resource::Nofile, raised).is_ok() { limit.maximum } else { limit.current };
+    now.unwrap_or(u64::MAX)
 }
 
 /// Lets the system kill this process when its parent ends, even while it is stopped. Elsewhere than on Linux a worker ends

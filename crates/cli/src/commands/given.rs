@@ -1,6 +1,6 @@
 //! What a run and a server are given alike: a configuration, a rig.
 
-use super::rig::rig_for;
+use super::rig::noted_rig_for;
 use crate::failure::Failure;
 use cairn_engine::Config;
 use cairn_files::MIB;
@@ -34,5 +34,5 @@ pub fn rig_of(path: &Path, source: &str, config: &mut Config) -> Result<Rig, Fai
         }
         return Ok(named.rig);
     }
-    rig_for(path, source)
+    noted_rig_for(path, source)
 }

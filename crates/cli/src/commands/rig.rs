@@ -1,7 +1,7 @@
 //! `cairn rig`: shows and checks a calibration file, and converts it to Cairn's own TOML.
 
 use crate::failure::Failure;
-use crate::output::Output;
+use crate::output::{Output, note};
 use crate::outputs::Outputs;
 use cairn_geometry::Vec2;
 use cairn_inertial::Readings;
@@ -162,12 +162,27 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         .checked()?;
     let rig = rig_for(&check.file, check.with.as_deref().unwrap_or_default())?;
     let mut warnings = rig.doubts();
+    warnings.extend(cairn_sources::assumed_in(&check.file));
     let readings = match &check.with {
         Some(source) => Some(readings(source, &rig, check.seconds, &mut warnings)?),
         None => None,
     };
     outputs.write("--write", || Ok(cairn_sources::write_rig(&rig)?.into_bytes()))?;
     output.result(&Report { readings, warnings, written: check.write.clone(), ..report(&rig) }, text)
+}
+
+/// As [`rig_for`], for a run: what is taken where the calibration does not state it is noted, once.
+///
+/// # Errors
+/// As [`rig_for`].
+pub fn noted_rig_for(path: &Path, source: &str) -> Result<Rig, Failure> {
+    static NOTED: std::sync::Once = std::sync::Once::new();
+    let rig = rig_for(path, source)?;
+    if let Some(assumed) = cairn_sources::assumed_in(path) {
+        let cure = "cairn rig check --write makes a file that states it";
+        NOTED.call_once(|| note(&format!("note: {} {assumed}; {cure}", path.display())));
+    }
+    Ok(rig)
 }
 
 /// Reads a calibration; one that does not state the size of its images gets that of the source.

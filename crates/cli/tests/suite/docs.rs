@@ -63,6 +63,32 @@ fn every_page_is_in_the_book() {
     }
 }
 
+/// The text of all sources below a folder.
+fn sources(folder: &Path, text: &mut String) {
+    for path in folder.read_dir().unwrap().map(|e| e.unwrap().path()) {
+        if path.is_dir() {
+            sources(&path, text);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            text.push_str(&std::fs::read_to_string(&path).unwrap());
+        }
+    }
+}
+
+/// Each line of a table ends in the name of the test that holds it.
+#[test]
+fn tests_that_hold_what_happens_when_something_fails_exist() {
+    let page = std::fs::read_to_string(root().join("docs/failures.md")).unwrap();
+    let mut code = String::new();
+    sources(&root().join("crates"), &mut code);
+    let rows = page.lines().filter(|l| l.starts_with("| ") && !l.starts_with("| what fails"));
+    let names: Vec<&str> = rows.map(|l| l.trim_end_matches([' ', '|']).rsplit(' ').next().unwrap()).collect();
+    assert!(names.len() > 25, "{names:?}");
+    for name in names {
+        let function = format!("fn {}()", name.trim_matches('`'));
+        assert!(name.starts_with('`') && code.contains(&function), "{name} is no test");
+    }
+}
+
 /// The help of a command, by its words; empty where there is no such command.
 fn help(words: &[&str], known: &mut BTreeMap<String, String>) -> String {
     let run = || {

@@ -2,6 +2,7 @@
 
 use super::{Follower, Now};
 use crate::cue::CueKind;
+use crate::matcher::Match;
 
 /// From this turn angle on the legs before and after it are easily confused, radians.
 const HAIRPIN_RAD: f64 = 0.5;
@@ -39,6 +40,20 @@ impl Follower {
             Some(stairs) => Some(CueKind::StairsNow(stairs)),
             None => Some(CueKind::Waypoint),
         }
+    }
+
+    /// Where a walker is who goes on after a stop: past the next corner where he stands nearer to the leg after it. To send him
+    /// on to the corner would be to send him away from the route.
+    pub(crate) fn past_corner(&mut self, now: &Now) -> Match {
+        let corner = self.next_maneuver().filter(|m| m.turn_rad != 0.0).map(|m| m.end_m);
+        let position = &now.walker.position;
+        let Some(corner_m) = corner.filter(|m| self.matcher.is_past(&self.plan, position, &now.at, *m))
+        else {
+            return now.at;
+        };
+        self.next += 1;
+        self.matcher.pass(corner_m);
+        self.update_match(&now.walker, now.stamp)
     }
 
     pub(crate) fn approach(&mut self, now: &Now) -> Option<CueKind> {

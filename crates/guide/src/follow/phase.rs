@@ -16,6 +16,7 @@ pub(crate) enum Phase {
 }
 
 /// The state derived from one step's input.
+#[derive(Clone, Copy)]
 pub(crate) struct Now {
     pub stamp: Stamp,
     pub walker: Heading,

@@ -142,7 +142,13 @@ impl<S: Slam> Session<S> {
         self.route = Some(RouteAtHand { route, path, here: true });
         whole.map_err(|e| self.speech.refuse_because("walk-file-incomplete", e))?;
         let phrases = PhraseConfig { metric, ..*self.speech.phrases() };
-        Ok(phrases.measured(["walk-recorded", "walk-recorded-unmeasured"], length, &[]))
+        let words = phrases.measured(["walk-recorded", "walk-recorded-unmeasured"], length, &[]);
+        // It was said when the map could not be saved first, but whoever ends a route relies on both.
+        let trouble = self.keeper.as_ref().and_then(|keeper| keeper.trouble());
+        Ok(match trouble.map(|why| self.speech.because("walk-map-not-saved", why.to_string())) {
+            Some(unsaved) => format!("{words} {unsaved}"),
+            None => words,
+        })
     }
 
     pub(super) fn close_recording(&mut self) -> Result<(), NotSaved> {

@@ -38,7 +38,8 @@ impl Address {
         if let Some(rest) = text.strip_prefix("rtmp-listen://") {
             return Some(listener(rest, text).map(|name| Self {
                 name: Some(name.to_owned()),
-                ..make(&["-listen", "1"], format!("rtmp://{rest}"), true, true)
+                // Who connects and sends nothing for so long is let go; waiting for a sender has no end.
+                ..make(&["-rw_timeout", "3000000", "-listen", "1"], format!("rtmp://{rest}"), true, true)
             }));
         }
         if text.starts_with("rtmp://") || text.starts_with("rtmps://") {

@@ -58,7 +58,7 @@ fn open_video(address: &Address, options: &OpenOptions) -> Result<Box<dyn Source
         let cure = "leave --start out: a live stream starts now";
         return Err(SourceError::new(&address.shown, "a live stream has no start position", cure));
     }
-    Ok(Box::new(stream::Stream::open(address, options.rig.clone(), options.frames, &options.cancel)?))
+    Ok(Box::new(stream::Stream::open(address, options)?))
 }
 
 /// The rig for images of this size: the given one, which must fit, else a guess, with a description of it.

@@ -28,6 +28,8 @@ pub(super) struct State {
     /// Images overtaken, and images too old when requested.
     pub overtaken: usize,
     pub stale: usize,
+    /// A peer that sent no video was refused, which is said once.
+    pub refused: bool,
     /// Events of the stream, for people.
     pub lines: Vec<String>,
     /// The least delay from an image's stamp to its arrival, seconds: the usual delay, which cannot be told from none.

@@ -8,7 +8,7 @@ use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle, WRONG_NAME};
 use super::rig_for;
 use super::slot::{LiveImage, Slot, State};
-use crate::Cancel;
+use crate::{Cancel, OpenOptions};
 use cairn_sensor::{ClockReading, FramePacket, Live, Rig, Source, SourceError, SourceInfo, Stamp};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
@@ -46,24 +46,18 @@ pub(super) struct Stream {
 impl Stream {
     /// Opens the stream and waits for its first image: five seconds, or, where we listen, until someone
     /// sends.
-    pub fn open(
-        address: &Address,
-        rig: Option<Rig>,
-        frames: Option<usize>,
-        cancel: &Cancel,
-    ) -> Result<Self, SourceError> {
+    pub fn open(address: &Address, options: &OpenOptions) -> Result<Self, SourceError> {
         let command = ChildCommand::ffmpeg(address, &[]);
-        Self::start(&address.shown, command, address.listens, rig, frames, cancel)
+        Self::start(&address.shown, command, address.listens, options)
     }
 
     fn start(
         shown: &str,
         command: ChildCommand,
         listens: bool,
-        rig: Option<Rig>,
-        frames: Option<usize>,
-        cancel: &Cancel,
+        options: &OpenOptions,
     ) -> Result<Self, SourceError> {
+        let OpenOptions { frames, told, ref cancel, .. } = *options;
         let (slot, handle) = (Arc::new(Slot::default()), Handle::default());
         let mut stream = Self {
             info: SourceInfo {
@@ -87,7 +81,9 @@ impl Stream {
             })
         };
         let (s, h, name) = (slot.clone(), handle.clone(), shown.to_owned());
-        stream.threads.push(spawn("cairn-video", Box::new(move || read(&name, &command, listens, &s, &h)))?);
+        stream
+            .threads
+            .push(spawn("cairn-video", Box::new(move || read(&name, &command, listens, told, &s, &h)))?);
         let (s, h) = (slot.clone(), handle);
         stream.threads.push(spawn("cairn-video-watch", Box::new(move || stop_when_silent(listens, &s, &h)))?);
         // A listener that cannot listen fails at once; one that can waits.
@@ -109,7 +105,7 @@ impl Stream {
         let late =
             || SourceError::new(shown, "sent no image within 5 s", "check the address, and that it sends");
         let (size, rate_hz) = first.unwrap_or_else(|| Err(late()))?;
-        (stream.rig, stream.info.assumed) = rig_for(shown, size, rig)?;
+        (stream.rig, stream.info.assumed) = rig_for(shown, size, options.rig.clone())?;
         stream.info.rate_hz = rate_hz;
         Ok(stream)
     }
@@ -190,7 +186,14 @@ impl Drop for Stream {
 }
 
 /// The reading thread: one connection after the other.
-fn read(shown: &str, command: &ChildCommand, listens: bool, slot: &Slot, handle: &Handle) {
+fn read(
+    shown: &str,
+    command: &ChildCommand,
+    listens: bool,
+    told: Option<fn(&str)>,
+    slot: &Slot,
+    handle: &Handle,
+) {
     let mut size: Option<[usize; 2]> = None;
     let mut last = Stamp(i64::MIN);
     let mut retry_delay = RETRY_DELAY;
@@ -233,7 +236,14 @@ fn read(shown: &str, command: &ChildCommand, listens: bool, slot: &Slot, handle:
             }
         }
         let why = feed.end();
-        slot.change(|s| ended(shown, s, listens, delivered, &why, &mut was_lost));
+        let news = slot.change(|s| {
+            let lines = s.lines.len();
+            ended(shown, s, listens, delivered, &why, &mut was_lost);
+            s.lines.get(lines..).unwrap_or_default().to_vec()
+        });
+        if let Some(told) = told {
+            news.iter().for_each(|line| told(line));
+        }
         if slot.wait(Some(retry_delay), |s| (s.closing || s.failed.is_some()).then_some(())).is_some() {
             return;
         }
@@ -258,6 +268,13 @@ fn ended(shown: &str, s: &mut State, listens: bool, delivered: usize, why: &str,
     if s.closing {
     } else if why == WRONG_NAME {
         s.lines.push(format!("{WRONG_NAME}; publish to the name in {shown}"));
+    } else if listens && delivered == 0 && !cannot_listen(why) {
+        // A browser, a scanner: whoever it was, the sender may come next.
+        if !std::mem::replace(&mut s.refused, true) {
+            s.lines.push(format!(
+                "who connected sends no RTMP video and was refused ({why}); waiting on at {shown}"
+            ));
+        }
     } else if s.known.is_none() && (!listens || quick) {
         let cure = match listens {
             true => "choose another port, or stop the program that uses it",
@@ -268,6 +285,13 @@ fn ended(shown: &str, s: &mut State, listens: bool, delivered: usize, why: &str,
         *was_lost = true;
         s.lines.push(format!("the stream is lost ({why}); reconnecting"));
     }
+}
+
+/// Whether a listener ended because it cannot listen, as ffmpeg says it, and not because of who connected.
+fn cannot_listen(why: &str) -> bool {
+    const SIGNS: [&str; 7] =
+        ["in use", "assign requested", "denied", "not found", "not known", "resolve", "nrecognized option"];
+    SIGNS.iter().any(|sign| why.contains(sign))
 }
 
 /// The watchdog thread: stops the child when it is silent for too long.
@@ -360,7 +384,7 @@ mod tests {
     use super::*;
 
     fn open(script: &str, listens: bool) -> Result<Stream, SourceError> {
-        Stream::start("test", ChildCommand::shell(script), listens, None, None, &Cancel::default())
+        Stream::start("test", ChildCommand::shell(script), listens, &OpenOptions::default())
     }
 
     /// A script that sends `images` images of 16x16, one every `every_s` seconds; the caller adds what
@@ -456,6 +480,26 @@ mod tests {
         assert!(error.contains("Connection refused") && error.contains("check the address"), "{error}");
         let error = open("echo 'bind: Address already in use' >&2", true).err().unwrap().to_string();
         assert!(error.contains("in use") && error.contains("another port"), "{error}");
+    }
+
+    #[test]
+    fn a_peer_that_sends_no_video_is_refused_once_and_the_sender_after_it_is_taken() {
+        let folder = std::env::temp_dir().join(format!("cairn-stray-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let count = folder.join("runs");
+        // As ffmpeg ends when a browser or a scanner connects, three times; then the sender comes.
+        let script = format!(
+            "echo x >> {0}; if [ $(wc -l < {0}) -lt 4 ]; then \
+             echo 'Error opening input files: Input/output error' >&2; exit 1; fi; {1}; exec sleep 5",
+            count.display(),
+            sends(20, 0.05)
+        );
+        let mut stream = open(&script, true).unwrap();
+        stream.next_packet().unwrap().unwrap();
+        let refusals = stream.skipped().iter().filter(|l| l.contains("was refused (Error opening")).count();
+        assert_eq!(refusals, 1, "{:?}", stream.skipped());
+        drop(stream);
+        let _ = std::fs::remove_dir_all(folder);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use cairn_sensor::{Camera, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, Sour
 use std::path::Path;
 
 /// Samples a second that VINS's noise is for.
-const RATE_HZ: f64 = 200.0;
+pub const RATE_HZ: f64 = 200.0;
 
 /// True when a file has the keys of one.
 pub fn is(root: &Node) -> bool {
@@ -91,10 +91,15 @@ fn camera(doc: &Document) -> Result<Camera, SourceError> {
     doc.camera(projection.line, size, numbers, distortion)
 }
 
+/// True when it has an IMU, whose rate it never states.
+pub fn has_imu(root: &Node) -> bool {
+    root.get("gyr_n").is_some() && root.get("imu").is_none_or(|n| n.text() != Some("0"))
+}
+
 /// The IMU, when its noise is given.
 fn imu(doc: &Document) -> Result<Option<ImuSensor>, SourceError> {
     let root = &doc.root;
-    if root.get("gyr_n").is_none() || root.get("imu").is_some_and(|n| n.text() == Some("0")) {
+    if !has_imu(root) {
         return Ok(None);
     }
     let density = |key: &str| Ok::<f64, SourceError>(doc.need_number(root, key)? / RATE_HZ.sqrt());

@@ -58,6 +58,23 @@ pub fn read_rig_for(path: impl AsRef<Path>, size: Option<[usize; 2]>) -> Result<
     Ok(rig)
 }
 
+/// What is taken where the file of a rig does not state it, for people; `None` where it states all.
+pub fn assumed_in(path: impl AsRef<Path>) -> Option<String> {
+    let path = path.as_ref();
+    let doc = Document::parse(path, &read_text(path).ok()?).ok()?;
+    let rate = "states no rate of the IMU";
+    if camodocal::is(&doc.root) && camodocal::has_imu(&doc.root) {
+        let hz = camodocal::RATE_HZ;
+        Some(format!(
+            "{rate}: {hz} samples a second are taken, and its noise as that of one sample at this rate"
+        ))
+    } else if okvis::is(&doc.root) && okvis::lacks_rate(&doc.root) {
+        Some(format!("{rate}: {} samples a second are taken", okvis::RATE_HZ))
+    } else {
+        None
+    }
+}
+
 /// The rig as text in Cairn's own format.
 ///
 /// # Errors

@@ -1,6 +1,6 @@
 //! Configurations of OKVIS and OKVIS2, and of SVO: a list `cameras`, and the noise of the IMU.
 //!
-//! OKVIS2 states no rate of the IMU: 200 samples a second are taken.
+//! OKVIS2 states no rate of the IMU: 200 samples a second are taken, which is told ([`super::assumed_in`]).
 
 use super::document::Document;
 use cairn_files::yaml::Node;
@@ -10,6 +10,15 @@ use cairn_sensor::{Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError}
 /// True when a file has a list of cameras.
 pub fn is(root: &Node) -> bool {
     root.get("cameras").and_then(Node::list).is_some()
+}
+
+/// The rate that is taken where none is stated: that of EuRoC's recordings, with which its configurations come.
+pub const RATE_HZ: f64 = 200.0;
+
+/// True when it has an IMU and states no rate of it.
+pub fn lacks_rate(root: &Node) -> bool {
+    let imu = root.get("imu_parameters").or_else(|| root.get("imu_params"));
+    imu.is_some_and(|imu| imu.get("imu_rate").is_none())
 }
 
 /// The first two cameras and the IMU.
@@ -87,7 +96,7 @@ fn imu(doc: &Document) -> Result<Option<ImuSensor>, SourceError> {
     };
     Ok(Some(ImuSensor {
         body_from_imu: node.get("T_BS").map_or(Ok(Se3::identity()), |t| doc.transform(t, "T_BS"))?,
-        rate_hz: number(node.get("imu_rate"), 200.0)?,
+        rate_hz: number(node.get("imu_rate"), RATE_HZ)?,
         noise: ImuNoise { gyro: gyro?, gyro_walk: gyro_walk?, accel: accel?, accel_walk: accel_walk? },
         offset_s,
     }))

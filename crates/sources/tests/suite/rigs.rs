@@ -278,6 +278,8 @@ fn calibrations_of_other_systems_are_the_same_rig() {
              dt: d\n   data: [{flat}]\nacc_n: 0.1\ngyr_n: 0.01\nacc_w: 0.001\ngyr_w: 0.0001\ntd: -0.03\n"
         ),
     );
+    let assumed = cairn_sources::assumed_in(&vins).unwrap();
+    assert!(assumed.contains("states no rate of the IMU: 200 samples"), "{assumed}");
     let imu = check(vins, true).imu.unwrap();
     assert!((imu.offset_s - 0.03).abs() < 1e-12 && (imu.noise.accel - 0.1 / 200f64.sqrt()).abs() < 1e-12);
     // OKVIS2.
@@ -291,6 +293,7 @@ fn calibrations_of_other_systems_are_the_same_rig() {
              sigma_a_c: 2.0e-3\n    sigma_gw_c: 2.0e-5\n    sigma_aw_c: 3.0e-3\n"
         ),
     );
+    assert!(cairn_sources::assumed_in(&okvis).unwrap().contains("states no rate of the IMU: 200 samples"));
     assert_eq!(check(okvis, true).imu.unwrap().offset_s, 0.01);
     // SVO.
     let svo = folder.write(
@@ -303,6 +306,7 @@ fn calibrations_of_other_systems_are_the_same_rig() {
              sigma_omega_bias_c: 2.0e-5\n  sigma_acc_bias_c: 3.0e-3\n  imu_rate: 200.0\n"
         ),
     );
+    assert_eq!(cairn_sources::assumed_in(&svo), None, "it states its rate");
     check(svo, true);
     // Kimera.
     let camera_of = |matrix: &str| {

@@ -115,6 +115,9 @@ impl Tally {
     }
 }
 
+/// So far from a sharp corner its two legs lie within reach of each other, metres along each.
+const HAIRPIN_M: f64 = 8.0;
+
 pub(crate) struct Judge {
     plan: ManeuverPlan,
     language: Language,
@@ -160,9 +163,26 @@ impl Judge {
         Heading { position: Vec2::new(x, y), height: 1.3, heading, course }
     }
 
+    /// Where two legs lie at an acute angle, a walker who faces along the second and is nearer to that is on it: the matcher
+    /// alone would keep him on the first, backwards, while he walks away from it.
+    fn pass_hairpin(&mut self, truth: &Heading) {
+        let Some(at) = self.at else { return };
+        let away = |along_m: f64| (self.plan.point_at(along_m) - truth.position).norm();
+        let is_taken = |m: &&cairn_guide::Maneuver| {
+            let is_hairpin = m.turn_rad.abs() > PI / 2.0 && (m.at_m - at.along_m).abs() <= HAIRPIN_M;
+            let faces = truth.turn_to(m.exit_heading).abs() < PI / 4.0;
+            let after = (0..=(HAIRPIN_M / 0.1) as usize).map(|k| away(m.end_m + 0.1 * k as f64));
+            is_hairpin && faces && after.fold(f64::INFINITY, f64::min) < away(at.along_m)
+        };
+        let taken = self.plan.maneuvers().iter().find(is_taken).map(|m| m.end_m);
+        taken.into_iter().for_each(|end_m| self.matcher.pass(end_m));
+    }
+
     /// `place_m`: the guide's own estimate of the distance along the route.
     pub fn see(&mut self, walker: &Walker, cue: Option<&Cue>, place_m: Option<f64>, now: Stamp) {
-        let at = self.matcher.update(&self.plan, &self.true_heading(walker).position, now);
+        let truth = self.true_heading(walker);
+        self.pass_hairpin(&truth);
+        let at = self.matcher.update(&self.plan, &truth.position, now);
         self.at = Some(at);
         self.place_m = place_m;
         self.off_s = if at.cross_m.abs() > self.off_m { self.off_s + STEP_S } else { 0.0 };

@@ -12,19 +12,15 @@ fn trial(seed: u64, facing: Facing, noise: Noise) -> Outcome {
 }
 
 fn trial_in(phrases: PhraseConfig, seed: u64, facing: Facing, noise: Noise) -> Outcome {
+    trial_on(Travel::Home, phrases, seed, facing, noise)
+}
+
+fn trial_on(travel: Travel, phrases: PhraseConfig, seed: u64, facing: Facing, noise: Noise) -> Outcome {
     let crossing = seed % 4 == 3;
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
     run(
         &random_route(seed, crossing),
-        &TrialConfig {
-            facing,
-            travel: Travel::Home,
-            noise,
-            corridor_m,
-            cut_detours: !crossing,
-            phrases,
-            seed,
-        },
+        &TrialConfig { facing, travel, noise, corridor_m, cut_detours: !crossing, phrases, seed },
     )
 }
 
@@ -65,6 +61,22 @@ fn walkers_arrive_home() {
             let most = if facing == Facing::Backwards { 52.0 } else { 36.0 };
             assert!(t.said_per_100_m() <= most, "{facing:?} {noise:?}: {}", t.said_per_100_m());
         }
+    }
+}
+
+/// Walks of the example `walks` on which a direction led away from the route, or was taken to: after a stop beside a sharp corner
+/// (31, 67), and behind one (115, 171).
+#[test]
+fn nobody_is_sent_away_from_the_route_at_a_sharp_corner() {
+    for (seed, facing, travel) in [
+        (31, Facing::Back, Travel::Home),
+        (67, Facing::Back, Travel::Home),
+        (115, Facing::Back, Travel::Home),
+        (171, Facing::Home, Travel::Again),
+    ] {
+        let o = trial_on(travel, PhraseConfig::default(), seed, facing, Noise::Usual);
+        assert_eq!(o.wrong_side, 0, "{seed}: {}", o.transcript());
+        assert!(o.arrived && o.error_m <= 1.0, "{seed}: {} m", o.error_m);
     }
 }
 

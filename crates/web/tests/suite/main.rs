@@ -9,4 +9,5 @@ mod page;
 mod plain;
 mod played;
 mod requests;
+mod strangers;
 mod walked;

@@ -85,3 +85,30 @@ fn garbage_on_the_port_is_one_line_and_the_team_goes_on() {
     assert_eq!(lines.len(), 3, "{lines:?}");
     assert!(lines.iter().any(|l| l.contains("it announces a message of")), "{lines:?}");
 }
+
+#[test]
+fn one_host_that_takes_every_place_keeps_no_robot_out() {
+    let mut a = member(1, &[]);
+    let hold = |count: usize| -> Vec<TcpStream> {
+        (0..count).map(|_| TcpStream::connect(a.address()).unwrap()).collect()
+    };
+    // As many as there are places, and none says a word.
+    let mut held = hold(64);
+    let mut b = member(2, &[a.address().to_string()]);
+    let later = hold(8);
+    a.peer_mut().publish(&[1; 3000]).unwrap();
+    b.peer_mut().publish(&[2; 3000]).unwrap();
+    let began = Instant::now();
+    settle(&mut [&mut a, &mut b], 2);
+    println!("shared beside 72 silent connections after {:.2} s", began.elapsed().as_secs_f64());
+    // The oldest had to make room: at its end nothing more comes.
+    let first = &mut held[0];
+    first.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    std::io::Read::read_to_end(first, &mut Vec::new()).expect("it was closed");
+    // The robot keeps its place whoever comes later.
+    let more: Vec<TcpStream> = (0..80).map(|_| TcpStream::connect(a.address()).unwrap()).collect();
+    b.peer_mut().publish(&[3; 3000]).unwrap();
+    let lines = settle(&mut [&mut a, &mut b], 2);
+    assert!(lines.iter().all(|line| !line.contains("robot")), "{lines:?}");
+    drop((held, later, more));
+}

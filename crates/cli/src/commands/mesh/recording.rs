@@ -1,6 +1,6 @@
 //! The surface of a recording with depth and poses.
 
-use super::super::rig::rig_for;
+use super::super::rig::noted_rig_for;
 use super::Arguments;
 use crate::failure::Failure;
 use crate::output::warn;
@@ -31,7 +31,7 @@ const APART_NS: u64 = 20_000_000;
 pub fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
     let dense =
         |e: cairn_dense::DenseError| Failure::new("mesh", e.to_string(), "change --voxel or --farthest");
-    let rig = arguments.rig.as_deref().map(|path| rig_for(path, &arguments.source)).transpose()?;
+    let rig = arguments.rig.as_deref().map(|path| noted_rig_for(path, &arguments.source)).transpose()?;
     let options = OpenOptions { rig, cancel: crate::interrupt::cancel(), ..OpenOptions::default() };
     let mut source = Validator::new(open(&arguments.source, options)?, warn);
     let Some(sensor) = source.rig().depth.clone() else {

@@ -34,7 +34,8 @@ pub fn recorded(
         Some(stamps) => Box::new(Picked::new(source, stamps)),
         None => source,
     };
-    let driven = drive(session, Clock::Packets(&mut *source), script, observer);
+    let clock = if a.realtime { Clock::Paced(&mut *source) } else { Clock::Packets(&mut *source) };
+    let driven = drive(session, clock, script, observer);
     let skipped = source.skipped().to_vec();
     Played { driven, dropped: source.dropped(), skips: source.skips(), skipped }
 }

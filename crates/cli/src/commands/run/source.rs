@@ -87,6 +87,7 @@ pub fn open_part(
         topics: a.topics.clone(),
         number_frames_hz: a.number_frames,
         cancel: interrupt::cancel(),
+        told: Some(note),
     };
     let given = a.rig.as_deref().map(|path| rig_of(path, &a.source, config)).transpose()?;
     let of_live = a.sensor.filter(|_| is_live(&a.source));

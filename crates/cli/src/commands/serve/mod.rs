@@ -7,7 +7,7 @@ use super::given::{read_config, rig_of};
 use super::run::sensors;
 use crate::failure::Failure;
 use crate::interrupt;
-use crate::output::Output;
+use crate::output::{Output, note};
 use crate::processes;
 use crate::speaking::Speaking;
 use crate::terminal::Terminal;
@@ -16,8 +16,9 @@ use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
 use cairn_session::{Command, FileConfig, LibraryError, SessionConfig};
 use cairn_sources::{OpenOptions, Paced, Validator, is_live, open, waiting_for};
-use cairn_web::{CameraSource, ServeConfig, Server, StartSlam, WebError, engine_here, qr};
+use cairn_web::{CameraSource, MOST_CONNECTIONS, ServeConfig, Server, StartSlam, WebError, engine_here, qr};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Serves an accessible web page over HTTPS: use a phone's camera for guidance, or watch from another screen.
 ///
@@ -137,6 +138,8 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         routes: Some(routes.clone()),
         camera,
         dense: a.dense,
+        connections: connections(),
+        tell: Arc::new(note),
         config,
         session,
     };
@@ -170,6 +173,19 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let mut terminal = Terminal::new(a.lines, true, a.speaking.language);
     terminal.forward(move |command| remote.command(command));
     Ok(server.wait()?)
+}
+
+/// Descriptors that are kept for the walk itself: its source, maps, routes and processes had 20 open at most (a simulated flat
+/// with --isolated --dense; 14 with a EuRoC recording).
+const KEPT_FILES: u64 = 96;
+
+/// How many connections may be open, so that the walk never lacks a descriptor.
+fn connections() -> usize {
+    #[cfg(unix)]
+    let files = cairn_workers::raise_open_files();
+    #[cfg(not(unix))]
+    let files = u64::MAX;
+    (files.saturating_sub(KEPT_FILES) as usize).clamp(8, MOST_CONNECTIONS)
 }
 
 /// Says how the page is reached.
@@ -262,8 +278,8 @@ fn camera_of(source: &str, rig: Option<Rig>, sensor: Option<Sensors>) -> CameraS
     }
     let address = name.clone();
     let open = move || {
-        let source =
-            open(&address, OpenOptions { rig, cancel: interrupt::cancel(), ..OpenOptions::default() })?;
+        let (cancel, told) = (interrupt::cancel(), Some(note as fn(&str)));
+        let source = open(&address, OpenOptions { rig, cancel, told, ..OpenOptions::default() })?;
         let sensor = sensor.unwrap_or_else(|| Sensors::of(source.rig()));
         let (mode, has_imu) = (sensor.mode(), sensor.has_imu());
         let source: Box<dyn Source> = Box::new(Validator::new(source, crate::output::warn));

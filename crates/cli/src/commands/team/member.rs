@@ -3,10 +3,12 @@
 use super::paths::beside;
 use crate::failure::Failure;
 use crate::number::number;
+use crate::output::warn;
 use cairn::team::RobotId;
 use cairn::team::peer::{Identity, Peer, TeamKey};
 use cairn_files::MIB;
 use cairn_wire::Member;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// How the other robots are reached.
@@ -40,8 +42,19 @@ impl Reach {
         let member = Member::open(peer, listen, &self.peer).map_err(|e| {
             Failure::new(format!("--listen {listen}"), e.to_string(), "choose another address or port")
         })?;
+        open_to_all(self.secret.is_some(), member.address()).iter().for_each(|why| warn(why));
         Ok(member.with_send_limit(1e3 * self.send_limit.unwrap_or(SEND_LIMIT_KB)))
     }
+}
+
+/// What is said where anybody on the network can take part.
+fn open_to_all(has_secret: bool, listening: SocketAddr) -> Option<String> {
+    (!has_secret && !listening.ip().is_loopback()).then(|| {
+        format!(
+            "anybody who reaches {listening} and knows the team's name can take part and read all maps; give all \
+             robots one --secret FILE, or --listen on 127.0.0.1 where all run here"
+        )
+    })
 }
 
 /// The identity of a robot: its key is in a file beside its map or graph, made the first time.
@@ -92,4 +105,19 @@ pub fn team_key(team: &str, secret_file: Option<&Path>) -> Result<TeamKey, Failu
         secret.extend(bytes);
     }
     Ok(TeamKey::new(&secret))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_team_without_a_secret_is_warned_unless_it_listens_on_this_machine_alone() {
+        let address = |text: &str| text.parse::<SocketAddr>().unwrap();
+        let warned = open_to_all(false, address("0.0.0.0:7450")).unwrap();
+        assert!(warned.contains("0.0.0.0:7450") && warned.contains("--secret"), "{warned}");
+        assert!(open_to_all(false, address("192.0.2.4:7450")).is_some());
+        assert_eq!(open_to_all(true, address("0.0.0.0:7450")), None);
+        assert_eq!(open_to_all(false, address("127.0.0.1:7450")), None);
+    }
 }

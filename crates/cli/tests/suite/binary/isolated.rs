@@ -286,3 +286,41 @@ fn recorded_route_is_that_of_one_process_whatever_dies() {
     assert!(left + 6 >= all, "{left} of {all} points");
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[test]
+fn supervisor_that_is_killed_leaves_the_map_of_a_moment_ago_and_the_route_fits_it() {
+    if !has_shared_memory() {
+        return;
+    }
+    let folder = folder("isolated-saved");
+    let (route, map) = (folder.join("home.route"), folder.join("home.map"));
+    let (shown, route) = (map.to_str().unwrap(), route.to_str().unwrap());
+    let mut child = Command::new(env!("CARGO_BIN_EXE_cairn"))
+        .args(["run", LONGER, "--isolated", "--realtime", "--record", route])
+        .args(["--map-out", shown, "--map-every", "0.5"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let began = Instant::now();
+    let saved = |than: Option<std::time::SystemTime>| {
+        let at = map.metadata().and_then(|m| m.modified()).ok();
+        at.filter(|at| than.is_none_or(|than| *at > than))
+    };
+    let mut seen = None;
+    // Saved again and again while the run goes on.
+    for _ in 0..3 {
+        while saved(seen).is_none() {
+            assert!(child.try_wait().unwrap().is_none() && began.elapsed() < Duration::from_secs(20));
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        seen = saved(seen);
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let info = json(&cairn(&["map", "info", shown, "--json"]));
+    assert!(info["maps"][0]["key_frames"].as_u64().unwrap() > 0, "{info}");
+    let guided = cairn(&["run", WORLD, "--frames", "20", "--map-in", shown, "--guide", route]);
+    assert_eq!(guided.status.code(), Some(0), "{}", stderr(&guided));
+    std::fs::remove_dir_all(&folder).unwrap();
+}

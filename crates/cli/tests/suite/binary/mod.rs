@@ -18,6 +18,7 @@ mod rig;
 mod ros;
 mod route;
 mod run;
+mod serving;
 mod sim;
 mod solve;
 mod team;

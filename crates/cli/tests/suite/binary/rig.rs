@@ -141,3 +141,30 @@ fn rig_check_examines_a_recording() {
     assert!(apart.contains("the clocks are apart"), "{apart}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[test]
+fn a_calibration_that_states_no_rate_of_the_imu_says_which_is_taken() {
+    let folder = folder("rig-rate");
+    let out = folder.join("walk");
+    let out = out.to_str().unwrap();
+    let world = "sim:corridor?resolution=64x48&sensor=mono-imu&start=14&duration=1&rate=5";
+    assert_eq!(cairn(&["sim", world, "--out", out]).status.code(), Some(0));
+    let file = folder.join("vins.yaml");
+    let camera = "%YAML:1.0\nmodel_type: PINHOLE\nimage_width: 64\nimage_height: 48\ndistortion_parameters:\n   k1: 0\n   k2: 0\n   \
+                  p1: 0\n   p2: 0\nprojection_parameters:\n   fx: 40\n   fy: 40\n   cx: 31.5\n   cy: 23.5\n";
+    let matrix = |rows: &str, cols: &str, data: &str| {
+        format!("!!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [{data}]\n")
+    };
+    let rotation = matrix("3", "3", "0, 0, 1, -1, 0, 0, 0, -1, 0");
+    let noise = "acc_n: 0.1\ngyr_n: 0.01\nacc_w: 0.001\ngyr_w: 0.0001\n";
+    let arm = matrix("3", "1", "0, 0, 0");
+    let text = format!("{camera}extrinsicRotation: {rotation}extrinsicTranslation: {arm}{noise}");
+    std::fs::write(&file, text).unwrap();
+    let file = file.to_str().unwrap();
+    let says = "vins.yaml states no rate of the IMU: 200 samples a second are taken";
+    let run = cairn(&["run", out, "--rig", file, "--frames", "3"]);
+    assert!(stderr(&run).contains(says), "{}", stderr(&run));
+    let checked = json(&cairn(&["rig", "check", file, "--json"]));
+    assert!(checked["warnings"].to_string().contains("states no rate of the IMU"), "{checked}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -4,11 +4,14 @@ use crate::walk::scripted::{RATE_HZ, Walk, engine, folder, out};
 use cairn_atlas::Snapshot;
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Engine, Output, Phase, Status};
-use cairn_sensor::{ClockReading, FramePacket, Live, Stamp};
-use cairn_session::{Age, Command, Event, NotTracked, Session, SessionConfig, Slam};
+use cairn_sensor::{Camera, ClockReading, FramePacket, Live, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_session::{
+    Age, Command, Ended, Event, NotTracked, Observer, Script, Session, SessionConfig, Slam, drive_paced,
+};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 #[test]
 fn stream_loss_stops_and_resumes_guidance() {
@@ -232,4 +235,63 @@ fn slam_that_is_away_stops_the_walker_and_guidance_goes_on_with_it() {
     (0..30).for_each(|_| drop(step(&mut session, Some(home[home.len() - 1]))));
     assert!(session.has_arrived(), "{said:#?}");
     assert_eq!(said.iter().filter(|text| *text == STOP).count(), 1, "{said:#?}");
+}
+
+/// The images of a walk, of which one takes long to read.
+struct Halting(SourceInfo, Rig, usize);
+
+impl Source for Halting {
+    fn info(&self) -> &SourceInfo {
+        &self.0
+    }
+
+    fn rig(&self) -> &Rig {
+        &self.1
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        self.2 += 1;
+        if self.2 == 12 {
+            std::thread::sleep(Duration::from_millis(1600));
+        }
+        Ok(out()[..14].get(self.2 - 1).cloned())
+    }
+
+    fn skipped(&self) -> &[String] {
+        &[]
+    }
+}
+
+/// The phases of a session, each once where it lasts.
+#[derive(Default)]
+struct Phases(Vec<Phase>);
+
+impl Observer for Phases {
+    fn on_step(&mut self, session: &mut Session) {
+        let phase = session.engine_status().phase;
+        if self.0.last() != Some(&phase) {
+            self.0.push(phase);
+        }
+    }
+}
+
+#[test]
+fn a_recording_that_gives_no_image_is_not_said_to_be_tracked_meanwhile() {
+    let config = SessionConfig { folder: folder("halting"), ..SessionConfig::default() };
+    let mut session = Session::new(engine(), config);
+    let info = SourceInfo {
+        name: "halting".into(),
+        frames: Some(14),
+        rate_hz: RATE_HZ,
+        truth: Vec::new(),
+        assumed: None,
+    };
+    let rig = Rig::mono(Camera::pinhole(320, 240, 210.0, 210.0, 159.5, 119.5));
+    let mut phases = Phases::default();
+    let ended =
+        drive_paced(&mut session, &mut Halting(info, rig, 0), &mut Script::default(), &mut phases).unwrap();
+    assert_eq!(ended, Ended::Source);
+    let lost = phases.0.iter().position(|p| *p == Phase::WaitFrames).expect("it is said that none comes");
+    assert!(phases.0[..lost].contains(&Phase::Tracking), "{:?}", phases.0);
+    assert_eq!(phases.0.last(), Some(&Phase::Tracking), "{:?}", phases.0);
 }

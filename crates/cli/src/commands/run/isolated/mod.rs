@@ -5,6 +5,8 @@
 #[cfg(unix)]
 mod monitor;
 #[cfg(unix)]
+mod saver;
+#[cfg(unix)]
 mod several;
 #[cfg(unix)]
 mod supervisor;

@@ -6,6 +6,7 @@ use super::super::sinks::Sinks;
 use super::super::tally::Tally;
 use super::super::{map, results, route, source, surface, walker};
 use super::monitor::Monitor;
+use super::saver::Saver;
 use super::several::Several;
 use crate::commands::map::failed;
 use crate::failure::Failure;
@@ -16,7 +17,6 @@ use crate::outputs::Outputs;
 use crate::processes::{SHARED_MEMORY, folder_in, this_program};
 use crate::progress::Progress;
 use crate::surface::form;
-use cairn_atlas::store::MapFile;
 use cairn_workers::message::SurfaceInput;
 use cairn_workers::{RunFolder, SuperviseError, Supervision};
 use std::collections::BTreeMap;
@@ -48,14 +48,16 @@ pub fn supervise(
         route::resume(path, &map, config.route.recorder)?;
     }
     let folder = folder_in(parent)?;
-    let attached = begin_in(a, &folder)?;
+    let Attached { whole, kept } = begin_in(a, &folder)?;
     interrupt::in_order();
     let stop = Arc::new(AtomicBool::new(false));
     interrupt::sets(stop.clone());
     let mut sinks = Sinks::new(Progress::new(None));
     sinks.add(Some(say.voice(walker::speech_of(a), outputs.file("--say wav:"), output.is_json())?));
     sinks.at_end(|ended| ended.run.close_recording());
-    sinks.add(map::Saver::begin(a, outputs.file("--map-out"), attached, sinks.progress.clone()));
+    let to = outputs.file("--map-out");
+    sinks.add(Saver::begin(a, folder.path(), to, whole, sinks.progress.clone()));
+    sinks.add(map::Saver::begin(a, to, kept, sinks.progress.clone()));
     results::add(&mut sinks, a, outputs);
     let mut tally = Tally::new(began);
     let mut monitor = Monitor::new(a, &mut sinks, &mut tally);
@@ -113,17 +115,24 @@ fn hang_limit(a: &Arguments) -> Duration {
     Duration::from_secs(if a.realtime { 2 } else { 30 })
 }
 
+/// What is attached to the map of --map-in: all of it, and what the map at the end gets of it.
+#[derive(Default)]
+struct Attached {
+    whole: BTreeMap<String, Vec<u8>>,
+    kept: BTreeMap<String, Vec<u8>>,
+}
+
 /// Begins the journal with the map of --map-in; returns what is attached to it.
-fn begin_in(a: &Arguments, folder: &RunFolder) -> Result<BTreeMap<String, Vec<u8>>, Failure> {
-    let Some(file) = map::opened(a)? else { return Ok(BTreeMap::new()) };
-    let base = MapFile { attached: BTreeMap::new(), ..file };
-    cairn_workers::journal::JournalWriter::begin(folder.path(), &base)
+fn begin_in(a: &Arguments, folder: &RunFolder) -> Result<Attached, Failure> {
+    let Some(mut file) = map::opened(a)? else { return Ok(Attached::default()) };
+    let whole = std::mem::take(&mut file.attached);
+    cairn_workers::journal::JournalWriter::begin(folder.path(), &file)
         .map_err(|e| Failure::new(SHARED_MEMORY, e.to_string(), "free some of it"))?;
-    let Some(mut file) = map::opened(a)? else { return Ok(BTreeMap::new()) };
+    file.attached = whole.clone();
     if surface::is_wanted(a) {
         // Dense goes on from it, and gives it back with what it adds.
         let path = a.map_in.as_deref().unwrap_or(Path::new("--map-in"));
         file.take_depth().map_err(|e| failed(path, &e))?;
     }
-    Ok(file.attached)
+    Ok(Attached { whole, kept: file.attached })
 }
