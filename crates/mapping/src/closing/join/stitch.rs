@@ -7,7 +7,7 @@ use crate::closing::draft::Draft;
 use crate::closing::relax::{Loop, relax};
 use crate::closing::visits::metre_in_map_units;
 use crate::closing::{Closer, Freedom, correct};
-use cairn_adjust::{Window, WindowBuilder, WindowConfig};
+use cairn_adjust::{Window, WindowConfig};
 use cairn_atlas::{Change, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -105,7 +105,7 @@ impl Closer {
     /// Adjusts a map that was joined as a whole, with observations weighed by size. No changes where it has more than
     /// [`crate::CloserConfig::whole_key_frames`].
     pub fn adjust_joined(&self, snapshot: &Snapshot, map: MapId) -> Vec<Change> {
-        self.adjust_whole_with(snapshot, map, WindowBuilder::joined, || false)
+        self.adjust_whole_with(snapshot, map, |window| window.joined(), || false)
     }
 
     /// Adjusts the map, if that is wanted now: as a whole where it is small enough, else around each seam.
