@@ -100,6 +100,13 @@ impl Moves {
             },
         }
     }
+
+    /// The derivative of an observation's residual: its third row is right x less x.
+    #[inline(always)]
+    fn of_residual(&self, k: usize) -> [f64; 3] {
+        let [x, y, right_x] = self.of(k);
+        [x, y, right_x - x]
+    }
 }
 
 impl Calibration {
@@ -298,12 +305,12 @@ impl Bundle {
             let slot = slot[o.pose as usize].map(|s| s as usize);
             let rows = if o.pixel[2].is_nan() { 2 } else { 3 };
             for (border, c) in borders.iter_mut().zip(&estimated) {
-                let moves = c.moves.of(k);
+                let moves = c.moves.of_residual(k);
                 for i in (0..rows).filter(|i| moves[*i] != 0.0) {
                     let m = w * moves[i];
                     border.hessian += m * moves[i];
                     let earlier = border.earlier.iter_mut().zip(&estimated);
-                    earlier.for_each(|(e, other)| *e += m * other.moves.of(k)[i]);
+                    earlier.for_each(|(e, other)| *e += m * other.moves.of_residual(k)[i]);
                     border.gradient += m * r[i];
                     border.points[point] += Vec3::from(l.by_point[i]) * m;
                     if let Some(s) = slot {
