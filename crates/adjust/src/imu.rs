@@ -1,15 +1,17 @@
-//! The IMU factors of a window: links between its key frames, and priors on biases where links begin.
+//! The readings of an IMU as factors of a window of a gravity-aligned map: links between its key frames, and priors on biases where links
+//! begin. Around a key frame the last ones up to it move, one linked to the next; that before them keeps its pose and velocity.
 
-use crate::subproblem::Subproblem;
-use cairn_atlas::{KeyFrame, KeyFrameId, MapId, Snapshot};
+use crate::factor::{Chain, Frames, Judgement, WindowFactors};
+use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{
     Bias, BiasPrior, Gravity, ImuFactors, ImuLink, MotionFreedom, Preintegrated, SpeedAndBias, ZeroVelocity,
     of_data_sheet,
 };
 use cairn_sensor::ImuNoise;
-use cairn_solve::Freedom;
+use cairn_solve::{Equations, Factors, Freedom, Variable};
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 /// Standard deviations of the biases before a window, as earlier windows have estimated them: rad/s, m/s^2.
 const BIAS_BEFORE: [f64; 2] = [0.002, 0.05];
@@ -59,21 +61,136 @@ pub fn linked(snapshot: &Snapshot, map: MapId) -> BTreeSet<KeyFrameId> {
     linked
 }
 
-/// The factors of a subproblem of which poses and motions are free as given.
-pub fn factors(
-    snapshot: &Snapshot,
-    model: &ImuModel,
-    subproblem: &Subproblem,
-    poses: &[Freedom],
-    motions: &[MotionFreedom],
-) -> ImuFactors {
+/// The readings of an IMU.
+#[derive(Clone, Debug)]
+pub struct Imu {
+    model: ImuModel,
+    /// How many key frames of a chain move.
+    chain: usize,
+    factors: ImuFactors,
+    /// Velocities and biases before a solve.
+    motions_before: Vec<SpeedAndBias>,
+}
+
+impl Imu {
+    /// In windows around a key frame all move that are linked to it, one to the next.
+    pub fn new(model: ImuModel) -> Self {
+        let factors = ImuFactors::new(model.imu_from_camera, Gravity::level(), Vec::new());
+        Self { model, chain: usize::MAX, factors, motions_before: Vec::new() }
+    }
+
+    /// Of them the last so many.
+    pub fn with_chain(self, chain: usize) -> Self {
+        Self { chain, ..self }
+    }
+
+    /// What is solved for of each key frame's motion.
+    fn freedom(&self, snapshot: &Snapshot, frames: &Frames) -> Vec<MotionFreedom> {
+        let linked = frames.centre.is_none().then(|| linked(snapshot, frames.map));
+        let before = frames.centre.and_then(|centre| self.chain(snapshot, centre)?.before);
+        let of = |(slot, id): (usize, &KeyFrameId)| {
+            let is_known = snapshot.key_frame(*id).is_some_and(|k| k.motion.is_some());
+            match &linked {
+                Some(linked) if linked.contains(id) => MotionFreedom::Free,
+                Some(_) => MotionFreedom::Fixed,
+                // Its biases may still change.
+                None if is_known && Some(*id) == before => MotionFreedom::Biases,
+                None if slot >= frames.moving => MotionFreedom::Fixed,
+                None if is_known || *id == frames.map.root() => MotionFreedom::Free,
+                None => MotionFreedom::Fixed,
+            }
+        };
+        frames.key_frames.iter().enumerate().map(of).collect()
+    }
+}
+
+impl WindowFactors for Imu {
+    fn chain(&self, snapshot: &Snapshot, centre: KeyFrameId) -> Option<Chain> {
+        let (mut moving, mut next) = (Vec::new(), Some(centre));
+        while let Some(id) = next.filter(|_| moving.len() < self.chain) {
+            moving.push(id);
+            next = before(snapshot.key_frame(id)?);
+        }
+        let is_known = next.is_none_or(|id| snapshot.key_frame(id).is_some());
+        is_known.then_some(Chain { moving, before: next })
+    }
+    /// The key frame before the chain bounds velocity and biases, whether it observes the same landmarks or not. The root of a whole map
+    /// keeps its position and heading.
+    fn choose(&mut self, snapshot: &Snapshot, frames: &mut Frames) {
+        match frames.centre {
+            Some(centre) => {
+                let before = self.chain(snapshot, centre).and_then(|chain| chain.before);
+                before.into_iter().for_each(|id| frames.hold(snapshot, id));
+            }
+            None => {
+                let root = frames.slot(frames.map.root());
+                root.into_iter().for_each(|root| frames.freedom[root] = Freedom::Tilt(Vec3::z()));
+            }
+        }
+        frames.is_anchored = true;
+    }
+    fn bind(&mut self, snapshot: &Snapshot, frames: &Frames) -> usize {
+        self.factors = factors(snapshot, &self.model, frames, &self.freedom(snapshot, frames));
+        self.motions_before.clone_from(&self.factors.motions);
+        self.factors.links.len()
+    }
+    /// With links even scale may be weakly determined: the first step is damped less.
+    fn first_damping(&self) -> f64 {
+        1e-6
+    }
+    /// Readings are a witness, not the judge: an IMU whose readings were wrong for a moment is found out by vision some moments later, when
+    /// they are links already. Those that lead elsewhere than the observations of both ends are left out.
+    fn judge(&mut self, _: &[Se3], after: &[Se3]) -> Judgement {
+        let chi2 = self.factors.link_chi2(after);
+        let mut sound = chi2.iter().map(|chi2| *chi2 <= MOST_CHI2);
+        self.factors.links.retain(|_| sound.next().unwrap_or(true));
+        self.factors.bias_priors = bias_priors(&self.factors);
+        if self.factors.links.len() == chi2.len() {
+            return Judgement::Agrees;
+        }
+        self.factors.motions.clone_from(&self.motions_before);
+        Judgement::LeftOut
+    }
+    fn changes(&self, frames: &Frames, poses: &[Se3]) -> Vec<Change> {
+        let moving = frames.key_frames[..frames.moving].iter().zip(&self.factors.motions).zip(poses);
+        let free = moving.filter(|((_, motion), _)| motion.freedom == MotionFreedom::Free);
+        let change = |((id, motion), pose): ((&KeyFrameId, &SpeedAndBias), &Se3)| {
+            Change::InertialState(*id, pose.rotation.inverse() * motion.velocity, motion.bias)
+        };
+        free.map(change).collect()
+    }
+}
+
+impl Factors for Imu {
+    fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
+        self.factors.scopes(visit);
+    }
+    fn linearise(&mut self, poses: &[Se3], equations: &mut Equations) -> Option<()> {
+        self.factors.linearise(poses, equations)
+    }
+    fn attempt(&mut self, poses: &[Se3], step: &[f64]) -> f64 {
+        self.factors.attempt(poses, step)
+    }
+    fn accept(&mut self) {
+        self.factors.accept();
+    }
+    fn sizes(&self) -> Vec<usize> {
+        self.factors.sizes()
+    }
+    fn held(&self) -> Vec<(usize, Range<usize>)> {
+        self.factors.held()
+    }
+}
+
+/// The factors between key frames of which poses and motions are free as given.
+fn factors(snapshot: &Snapshot, model: &ImuModel, frames: &Frames, motions: &[MotionFreedom]) -> ImuFactors {
     let slots: BTreeMap<KeyFrameId, usize> =
-        subproblem.key_frames.iter().enumerate().map(|(slot, id)| (*id, slot)).collect();
+        frames.key_frames.iter().enumerate().map(|(slot, id)| (*id, slot)).collect();
     // A link is left out between two key frames that do not move, and at one that moves but whose motion is unknown.
-    let known = |slot: usize| poses[slot] == Freedom::Fixed || motions[slot] != MotionFreedom::Fixed;
-    let counts = |a: usize, b: usize| known(a) && known(b) && a.min(b) < subproblem.moving;
+    let known = |slot: usize| frames.freedom[slot] == Freedom::Fixed || motions[slot] != MotionFreedom::Fixed;
+    let counts = |a: usize, b: usize| known(a) && known(b) && a.min(b) < frames.moving;
     let mut imu = ImuFactors::new(model.imu_from_camera, Gravity::level(), Vec::new());
-    for (to, (id, freedom)) in subproblem.key_frames.iter().zip(motions).enumerate() {
+    for (to, (id, freedom)) in frames.key_frames.iter().zip(motions).enumerate() {
         let mut state = SpeedAndBias { velocity: Vec3::zeros(), bias: Bias::default(), freedom: *freedom };
         if let Some((k, motion)) = snapshot.key_frame(*id).and_then(|k| Some((k, k.motion.as_ref()?))) {
             (state.velocity, state.bias) = (k.world_from_camera.rotation * motion.velocity, motion.bias);
@@ -90,19 +207,8 @@ pub fn factors(
         imu.motions.push(state);
     }
     imu.bias_priors = bias_priors(&imu);
-    imu.zero_velocities = zero_velocities(snapshot, subproblem, &imu);
+    imu.zero_velocities = zero_velocities(snapshot, frames, &imu);
     imu
-}
-
-/// Leaves out the links whose readings lead elsewhere than the observations of both ends, after a solve; true where there are some.
-/// An IMU whose readings were wrong for a moment is found out by vision some moments later, when they are links already.
-pub fn leave_out_contradicted(imu: &mut ImuFactors, poses: &[Se3]) -> bool {
-    let chi2 = imu.link_chi2(poses);
-    let mut sound = chi2.iter().map(|chi2| *chi2 <= MOST_CHI2);
-    let before = imu.links.len();
-    imu.links.retain(|_| sound.next().unwrap_or(true));
-    imu.bias_priors = bias_priors(imu);
-    imu.links.len() < before
 }
 
 /// Whether one camera made two key frames.
@@ -112,11 +218,11 @@ fn is_of_one_rig(snapshot: &Snapshot, k: &KeyFrame, other: KeyFrameId) -> bool {
 
 /// Key frames of links at which the camera is known not to move. Without that, a chain of links that sees no landmarks ends where
 /// the integrated errors of the accelerometer lead: metres away after a turn of some seconds.
-fn zero_velocities(snapshot: &Snapshot, subproblem: &Subproblem, imu: &ImuFactors) -> Vec<ZeroVelocity> {
+fn zero_velocities(snapshot: &Snapshot, frames: &Frames, imu: &ImuFactors) -> Vec<ZeroVelocity> {
     let linked: BTreeSet<usize> = imu.links.iter().flat_map(|l| [l.from, l.to]).collect();
     let free = linked.into_iter().filter(|slot| imu.motions[*slot].freedom == MotionFreedom::Free);
     let still = |frame: usize| {
-        let motion = snapshot.key_frame(subproblem.key_frames[frame])?.motion.as_ref()?;
+        let motion = snapshot.key_frame(frames.key_frames[frame])?.motion.as_ref()?;
         Some(ZeroVelocity { frame, sigma: motion.still_sigma? })
     };
     free.filter_map(still).collect()

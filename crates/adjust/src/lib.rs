@@ -1,20 +1,26 @@
 #![doc = include_str!("../README.md")]
 
-mod aligned;
+mod calibration;
 mod camera;
+mod corner;
+mod factor;
 mod imu;
-mod links;
+mod level;
 mod locate;
 mod motion;
 mod parallax;
 mod recognise;
+mod relative_pose;
 mod subproblem;
 mod window;
 
 pub use camera::{depth, pinhole, pixel, weight};
-pub use imu::ImuModel;
+pub use factor::{Chain, Frames, Judgement, WindowFactors};
+pub use imu::{Imu, ImuModel};
+pub use level::Level;
 pub use locate::{Located, locate};
-pub use motion::{MotionLinks, MotionSince};
+pub use motion::{MotionFactors, MotionLinks, MotionSince};
 pub use parallax::has_parallax;
 pub use recognise::{MatchFailure, RecogniseConfig, Recognised, View, recognise};
-pub use window::{Window, WindowConfig, WindowResult};
+pub use relative_pose::RelativePoseFactors;
+pub use window::{Window, WindowBuilder, WindowConfig, WindowResult};

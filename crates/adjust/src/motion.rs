@@ -4,14 +4,13 @@
 //! with each other and would turn these key frames along with him; what the wheels measured holds them. A key frame whose pose was carried
 //! there, by the wheels or by the shape of what a depth camera sees, shares no landmark with the one before it: only the motion relates the two.
 
-use crate::subproblem::Subproblem;
+use crate::factor::{Frames, Judgement, WindowFactors};
 use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_geometry::{LieGroup, Manifold, Se3};
 use cairn_sensor::Stamp;
-use cairn_solve::{Equations, Factors, Freedom, Variable};
+use cairn_solve::{Equations, Factors, Variable};
 use nalgebra::{SMatrix, Vector6};
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// No motion counts as more exact, metres and radians.
@@ -71,6 +70,9 @@ pub struct MotionLinks {
 
 type Links = BTreeMap<KeyFrameId, (KeyFrameId, MotionSince)>;
 
+/// From one key frame to another.
+type Motion = (KeyFrameId, KeyFrameId, MotionSince);
+
 impl MotionLinks {
     /// Adds what was measured from one key frame to a later one.
     pub fn insert(&self, from: KeyFrameId, to: KeyFrameId, motion: MotionSince) {
@@ -109,28 +111,19 @@ impl MotionLinks {
         }
     }
 
-    /// The factors of a subproblem. Key frames before those that move are added to it, fixed.
-    pub(crate) fn factors(&self, snapshot: &Snapshot, subproblem: &mut Subproblem) -> MotionFactors {
-        let mut factors = MotionFactors::default();
-        let moving: BTreeSet<KeyFrameId> =
-            subproblem.key_frames[..subproblem.moving].iter().copied().collect();
-        for to in subproblem.key_frames.clone() {
-            let Some((from, motion)) = self.before(snapshot, to) else { continue };
-            if !moving.contains(&to) && !moving.contains(&from) {
-                continue;
-            }
-            let slot = |subproblem: &Subproblem, id| subproblem.key_frames.iter().position(|k| *k == id);
-            if slot(subproblem, from).is_none()
-                && let Some(k) = snapshot.key_frame(from)
-            {
-                subproblem.key_frames.push(from);
-                subproblem.poses.push(k.world_from_camera);
-            }
-            if let (Some(from), Some(to)) = (slot(subproblem, from), slot(subproblem, to)) {
-                factors.links.push(Link { from, to, motion });
-            }
-        }
-        factors
+    /// These motions as factors of a window.
+    pub fn factors(&self) -> MotionFactors {
+        MotionFactors { measured: self.clone(), ..MotionFactors::default() }
+    }
+
+    /// Those to or from the key frames that a window moves.
+    fn of(&self, snapshot: &Snapshot, frames: &Frames) -> Vec<Motion> {
+        let moving: BTreeSet<KeyFrameId> = frames.key_frames[..frames.moving].iter().copied().collect();
+        let motion = |to: &KeyFrameId| {
+            let (from, motion) = self.before(snapshot, *to)?;
+            (moving.contains(to) || moving.contains(&from)).then_some((from, *to, motion))
+        };
+        frames.key_frames.iter().filter_map(motion).collect()
     }
 }
 
@@ -176,48 +169,44 @@ pub(crate) fn by_both_ends(by_later: SMatrix<f64, 6, 6>, between: &Se3) -> SMatr
     jacobian
 }
 
-/// The motions measured between the key frames of a window.
+/// The motions measured between the key frames of a window. In that of a whole map those between key frames that no landmark relates.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct MotionFactors {
+pub struct MotionFactors {
+    measured: MotionLinks,
+    motions: Vec<Motion>,
     links: Vec<Link>,
-    /// Poses that come to contradict a motion are not put back.
+    /// Poses need not agree with them afterwards: where observations relate their ends along a way around, they decide by their weight.
     may_give_way: bool,
 }
 
-impl MotionFactors {
-    /// Those between key frames that no landmark relates. Poses need not agree with them afterwards: where observations relate their
-    /// ends along a way around, they decide by their weight.
-    pub fn of_unrelated(mut self, snapshot: &Snapshot, key_frames: &[KeyFrameId]) -> Self {
-        let is_related = |l: &Link| {
-            let to = snapshot.key_frame(key_frames[l.to]);
-            to.is_some_and(|k| k.covisible.iter().any(|(id, _)| *id == key_frames[l.from]))
+impl WindowFactors for MotionFactors {
+    /// Key frames before those that move stay.
+    fn choose(&mut self, snapshot: &Snapshot, frames: &mut Frames) {
+        self.motions = self.measured.of(snapshot, frames);
+        self.motions.iter().for_each(|(from, ..)| frames.hold(snapshot, *from));
+    }
+    fn bind(&mut self, snapshot: &Snapshot, frames: &Frames) -> usize {
+        self.may_give_way = frames.centre.is_none();
+        let unrelated = |from: KeyFrameId, to: KeyFrameId| {
+            snapshot.key_frame(to).is_none_or(|k| k.covisible.iter().all(|(id, _)| *id != from))
         };
-        self.links.retain(|l| !is_related(l));
-        Self { may_give_way: true, ..self }
+        let link = |(from, to, motion): &Motion| {
+            let link = Link { from: frames.slot(*from)?, to: frames.slot(*to)?, motion: *motion };
+            let counts = !self.may_give_way || unrelated(*from, *to);
+            (counts && frames.any_moves(&[link.from, link.to])).then_some(link)
+        };
+        self.links = self.motions.iter().filter_map(link).collect();
+        self.links.len()
     }
-
-    /// Whether poses contradict a motion that they agreed with before.
-    pub fn newly_contradicted(&self, before: &[Se3], after: &[Se3]) -> bool {
+    /// Observations of something that moves can outvote a measured motion that the poses agreed with.
+    fn judge(&mut self, before: &[Se3], after: &[Se3]) -> Judgement {
         let agrees = |l: &Link, poses: &[Se3]| l.motion.agrees(&l.between(poses));
-        !self.may_give_way && self.links.iter().any(|l| agrees(l, before) && !agrees(l, after))
-    }
-
-    /// Without those that touch only poses that do not move.
-    pub fn keep_free(&mut self, freedom: &[Freedom]) {
-        self.links.retain(|l| [l.from, l.to].iter().any(|slot| freedom[*slot] != Freedom::Fixed));
+        let contradicted = self.links.iter().any(|l| agrees(l, before) && !agrees(l, after));
+        if contradicted && !self.may_give_way { Judgement::PosesWereRight } else { Judgement::Agrees }
     }
 }
 
 impl Factors for MotionFactors {
-    fn sizes(&self) -> Vec<usize> {
-        Vec::new()
-    }
-    fn held(&self) -> Vec<(usize, Range<usize>)> {
-        Vec::new()
-    }
-    fn is_empty(&self) -> bool {
-        self.links.is_empty()
-    }
     fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
         self.links.iter().for_each(|l| visit(&[Variable::Pose(l.from), Variable::Pose(l.to)]));
     }
@@ -231,7 +220,6 @@ impl Factors for MotionFactors {
     fn attempt(&mut self, poses: &[Se3], _: &[f64]) -> f64 {
         self.links.iter().map(|l| 0.5 * l.residual(poses).norm_squared()).sum()
     }
-    fn accept(&mut self) {}
 }
 
 #[cfg(test)]

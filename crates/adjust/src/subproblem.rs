@@ -1,8 +1,9 @@
 //! A part of a map copied out for an adjustment: key frames that move, fixed key frames, and what they observe.
 
+use crate::factor::Frames;
 use crate::weight;
-use cairn_atlas::{Change, KeyFrameId, LandmarkId, Snapshot};
-use cairn_geometry::{Se3, Vec3};
+use cairn_atlas::{Change, KeyFrameId, LandmarkId, MapId, Snapshot};
+use cairn_geometry::Vec3;
 use cairn_solve::Observation;
 use std::collections::BTreeMap;
 
@@ -11,18 +12,12 @@ use std::collections::BTreeMap;
 pub(crate) struct Subproblem {
     /// The version it was copied from.
     pub base: u64,
-    /// Those that move, then the fixed ones.
-    pub key_frames: Vec<KeyFrameId>,
-    /// How many of them move.
-    pub moving: usize,
-    /// Their poses, `world_from_camera`.
-    pub poses: Vec<Se3>,
+    pub frames: Frames,
     /// Landmarks observed by those that move.
     pub landmarks: Vec<LandmarkId>,
     /// Their positions in the world, metres.
     pub points: Vec<Vec3>,
-    /// Grouped by landmark; poses and points are indices into `key_frames` and `points`. Right x as measured, or with a rolling
-    /// shutter as the map has calibrated it.
+    /// Grouped by landmark; poses and points are indices into `key_frames` and `points`. Right x as measured.
     pub observations: Vec<Observation>,
     /// By how many pixels each moves for each second of readout; empty without a rolling shutter.
     pub slopes: Vec<[f32; 2]>,
@@ -30,7 +25,12 @@ pub(crate) struct Subproblem {
 
 impl Subproblem {
     /// The landmarks that `moving` observe, and of the other key frames the `anchors` that observe most of them.
-    pub fn of(snapshot: &Snapshot, moving: &[KeyFrameId], anchors: usize) -> Self {
+    pub fn of(
+        snapshot: &Snapshot,
+        (map, centre): (MapId, Option<KeyFrameId>),
+        moving: &[KeyFrameId],
+        anchors: usize,
+    ) -> Self {
         let shown = moving
             .iter()
             .filter_map(|id| snapshot.key_frame(*id))
@@ -45,8 +45,6 @@ impl Subproblem {
         let readout_s = snapshot.readout().seconds;
         let is_rolling = |id: &KeyFrameId| snapshot.key_frame(*id).is_some_and(|k| k.frame.rolling.is_some());
         let is_rolling = key_frames.iter().any(is_rolling);
-        // Windows with a rolling shutter keep the disparity error as the map has it.
-        let right_offset = if is_rolling { snapshot.right_offset() } else { 0.0 };
         let mut points = Vec::with_capacity(seen.len());
         // At most; memory that is not used is not touched.
         let most = seen.iter().filter_map(|id| snapshot.landmark(*id)).map(|l| l.observations.len()).sum();
@@ -63,7 +61,6 @@ impl Subproblem {
                 if k.frame.px[o.feature as usize][0].is_nan() {
                     continue;
                 }
-                let [u, v, right_x] = k.frame.pixel_with(o.feature as usize, readout_s);
                 if is_rolling {
                     let rolling = k.frame.rolling.as_ref();
                     slopes.push(rolling.map_or([0.0; 2], |r| r.slopes[o.feature as usize]));
@@ -71,7 +68,7 @@ impl Subproblem {
                 observations.push(Observation {
                     pose: *slot,
                     point: points.len() as u32,
-                    pixel: [u, v, right_x + right_offset],
+                    pixel: k.frame.pixel_with(o.feature as usize, readout_s),
                     weight: weight(&k.frame, o.feature as usize, &snapshot.octaves()),
                 });
             }
@@ -85,25 +82,14 @@ impl Subproblem {
             landmarks.push(l.id);
             points.push(l.position);
         }
-        let pose = |id: &KeyFrameId| snapshot.key_frame(*id).map_or(Se3::identity(), |k| k.world_from_camera);
-        let poses = key_frames.iter().map(pose).collect();
-        Self {
-            base: snapshot.version(),
-            key_frames,
-            moving: moving.len(),
-            poses,
-            landmarks,
-            points,
-            observations,
-            slopes,
-        }
+        let frames = Frames::of(snapshot, map, centre, key_frames, moving.len());
+        Self { base: snapshot.version(), frames, landmarks, points, observations, slopes }
     }
 
     /// Changes that remove the observations left out by a weight of zero.
     pub fn forgotten<'a>(&'a self, observations: &'a [Observation]) -> impl Iterator<Item = Change> + 'a {
-        observations
-            .iter()
-            .filter(|o| o.weight == 0.0)
-            .map(|o| Change::Forget(self.landmarks[o.point as usize], self.key_frames[o.pose as usize]))
+        observations.iter().filter(|o| o.weight == 0.0).map(|o| {
+            Change::Forget(self.landmarks[o.point as usize], self.frames.key_frames[o.pose as usize])
+        })
     }
 }

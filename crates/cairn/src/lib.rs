@@ -30,8 +30,8 @@
 //!
 //! The folder `examples/` has a program each for: a EuRoC folder ([`open`]), a camera of your own
 //! ([`Slam::track_images`]), saving and relocalising ([`Slam::save`], [`Builder::localize_in`]), following the map's
-//! changes ([`Slam::changes`]), recording and guiding ([`Slam::record`], [`Slam::guide_home`]), and pose graphs
-//! ([`solve::graph`]).
+//! changes ([`Slam::changes`]), recording and guiding ([`Slam::record`], [`Slam::guide_home`]), pose graphs
+//! ([`solve::graph`]), and a factor of your own ([`adjust::WindowFactors`]).
 //!
 //! # Map of the crates
 //!
@@ -48,6 +48,7 @@
 //! | 4 | [`sources`] | recordings, video, live streams and simulated worlds opened by address |
 //! | 4 | [`atlas`] | key frames, landmarks, maps, change sets, map files |
 //! | 4 | [`filter`] | EKF-SLAM in the plane from odometry, ranges and bearings; robust smoothing of a log |
+//! | 5 | [`adjust`] | windows of a map, and the factors that are added to them |
 //! | 5 | [`dense`] | TSDF and occupancy submaps, meshes, dense tracking, ground and hazards |
 //! | 5 | [`plan`] | occupancy grids, distance fields, costmaps, path search, path following |
 //! | 5 | [`guide`] | route recorder, cleaning, maneuvers, cues, phrases |
@@ -57,7 +58,7 @@
 //! | 12 | this one | [`Slam`], [`Map`], [`Changes`], [`MapEvents`], [`Error`] |
 //!
 //! Between them lie the stages of the engine, which a user meets only through it: `cairn-inertial` (IMU
-//! preintegration), `cairn-adjust` (windows of the map as problems), `cairn-tracking`, `cairn-mapping`; and beside
+//! preintegration), `cairn-tracking`, `cairn-mapping`; and beside
 //! them `cairn-voice` and `cairn-web`, the faces of the command line.
 
 mod accuracy;
@@ -99,6 +100,7 @@ pub use cairn_engine::{
 #[doc(no_inline)]
 pub use cairn_sensor::{Clock, FramePacket, GrayImage, Host, ImuSample, Rig, Source, Stamp};
 
+pub use cairn_adjust as adjust;
 pub use cairn_atlas as atlas;
 pub use cairn_dense as dense;
 pub use cairn_engine as engine;

@@ -8,7 +8,7 @@ use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::{Bias, Gravity, ImuFactors, ImuLink, MotionFreedom, Preintegrated, SpeedAndBias};
 use cairn_random::Random;
 use cairn_sensor::{ImuNoise, ImuSample, Stamp};
-use cairn_solve::{Bundle, BundleConfig, CalibrationError, Freedom, NoFactors, Observation, Pinhole};
+use cairn_solve::{Bundle, BundleConfig, Freedom, NoFactors, Observation, Pinhole};
 use std::time::Instant;
 
 /// Seconds between key frames.
@@ -100,8 +100,7 @@ fn map(course: &Course, baseline_fx: f64) -> Map {
         freedom: vec![Freedom::Free; key_frames],
         points: Vec::new(),
         observations: Vec::new(),
-        calibration_error: CalibrationError::default(),
-        slopes: Vec::new(),
+        calibrations: Vec::new(),
     };
     let lap = course.lap();
     let mut left = vec![OBSERVATIONS; key_frames];

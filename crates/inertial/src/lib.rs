@@ -26,4 +26,4 @@ pub use preintegrated::Preintegrated;
 pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestConfig};
 pub use state::{Bias, Gravity, NavState};
-pub use window::{BiasPrior, ImuFactors, ImuLink, LevelPrior, MotionFreedom, SpeedAndBias, ZeroVelocity};
+pub use window::{BiasPrior, ImuFactors, ImuLink, MotionFreedom, SpeedAndBias, ZeroVelocity};

@@ -9,7 +9,7 @@
 //! Source: visual-inertial bundle adjustment as in Campos et al., "ORB-SLAM3" (TRO 2021), eq. 3-5.
 
 use crate::{Bias, Gravity, NavState, Preintegrated};
-use cairn_geometry::{Mat3, Se3, Vec3};
+use cairn_geometry::{Se3, Vec3};
 use cairn_solve::{Equations, Factors, Variable};
 use nalgebra::{SMatrix, SVector};
 use std::collections::BTreeMap;
@@ -84,25 +84,6 @@ impl BiasPrior {
     }
 }
 
-/// What is known of which way is up at a key frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LevelPrior {
-    /// Index of the key frame.
-    pub frame: usize,
-    /// Unit vector that points up, along the axes of its camera.
-    pub up: Vec3,
-    /// Standard deviation of the tilt about either level axis, radians.
-    pub sigma: f64,
-}
-
-impl LevelPrior {
-    /// The whitened residual, and its Jacobian by a rotation on the right: `up` seen from the turned camera.
-    fn residual(&self, world_from_camera: &Se3) -> (Vec3, Mat3) {
-        let up = world_from_camera.rotation.inverse() * Vec3::z();
-        ((up - self.up) / self.sigma, up.cross_matrix() / self.sigma)
-    }
-}
-
 /// A key frame at which the IMU does not move (a zero-velocity update).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ZeroVelocity {
@@ -135,8 +116,6 @@ pub struct ImuFactors {
     pub bias_priors: Vec<BiasPrior>,
     /// Key frames at which it does not move.
     pub zero_velocities: Vec<ZeroVelocity>,
-    /// What is known of which way is up, where the world's z is.
-    pub level_prior: Option<LevelPrior>,
     trial: Vec<SpeedAndBias>,
 }
 
@@ -152,7 +131,6 @@ impl ImuFactors {
             links: vec![],
             bias_priors: vec![],
             zero_velocities: vec![],
-            level_prior: None,
         }
     }
 
@@ -194,9 +172,6 @@ impl ImuFactors {
         }
         for still in &self.zero_velocities {
             cost += 0.5 * still.residual(&motions[still.frame]).norm_squared();
-        }
-        if let Some(prior) = &self.level_prior {
-            cost += 0.5 * prior.residual(&poses[prior.frame]).0.norm_squared();
         }
         if cost.is_finite() { cost } else { f64::INFINITY }
     }
@@ -249,16 +224,16 @@ impl Factors for ImuFactors {
         held.filter_map(|(_, own)| Some((own?, 0..3))).collect()
     }
 
-    fn is_empty(&self) -> bool {
-        self.links.is_empty() && self.bias_priors.is_empty() && self.zero_velocities.is_empty()
-    }
-
     fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
         let own = self.own();
         for link in &self.links {
             let motions = [link.from, link.to].into_iter().filter_map(|i| Some(Variable::Own(own[i]?)));
             let poses = [Variable::Pose(link.from), Variable::Pose(link.to)];
             visit(&poses.into_iter().chain(motions).collect::<Vec<_>>());
+        }
+        let still = self.zero_velocities.iter().map(|z| z.frame);
+        for frame in self.bias_priors.iter().map(|p| p.frame).chain(still) {
+            visit(own[frame].map(Variable::Own).as_slice());
         }
     }
 
@@ -289,12 +264,6 @@ impl Factors for ImuFactors {
             let mut jacobian = SMatrix::<f64, 3, MOTION>::zeros();
             (0..3).for_each(|i| jacobian[(i, i)] = 1.0 / still.sigma);
             equations.add(&residual, &jacobian, &[(own[still.frame], 0..MOTION)]);
-        }
-        if let Some(prior) = &self.level_prior {
-            let (residual, by_rotation) = prior.residual(&poses[prior.frame]);
-            let mut jacobian = SMatrix::<f64, 3, 6>::zeros();
-            jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&by_rotation);
-            equations.add(&residual, &jacobian, &[(Some(Variable::Pose(prior.frame)), 0..6)]);
         }
         Some(())
     }
@@ -362,25 +331,6 @@ mod tests {
             let numeric = (at(h) - at(-h)) / (2.0 * h);
             let (largest, off) = (numeric.amax().max(1.0), (numeric - jacobian.column(column)).amax());
             assert!(off < 1e-4 * largest, "column {column}: {off} of {largest}");
-        }
-    }
-
-    #[test]
-    fn level_jacobian_matches_differences() {
-        let pose = Se3::new(So3::exp(&Vec3::new(0.3, -1.1, 0.4)), Vec3::new(1.0, 2.0, 3.0));
-        let prior = LevelPrior { frame: 0, up: pose.rotation.inverse() * Vec3::z(), sigma: 0.01 };
-        assert!(prior.residual(&pose).0.norm() < 1e-12);
-        let turned = Se3::new(pose.rotation * So3::exp(&Vec3::new(0.02, 0.01, -0.03)), pose.translation);
-        let (_, jacobian) = prior.residual(&turned);
-        for column in 0..3 {
-            let at = |h: f64| {
-                let mut d = Vec3::zeros();
-                d[column] = h;
-                let turned = Se3::new(turned.rotation * So3::exp(&d), turned.translation);
-                prior.residual(&turned).0
-            };
-            let numeric = (at(1e-6) - at(-1e-6)) / 2e-6;
-            assert!((numeric - jacobian.column(column)).amax() < 1e-5 * jacobian.amax(), "column {column}");
         }
     }
 }

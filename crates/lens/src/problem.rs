@@ -5,7 +5,7 @@ use cairn_adjust::{pinhole, weight};
 use cairn_atlas::{MapId, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_inertial::Bias;
-use cairn_solve::{Bundle, CalibrationError, Freedom, Observation};
+use cairn_solve::{Bundle, Freedom, Observation};
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 
@@ -63,8 +63,7 @@ impl LensProblem {
             freedom,
             points,
             observations,
-            calibration_error: CalibrationError::default(),
-            slopes: Vec::new(),
+            calibrations: Vec::new(),
         };
         Some(Self { bundle, links })
     }

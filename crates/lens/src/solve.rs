@@ -65,7 +65,7 @@ pub(crate) mod tests {
     use cairn_geometry::{Se3, So3, Vec2, Vec3};
     use cairn_random::Random;
     use cairn_sensor::{Camera, Distortion};
-    use cairn_solve::{Bundle, CalibrationError, Freedom, Observation, Pinhole};
+    use cairn_solve::{Bundle, Freedom, Observation, Pinhole};
 
     const BIAS: f64 = 0.01;
 
@@ -126,8 +126,7 @@ pub(crate) mod tests {
             freedom,
             points,
             observations,
-            calibration_error: CalibrationError::default(),
-            slopes: Vec::new(),
+            calibrations: Vec::new(),
         };
         LensProblem { bundle, links }
     }

@@ -9,7 +9,8 @@ use crate::clocks::Clocks;
 use crate::gravity_refinement::{Due, Refined, differs_from_map, estimated_gravity, realigned};
 use crate::initialisation::{CameraAndImu, INITIALISATION_S, better_scale};
 use crate::scale_check::{ScaleCheck, ScaleWatch};
-use cairn_adjust::{ImuModel, Window, WindowConfig, WindowResult};
+use crate::windows;
+use cairn_adjust::{Imu, ImuModel, Window, WindowConfig, WindowResult};
 use cairn_atlas::{Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::{Attempt, Gate, GateKind, Initial, Preintegrated, of_data_sheet};
@@ -131,9 +132,8 @@ impl Inertial {
         if !snapshot.is_gravity_aligned(map) {
             return None;
         }
-        let chain = self.config.chain;
-        let window = Window::inertial_around(snapshot, camera, &self.imu, centre, chain, config)?;
-        (window.links() > 0).then_some(window)
+        let imu = Imu::new(self.imu).with_chain(self.config.chain);
+        Window::of(snapshot, camera).need(imu).around(centre, config)
     }
 
     /// Adjusts a gravity-aligned map as a whole with its IMU factors; `None` where there are none or it is
@@ -150,8 +150,8 @@ impl Inertial {
         if !few || !snapshot.is_gravity_aligned(map) {
             return None;
         }
-        let window = Window::inertial_whole(snapshot, camera, &self.imu, map);
-        (window.links() > 0).then(|| window.solve(config, stop))
+        let window = windows::inertial_whole(Window::of(snapshot, camera), self.imu, map)?;
+        Some(window.solve(config, stop))
     }
 
     /// Gravity-aligns the map of a key frame when that is possible, or refines it when that is due; returns

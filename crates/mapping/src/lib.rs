@@ -24,6 +24,7 @@ mod synthetic;
 #[cfg(test)]
 mod tests;
 mod triangulation;
+mod windows;
 
 #[doc(no_inline)]
 pub use cairn_adjust::Recognised;

@@ -10,6 +10,7 @@ use crate::insert::{Entry, NewLandmarks, add_key_frame, points_from_depth};
 use crate::rotation_only::landmarks_by_rotation;
 use crate::scale_check::ScaleCheck;
 use crate::triangulation::create_landmarks;
+use crate::windows;
 use cairn_adjust::{MotionLinks, MotionSince, Window, WindowConfig};
 use cairn_atlas::{
     Atlas, Change, ImuSegment, InertialState, KeyFrameId, LandmarkId, MapId, MapPrior, Readout, Snapshot,
@@ -261,8 +262,10 @@ impl Mapper {
         changes.extend(start.assumed_since.into_iter().flat_map(|since| removed_since(&before, since)));
         atlas.commit(changes);
         let window = WindowConfig { iterations: [10, 10], tolerance: 1e-6, ..self.config.window };
-        let result = Window::whole(atlas.latest(), &self.camera, MapId(a)).solve(&window, || false);
-        atlas.commit(result.changes.changes);
+        if let Some(whole) = Window::of(atlas.latest(), &self.camera).whole(MapId(a)) {
+            let result = whole.solve(&window, || false);
+            atlas.commit(result.changes.changes);
+        }
         self.recent_landmarks.admit(&new_landmarks.ids, b);
         Some(b)
     }
@@ -355,13 +358,8 @@ impl Mapper {
             }
             let (snapshot, config) = (atlas.latest(), &window);
             let imu = self.inertial.as_ref().and_then(|i| i.window(snapshot, &self.camera, id, config));
-            let result = match imu {
-                Some(window) => window.solve(config, &mut stop),
-                None => {
-                    let window = Window::linked_around(snapshot, &self.camera, id, config, &self.links)?;
-                    window.solve(config, &mut stop)
-                }
-            };
+            let motions = || Window::of(snapshot, &self.camera).add(self.links.factors()).around(id, config);
+            let result = imu.or_else(motions)?.solve(config, &mut stop);
             adjustment = Some(result.report);
             let disparity = self.disparity.as_mut().filter(|_| !several);
             let calibrated = disparity.and_then(|error| error.update(found, &result));
@@ -400,17 +398,12 @@ impl Mapper {
             let snapshot = atlas.latest();
             let imu =
                 self.inertial.as_ref().and_then(|i| i.whole(snapshot, &self.camera, map, &window, &mut stop));
-            let result = match imu {
-                Some(result) => result,
-                None => {
-                    let whole = Window::linked_whole(snapshot, &self.camera, map, &self.links);
-                    whole.solve(&window, &mut stop)
-                }
-            };
+            let motions = || windows::whole(Window::of(snapshot, &self.camera), &self.links, map);
+            let result = imu.or_else(|| Some(motions()?.solve(&window, &mut stop)));
             if stop() {
                 return;
             }
-            atlas.commit(result.changes.changes);
+            atlas.commit(result.map_or(Vec::new(), |result| result.changes.changes));
         }
     }
 

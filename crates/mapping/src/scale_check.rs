@@ -9,7 +9,7 @@
 //! scale. Seconds of steady walking do not tell an error of a tenth; those of a longer stretch do.
 
 use crate::initialisation::{CameraAndImu, STATIONARY_M_S};
-use cairn_adjust::{Window, WindowConfig};
+use cairn_adjust::{Imu, Window, WindowConfig};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{GateKind, Initial, NavState};
@@ -168,8 +168,8 @@ fn adjust_recent(
     let stamp = |id: &KeyFrameId| snapshot.key_frame(*id).map(|k| k.stamp);
     let recent = chain.iter().rev().filter_map(stamp).take_while(|t| now - *t <= ADJUSTED.0).count();
     let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
-    let count = recent.min(ADJUSTED.1);
-    if let Some(window) = Window::inertial_around(&snapshot, of.camera, of.imu, *centre, count, &config) {
+    let imu = Imu::new(*of.imu).with_chain(recent.min(ADJUSTED.1));
+    if let Some(window) = Window::of(&snapshot, of.camera).add(imu).around(*centre, &config) {
         atlas.commit(window.solve(&config, || false).changes.changes);
     }
 }

@@ -1,5 +1,5 @@
-//! Bundle adjustment: poses of ideal pinholes, points, a disparity error, and whatever further factors are given (IMU
-//! factors, say), by Levenberg-Marquardt on the reduced camera system, which is solved sparsely.
+//! Bundle adjustment: poses of ideal pinholes, points, numbers of the calibration, and whatever further factors are given
+//! (IMU factors, say), by Levenberg-Marquardt on the reduced camera system, which is solved sparsely.
 //!
 //! Source: Triggs et al., "Bundle adjustment: a modern synthesis" (2000), section 6.
 
@@ -55,17 +55,15 @@ pub struct Bundle {
     pub points: Vec<Vec3>,
     /// Observations, grouped by point: all of a point stand together.
     pub observations: Vec<Observation>,
-    /// What a number of the calibration is off: of the disparity of a stereo camera, or of what `slopes` belong to.
-    pub calibration_error: CalibrationError,
-    /// By how many pixels each observation moves for each unit of that number (the readout time of a rolling shutter, in
-    /// seconds); empty for disparity.
-    pub slopes: Vec<[f32; 2]>,
+    /// Numbers of the calibration.
+    pub calibrations: Vec<Calibration>,
 }
 
-/// The error of one number of the calibration, estimated with poses and points: what is added to every measured right x, in
-/// pixels, where it looks like disparity, or a number by which all observations move along their slopes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CalibrationError {
+/// A number of the calibration that observed pixels depend on, known or estimated with poses and points.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Calibration {
+    /// How pixels move with it.
+    pub moves: Moves,
     /// Its value.
     pub value: f64,
     /// Mean of its prior,
@@ -78,6 +76,52 @@ pub struct CalibrationError {
     pub pull: f64,
     /// After a solve: the information on it, prior and observations together, at the first state (and with its damping).
     pub information: f64,
+}
+
+/// By how much observed pixels move for each unit of a number of the calibration.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Moves {
+    /// Every right x by one pixel: an error of the disparity of a stereo pair.
+    #[default]
+    Disparity,
+    /// Each observation by so many pixels: the readout time of a rolling shutter, in seconds.
+    Along(Vec<[f32; 2]>),
+}
+
+impl Moves {
+    /// Those of an observation, by its index.
+    #[inline(always)]
+    fn of(&self, k: usize) -> [f64; 3] {
+        match self {
+            Self::Disparity => [0.0, 0.0, 1.0],
+            Self::Along(slopes) => match slopes.get(k) {
+                Some([x, y]) => [f64::from(*x), f64::from(*y), f64::from(*x)],
+                None => [0.0; 3],
+            },
+        }
+    }
+
+    /// The derivative of an observation's residual: its third row is right x less x.
+    #[inline(always)]
+    fn of_residual(&self, k: usize) -> [f64; 3] {
+        let [x, y, right_x] = self.of(k);
+        [x, y, right_x - x]
+    }
+}
+
+impl Calibration {
+    fn is_estimated(&self) -> bool {
+        self.sigma > 0.0
+    }
+
+    /// Information of its prior.
+    fn prior_information(&self) -> f64 {
+        if self.is_estimated() { self.sigma.powi(-2) } else { 0.0 }
+    }
+
+    fn prior_cost(&self, value: f64) -> f64 {
+        0.5 * self.prior_information() * (value - self.prior).powi(2)
+    }
 }
 
 /// Settings of [`Bundle::solve`].
@@ -109,7 +153,7 @@ impl Bundle {
     /// Squared whitened residual of an observation, by its index; infinite behind the camera.
     pub fn chi2_of(&self, k: usize) -> f64 {
         let o = &self.observations[k];
-        let shift = self.moves(k).map(|m| m * self.calibration_error.value);
+        let shift = shift(&self.calibrations, values(&self.calibrations), k);
         let q = View::new(&self.poses[o.pose as usize]).to_camera(&self.points[o.point as usize]);
         match self.camera_of(o.pose).residual(&q, &shifted(&o.pixel, &shift)) {
             Some(r) => (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]) * o.weight,
@@ -117,20 +161,14 @@ impl Bundle {
         }
     }
 
-    /// By how much an observation moves for each unit of what is estimated of the calibration.
-    #[inline(always)]
-    fn moves(&self, k: usize) -> [f64; 3] {
-        moves(&self.slopes, k)
-    }
-
     /// The 95 % bound of an observation's chi-square.
     pub fn bound(o: &Observation) -> f64 {
         if o.pixel[2].is_nan() { CHI2_2 } else { CHI2_3 }
     }
 
-    /// Half the sum of the losses of the observations, and the cost of the prior of the calibration's error.
+    /// Half the sum of the losses of the observations, and the cost of the priors of the calibration.
     pub fn observation_cost(&self, robust: bool) -> f64 {
-        self.cost(&self.poses, &self.points, self.calibration_error.value, robust)
+        self.cost(&self.poses, &self.points, &values(&self.calibrations).collect::<Vec<_>>(), robust)
     }
 
     /// Variance of the residuals at a cost of the observations, in units of what their weights say; 1 where the unknowns
@@ -150,7 +188,7 @@ impl Bundle {
     }
 
     /// The same with further factors and their variables, which are solved for too.
-    pub fn solve_with<F: Factors>(
+    pub fn solve_with<F: Factors + ?Sized>(
         &mut self,
         factors: &mut F,
         config: &BundleConfig,
@@ -185,7 +223,7 @@ impl Bundle {
 
     /// Covariance over (translation, rotation) of a pose with everything else marginalised, from the equations at this
     /// state. `None` for a pose that is fixed or does not exist, and where the observations do not determine it.
-    pub fn pose_covariance<F: Factors>(
+    pub fn pose_covariance<F: Factors + ?Sized>(
         &mut self,
         factors: &mut F,
         pose: usize,
@@ -212,17 +250,13 @@ impl Bundle {
             .collect()
     }
 
-    /// Information of the prior of the calibration's error.
-    fn offset_information(&self) -> f64 {
-        if self.calibration_error.sigma > 0.0 { self.calibration_error.sigma.powi(-2) } else { 0.0 }
-    }
-
-    fn cost(&self, poses: &[Se3], points: &[Vec3], offset: f64, robust: bool) -> f64 {
+    fn cost(&self, poses: &[Se3], points: &[Vec3], trial: &[f64], robust: bool) -> f64 {
         let views: Vec<View> = poses.iter().map(View::new).collect();
-        let mut cost = 0.5 * self.offset_information() * (offset - self.calibration_error.prior).powi(2);
+        let mut cost = 0.0;
+        self.calibrations.iter().zip(trial).for_each(|(c, value)| cost += c.prior_cost(*value));
         for (k, o) in self.observations.iter().enumerate().filter(|(_, o)| o.weight > 0.0) {
             let q = views[o.pose as usize].to_camera(&points[o.point as usize]);
-            let shift = self.moves(k).map(|m| m * offset);
+            let shift = shift(&self.calibrations, trial.iter().copied(), k);
             let Some(r) = self.camera_of(o.pose).residual(&q, &shifted(&o.pixel, &shift)) else {
                 return f64::INFINITY;
             };
@@ -232,29 +266,29 @@ impl Bundle {
         cost
     }
 
-    /// Fills the normal equations with the observations and the prior of the calibration's error.
+    /// Fills the normal equations with the observations and the priors of the calibration.
     fn linearise(
         &mut self,
         slot: &[Option<u32>],
         normal: &mut Normal<6>,
-        mut border: Option<&mut Border<6>>,
+        borders: &mut [Border<6>],
         robust: bool,
     ) {
         let views: Vec<View> = self.poses.iter().map(View::new).collect();
-        let (offset, information) = (self.calibration_error.value, self.offset_information());
-        let from_prior = offset - self.calibration_error.prior;
-        if let Some(border) = &mut border {
-            (border.hessian, border.gradient) = (information, information * from_prior);
+        let estimated: Vec<&Calibration> = self.calibrations.iter().filter(|c| c.is_estimated()).collect();
+        for (border, c) in borders.iter_mut().zip(&estimated) {
+            let information = c.prior_information();
+            (border.hessian, border.gradient) = (information, information * (c.value - c.prior));
+            border.earlier.fill(0.0);
             border.cameras.fill(SVector::zeros());
             border.points.fill(Vec3::zeros());
         }
-        normal.cost += 0.5 * information * from_prior.powi(2);
+        self.calibrations.iter().for_each(|c| normal.cost += c.prior_cost(c.value));
         for (k, o) in self.observations.iter_mut().enumerate() {
             if o.weight <= 0.0 {
                 continue;
             }
-            let moves = moves(&self.slopes, k);
-            let shift = moves.map(|m| m * offset);
+            let shift = shift(&self.calibrations, values(&self.calibrations), k);
             let camera =
                 self.own_cameras.get(o.pose as usize).and_then(Option::as_ref).unwrap_or(&self.camera);
             let (view, point) = (&views[o.pose as usize], o.point as usize);
@@ -269,11 +303,14 @@ impl Bundle {
             normal.points[point] += by_point * by_point.transpose() * w;
             normal.point_gradients[point] += by_point * r * w;
             let slot = slot[o.pose as usize].map(|s| s as usize);
-            if let Some(border) = &mut border {
-                let rows = if o.pixel[2].is_nan() { 2 } else { 3 };
+            let rows = if o.pixel[2].is_nan() { 2 } else { 3 };
+            for (border, c) in borders.iter_mut().zip(&estimated) {
+                let moves = c.moves.of_residual(k);
                 for i in (0..rows).filter(|i| moves[*i] != 0.0) {
                     let m = w * moves[i];
                     border.hessian += m * moves[i];
+                    let earlier = border.earlier.iter_mut().zip(&estimated);
+                    earlier.for_each(|(e, other)| *e += m * other.moves.of_residual(k)[i]);
                     border.gradient += m * r[i];
                     border.points[point] += Vec3::from(l.by_point[i]) * m;
                     if let Some(s) = slot {
@@ -293,11 +330,10 @@ impl Bundle {
     /// Gives each observation's block of the normal equations, pose by point, at this state; zero for those left out.
     fn couplings(&self, robust: bool) -> impl Fn(usize) -> SMatrix<f64, 6, 3> {
         let views: Vec<View> = self.poses.iter().map(View::new).collect();
-        let offset = self.calibration_error.value;
         move |k| {
             let o = &self.observations[k];
             let (view, point) = (&views[o.pose as usize], &self.points[o.point as usize]);
-            let shift = self.moves(k).map(|m| m * offset);
+            let shift = shift(&self.calibrations, values(&self.calibrations), k);
             let seen =
                 (o.weight > 0.0).then(|| Seen::of(self.camera_of(o.pose), view, point, o, &shift, robust));
             seen.flatten().map_or_else(SMatrix::zeros, |seen| {
@@ -354,37 +390,49 @@ impl Seen {
 }
 
 /// A bundle while it is solved.
-struct Adjustment<'a, F> {
+struct Adjustment<'a, F: ?Sized> {
     bundle: &'a mut Bundle,
     factors: &'a mut F,
     robust: bool,
     slot: Vec<Option<u32>>,
     schur: Schur<6>,
     normal: Normal<6>,
-    /// Of the calibration's error, when it is to be estimated.
-    border: Option<Border<6>>,
-    trial: (Vec<Se3>, Vec<Vec3>, f64),
-    /// Whether the information on the calibration's error is known. Later steps may be damped much more, which looks like
+    /// Of the numbers of the calibration that are estimated.
+    borders: Vec<Border<6>>,
+    trial: (Vec<Se3>, Vec<Vec3>, Vec<f64>),
+    /// Whether the information on the calibration is known. Later steps may be damped much more, which looks like
     /// information.
     has_asked: bool,
 }
 
-impl<'a, F: Factors> Adjustment<'a, F> {
+impl<'a, F: Factors + ?Sized> Adjustment<'a, F> {
     fn new(bundle: &'a mut Bundle, factors: &'a mut F, robust: bool) -> Self {
         let slot = bundle.slots();
         let free = slot.iter().flatten().count();
         let more = more(bundle, factors, &slot, free);
         let views = bundle.observations.iter().map(|o| (o.point as usize, slot[o.pose as usize]));
         let schur = Schur::new(free, bundle.points.len(), views, more);
-        let border = (bundle.calibration_error.sigma > 0.0).then(|| Border {
+        let estimated = bundle.calibrations.iter().filter(|c| c.is_estimated());
+        let border = |(earlier, c): (usize, &Calibration)| Border {
+            earlier: vec![0.0; earlier],
             cameras: vec![SVector::zeros(); free],
             points: vec![Vec3::zeros(); bundle.points.len()],
-            held: bundle.calibration_error.held,
+            held: c.held,
             ..Border::default()
-        });
+        };
+        let borders = estimated.enumerate().map(border).collect();
         let normal = schur.normal();
-        let trial = (Vec::new(), Vec::new(), bundle.calibration_error.value);
-        Self { bundle, factors, robust, slot, schur, normal, border, trial, has_asked: false }
+        Self {
+            bundle,
+            factors,
+            robust,
+            slot,
+            schur,
+            normal,
+            borders,
+            trial: Default::default(),
+            has_asked: false,
+        }
     }
 
     /// Whether there is nothing to solve for or nothing to solve it by.
@@ -395,7 +443,7 @@ impl<'a, F: Factors> Adjustment<'a, F> {
 }
 
 /// The variables and factors that a bundle has beside poses, points and observations.
-fn more<F: Factors>(bundle: &Bundle, factors: &F, slot: &[Option<u32>], free: usize) -> More {
+fn more<F: Factors + ?Sized>(bundle: &Bundle, factors: &F, slot: &[Option<u32>], free: usize) -> More {
     let row = |v: &Variable| match v {
         Variable::Pose(i) => slot.get(*i).copied().flatten().map(|s| s as usize),
         Variable::Own(i) => Some(free + i),
@@ -413,10 +461,10 @@ fn more<F: Factors>(bundle: &Bundle, factors: &F, slot: &[Option<u32>], free: us
     More { sizes: factors.sizes(), pairs, held }
 }
 
-impl<F: Factors> Problem for Adjustment<'_, F> {
+impl<F: Factors + ?Sized> Problem for Adjustment<'_, F> {
     fn linearise(&mut self) -> Option<f64> {
         self.normal.clear();
-        self.bundle.linearise(&self.slot, &mut self.normal, self.border.as_mut(), self.robust);
+        self.bundle.linearise(&self.slot, &mut self.normal, &mut self.borders, self.robust);
         let mut equations = Equations::new(&mut self.normal, &self.slot);
         self.factors.linearise(&self.bundle.poses, &mut equations)?;
         for ((freedom, slot), pose) in self.bundle.freedom.iter().zip(&self.slot).zip(&self.bundle.poses) {
@@ -431,26 +479,29 @@ impl<F: Factors> Problem for Adjustment<'_, F> {
 
     fn attempt(&mut self, damping: f64) -> Option<Trial> {
         let couplings = self.bundle.couplings(self.robust);
-        let step = self.schur.step(&self.normal, &couplings, self.border.as_ref(), damping, FLOOR);
+        let step = self.schur.step(&self.normal, &couplings, &self.borders, damping, FLOOR);
         drop(couplings);
         let first = !std::mem::replace(&mut self.has_asked, true);
         let step = step?;
-        if first {
-            self.bundle.calibration_error.information = step.border_information;
-            self.bundle.calibration_error.pull = step.border_pull;
+        let mut values: Vec<f64> = values(&self.bundle.calibrations).collect();
+        let calibrations = self.bundle.calibrations.iter_mut().zip(&mut values);
+        for ((c, value), border) in calibrations.filter(|(c, _)| c.is_estimated()).zip(&step.borders) {
+            if first {
+                (c.information, c.pull) = (border.information, border.pull);
+            }
+            *value += border.step;
         }
-        let offset = self.bundle.calibration_error.value + step.border;
         let (poses, points) = self.bundle.moved(&self.slot, &step);
-        let mut cost = self.bundle.cost(&poses, &points, offset, self.robust);
+        let mut cost = self.bundle.cost(&poses, &points, &values, self.robust);
         cost += self.factors.attempt(&poses, &step.more);
-        self.trial = (poses, points, offset);
+        self.trial = (poses, points, values);
         Some(Trial { cost, predicted_decrease: step.promise })
     }
 
     fn accept(&mut self) {
         std::mem::swap(&mut self.bundle.poses, &mut self.trial.0);
         std::mem::swap(&mut self.bundle.points, &mut self.trial.1);
-        self.bundle.calibration_error.value = self.trial.2;
+        self.bundle.calibrations.iter_mut().zip(&self.trial.2).for_each(|(c, value)| c.value = *value);
         self.factors.accept();
     }
 }
@@ -461,13 +512,20 @@ fn shifted(pixel: &Pixel, shift: &[f64; 3]) -> Pixel {
     [pixel[0] + shift[0], pixel[1] + shift[1], pixel[2] + shift[2]]
 }
 
-/// By how much an observation moves for each unit of what is estimated of the calibration: without slopes, right x by one.
+/// The numbers of the calibration.
+fn values(calibrations: &[Calibration]) -> impl Iterator<Item = f64> {
+    calibrations.iter().map(|c| c.value)
+}
+
+/// By how much the calibration moves an observation, at some values of its numbers.
 #[inline(always)]
-fn moves(slopes: &[[f32; 2]], k: usize) -> [f64; 3] {
-    match slopes.get(k) {
-        Some([x, y]) => [f64::from(*x), f64::from(*y), f64::from(*x)],
-        None => [0.0, 0.0, 1.0],
+fn shift(calibrations: &[Calibration], values: impl Iterator<Item = f64>, k: usize) -> [f64; 3] {
+    let mut shift = [0.0; 3];
+    for (c, value) in calibrations.iter().zip(values) {
+        let moves = c.moves.of(k);
+        (0..3).for_each(|i| shift[i] += moves[i] * value);
     }
+    shift
 }
 
 #[cfg(test)]

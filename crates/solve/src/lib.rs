@@ -27,7 +27,7 @@ mod schur;
 pub mod sparse;
 mod text;
 
-pub use bundle::{Bundle, BundleConfig, CalibrationError, Freedom, Observation};
+pub use bundle::{Bundle, BundleConfig, Calibration, Freedom, Moves, Observation};
 pub use chow_test::chow_test;
 pub use clique::{Clique, maximum_clique};
 pub use dense::{DenseNormal, minimise_dense};

@@ -13,7 +13,7 @@ pub use normal::Normal;
 
 use crate::sparse::{Analysis, Factor};
 use cairn_geometry::{Mat3, Vec3};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{DMatrix, SMatrix, SVector};
 use pattern::{Pattern, covisible, table_of};
 use reduced::Reduced;
 use std::ops::Range;
@@ -40,13 +40,20 @@ pub struct Step<const P: usize> {
     /// Of the further variables, one after the other.
     pub more: Vec<f64>,
     pub points: Vec<Vec3>,
-    /// Of the border; zero without one and where it is held.
-    pub border: f64,
-    /// How far the border would move if it were not held.
-    pub border_pull: f64,
-    /// Information on the border with everything else marginalised: the inverse of its variance.
-    pub border_information: f64,
+    /// Of each border.
+    pub borders: Vec<BorderStep>,
     pub promise: f64,
+}
+
+/// The step of a border.
+#[derive(Clone, Copy, Debug)]
+pub struct BorderStep {
+    /// Zero where it is held.
+    pub step: f64,
+    /// How far it would move if it were not held.
+    pub pull: f64,
+    /// Information on it with everything else marginalised but other borders that are held: the inverse of its variance.
+    pub information: f64,
 }
 
 /// One more unknown, coupled to any camera and point: its own entry, gradient, and couplings.
@@ -54,6 +61,8 @@ pub struct Step<const P: usize> {
 pub struct Border<const P: usize> {
     pub hessian: f64,
     pub gradient: f64,
+    /// With each border before it.
+    pub earlier: Vec<f64>,
     /// With each free camera.
     pub cameras: Vec<SVector<f64, P>>,
     /// With each point.
@@ -159,27 +168,21 @@ impl<const P: usize> Schur<P> {
         &mut self,
         normal: &Normal<P>,
         coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
-        border: Option<&Border<P>>,
+        borders: &[Border<P>],
         lambda: f64,
         floor: f64,
     ) -> Option<Step<P>> {
         let damping = |h: f64| lambda * h + floor;
         let (mut right, inverses) = self.factor_reduced(normal, coupling, &damping)?;
         self.factor.solve(&mut right);
-        let (border_pull, border_information) = match border {
-            Some(border) => self.along(normal, coupling, border, &inverses, lambda, &mut right)?,
-            None => (0.0, 0.0),
-        };
-        let border = border.filter(|border| !border.held);
-        let along = border.map_or(0.0, |_| border_pull);
+        let steps = self.border_steps(normal, coupling, borders, &inverses, lambda, &mut right)?;
+        let moving = || borders.iter().zip(&steps).filter(|(border, _)| !border.held);
         let more = right.split_off(P * self.pattern.cameras);
         let cameras: Vec<SVector<f64, P>> = right.chunks_exact(P).map(SVector::from_column_slice).collect();
         let mut points: Vec<Vec3> = Vec::with_capacity(inverses.len());
         for (point, inverse) in inverses.iter().enumerate() {
             let mut rest = -normal.point_gradients[point];
-            if let Some(border) = border {
-                rest -= border.points[point] * along;
-            }
+            moving().for_each(|(border, s)| rest -= border.points[point] * s.step);
             for k in self.observations(point) {
                 if let Some(slot) = self.slots[k] {
                     rest -= coupling(k).tr_mul(&cameras[slot as usize]);
@@ -187,19 +190,12 @@ impl<const P: usize> Schur<P> {
             }
             points.push(inverse * rest);
         }
-        let promise =
+        let mut promise =
             promise(normal, &damping, &cameras, &points) + self.more_promise(normal, &damping, &more);
-        let promise =
-            promise + border.map_or(0.0, |b| 0.5 * along * (lambda * b.hessian * along - b.gradient));
-        promise.is_finite().then_some(Step {
-            cameras,
-            more,
-            points,
-            border: along,
-            border_pull,
-            border_information,
-            promise,
-        })
+        for (border, BorderStep { step, .. }) in moving() {
+            promise += 0.5 * step * (lambda * border.hessian * step - border.gradient);
+        }
+        promise.is_finite().then_some(Step { cameras, more, points, borders: steps, promise })
     }
 
     /// Covariance of a free camera's parameters with everything else marginalised, from the undamped equations (raised by
@@ -270,24 +266,62 @@ impl<const P: usize> Schur<P> {
         sum
     }
 
-    /// The step of the border with its information, and, where it is not held, what it changes in that of the cameras, which
-    /// holds the step without it: block elimination of the last row of the reduced system.
-    fn along(
+    /// The steps of the borders, and what those that are not held change in that of the cameras, which holds the step without
+    /// them: block elimination of the last rows of the reduced system.
+    fn border_steps(
         &self,
         normal: &Normal<P>,
         coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
-        border: &Border<P>,
+        borders: &[Border<P>],
         inverses: &[Mat3],
         lambda: f64,
         solution: &mut [f64],
-    ) -> Option<(f64, f64)> {
-        let mut own = border.hessian * (1.0 + lambda);
-        let mut right = -border.gradient;
+    ) -> Option<Vec<BorderStep>> {
+        let mut last = LastRows::default();
+        let (mut ties, mut per_unit): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
+        for border in borders {
+            let (mut own, mut right) = (border.hessian * (1.0 + lambda), -border.gradient);
+            let mut earlier = border.earlier.clone();
+            for (point, (m, inverse)) in border.points.iter().zip(inverses).enumerate() {
+                let mv = inverse * m;
+                own -= m.dot(&mv);
+                right += mv.dot(&normal.point_gradients[point]);
+                earlier.iter_mut().zip(borders).for_each(|(e, other)| *e -= other.points[point].dot(&mv));
+            }
+            let tie = self.tie(coupling, border, inverses, solution.len());
+            let mut unit = tie.clone();
+            self.factor.solve(&mut unit);
+            own = self.less_by_cameras(own, &tie, &unit);
+            right = self.less_by_cameras(right, &tie, solution);
+            for (e, other) in earlier.iter_mut().zip(&ties) {
+                *e = self.less_by_cameras(*e, other, &unit);
+            }
+            earlier.push(own);
+            last.rows.push(earlier);
+            last.right.push(right);
+            ties.push(tie);
+            per_unit.push(unit);
+        }
+        let free: Vec<usize> = (0..borders.len()).filter(|i| !borders[*i].held).collect();
+        let steps: Vec<BorderStep> =
+            (0..borders.len()).map(|i| last.step(i, &free)).collect::<Option<_>>()?;
+        for i in free {
+            solution.iter_mut().zip(&per_unit[i]).for_each(|(c, p)| *c -= p * steps[i].step);
+        }
+        Some(steps)
+    }
+
+    /// The couplings of a border in the reduced system, with all its block rows.
+    fn tie(
+        &self,
+        coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
+        border: &Border<P>,
+        inverses: &[Mat3],
+        rows: usize,
+    ) -> Vec<f64> {
         let mut ties = border.cameras.clone();
         for (point, (m, inverse)) in border.points.iter().zip(inverses).enumerate() {
             let mv = inverse * m;
-            own -= m.dot(&mv);
-            right += mv.dot(&normal.point_gradients[point]);
             for k in self.observations(point) {
                 if let Some(slot) = self.slots[k] {
                     ties[slot as usize] -= coupling(k) * mv;
@@ -295,28 +329,19 @@ impl<const P: usize> Schur<P> {
             }
         }
         let mut ties: Vec<f64> = ties.iter().flat_map(|v| v.iter().copied()).collect();
-        ties.resize(solution.len(), 0.0);
+        ties.resize(rows, 0.0);
         for (row, components) in &self.held {
             let at = self.pattern.analysis.offset(*row);
             ties[at + components.start..at + components.end].fill(0.0);
         }
-        let mut per_unit = ties.clone();
-        self.factor.solve(&mut per_unit);
-        for ((tie, with), without) in
-            ties.chunks(P).zip(per_unit.chunks(P)).zip(solution.chunks(P)).take(self.pattern.cameras)
-        {
-            let tie = SVector::<f64, P>::from_column_slice(tie);
-            own -= tie.dot(&SVector::<f64, P>::from_column_slice(with));
-            right -= tie.dot(&SVector::<f64, P>::from_column_slice(without));
-        }
-        let along = right / own;
-        if !(own > 0.0 && along.is_finite()) {
-            return None;
-        }
-        if !border.held {
-            solution.iter_mut().zip(&per_unit).for_each(|(c, p)| *c -= p * along);
-        }
-        Some((along, own))
+        ties
+    }
+
+    /// A number less the product of two columns; nothing but cameras is coupled to a border.
+    fn less_by_cameras(&self, number: f64, a: &[f64], b: &[f64]) -> f64 {
+        let of = |c: &[f64]| SVector::<f64, P>::from_column_slice(c);
+        let cameras = a.chunks(P).zip(b.chunks(P)).take(self.pattern.cameras);
+        cameras.fold(number, |left, (a, b)| left - of(a).dot(&of(b)))
     }
 
     /// Eliminates the points from the cameras' system; returns the inverses of their blocks.
@@ -357,6 +382,38 @@ impl<const P: usize> Schur<P> {
             }
         }
         inverses
+    }
+}
+
+/// The borders' rows of the reduced system, with everything before them eliminated: the lower triangle, and the right side.
+#[derive(Default)]
+struct LastRows {
+    rows: Vec<Vec<f64>>,
+    right: Vec<f64>,
+}
+
+impl LastRows {
+    fn entry(&self, a: usize, b: usize) -> f64 {
+        self.rows[a.max(b)][a.min(b)]
+    }
+
+    /// The step of one where it and the free ones move: Gaussian elimination that leaves it for the end.
+    fn step(&self, this: usize, free: &[usize]) -> Option<BorderStep> {
+        let order: Vec<usize> = free.iter().copied().filter(|i| *i != this).chain([this]).collect();
+        let n = order.len();
+        let mut m = DMatrix::from_fn(n, n, |i, j| self.entry(order[i], order[j]));
+        let mut right: Vec<f64> = order.iter().map(|i| self.right[*i]).collect();
+        for pivot in 0..n - 1 {
+            for row in pivot + 1..n {
+                let by = m[(row, pivot)] / m[(pivot, pivot)];
+                (pivot..n).for_each(|c| m[(row, c)] -= by * m[(pivot, c)]);
+                right[row] -= by * right[pivot];
+            }
+        }
+        let information = m[(n - 1, n - 1)];
+        let pull = right[n - 1] / information;
+        let step = if free.contains(&this) { pull } else { 0.0 };
+        (information > 0.0 && pull.is_finite()).then_some(BorderStep { step, pull, information })
     }
 }
 

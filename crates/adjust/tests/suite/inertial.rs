@@ -1,7 +1,7 @@
 //! Windows with IMU factors on a synthetic map: one camera, a walk to and fro, exact readings.
 
 use crate::{imu_walk, synthetic};
-use cairn_adjust::{ImuModel, Window, WindowConfig};
+use cairn_adjust::{Imu, ImuModel, Level, RelativePoseFactors, Window, WindowConfig};
 use cairn_atlas::store::{About, MapFile};
 use cairn_atlas::{Atlas, Change, ChangeSet, ImuFactor, KeyFrameId, MapId, RelativePose, Snapshot};
 use cairn_geometry::{Manifold, Se3, Sim3, So3, Vec3};
@@ -20,6 +20,15 @@ fn model() -> ImuModel {
 
 fn config() -> WindowConfig {
     WindowConfig { iterations: [30, 30], tolerance: 1e-10, ..WindowConfig::default() }
+}
+
+fn around(snapshot: &Snapshot, centre: KeyFrameId, chain: usize, config: &WindowConfig) -> Option<Window> {
+    Window::of(snapshot, &mono()).need(Imu::new(model()).with_chain(chain)).around(centre, config)
+}
+
+fn whole(snapshot: &Snapshot, camera: &RectifiedCamera, model: ImuModel, root: KeyFrameId) -> Option<Window> {
+    let window = Window::of(snapshot, camera).need(Imu::new(model)).add(Level::default());
+    window.add(RelativePoseFactors::default()).whole(MapId(root))
 }
 
 /// The map of a walk that turns, metric and level but for what is said.
@@ -62,24 +71,14 @@ fn inertial_window_recovers_poses_and_velocities_of_its_chain_and_moves_nothing_
     let before = worst(atlas.latest(), &truth, &ids);
     assert!(before[0] > 0.01 && before[1] > 0.05, "{before:?}");
     let config = WindowConfig { key_frames: 10, ..config() };
-    let window = Window::inertial_around(atlas.latest(), &mono(), &model(), ids[23], 10, &config).unwrap();
+    let window = around(atlas.latest(), ids[23], 10, &config).unwrap();
     assert_eq!(window.links(), 10, "the chain, and its link to the key frame before it");
     let result = window.solve(&config, || false);
     assert_eq!(atlas.commit(result.changes.changes).dropped, 0);
     let after = worst(atlas.latest(), &truth, &ids);
     assert!(after[0] < 1e-3 && after[1] < 5e-3, "{after:?} of {before:?}");
     assert_eq!(worst(atlas.latest(), &truth, &ids[..13])[0], 0.0, "key frames before the chain stay");
-    assert!(
-        Window::inertial_around(
-            atlas.latest(),
-            &mono(),
-            &model(),
-            KeyFrameId::from_index(99).unwrap(),
-            10,
-            &config
-        )
-        .is_none()
-    );
+    assert!(around(atlas.latest(), KeyFrameId::from_index(99).unwrap(), 10, &config).is_none());
 }
 
 #[test]
@@ -94,7 +93,7 @@ fn inertial_whole_finds_the_scale_and_the_level_of_a_map() {
     let tilt = |s: &Snapshot| up(s).angle(&up(level.latest()));
     let scale = |s: &Snapshot| length(s) / length(level.latest());
     assert!(tilt(atlas.latest()) > 0.009 && (scale(atlas.latest()) - 1.03).abs() < 1e-9);
-    let window = Window::inertial_whole(atlas.latest(), &mono(), &model(), MapId(ids[0]));
+    let window = whole(atlas.latest(), &mono(), model(), ids[0]).unwrap();
     assert_eq!(window.links(), ids.len() - 1);
     let result = window.solve(&config(), || false);
     assert_eq!(atlas.commit(result.changes.changes).dropped, 0);
@@ -133,7 +132,7 @@ fn a_few_readings_far_from_the_root_turn_no_map_that_is_level() {
         let changes = std::iter::once(begin).chain(of_last).collect();
         let (few, applied) = bare.apply(&ChangeSet { base: bare.version(), changes });
         assert_eq!(applied.dropped, 0);
-        let window = Window::inertial_whole(&few, &mono(), &model(), MapId(ids[0]));
+        let window = whole(&few, &mono(), model(), ids[0]).unwrap();
         assert_eq!(window.links(), last);
         let result = window.solve(&config(), || false);
         let after = few.apply(&result.changes).0;
@@ -162,8 +161,8 @@ fn inertial_whole_takes_the_relative_poses_of_the_map() {
         if related {
             atlas.commit(vec![Change::RelativePoses(ids[20], vec![z])]);
         }
-        let window = Window::inertial_whole(atlas.latest(), &mono(), &model(), MapId(ids[0]));
-        assert_eq!(window.links(), ids.len() - 1);
+        let window = whole(atlas.latest(), &mono(), model(), ids[0]).unwrap();
+        assert_eq!(window.links(), ids.len() - 1 + usize::from(related));
         let after = atlas.latest().apply(&window.solve(&config(), || false).changes).0;
         assert_eq!(chi2(&after) < 1.0, related, "{}", chi2(&after));
     }
@@ -192,7 +191,7 @@ fn readings_of_another_rig_count_by_its_own_mount() {
     // The atlas's camera is mounted otherwise, on an IMU that is much noisier.
     let mount = Se3::new(So3::exp(&Vec3::new(1.0, 2.0, 0.3)), Vec3::new(3.0, -2.0, 1.0));
     let other = ImuModel { imu_from_camera: mount, noise: NOISE.times([100.0; 2]), others_times: 1.0 };
-    let window = Window::inertial_whole(&beside, &camera, &other, MapId(ids[0]));
+    let window = whole(&beside, &camera, other, ids[0]).unwrap();
     assert_eq!(window.links(), ids.len() - 1);
     let result = window.solve(&config(), || false);
     let (adjusted, applied) = beside.apply(&result.changes);
@@ -207,7 +206,7 @@ fn readings_of_another_rig_count_by_its_own_mount() {
     // Without its mount there is none.
     let unmounted =
         MapFile { snapshot: Snapshot::clone(atlas.latest()), ..file }.in_atlas_of(&first).unwrap().snapshot;
-    assert_eq!(Window::inertial_whole(&unmounted, &camera, &other, MapId(ids[0])).links(), 0);
+    assert!(whole(&unmounted, &camera, other, ids[0]).is_none());
 }
 
 #[test]
@@ -217,7 +216,8 @@ fn without_readings_there_are_no_links_and_the_window_is_visual() {
     let world = synthetic::World::around(mono(), 71);
     let path = synthetic::sideways(4, 0.2);
     let seen = world.map(&mut plain, &world.walk(&path, 0.0, 0.5), &path, None, |_| Sim3::identity());
-    let window = Window::inertial_whole(plain.latest(), &mono(), &model(), MapId(seen[0]));
-    assert_eq!(window.links(), 0);
-    assert!(Window::whole(atlas.latest(), &mono(), MapId(ids[0])).links() == 0);
+    assert!(whole(plain.latest(), &mono(), model(), seen[0]).is_none(), "it needs them");
+    let added = Window::of(plain.latest(), &mono()).add(Imu::new(model())).whole(MapId(seen[0])).unwrap();
+    assert_eq!(added.links(), 0);
+    assert_eq!(Window::of(atlas.latest(), &mono()).whole(MapId(ids[0])).unwrap().links(), 0);
 }

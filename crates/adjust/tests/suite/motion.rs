@@ -23,7 +23,7 @@ fn links(path: &[Se3], ids: &[KeyFrameId], sigma: f64) -> MotionLinks {
 /// Adjusts the window around a key frame.
 fn adjust(world: &World, atlas: &mut Atlas, centre: KeyFrameId, links: &MotionLinks) {
     let config = WindowConfig { iterations: [20, 20], tolerance: 1e-12, ..WindowConfig::default() };
-    let window = Window::linked_around(atlas.latest(), &world.camera, centre, &config, links);
+    let window = Window::of(atlas.latest(), &world.camera).add(links.factors()).around(centre, &config);
     let result = window.expect("a window").solve(&config, || false);
     assert_eq!(atlas.commit(result.changes.changes).dropped, 0);
 }
@@ -95,7 +95,8 @@ fn in_a_whole_map_motions_count_between_key_frames_that_no_landmark_relates() {
         let config = WindowConfig { iterations: [20, 20], tolerance: 1e-12, ..WindowConfig::default() };
         let map = atlas.latest().key_frame(ids[0]).expect("a key frame").map;
         let links = links(measured, &ids, SIGMA);
-        let whole = Window::linked_whole(atlas.latest(), &world.camera, map, &links);
+        let window = Window::of(atlas.latest(), &world.camera).add(links.factors());
+        let whole = window.whole(map).expect("a map");
         atlas.commit(whole.solve(&config, || false).changes.changes);
         ids.iter().zip(&path).map(|(id, truth)| off(&at(&atlas, *id), truth).0).fold(0.0, f64::max)
     };

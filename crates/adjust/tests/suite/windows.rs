@@ -43,7 +43,7 @@ fn window_around_a_key_frame_recovers_perturbed_poses_and_landmarks() {
     perturb(&mut atlas, &ids);
     assert!(worst(atlas.latest(), &ids, &path).0 > 0.02);
     let config = WindowConfig { iterations: [20, 20], tolerance: 1e-9, ..WindowConfig::default() };
-    let window = Window::around(atlas.latest(), &world.camera, ids[3], &config).expect("a window");
+    let window = Window::of(atlas.latest(), &world.camera).around(ids[3], &config).expect("a window");
     let result = window.solve(&config, || false);
     assert!(result.report.cost_after < 1e-3 * result.report.cost_before, "{:?}", result.report);
     assert_eq!(atlas.commit(result.changes.changes).dropped, 0);
@@ -62,7 +62,10 @@ fn whole_window_recovers_a_perturbed_map_and_keeps_its_root() {
     let (mut atlas, ids) = world.exact_map(&path);
     perturb(&mut atlas, &ids);
     let config = WindowConfig { iterations: [20, 20], tolerance: 1e-9, ..WindowConfig::default() };
-    let result = Window::whole(atlas.latest(), &world.camera, MapId(ids[0])).solve(&config, || false);
+    let result = Window::of(atlas.latest(), &world.camera)
+        .whole(MapId(ids[0]))
+        .expect("a map")
+        .solve(&config, || false);
     let moves_root = |c: &Change| matches!(c, Change::MoveKeyFrame(id, _) if *id == ids[0]);
     assert!(!result.changes.changes.iter().any(moves_root));
     atlas.commit(result.changes.changes);
@@ -82,8 +85,8 @@ fn held_poses_stay_to_the_bit_and_landmarks_come_back() {
     let config =
         WindowConfig { iterations: [20, 20], tolerance: 1e-9, hold_poses: true, ..WindowConfig::default() };
     let windows = [
-        Window::around(atlas.latest(), &world.camera, ids[3], &config).expect("a window"),
-        Window::whole(atlas.latest(), &world.camera, MapId(ids[0])),
+        Window::of(atlas.latest(), &world.camera).around(ids[3], &config).expect("a window"),
+        Window::of(atlas.latest(), &world.camera).whole(MapId(ids[0])).expect("a map"),
     ];
     for window in windows {
         let changes = window.solve(&config, || false).changes.changes;
@@ -104,7 +107,7 @@ fn key_frames_outside_a_window_stay_fixed() {
     perturb(&mut atlas, &ids);
     let before = atlas.latest().clone();
     let config = WindowConfig { key_frames: 3, ..WindowConfig::default() };
-    let window = Window::around(&before, &world.camera, ids[6], &config).expect("a window");
+    let window = Window::of(&before, &world.camera).around(ids[6], &config).expect("a window");
     atlas.commit(window.solve(&config, || false).changes.changes);
     let pose = |s: &Snapshot, id: &KeyFrameId| s.key_frame(*id).expect("a key frame").world_from_camera;
     let moved: Vec<KeyFrameId> =
@@ -139,7 +142,7 @@ fn wrong_observations_are_removed_and_right_ones_stay() {
     }
     assert_eq!(atlas.commit(changes).dropped, 0);
     let config = WindowConfig { iterations: [10, 10], ..WindowConfig::default() };
-    let window = Window::around(atlas.latest(), &world.camera, ids[3], &config).expect("a window");
+    let window = Window::of(atlas.latest(), &world.camera).around(ids[3], &config).expect("a window");
     let result = window.solve(&config, || false);
     let mut removed: Vec<_> = result
         .changes
@@ -163,7 +166,57 @@ fn window_around_an_unknown_key_frame_is_none() {
     let world = World::around(stereo(), 5);
     let (atlas, _) = world.exact_map(&sideways(2, 0.1));
     let unknown = atlas.latest().next_key_frame_id();
-    assert!(Window::around(atlas.latest(), &world.camera, unknown, &WindowConfig::default()).is_none());
+    assert!(Window::of(atlas.latest(), &world.camera).around(unknown, &WindowConfig::default()).is_none());
+}
+
+/// Takes views as with a rolling shutter, by a camera that turns otherwise in each.
+fn roll(views: &mut [common::View], fx: f64, readout_s: f64) {
+    for (n, view) in views.iter_mut().enumerate() {
+        let frame = Arc::make_mut(&mut view.frame);
+        let turning = [0.6 * (n as f64).sin(), 0.5 * (1.7 * n as f64).cos()];
+        let slope = |px: &[f32; 2]| {
+            let share = (f64::from(px[1]) + 0.5) / 480.0 - 0.5;
+            turning.map(|w| (fx * w * share) as f32)
+        };
+        let slopes: Vec<[f32; 2]> = frame.px.iter().map(slope).collect();
+        for (i, slope) in slopes.iter().enumerate() {
+            (0..2).for_each(|axis| frame.px[i][axis] -= slope[axis] * readout_s as f32);
+            if let Some(right_x) = frame.right_x.get_mut(i) {
+                *right_x -= slope[0] * readout_s as f32;
+            }
+        }
+        frame.rolling = Some(Rolling { readout_s: 0.0, slopes });
+    }
+}
+
+/// A stereo pair with a rolling shutter whose disparities are off too.
+#[test]
+fn windows_estimate_the_readout_time_and_the_disparity_error_together() {
+    let (readout_s, disparity_px) = (-0.021, 0.4);
+    let (world, path) = (World::around(stereo(), 4), sideways(10, 0.15));
+    let mut views = world.walk(&path, 0.0, 0.5);
+    roll(&mut views, world.camera.fx, readout_s);
+    for view in &mut views {
+        Arc::make_mut(&mut view.frame).right_x.iter_mut().for_each(|x| *x -= disparity_px as f32);
+    }
+    let mut atlas = Atlas::new(Snapshot::new());
+    let ids = world.map(&mut atlas, &views, &path, None, |_| Sim3::identity());
+    let config = WindowConfig { iterations: [20, 20], tolerance: 1e-9, ..WindowConfig::default() };
+    // Nothing has refuted the calibration yet: disparity says only where it would move.
+    let window = Window::of(atlas.latest(), &world.camera).around(ids[9], &config).expect("a window");
+    let result = window.solve(&config, || false);
+    assert!(result.right_offset_pull > 0.1, "{}", result.right_offset_pull);
+    assert!(!result.changes.changes.iter().any(|c| matches!(c, Change::Calibrate(_))));
+    // Refuted, it is estimated beside the readout time.
+    atlas.commit(vec![Change::Calibrate(0.1)]);
+    for _ in 0..3 {
+        let window = Window::of(atlas.latest(), &world.camera).around(ids[9], &config).expect("a window");
+        atlas.commit(window.solve(&config, || false).changes.changes);
+    }
+    let (readout, disparity) = (atlas.latest().readout(), atlas.latest().right_offset());
+    println!("readout {:.4} s, disparity {disparity:.3} px", readout.seconds);
+    assert!((readout.seconds - readout_s).abs() < 1e-3, "{readout:?}");
+    assert!((disparity - disparity_px).abs() < 0.1, "{disparity}");
 }
 
 /// A walk with a rolling shutter of which nothing is known yet: what the windows hand over, and how the map sees it then.
@@ -173,28 +226,16 @@ fn windows_estimate_the_readout_time_and_see_the_map_with_it() {
     let (world, path) = (World::around(mono(), 4), sideways(10, 0.15));
     let mut views = world.walk(&path, 0.0, 0.5);
     let ideal: Vec<Vec<[f32; 2]>> = views.iter().map(|v| v.frame.px.clone()).collect();
-    for (n, view) in views.iter_mut().enumerate() {
-        let frame = Arc::make_mut(&mut view.frame);
-        let turning = [0.6 * (n as f64).sin(), 0.5 * (1.7 * n as f64).cos()];
-        let slope = |px: &[f32; 2]| {
-            let share = (f64::from(px[1]) + 0.5) / 480.0 - 0.5;
-            turning.map(|w| (world.camera.fx * w * share) as f32)
-        };
-        let slopes: Vec<[f32; 2]> = frame.px.iter().map(slope).collect();
-        for (px, slope) in frame.px.iter_mut().zip(&slopes) {
-            (0..2).for_each(|i| px[i] -= slope[i] * readout_s as f32);
-        }
-        frame.rolling = Some(Rolling { readout_s: 0.0, slopes });
-    }
+    roll(&mut views, world.camera.fx, readout_s);
     let mut atlas = Atlas::new(Snapshot::new());
     let ids = world.map(&mut atlas, &views, &path, None, |_| Sim3::identity());
     assert_eq!(atlas.latest().readout(), Readout::default());
     let config = WindowConfig { iterations: [20, 20], tolerance: 1e-9, ..WindowConfig::default() };
-    let window = Window::around(atlas.latest(), &world.camera, ids[9], &config).expect("a window");
+    let window = Window::of(atlas.latest(), &world.camera).around(ids[9], &config).expect("a window");
     atlas.commit(window.solve(&config, || false).changes.changes);
     let found = atlas.latest().readout();
     assert!((found.seconds - readout_s).abs() < 1e-3 && found.sigma_s < 2e-3, "{found:?}");
-    let whole = Window::whole(atlas.latest(), &world.camera, MapId(ids[0]));
+    let whole = Window::of(atlas.latest(), &world.camera).whole(MapId(ids[0])).expect("a map");
     atlas.commit(whole.solve(&config, || false).changes.changes);
     // What nothing was found of is no readout time.
     let unknown = Readout { seconds: 0.0, sigma_s: f64::INFINITY };
@@ -245,9 +286,11 @@ fn corners_that_are_found_at_one_level_all_the_way_count_less_where_their_size_i
         let at = |id: KeyFrameId| after.key_frame(id).expect("a key frame").world_from_camera.translation;
         (at(ids[11]) - at(ids[0])).norm() / 1.98 - 1.0
     };
-    let whole = Window::whole(snapshot, &world.camera, MapId(ids[0]));
+    let of = Window::of(snapshot, &world.camera);
+    let each = too_long(of.whole(MapId(ids[0])).expect("a map"));
     // As in joins: each corner is off to the same side in all its views.
-    let [each, joined] = [too_long(whole.clone()), too_long(whole.weighed_by_size(snapshot))];
+    let of = Window::of(snapshot, &world.camera).joined();
+    let joined = too_long(of.whole(MapId(ids[0])).expect("a map"));
     println!("too long by {:.2} %, where maps are joined by {:.2} %", 100.0 * each, 100.0 * joined);
     // 0.72 % where all observations count as their levels say.
     assert!(each.abs() < 0.0068, "{each}");

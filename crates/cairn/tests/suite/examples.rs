@@ -4,12 +4,13 @@ use std::path::PathBuf;
 use std::process::Command;
 
 /// Each example with its arguments, and what it must print.
-const EXAMPLES: [(&str, &[&str], &str); 6] = [
+const EXAMPLES: [(&str, &[&str], &str); 7] = [
     ("track_euroc", &[], ""),
     ("own_camera", &[], "121 frames tracked"),
     ("save_load_relocalise", &[], "unchanged true"),
     ("map_changes", &[], "equal: true"),
     ("record_and_guide", &[], "arrived   true"),
+    ("own_factor", &[], "scale     "),
     ("solve_pose_graph", &[], "Converged"),
 ];
 

@@ -9,7 +9,7 @@ use cairn_inertial::{
 };
 use cairn_random::Random;
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
-use cairn_solve::{Bundle, BundleConfig, CalibrationError, Freedom, Observation, Pinhole, Report};
+use cairn_solve::{Bundle, BundleConfig, Calibration, Freedom, Observation, Pinhole, Report};
 use common::{HandMotion, NOISE, noisy, samples, some_bias, vector};
 
 const CAMERA: Pinhole = Pinhole { fx: 400.0, fy: 400.0, cx: 320.0, cy: 240.0, baseline_fx: 0.0 };
@@ -82,8 +82,7 @@ fn window(n: usize, seed: u64) -> Window {
             freedom,
             points,
             observations,
-            calibration_error: CalibrationError::default(),
-            slopes: Vec::new(),
+            calibrations: vec![Calibration::default()],
         },
         imu,
     }
@@ -246,15 +245,15 @@ fn disparity_error_is_estimated_beside_imu_factors() {
         let q = w.bundle.poses[o.pose as usize].inverse() * w.bundle.points[o.point as usize];
         o.pixel[2] = o.pixel[0] - 60.0 / q.z - 0.3;
     }
-    w.bundle.calibration_error.sigma = 1.0;
+    w.bundle.calibrations[0].sigma = 1.0;
     let mut held = Window { bundle: w.bundle.clone(), imu: w.imu.clone() };
     w.solve(&thorough());
-    let offset = w.bundle.calibration_error;
+    let offset = &w.bundle.calibrations[0];
     assert!((offset.value - 0.3).abs() < 0.02 && offset.information > 1e3, "{offset:?}");
     // Held, it stays and says where it would go.
-    held.bundle.calibration_error.held = true;
+    held.bundle.calibrations[0].held = true;
     held.solve(&thorough());
     held.solve(&BundleConfig { iterations: 1, ..thorough() });
-    let offset = held.bundle.calibration_error;
+    let offset = &held.bundle.calibrations[0];
     assert!(offset.value == 0.0 && (offset.pull - 0.3).abs() < 0.05, "{offset:?}");
 }

@@ -19,8 +19,9 @@ mod visits;
 use crate::depth_views::DepthViews;
 use crate::inertial::InertialConfig;
 use crate::triangulation::median_depth;
+use crate::windows;
 use cairn_adjust::{
-    ImuModel, MotionLinks, RecogniseConfig, Recognised, View, Window, WindowConfig, recognise,
+    ImuModel, MotionLinks, RecogniseConfig, Recognised, View, Window, WindowBuilder, WindowConfig, recognise,
 };
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3};
@@ -248,7 +249,8 @@ impl Closer {
         let config =
             WindowConfig { key_frames: 2 * self.window.key_frames, right_offset_sigma: 0.0, ..self.window };
         let around = draft.snapshot();
-        if let Some(window) = Window::linked_around(around, &self.camera, here.id, &config, &self.links) {
+        let window = Window::of(around, &self.camera).add(self.links.factors());
+        if let Some(window) = window.around(here.id, &config) {
             draft.push(window.solve(&config, || false).changes.changes);
         }
         let accepted = Accepted {
@@ -268,12 +270,12 @@ impl Closer {
         self.adjust_whole_with(snapshot, map, |window| window, stop)
     }
 
-    /// The same with a window that is changed before it is solved.
+    /// The same with a window of which more is said.
     fn adjust_whole_with(
         &self,
         snapshot: &Snapshot,
         map: MapId,
-        with: impl Fn(Window) -> Window,
+        with: impl Fn(WindowBuilder) -> WindowBuilder,
         mut stop: impl FnMut() -> bool,
     ) -> Vec<Change> {
         let count = snapshot.key_frames_of(map).count();
@@ -292,12 +294,12 @@ impl Closer {
         }
         let snapshot = draft.snapshot();
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
-        let imu = imu.map(|(imu, _)| Window::inertial_whole(snapshot, &self.camera, &imu, map));
-        let whole = || Window::linked_whole(snapshot, &self.camera, map, &self.links);
-        let window_of_map = imu.filter(|w| w.links() > 0).unwrap_or_else(whole);
-        let result = with(window_of_map).solve(&window, stop_requested);
+        let of = || with(Window::of(snapshot, &self.camera));
+        let imu = imu.and_then(|(imu, _)| windows::inertial_whole(of(), imu, map));
+        let whole = imu.or_else(|| windows::whole(of(), &self.links, map));
+        let result = whole.map(|whole| whole.solve(&window, stop_requested));
         let mut changes = draft.into_changes();
-        changes.extend(result.changes.changes);
+        changes.extend(result.into_iter().flat_map(|result| result.changes.changes));
         if stopped { Vec::new() } else { changes }
     }
 }

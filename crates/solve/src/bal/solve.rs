@@ -123,7 +123,7 @@ impl Problem for Adjustment {
     }
 
     fn attempt(&mut self, damping: f64) -> Option<Trial> {
-        let step = self.schur.step(&self.normal, &|k| self.couplings[k], None, damping, 1e-12)?;
+        let step = self.schur.step(&self.normal, &|k| self.couplings[k], &[], damping, 1e-12)?;
         let (cameras, points) = &mut self.tried;
         for ((to, from), d) in cameras.iter_mut().zip(&self.cameras).zip(&step.cameras) {
             *to = from.retract(d);

@@ -13,8 +13,7 @@ fn disturbed() -> (Bundle, Vec<Se3>) {
         freedom: vec![],
         points: vec![],
         observations: vec![],
-        calibration_error: CalibrationError::default(),
-        slopes: Vec::new(),
+        calibrations: vec![Calibration::default()],
     };
     let truth: Vec<Se3> = (0..6)
         .map(|i| {
@@ -61,11 +60,11 @@ fn disparity_prior_counts_and_information_is_the_curvature() {
         bundle.observations.iter_mut().for_each(|o| o.pixel[2] -= 0.3);
         // Two cameras a known distance apart determine scale, against which damping is small.
         (bundle.poses[5], bundle.freedom[5]) = (truth[5], Freedom::Fixed);
-        bundle.calibration_error =
-            CalibrationError { value: before, prior: before, sigma, ..CalibrationError::default() };
+        bundle.calibrations[0] =
+            Calibration { value: before, prior: before, sigma, ..Calibration::default() };
         bundle.solve(&config, || false);
         let cost = bundle.solve(&BundleConfig { iterations: 1, ..config }, || false).cost_after;
-        (bundle.calibration_error.value, bundle.calibration_error.information, cost)
+        (bundle.calibrations[0].value, bundle.calibrations[0].information, cost)
     };
     let (held, ..) = off(0.1, 1e-6);
     assert!((held - 0.1).abs() < 1e-3, "{held}");
@@ -85,10 +84,10 @@ fn disparity_error_is_estimated() {
         o.pixel[2] -= 0.3;
     }
     // Hardly a prior: the data alone decides.
-    bundle.calibration_error.sigma = 1000.0;
+    bundle.calibrations[0].sigma = 1000.0;
     let config = BundleConfig { iterations: 40, tolerance: 1e-14, ..BundleConfig::default() };
     let report = bundle.solve(&config, || false);
-    assert!((bundle.calibration_error.value - 0.3).abs() < 1e-3, "{:?} {report:?}", bundle.calibration_error);
+    assert!((bundle.calibrations[0].value - 0.3).abs() < 1e-3, "{:?} {report:?}", bundle.calibrations[0]);
     assert!(bundle.poses.iter().zip(&truth).all(|(found, truth)| found.local(truth).norm() < 1e-3));
 }
 
@@ -100,20 +99,90 @@ fn an_error_along_slopes_is_estimated() {
         let share = (o.pixel[1] / 480.0 - 0.5) as f32;
         [share * 300.0 * (o.pose as f32).sin(), share * 200.0 * (1.7 * o.pose as f32).cos()]
     };
-    bundle.slopes = bundle.observations.iter().map(slope).collect();
-    for (o, [x, y]) in bundle.observations.iter_mut().zip(&bundle.slopes) {
+    let slopes: Vec<[f32; 2]> = bundle.observations.iter().map(slope).collect();
+    for (o, [x, y]) in bundle.observations.iter_mut().zip(&slopes) {
         let off = [x, y, x].map(|s| 0.02 * f64::from(*s));
         (0..3).for_each(|i| o.pixel[i] -= off[i]);
     }
-    bundle.calibration_error.sigma = 1000.0;
+    bundle.calibrations[0] =
+        Calibration { moves: Moves::Along(slopes), sigma: 1000.0, ..Calibration::default() };
     let config = BundleConfig { iterations: 40, tolerance: 1e-14, ..BundleConfig::default() };
     let report = bundle.solve(&config, || false);
-    let found = bundle.calibration_error.value;
+    let found = bundle.calibrations[0].value;
     assert!((found - 0.02).abs() < 1e-4, "{found} {report:?}");
     assert!(bundle.poses.iter().zip(&truth).all(|(found, truth)| found.local(truth).norm() < 1e-3));
     assert!((0..bundle.observations.len()).all(|k| bundle.chi2_of(k) < 1e-3));
-    let sigma = bundle.calibration_error.information.sqrt().recip();
+    let sigma = bundle.calibrations[0].information.sqrt().recip();
     assert!((1e-4..1e-2).contains(&sigma), "{sigma}");
+}
+
+/// A bundle with two numbers off: disparity by 0.3 px, and the readout time of a rolling shutter by 20 ms.
+fn off_twice() -> (Bundle, Vec<Se3>) {
+    let (mut bundle, truth) = disturbed();
+    // Two cameras a known distance apart determine scale.
+    (bundle.poses[5], bundle.freedom[5]) = (truth[5], Freedom::Fixed);
+    let slope = |o: &Observation| {
+        let share = (o.pixel[1] / 480.0 - 0.5) as f32;
+        [share * 300.0 * (o.pose as f32).sin(), share * 200.0 * (1.7 * o.pose as f32).cos()]
+    };
+    let slopes: Vec<[f32; 2]> = bundle.observations.iter().map(slope).collect();
+    for (o, [x, y]) in bundle.observations.iter_mut().zip(&slopes) {
+        let off = [x, y, x].map(|s| 0.02 * f64::from(*s));
+        (0..3).for_each(|i| o.pixel[i] -= off[i]);
+        o.pixel[2] -= 0.3;
+    }
+    let of = |moves| Calibration { moves, sigma: 1000.0, ..Calibration::default() };
+    bundle.calibrations = vec![of(Moves::Disparity), of(Moves::Along(slopes))];
+    (bundle, truth)
+}
+
+#[test]
+fn disparity_error_and_readout_time_are_estimated_together() {
+    let (mut bundle, truth) = off_twice();
+    let mut alone = bundle.clone();
+    let config = BundleConfig { iterations: 60, robust: false, tolerance: 1e-15, first_damping: 1e-5 };
+    bundle.solve(&config, || false);
+    let [disparity, readout] = [0, 1].map(|i| bundle.calibrations[i].value);
+    assert!((disparity - 0.3).abs() < 1e-4 && (readout - 0.02).abs() < 1e-5, "{disparity} px, {readout} s");
+    assert!(bundle.poses.iter().zip(&truth).all(|(found, truth)| found.local(truth).norm() < 1e-4));
+    // Where one is not looked for, the other is wrong.
+    alone.calibrations.pop();
+    alone.solve(&config, || false);
+    assert!((alone.calibrations[0].value - 0.3).abs() > 5e-4, "{}", alone.calibrations[0].value);
+}
+
+#[test]
+fn information_on_one_of_two_numbers_is_the_curvature_with_the_other_free() {
+    let config = BundleConfig { iterations: 60, robust: false, tolerance: 1e-15, first_damping: 1e-9 };
+    let (mut best, _) = off_twice();
+    best.solve(&config, || false);
+    let least = best.solve(&BundleConfig { iterations: 1, ..config }, || false).cost_after;
+    for (this, d) in [(0, 0.01), (1, 1e-4)] {
+        let mut off = best.clone();
+        (off.calibrations[this].value, off.calibrations[this].sigma) =
+            (best.calibrations[this].value + d, 0.0);
+        let cost = off.solve(&config, || false).cost_after;
+        let curvature = (cost - least) / (0.5 * d * d);
+        let information = best.calibrations[this].information;
+        assert!((information / curvature - 1.0).abs() < 0.05, "{this}: {information} against {curvature}");
+    }
+}
+
+#[test]
+fn a_number_that_is_held_leaves_the_other_where_it_would_be_without_it() {
+    let config = BundleConfig { iterations: 20, robust: false, tolerance: 1e-14, first_damping: 1e-5 };
+    let (bundle, _) = off_twice();
+    let (mut without, mut held) = (bundle.clone(), bundle);
+    without.calibrations.remove(0);
+    held.calibrations[0].held = true;
+    without.solve(&config, || false);
+    held.solve(&config, || false);
+    assert_eq!(held.calibrations[1].value, without.calibrations[0].value);
+    assert_eq!(held.poses, without.poses);
+    assert_eq!(held.calibrations[0].value, 0.0);
+    // From there it says where both together would go.
+    held.solve(&BundleConfig { iterations: 1, ..config }, || false);
+    assert!((held.calibrations[0].pull - 0.3).abs() < 0.02, "{}", held.calibrations[0].pull);
 }
 
 #[test]
@@ -123,18 +192,18 @@ fn held_disparity_reports_its_pull_and_moves_nothing() {
         let (mut bundle, truth) = disturbed();
         bundle.observations.iter_mut().for_each(|o| o.pixel[2] -= 0.3);
         (bundle.poses[5], bundle.freedom[5]) = (truth[5], Freedom::Fixed);
-        (bundle.calibration_error.sigma, bundle.calibration_error.held) = (sigma, held);
+        (bundle.calibrations[0].sigma, bundle.calibrations[0].held) = (sigma, held);
         bundle.solve(&config, || false);
         // Once more from the solution: there the linear model gives the answer.
         bundle.solve(&config, || false);
         bundle
     };
     let (without, held, free) = (with(0.0, false), with(1e3, true), with(1e3, false));
-    assert_eq!(held.calibration_error.value, 0.0);
+    assert_eq!(held.calibrations[0].value, 0.0);
     assert!(held.poses.iter().zip(&without.poses).all(|(a, b)| a.local(b).norm() < 1e-9));
-    assert!((held.calibration_error.pull - 0.3).abs() < 0.01, "{}", held.calibration_error.pull);
-    assert!((held.calibration_error.information / free.calibration_error.information - 1.0).abs() < 0.1);
-    assert!(free.calibration_error.pull.abs() < 1e-4, "{}", free.calibration_error.pull);
+    assert!((held.calibrations[0].pull - 0.3).abs() < 0.01, "{}", held.calibrations[0].pull);
+    assert!((held.calibrations[0].information / free.calibrations[0].information - 1.0).abs() < 0.1);
+    assert!(free.calibrations[0].pull.abs() < 1e-4, "{}", free.calibrations[0].pull);
 }
 
 #[test]

@@ -105,7 +105,7 @@ impl Closer {
     /// Adjusts a map that was joined as a whole, with observations weighed by size. No changes where it has more than
     /// [`crate::CloserConfig::whole_key_frames`].
     pub fn adjust_joined(&self, snapshot: &Snapshot, map: MapId) -> Vec<Change> {
-        self.adjust_whole_with(snapshot, map, |window: Window| window.weighed_by_size(snapshot), || false)
+        self.adjust_whole_with(snapshot, map, |window| window.joined(), || false)
     }
 
     /// Adjusts the map, if that is wanted now: as a whole where it is small enough, else around each seam.
@@ -129,8 +129,8 @@ impl Closer {
             done.insert(f.seam.key_frame);
             done.extend(near.into_iter().flatten().take(self.window.key_frames / 2).map(|(id, _)| id));
             let snapshot = draft.snapshot();
-            if let Some(window) = Window::around(snapshot, &self.camera, f.seam.key_frame, &config) {
-                let window = window.weighed_by_size(snapshot);
+            let window = Window::of(snapshot, &self.camera).joined();
+            if let Some(window) = window.around(f.seam.key_frame, &config) {
                 draft.push(window.solve(&config, || false).changes.changes);
             }
         }

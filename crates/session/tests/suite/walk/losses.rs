@@ -6,7 +6,7 @@ use cairn_atlas::store::MapFile;
 use cairn_engine::{Engine, Output, Phase, Status};
 use cairn_sensor::{Camera, ClockReading, FramePacket, Live, Rig, Source, SourceError, SourceInfo, Stamp};
 use cairn_session::{
-    Age, Command, Ended, Event, NotTracked, Observer, Script, Session, SessionConfig, Slam, drive_paced,
+    Age, Clock, Command, Ended, Event, NotTracked, Observer, Script, Session, SessionConfig, Slam, drive,
 };
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
@@ -289,7 +289,8 @@ fn a_recording_that_gives_no_image_is_not_said_to_be_tracked_meanwhile() {
     let rig = Rig::mono(Camera::pinhole(320, 240, 210.0, 210.0, 159.5, 119.5));
     let mut phases = Phases::default();
     let ended =
-        drive_paced(&mut session, &mut Halting(info, rig, 0), &mut Script::default(), &mut phases).unwrap();
+        drive(&mut session, Clock::Paced(&mut Halting(info, rig, 0)), &mut Script::default(), &mut phases)
+            .unwrap();
     assert_eq!(ended, Ended::Source);
     let lost = phases.0.iter().position(|p| *p == Phase::WaitFrames).expect("it is said that none comes");
     assert!(phases.0[..lost].contains(&Phase::Tracking), "{:?}", phases.0);

@@ -2,7 +2,7 @@
 
 use crate::synthetic as common;
 
-use cairn_adjust::{Window, WindowConfig};
+use cairn_adjust::{RelativePoseFactors, Window, WindowConfig};
 use cairn_atlas::{Atlas, Change, KeyFrameId, RelativePose};
 use cairn_geometry::{Manifold, Se3};
 use common::{World, off, pose, sideways, stereo};
@@ -28,7 +28,8 @@ fn adjust(world: &World, atlas: &mut Atlas, ids: &[KeyFrameId], aligned: &[Relat
     let map = atlas.latest().key_frame(ids[0]).expect("a key frame").map;
     let of = |(z, id): (&RelativePose, &KeyFrameId)| Change::RelativePoses(*id, vec![*z]);
     assert_eq!(atlas.commit(aligned.iter().zip(&ids[1..]).map(of).collect()).dropped, 0);
-    let whole = Window::whole(atlas.latest(), &world.camera, map);
+    let window = Window::of(atlas.latest(), &world.camera).add(RelativePoseFactors::default());
+    let whole = window.whole(map).expect("a map");
     assert_eq!(atlas.commit(whole.solve(&config, || false).changes.changes).dropped, 0);
 }
 

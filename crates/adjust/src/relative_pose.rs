@@ -2,14 +2,13 @@
 //!
 //! Two visits of a place from other viewpoints share few landmarks or none: then nothing but the surface relates them.
 
+use crate::factor::{Frames, WindowFactors};
 use crate::motion::by_both_ends;
-use crate::subproblem::Subproblem;
 use cairn_atlas::{KeyFrameId, RelativePose, Snapshot};
 use cairn_geometry::{LieGroup, Se3};
-use cairn_solve::{CHI2_95, Equations, Factors, Freedom, Variable};
+use cairn_solve::{CHI2_95, Equations, Factors, Variable};
 use nalgebra::{Matrix6, SMatrix, SymmetricEigen, Vector6};
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 /// Information that keeps directions of which nothing is known from running away on rounding errors: a standard deviation of 10 m or rad.
 const LEAST_INFORMATION: f64 = 0.01;
@@ -49,39 +48,33 @@ fn huber(chi2: f64) -> (f64, f64) {
     }
 }
 
-/// The relative poses between the key frames of a window.
+/// The relative poses that a map has, as factors of a window that has both ends.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct AlignedFactors {
+pub struct RelativePoseFactors {
     links: Vec<Link>,
 }
 
-impl AlignedFactors {
-    /// Those of which a window has both ends.
-    pub fn of(snapshot: &Snapshot, subproblem: &Subproblem) -> Self {
+impl WindowFactors for RelativePoseFactors {
+    fn bind(&mut self, snapshot: &Snapshot, frames: &Frames) -> usize {
         let slots: BTreeMap<KeyFrameId, usize> =
-            subproblem.key_frames.iter().enumerate().map(|(slot, id)| (*id, slot)).collect();
+            frames.key_frames.iter().enumerate().map(|(slot, id)| (*id, slot)).collect();
         let link = |to: usize, measured: &RelativePose| {
             let (from, unit) = (*slots.get(&measured.from)?, snapshot.key_frame(measured.from)?.unit);
             let measured = measured.in_map(unit);
             let information = measured.information + Matrix6::identity() * LEAST_INFORMATION;
             let measured = RelativePose { information, ..measured };
-            Some(Link { from, to, measured, root: root(&information), is_used: true })
+            let link = Link { from, to, measured, root: root(&information), is_used: true };
+            frames.any_moves(&[from, to]).then_some(link)
         };
-        let key_frames = subproblem.key_frames.iter().enumerate();
         let of = |(to, id): (usize, &KeyFrameId)| {
             let all = snapshot.key_frame(*id).map_or(&[][..], |k| &k.relative_poses);
             all.iter().filter_map(|z| link(to, z)).collect::<Vec<_>>()
         };
-        Self { links: key_frames.flat_map(of).collect() }
+        self.links = frames.key_frames.iter().enumerate().flat_map(of).collect();
+        self.links.len()
     }
-
-    /// Without those that touch only poses that do not move.
-    pub fn keep_free(&mut self, freedom: &[Freedom]) {
-        self.links.retain(|l| [l.from, l.to].iter().any(|slot| freedom[*slot] != Freedom::Fixed));
-    }
-
     /// Those that the poses contradict count no more.
-    pub fn leave_out_outliers(&mut self, poses: &[Se3]) {
+    fn leave_out_outliers(&mut self, poses: &[Se3]) {
         for link in &mut self.links {
             link.is_used &= link.measured.agrees(&poses[link.from], &poses[link.to]);
         }
@@ -95,16 +88,7 @@ fn root(information: &Matrix6<f64>) -> Matrix6<f64> {
     eigen.eigenvectors * values * eigen.eigenvectors.transpose()
 }
 
-impl Factors for AlignedFactors {
-    fn sizes(&self) -> Vec<usize> {
-        Vec::new()
-    }
-    fn held(&self) -> Vec<(usize, Range<usize>)> {
-        Vec::new()
-    }
-    fn is_empty(&self) -> bool {
-        self.links.is_empty()
-    }
+impl Factors for RelativePoseFactors {
     fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
         self.links.iter().for_each(|l| visit(&[Variable::Pose(l.from), Variable::Pose(l.to)]));
     }
@@ -120,7 +104,6 @@ impl Factors for AlignedFactors {
     fn attempt(&mut self, poses: &[Se3], _: &[f64]) -> f64 {
         self.links.iter().filter(|l| l.is_used).map(|l| huber(l.chi2(poses)).0).sum()
     }
-    fn accept(&mut self) {}
 }
 
 #[cfg(test)]
