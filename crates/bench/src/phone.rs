@@ -3,7 +3,7 @@
 
 use crate::{MeasureError, Sensors, run};
 use cairn_atlas::MapId;
-use cairn_engine::{Config, Engine, Odometry, Output, Runner, StageEvent, State};
+use cairn_engine::{Config, Engine, Odometry, Output, Runner, StageEvent, State, with_found_lens};
 use cairn_geometry::So3;
 use cairn_lens::LensProblem;
 use cairn_sensor::Stamp;
@@ -34,28 +34,30 @@ pub struct Chosen {
 /// The figures of one run.
 #[derive(Clone, Debug)]
 pub struct Figures {
-    recording: &'static str,
-    start_s: u32,
+    /// The recording.
+    pub recording: &'static str,
+    /// The second it was begun at.
+    pub start_s: u32,
     /// Share of the frames that have a pose at the end.
-    coverage: f64,
+    pub coverage: f64,
     /// Maps that were begun, and those that hold poses at the end.
-    maps: [usize; 2],
+    pub maps: [usize; 2],
     /// Seconds from the first frame to the first metres, with the relative standard deviation stated then.
-    metric: Option<(f64, f64)>,
+    pub metric: Option<(f64, f64)>,
     /// The one stated at the end.
-    sigma: Option<f64>,
+    pub sigma: Option<f64>,
     /// Share of the frames from the first metres on that have metres.
-    metric_share: f64,
+    pub metric_share: f64,
     /// Seconds to add to the stamps of the IMU.
-    offset_s: f64,
+    pub offset_s: f64,
     /// Readout time of the rows, seconds.
-    readout_s: f64,
+    pub readout_s: f64,
     /// Focal length that the images are read with, and by the map at its end, pixels.
-    focal: [Option<f64>; 2],
+    pub focal: [Option<f64>; 2],
     /// Length of the final trajectory, in metres where the map has them.
-    path: f64,
+    pub path: f64,
     /// The fastest pace over the slowest of each two seconds in one stretch of odometry, whose unit nobody said had changed.
-    pace_ratio: f64,
+    pub pace_ratio: f64,
 }
 
 /// Runs what is chosen, in lockstep.
@@ -90,6 +92,9 @@ fn once(
     let mut config = chosen.config.clone();
     // As `cairn run` does.
     let may_roll = source.info().assumed.is_some();
+    if may_roll {
+        source = with_found_lens(source, &config)?;
+    }
     config.tracker.estimate_readout |= may_roll && config.tracker.readout_s == 0.0;
     config.tracker.clocks_by_flow |= may_roll;
     let mut engine = run::engine(source.rig(), sensor, rate_hz, Runner::Lockstep, &config)?;

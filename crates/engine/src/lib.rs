@@ -6,6 +6,7 @@ mod dense;
 mod depth_link;
 mod digest;
 mod engine;
+mod first_seconds;
 pub mod journal;
 mod log;
 mod mapping;
@@ -30,6 +31,7 @@ pub use dense::{
     SavedDepthError, SearchCounts, Views, saved_dense_map,
 };
 pub use engine::Engine;
+pub use first_seconds::with_found_lens;
 pub use journal::{Journal, JournalError, ReplayError};
 pub use log::{Log, Logged};
 pub use mapping::{Delays, Replayed, Runner, Stopped};

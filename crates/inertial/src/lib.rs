@@ -12,6 +12,7 @@ mod preintegrated;
 mod readings;
 mod rest;
 mod state;
+mod tracks;
 mod window;
 
 pub use buffer::{ImuBuffer, Missing};
@@ -26,4 +27,5 @@ pub use preintegrated::Preintegrated;
 pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestConfig};
 pub use state::{Bias, Gravity, NavState};
+pub use tracks::{TrackMotion, TrackPoint, TrackPriors, Tracks, motion_of_tracks};
 pub use window::{BiasPrior, ImuFactors, ImuLink, MotionFreedom, SpeedAndBias, ZeroVelocity};

@@ -5,13 +5,16 @@
 //! alongside mapping). It is then gravity-aligned and adjusted as a whole with its IMU factors, and adjusted again as
 //! it grows. Nothing is discarded meanwhile, and if the initialisation never succeeds, visual mapping goes on.
 
+use crate::by_tracks;
 use crate::clocks::Clocks;
 use crate::gravity_refinement::{Due, Refined, differs_from_map, estimated_gravity, realigned};
 use crate::initialisation::{CameraAndImu, INITIALISATION_S, better_scale};
 use crate::scale_check::{ScaleCheck, ScaleWatch};
 use crate::windows;
 use cairn_adjust::{Imu, ImuModel, Window, WindowConfig, WindowResult};
-use cairn_atlas::{Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrameId, MapId, Snapshot};
+use cairn_atlas::{
+    Atlas, Change, ImuFactor, ImuSegment, InertialState, KeyFrameId, MapId, Readout, Snapshot,
+};
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::{Attempt, Gate, GateKind, Initial, Preintegrated, of_data_sheet};
 use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
@@ -189,7 +192,8 @@ impl Inertial {
         let (first, last) = (snapshot.key_frame(*chain.first()?)?, snapshot.key_frame(*chain.last()?)?);
         let (map, seconds) = (last.map, last.frame.stamp - first.frame.stamp);
         let centre_point = snapshot.world_from_camera(map.root())?.translation;
-        let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
+        let imu = self.imu;
+        let of = CameraAndImu { camera, imu: &imu, offset_sigma_s: self.clocks.sigma_s() };
         let (mut attempt_made, mut better_sigma) = (None, None);
         if snapshot.is_gravity_aligned(map) {
             let refined = self.refined.entry(map).or_default();
@@ -205,6 +209,8 @@ impl Inertial {
             if let Some(found) = better {
                 atlas.commit(realigned(&snapshot, map, chain, &found, centre_point));
             }
+        } else if self.soft_scale && self.take_metres_by_tracks(atlas, camera, map, chain) {
+            self.refined.insert(map, Refined::of_age(seconds));
         } else {
             let mut attempt = of.attempt(&snapshot, chain, INITIALISATION_S)?;
             if let Some(found) = attempt.found.as_ref().filter(|f| is_far_offset(f)) {
@@ -238,6 +244,30 @@ impl Inertial {
             atlas.commit(better_sigma.into_iter().collect());
         }
         attempt_made
+    }
+
+    /// Gives a map metres by its tracks, where these tell them.
+    fn take_metres_by_tracks(
+        &mut self,
+        atlas: &mut Atlas,
+        camera: &RectifiedCamera,
+        map: MapId,
+        chain: &[KeyFrameId],
+    ) -> bool {
+        let snapshot = atlas.latest().clone();
+        let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
+        let found = by_tracks::motion_of(&snapshot, &of, chain);
+        let Some(found) = found.filter(|found| !camera.has_depth() && found.is_good) else { return false };
+        atlas.commit(found.changes(&snapshot, map, &self.imu.imu_from_camera));
+        let (known, [offset_s, sigma_s]) = (snapshot.imu_offset(), found.motion.offset_s);
+        if let Some(offset_s) = self.clocks.adopt(known + offset_s, sigma_s, known) {
+            atlas.commit(self.shifted_clocks(&snapshot, chain, offset_s));
+        }
+        let [longer_s, sigma_s] = found.motion.readout_s;
+        let seconds = (snapshot.readout().seconds + longer_s).clamp(-Readout::MOST_S, Readout::MOST_S);
+        atlas.commit(vec![Change::Readout(Readout { seconds, sigma_s })]);
+        self.clocks.clear_rotations();
+        true
     }
 
     /// Estimates the time offset, and recomputes the IMU factors once it is found. Where the IMU is late, the last

@@ -78,8 +78,8 @@ impl FirstClocks {
     }
 }
 
-/// What both frames show.
-fn pair(camera: &RectifiedCamera, shutter: &Shutter, first: &Frame, second: &Frame) -> FlowPair {
+/// What two consecutive frames show.
+pub(crate) fn pair(camera: &RectifiedCamera, shutter: &Shutter, first: &Frame, second: &Frame) -> FlowPair {
     let ray = |frame: &Frame, i: usize| {
         let ray = camera.unproject(frame.px[i], 1.0);
         [ray.x, ray.y]

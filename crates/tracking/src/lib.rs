@@ -9,6 +9,7 @@ mod dense;
 #[cfg(test)]
 mod dense_tests;
 mod first_clocks;
+mod first_lens;
 mod flow;
 mod imu;
 #[cfg(test)]
@@ -51,6 +52,7 @@ mod tests;
 mod tracker;
 
 pub use config::TrackerConfig;
+pub use first_lens::{FirstLens, first_lens};
 pub use flow::FlowClocks;
 pub use odometry::{MotionSource, Odometry};
 pub use priors::MeasuredMotion;

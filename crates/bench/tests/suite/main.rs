@@ -3,6 +3,7 @@
 mod graphs;
 mod inertial;
 mod odometry;
+mod phone;
 mod places;
 mod recordings;
 mod revisit;

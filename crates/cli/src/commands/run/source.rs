@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::{note, warn};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, SensorMode, Sensors};
+use cairn_engine::{Config, SensorMode, Sensors, with_found_lens};
 use cairn_files::MIB;
 use cairn_sensor::{Rig, Source};
 use cairn_session::FileConfig;
@@ -35,14 +35,18 @@ pub fn fitted(
     map: Option<&MapFile>,
 ) -> Result<(Box<dyn Source>, Sensors), Failure> {
     let (source, sensor) = open_source(a, config, map)?;
+    // A camera that nobody calibrated: its focal length is looked for, and its rows may be exposed one after the other.
+    let is_guessed = source.info().assumed.is_some() && sensor == Sensors::MonoImu;
+    let source = match is_guessed && !is_live(&a.source) && map.is_none() {
+        true => with_found_lens(source, config)?,
+        false => source,
+    };
     let source: Box<dyn Source> = Box::new(Validator::new(source, warn));
     let info = source.info();
     debug!(source = %info.name, frames = ?info.frames, rate_hz = info.rate_hz, sensor = sensor.name(), "opened");
     config.inertial.enabled = sensor.has_imu();
-    // A camera that nobody calibrated may expose row after row.
-    let may_roll = info.assumed.is_some() && sensor == Sensors::MonoImu;
-    config.tracker.estimate_readout |= may_roll && config.tracker.readout_s == 0.0;
-    config.tracker.clocks_by_flow |= may_roll;
+    config.tracker.estimate_readout |= is_guessed && config.tracker.readout_s == 0.0;
+    config.tracker.clocks_by_flow |= is_guessed;
     if sensor.has_imu() && source.rig().imu.is_none() {
         let why = format!("--sensor {} needs an IMU, but the rig has none", sensor.name());
         return Err(Failure::new(&a.source, why, "give a rig with an IMU using --rig, or leave out -imu"));
