@@ -47,7 +47,8 @@ impl Follower {
     pub(crate) fn past_corner(&mut self, now: &Now) -> Match {
         let corner = self.next_maneuver().filter(|m| m.turn_rad != 0.0).map(|m| m.end_m);
         let position = &now.walker.position;
-        let Some(corner_m) = corner.filter(|m| self.matcher.is_past(&self.plan, position, &now.at, *m)) else {
+        let Some(corner_m) = corner.filter(|m| self.matcher.is_past(&self.plan, position, &now.at, *m))
+        else {
             return now.at;
         };
         self.next += 1;

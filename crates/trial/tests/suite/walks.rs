@@ -20,15 +20,7 @@ fn trial_on(travel: Travel, phrases: PhraseConfig, seed: u64, facing: Facing, no
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
     run(
         &random_route(seed, crossing),
-        &TrialConfig {
-            facing,
-            travel,
-            noise,
-            corridor_m,
-            cut_detours: !crossing,
-            phrases,
-            seed,
-        },
+        &TrialConfig { facing, travel, noise, corridor_m, cut_detours: !crossing, phrases, seed },
     )
 }
 
