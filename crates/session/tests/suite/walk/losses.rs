@@ -292,7 +292,6 @@ fn a_recording_that_gives_no_image_is_not_said_to_be_tracked_meanwhile() {
         drive(&mut session, Clock::Paced(&mut Halting(info, rig, 0)), &mut Script::default(), &mut phases)
             .unwrap();
     assert_eq!(ended, Ended::Source);
-    let lost = phases.0.iter().position(|p| *p == Phase::WaitFrames).expect("it is said that none comes");
-    assert!(phases.0[..lost].contains(&Phase::Tracking), "{:?}", phases.0);
-    assert_eq!(phases.0.last(), Some(&Phase::Tracking), "{:?}", phases.0);
+    let found = phases.0.iter().position(|p| *p == Phase::Tracking).expect("it tracks");
+    assert_eq!(phases.0[found..], [Phase::Tracking, Phase::WaitFrames, Phase::Tracking], "{:?}", phases.0);
 }
