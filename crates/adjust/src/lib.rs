@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod aligned;
 mod calibration;
 mod camera;
 mod corner;
@@ -10,10 +11,10 @@ mod locate;
 mod motion;
 mod parallax;
 mod recognise;
-mod relative_pose;
 mod subproblem;
 mod window;
 
+pub use aligned::RelativePoseFactors;
 pub use camera::{depth, pinhole, pixel, weight};
 pub use factor::{Chain, Frames, Judgement, WindowFactors};
 pub use imu::{Imu, ImuModel};
@@ -22,5 +23,4 @@ pub use locate::{Located, locate};
 pub use motion::{MotionFactors, MotionLinks, MotionSince};
 pub use parallax::has_parallax;
 pub use recognise::{MatchFailure, RecogniseConfig, Recognised, View, recognise};
-pub use relative_pose::RelativePoseFactors;
 pub use window::{Window, WindowBuilder, WindowConfig, WindowResult};

@@ -71,6 +71,8 @@ pub struct WindowResult {
 
 impl<'a> WindowBuilder<'a> {
     /// With a kind of factors; where the window has none of them it is solved without.
+    // The word of factor graphs, with which nothing is summed.
+    #[allow(clippy::should_implement_trait)]
     pub fn add(self, factors: impl WindowFactors + 'static) -> Self {
         self.with(Box::new(factors), false)
     }
