@@ -20,6 +20,8 @@ const BIAS: [f64; 2] = [0.01, 0.15];
 const FOCAL: f64 = 0.05;
 /// Scale and gravity known worse than this are not taken: relative, radians.
 const MOST_SIGMA: [f64; 2] = [0.1, 0.04];
+/// Greatest bias of an accelerometer, m/s^2. With one hardly moved (`phone/a`) noise is explained by 2 m/s^2 and a lens twice as long.
+const MOST_ACCEL_BIAS: f64 = 1.0;
 /// What a lens and extrinsics that are guesses do to the scale, which the rays do not show: a focal length 4 % off, and axes 2 degrees off
 /// (`phone/b`), relative.
 const GUESSED: f64 = 0.03;
@@ -61,7 +63,9 @@ pub(crate) fn motion_of(snapshot: &Snapshot, of: &CameraAndImu, chain: &[KeyFram
     let is_good = motion.scale_sigma <= MOST_SIGMA[0]
         && motion.gravity_sigma <= MOST_SIGMA[1]
         && motion.residual <= MOST_RESIDUAL
-        && motion.agreeing >= LEAST_AGREEING;
+        && motion.agreeing >= LEAST_AGREEING
+        && motion.log_focal[0].abs() <= 2.0 * FOCAL
+        && motion.states.first().is_some_and(|s| s.bias.accel.norm() <= MOST_ACCEL_BIAS);
     Some(Found { motion, key_frames: frames.iter().map(|k| k.id).collect(), landmarks, is_good })
 }
 

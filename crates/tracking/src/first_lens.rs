@@ -31,6 +31,9 @@ const GUESS: f64 = 0.1;
 const TURNING_S: f64 = 0.03;
 /// Rays that must agree for a motion to be believed.
 const LEAST_AGREEING: f64 = 0.7;
+/// Standard deviation of the scale of a motion that tells a focal length: of one who hardly moves (`phone/a`) it comes out a fifth too
+/// long.
+const MOST_SCALE_SIGMA: f64 = 0.1;
 /// What a motion leaves out (the lens's distortion, things that move) moves the focal length by this share on `phone/b`.
 const LEAST_SIGMA: f64 = 0.01;
 
@@ -70,11 +73,18 @@ pub fn first_lens(
     let motion = |nodes: &[Node]| motion_of(camera, nodes, &buffer, imu_from_camera, priors);
     let found: Vec<TrackMotion> =
         nodes.chunks(count).filter(|nodes| nodes.len() > count / 2).filter_map(motion).collect();
-    let told = found.iter().filter(|m| m.agreeing >= LEAST_AGREEING).map(|m| m.log_focal);
+    let told = found.iter().filter(|m| is_told(m)).map(|m| m.log_focal);
     let told = told.map(|[log, sigma]| (log, sigma.hypot(LEAST_SIGMA).powi(-2)));
     let (sum, weight) = told.fold((0.0, 0.0), |(sum, weight), (log, w)| (sum + log * w, weight + w));
     (weight > 0.0)
         .then(|| FirstLens { log_focal: sum / weight, sigma: weight.sqrt().recip().max(LEAST_SIGMA) })
+}
+
+/// Whether a motion tells a focal length: its rays meet, it knows how far it has gone, and the lens is one that a camera may have.
+fn is_told(motion: &TrackMotion) -> bool {
+    motion.agreeing >= LEAST_AGREEING
+        && motion.scale_sigma <= MOST_SCALE_SIGMA
+        && motion.log_focal[0].abs() <= 2.0 * GUESS
 }
 
 /// A frame that is related to the one before it.
