@@ -83,6 +83,8 @@ async fn page_without_a_web_socket_walks_and_strangers_do_not() {
     let mut walker = Plain::enter(&server, "one", true).await;
     let me = soon(walker.text("hello")).await["id"].clone();
     while soon(watcher.text("control")).await["id"] != me {}
+    // On a new connection: one without a request for ten seconds is closed.
+    let mut http = Http::new(&server).await;
     assert_eq!(soon(http.ask("POST", &path.replace("down", "texts/0"), b"")).await.0, 410);
 }
 
