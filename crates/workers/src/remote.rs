@@ -222,7 +222,8 @@ impl RemoteSlam {
                 }
             }
             Report::Tracked(tracked) => {
-                if self.frames.answered(tracked) {
+                let is_new = self.frames.answered(tracked);
+                if is_new {
                     self.worker.progress = true;
                     self.worker.backoff.calm();
                     self.away = None;
