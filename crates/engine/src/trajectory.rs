@@ -118,9 +118,15 @@ impl Engine {
         stretches(self.log().frames().iter().filter_map(scale))
     }
 
-    /// True poses of the body in the form of [`Engine::trajectory`].
+    /// True poses of the body in the form of [`Output::world_from_body`](crate::Output::world_from_body): without metric scale, at
+    /// the first camera's position.
     pub fn comparable(&self, truth: &[(Stamp, Se3)]) -> Vec<(Stamp, Se3)> {
-        self.camera_poses(PoseTime::Corrected).comparable(truth)
+        let arm = if self.is_metric() {
+            Vec3::zeros()
+        } else {
+            self.front_end().model().body_from_camera.translation
+        };
+        truth.iter().map(|(t, body)| (*t, Se3::new(body.rotation, *body * arm))).collect()
     }
 
     /// A digest of the map and of every frame's pose, as estimated at the time and as in the latest map:

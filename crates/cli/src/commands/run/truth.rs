@@ -1,7 +1,7 @@
 //! A run against the ground truth of its source, as it was given and stretch by stretch; [`Poses::accuracy`] has the whole.
 
 use super::poses::Poses;
-use cairn_engine::{Engine, ScaleStretch};
+use cairn_engine::{Engine, PoseTime, ScaleStretch};
 use cairn_eval::{Align, EvalOptions, LiveReport, PairError, Percentiles, ScaleReport, evaluate};
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::Stamp;
@@ -30,8 +30,8 @@ pub fn live(truth: &[(Stamp, Se3)], poses: &Poses) -> Option<LiveReport> {
 
 /// The stretches of the run in one unit of length, each compared with the ground truth by itself.
 pub fn scale(truth: &[(Stamp, Se3)], engine: &Engine) -> Vec<ScaleReport> {
-    let reference = trajectory(&engine.comparable(truth));
-    let poses = engine.trajectory();
+    let of_camera = engine.camera_poses(PoseTime::Corrected);
+    let (reference, poses) = (trajectory(&of_camera.comparable(truth)), of_camera.trajectory());
     let (snapshot, camera) = (engine.snapshot(), engine.front_end().model());
     let report = |s: ScaleStretch| {
         let own: Vec<(Stamp, Se3)> =
