@@ -3,7 +3,7 @@
 //! A point is a vertex whose rotation nothing measures, and a pose or position that is known in the world is measured from
 //! one more vertex, the world, which is fixed: one kind of edge is enough for all.
 
-use super::read::{Named, Replaced};
+use super::content::{Named, Replaced};
 use super::record::Record;
 use crate::Loss;
 use crate::graph::{PoseGraph, nearest_semi_definite, semi_definite};

@@ -6,11 +6,13 @@
 //! matrices are taken as they are, for (x, y, angle) and (x, y, z, rotation vector), as GTSAM and SE-Sync take them.
 //! A file without vertices gets those that its edges name.
 
+mod content;
 mod lines;
 mod parts;
 mod read;
 mod record;
 mod write;
 
-pub use read::{G2o, Graph, Named, Replaced, read, read_nearest, tags_text};
+pub use content::{G2o, Graph, Named, Replaced};
+pub use read::{read, read_nearest, tags_text};
 pub use write::write;

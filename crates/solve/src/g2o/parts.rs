@@ -1,6 +1,6 @@
 //! A graph that is several: which parts there are, and laying them beside each other.
 
-use super::read::Named;
+use super::content::Named;
 use crate::graph::Rigid;
 use cairn_geometry::{LieGroup, Mat3, Vec3};
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,6 +1,6 @@
 //! A graph to g2o text.
 
-use super::read::{G2o, Graph, Named};
+use super::content::{G2o, Graph, Named};
 use super::record::Record;
 use std::fmt::Write;
 
