@@ -7,8 +7,7 @@
 //! | `# lengths: metres` or `# lengths: units of the map` | the unit of positions |
 //! | `# frames: N` | frames of the recording, with and without a pose |
 
-use crate::read::pose_of_numbers;
-use cairn_geometry::{Se3, Trajectory};
+use cairn_geometry::{Se3, So3, Trajectory, Vec3};
 use std::fmt::Write as _;
 
 /// What the poses of a trajectory are of.
@@ -75,11 +74,19 @@ impl TrajectoryHeader {
     }
 }
 
+/// A pose from the numbers `x y z qx qy qz qw`; `None` where they are none.
+fn pose_of_numbers(text: &str) -> Option<Se3> {
+    let numbers: Result<Vec<f64>, _> = text.split_ascii_whitespace().map(str::parse).collect();
+    let [x, y, z, qx, qy, qz, qw] = numbers.ok()?.try_into().ok()?;
+    let translation = Vec3::new(x, y, z);
+    let rotation = So3::from_xyzw(qx, qy, qz, qw)?;
+    translation.iter().all(|v| v.is_finite()).then(|| Se3::new(rotation, translation))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{EvalOptions, evaluate_files, parse_trajectory, to_tum, to_tum_with};
-    use cairn_geometry::{So3, Vec3};
 
     fn walk() -> Trajectory {
         let pose = |k: i64| {

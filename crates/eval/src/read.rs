@@ -229,15 +229,6 @@ fn parse_pose(format: Format, has_rotations: bool, fields: &[&str]) -> Result<Op
     Ok(Some(Se3::new(rotation, Vec3::from(p))))
 }
 
-/// A pose from the numbers `x y z qx qy qz qw`; `None` where they are none.
-pub(crate) fn pose_of_numbers(numbers: &str) -> Option<Se3> {
-    let fields: Vec<&str> = std::iter::once("0").chain(split(numbers)).collect();
-    if fields.len() != 8 {
-        return None;
-    }
-    parse_pose(Format::Tum, true, &fields).ok().flatten()
-}
-
 /// A pose from the 3x4 or 4x4 numbers of its matrix, row by row, as KITTI and 7-Scenes write them. The rotation may be
 /// rounded, but must be close to one.
 ///

@@ -32,6 +32,15 @@ struct Holder {
     id: Option<u64>,
 }
 
+/// How many pages want what.
+#[derive(Default)]
+pub(crate) struct Wanted {
+    pub pictures: AtomicU64,
+    pub maps: AtomicU64,
+    pub surfaces: AtomicU64,
+    pub columns: AtomicU64,
+}
+
 /// The hub.
 pub(crate) struct Hub {
     /// The access token.
@@ -56,14 +65,8 @@ pub(crate) struct Hub {
     pub pulse: Pulse,
     /// Someone has asked to end the server.
     pub shutting_down: AtomicBool,
-    /// Number of pages that want images.
-    pub pictures_wanted: AtomicU64,
-    /// Number of pages that want the map.
-    pub maps_wanted: AtomicU64,
-    /// Number of pages that want the surface.
-    pub surfaces_wanted: AtomicU64,
-    /// Number of pages that want the columns.
-    pub columns_wanted: AtomicU64,
+    /// What pages want to be sent.
+    pub wanted: Wanted,
     /// The columns, where depth is made into surfaces.
     pub columns: Mutex<Columns>,
     /// The surface of the depth, where that is made.
@@ -104,10 +107,7 @@ impl Hub {
             steps: AtomicU64::new(0),
             pulse: Pulse::default(),
             shutting_down: AtomicBool::new(false),
-            pictures_wanted: AtomicU64::new(0),
-            maps_wanted: AtomicU64::new(0),
-            surfaces_wanted: AtomicU64::new(0),
-            columns_wanted: AtomicU64::new(0),
+            wanted: Wanted::default(),
             columns: Mutex::default(),
             surface: Mutex::default(),
             messages: broadcast::Sender::new(BEHIND),

@@ -177,10 +177,10 @@ impl Wants {
             (true, false) => drop(counter.fetch_sub(1, Ordering::Relaxed)),
             _ => {}
         };
-        count(&self.hub.pictures_wanted, self.picture, picture);
-        count(&self.hub.maps_wanted, self.map, map);
-        count(&self.hub.surfaces_wanted, self.surface, surface);
-        count(&self.hub.columns_wanted, self.columns, columns);
+        count(&self.hub.wanted.pictures, self.picture, picture);
+        count(&self.hub.wanted.maps, self.map, map);
+        count(&self.hub.wanted.surfaces, self.surface, surface);
+        count(&self.hub.wanted.columns, self.columns, columns);
         (self.picture, self.map, self.surface, self.columns) = (picture, map, surface, columns);
     }
 }

@@ -325,7 +325,7 @@ impl Observer<Box<dyn Slam>> for PageObserver {
         if let (Some(surface), Ok(output)) = (&self.surface, output) {
             surface.on_packet(packet, output);
         }
-        if self.hub.pictures_wanted.load(Ordering::Relaxed) == 0 || !due(&mut self.picture, PICTURE_EVERY) {
+        if self.hub.wanted.pictures.load(Ordering::Relaxed) == 0 || !due(&mut self.picture, PICTURE_EVERY) {
             return;
         }
         if let Some(image) = packet.images.first() {
@@ -363,7 +363,7 @@ impl Observer<Box<dyn Slam>> for PageObserver {
                 file.keep(Survives { holder: self.hub.held(), walk: session.walk_state() });
             }
         }
-        if self.hub.maps_wanted.load(Ordering::Relaxed) == 0 {
+        if self.hub.wanted.maps.load(Ordering::Relaxed) == 0 {
             return;
         }
         if due(&mut self.view, VIEW_EVERY) {

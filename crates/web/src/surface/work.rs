@@ -95,11 +95,11 @@ struct Shown {
 impl Shown {
     /// Whether a page wants the surface or the columns.
     fn is_wanted(&self) -> bool {
-        self.hub.surfaces_wanted.load(Ordering::Relaxed) > 0 || self.are_columns_wanted()
+        self.hub.wanted.surfaces.load(Ordering::Relaxed) > 0 || self.are_columns_wanted()
     }
 
     fn are_columns_wanted(&self) -> bool {
-        self.hub.columns_wanted.load(Ordering::Relaxed) > 0
+        self.hub.wanted.columns.load(Ordering::Relaxed) > 0
     }
 
     /// Takes what another process sends, which is told whether a page wants it.

@@ -4,7 +4,7 @@ use super::arguments::Arguments;
 use super::events::Events;
 use super::outcome::Outcome;
 use super::played::{self, Played};
-use super::poses::{Poses, cam0};
+use super::poses::Poses;
 use super::sink::{Here, Run};
 use super::sinks::{Follow, Sinks};
 use super::status::StatusLines;
@@ -89,7 +89,7 @@ pub fn run(a: &Arguments, outputs: &Outputs, output: &Output, began: Instant) ->
         here,
         tally: Tally::new(began),
         config,
-        cam0: cam0(a, &rig),
+        cam0: source::cam0(a, &rig),
         sensor,
         info,
         skips: Skips::default(),

@@ -1,15 +1,9 @@
 //! The poses of a run as they are written and as they are compared with the ground truth: both are of the same thing.
 
-use super::arguments::{Arguments, TrajectoryFrame};
 use cairn_engine::CameraPoses;
 use cairn_eval::{Align, EvalOptions, Evaluation, TrajectoryHeader, evaluate};
 use cairn_geometry::{Se3, Trajectory, TrajectoryError};
-use cairn_sensor::{Rig, Stamp};
-
-/// Where the first camera is on the body, if poses are asked for of it.
-pub fn cam0(a: &Arguments, rig: &Rig) -> Option<Se3> {
-    rig.cameras.first().filter(|_| matches!(a.frame, TrajectoryFrame::Cam0)).map(|c| c.body_from_camera)
-}
+use cairn_sensor::Stamp;
 
 /// Poses of the body; of the first camera where it is asked for or not all lengths are metres.
 pub struct Poses {

@@ -1,6 +1,6 @@
 //! What a run begins with: its configuration, its source with the sensors that are used, its vocabulary.
 
-use super::arguments::{Arguments, FrontEnd, Kind};
+use super::arguments::{Arguments, FrontEnd, Kind, TrajectoryFrame};
 use crate::commands::given::{read_config, rig_of};
 use crate::failure::Failure;
 use crate::interrupt;
@@ -8,6 +8,7 @@ use crate::output::{note, warn};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, SensorMode, Sensors, with_found_lens};
 use cairn_files::MIB;
+use cairn_geometry::Se3;
 use cairn_sensor::{Rig, Source};
 use cairn_session::FileConfig;
 use cairn_sources::{OpenOptions, Validator, is_live, open, waiting_for};
@@ -132,4 +133,9 @@ pub fn vocabulary(path: &Path) -> Result<(), Failure> {
     let bytes = cairn_files::read(path, 1024 * MIB).map_err(|e| fail(e.to_string()))?;
     let vocabulary = Vocabulary::open(bytes).map_err(|e| fail(e.to_string()))?;
     Vocabulary::install(vocabulary).map_err(|_| fail("another vocabulary is in use".into()))
+}
+
+/// Where the first camera is on the body, if poses are asked for of it.
+pub fn cam0(a: &Arguments, rig: &Rig) -> Option<Se3> {
+    rig.cameras.first().filter(|_| matches!(a.frame, TrajectoryFrame::Cam0)).map(|c| c.body_from_camera)
 }

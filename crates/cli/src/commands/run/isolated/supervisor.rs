@@ -1,7 +1,6 @@
 //! Runs the processes, and writes the results.
 
 use super::super::arguments::Arguments;
-use super::super::poses::cam0;
 use super::super::sinks::Sinks;
 use super::super::tally::Tally;
 use super::super::{map, results, route, source, surface, walker};
@@ -67,9 +66,9 @@ pub fn supervise(
         e => Failure::new("the run", e.to_string(), "run without --isolated to see where it fails"),
     })?;
     // Without the source there is no ground truth, and the run is none the worse for it.
-    let source = source::open_source(a, &mut config.engine.clone(), None).ok().map(|(source, _)| source);
-    let cam0 = source.as_ref().and_then(|source| cam0(a, source.rig()));
-    let truth = source.map_or_else(Vec::new, |source| source.info().truth.clone());
+    let opened = source::open_source(a, &mut config.engine.clone(), None).ok().map(|(source, _)| source);
+    let cam0 = opened.as_ref().and_then(|opened| source::cam0(a, opened.rig()));
+    let truth = opened.map_or_else(Vec::new, |source| source.info().truth.clone());
     let mut several = Several { a, run, folder, tally, config, cam0, truth };
     // With --mesh that is said when the surface is to be written.
     let no_surfaces = several.surfaces().err().filter(|_| a.mesh.is_none());
