@@ -1,6 +1,6 @@
 //! g2o text to a graph.
 
-use super::content::{G2o, Graph, Named, Replaced};
+use super::content::{G2o, Graph};
 use super::lines::Lines;
 use crate::text::{TextError, shown, whole};
 use cairn_geometry::{Se2, Se3};
