@@ -15,7 +15,7 @@ pub struct G2o {
     /// `...`).
     pub unknown: BTreeMap<String, usize>,
     /// Edges whose information matrix was not positive semi-definite and was replaced by the nearest one that is; always
-    /// `None` from [`read`].
+    /// `None` from [`read`](super::read).
     pub replaced: Option<Replaced>,
     /// Lines that solving does not change, as they were read: of points that were seen, of what is known in the world, and of
     /// unknown tags.
