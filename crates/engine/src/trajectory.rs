@@ -49,7 +49,11 @@ impl CameraPoses {
     /// The poses of something mounted on the body (`body_from_mounted`, metres). Where lengths are not metres only its orientation is
     /// known, and its position is the first camera's.
     pub fn of_mounted(&self, body_from_mounted: &Se3) -> Vec<(Stamp, Se3)> {
-        let camera_from_mounted = self.body_from_camera.inverse() * *body_from_mounted;
+        let mut camera_from_mounted = self.body_from_camera.inverse();
+        // The pose of the body itself has the bits that outputs have.
+        if *body_from_mounted != Se3::identity() {
+            camera_from_mounted = camera_from_mounted * *body_from_mounted;
+        }
         let turned = Se3::new(camera_from_mounted.rotation, Vec3::zeros());
         let pose_of = |(t, pose, metric): &(Stamp, Se3, bool)| {
             (*t, *pose * if *metric { camera_from_mounted } else { turned })
