@@ -80,17 +80,20 @@ fn page_records_and_guides_home_in_a_browser() {
     browser.click(&phone, "[data-command='guide back']");
     wait(&mut browser, &phone, "back,", "#s-guiding", 8.0);
     wait(&mut browser, &phone, "Guiding", "#state-now", 8.0);
-    std::thread::sleep(Duration::from_secs(3));
+    // On a machine too busy to process every image, the walker is told to stop and passes a second time. Screenshots and axe-core
+    // keep it busy: the first turn comes before them.
+    wait(&mut browser, &phone, "Turn ", "#log", 3.0 * OUT_S);
     pictures(&mut browser, &phone, &folder.join("phone-guiding"));
     pictures(&mut browser, &desk, &folder.join("desk-guiding"));
     accessible(&mut browser, &phone, "under guidance");
     accessible(&mut browser, &desk, "watching");
-    // On a machine too busy to process every image, the walker is told to stop and passes a second time.
     wait(&mut browser, &phone, "You have arrived", "#log", 3.0 * OUT_S + 15.0);
     let heard = browser.text(&phone, "#log");
     println!("what the phone said:\n{heard}");
     assert!(!heard.contains("metre"), "the scale is unknown, so no distance may be said:\n{heard}");
-    assert!(heard.contains("Turn ") && heard.contains("now."), "no direction was given:\n{heard}");
+    // Who was told to stop may have passed the turn meanwhile; then they are turned to where the route goes on.
+    let was_stopped = heard.contains("The pictures come too late");
+    assert!(was_stopped || heard.contains("now."), "the turn was not announced in time:\n{heard}");
     // The desktop got the same messages.
     wait(&mut browser, &desk, "You have arrived", "#log", 5.0);
     assert!(browser.drawn(&desk, "#map") && browser.drawn(&desk, "#picture"), "map or picture is empty");
