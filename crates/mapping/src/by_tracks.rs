@@ -5,7 +5,9 @@
 use crate::initialisation::CameraAndImu;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
-use cairn_inertial::{NavState, Preintegrated, TrackMotion, TrackPoint, TrackPriors, Tracks, motion_of_tracks};
+use cairn_inertial::{
+    NavState, Preintegrated, TrackMotion, TrackPoint, TrackPriors, Tracks, motion_of_tracks,
+};
 use std::collections::BTreeMap;
 
 /// Seconds of key frames, up to the newest.

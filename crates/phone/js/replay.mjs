@@ -1,9 +1,11 @@
-// Replays a file of messages in Node: node replay.mjs MODULE FILE. Answers go to the output as `feed replay` prints them.
+// Replays a file of messages in Node: node replay.mjs MODULE FILE FOLDER. Answers go to the output as `feed replay` prints them, files
+// that the module keeps into the folder.
 
-import { readFileSync, openSync, readSync, writeSync } from "node:fs";
+import { mkdirSync, openSync, readFileSync, readSync, writeFileSync, writeSync } from "node:fs";
+import { dirname, join } from "node:path";
 import { Engine } from "./engine.mjs";
 
-const [, , modulePath, feedPath] = process.argv;
+const [, , modulePath, feedPath, folder] = process.argv;
 const engine = await Engine.start(await WebAssembly.compile(readFileSync(modulePath)), {
     print: (text) => process.stderr.write(text),
 });
@@ -30,4 +32,8 @@ times.sort((a, b) => a - b);
 const at = (share) => (times[Math.floor(share * times.length)] ?? 0).toFixed(1);
 const megabytes = (engine.exports.memory.buffer.byteLength / 1048576).toFixed(0);
 console.error(`${times.length} images: p50 ${at(0.5)} ms, p95 ${at(0.95)} ms; ${megabytes} MB of memory`);
-console.error(`files: ${[...engine.wasi.files].map(([path, file]) => `${path} ${file.length}`).join(", ") || "none"}`);
+for (const [path, file] of engine.wasi.files) {
+    const to = join(folder, path);
+    mkdirSync(dirname(to), { recursive: true });
+    writeFileSync(to, file.data());
+}

@@ -43,3 +43,18 @@ pub extern "C" fn cairn_apply(kind: u8) -> usize {
 pub extern "C" fn cairn_answer() -> *const u8 {
     STATE.with_borrow(|state| state.answer.as_ptr())
 }
+
+/// The standard library names this, older C libraries lack it; a page has no threads.
+#[unsafe(no_mangle)]
+extern "C" fn pthread_join(_thread: usize, _result: usize) -> i32 {
+    NOT_SUPPORTED
+}
+
+/// As `pthread_join`.
+#[unsafe(no_mangle)]
+extern "C" fn pthread_detach(_thread: usize) -> i32 {
+    NOT_SUPPORTED
+}
+
+/// `ENOTSUP` of WASI.
+const NOT_SUPPORTED: i32 = 58;

@@ -4,7 +4,9 @@
 use crate::MeasureError;
 use cairn_geometry::Se3;
 use cairn_random::Random;
-use cairn_sensor::{FramePacket, GrayImage, ImuSensor, Merge, MergeConfig, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{
+    FramePacket, GrayImage, ImuSensor, Merge, MergeConfig, Rig, Source, SourceError, SourceInfo, Stamp,
+};
 use cairn_sim::{Effects, MotionSensors, PhoneTraits, RollingCamera, SimConfig, World};
 use std::sync::Arc;
 

@@ -8,8 +8,8 @@ use super::resize::{resized, same_aspect};
 use super::rig_for;
 use crate::decode::gray_jpeg;
 use cairn_sensor::{
-    Camera, FramePacket, GrayImage, ImuSample, ImuSensor, Live, Merge, MergeConfig, Rig, Source,
-    SourceError, SourceInfo, Stamp, Stream,
+    Camera, FramePacket, GrayImage, ImuSample, ImuSensor, Live, Merge, MergeConfig, Rig, Source, SourceError,
+    SourceInfo, Stamp, Stream,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -57,7 +57,8 @@ pub fn walk(
     known_lens: bool,
     folder: &Path,
 ) -> Result<Walked, PhoneError> {
-    let rig = known_lens.then(|| Box::new(Rig { imu: Some(ImuSensor::of_phone()), ..Rig::mono(traits.camera) }));
+    let rig =
+        known_lens.then(|| Box::new(Rig { imu: Some(ImuSensor::of_phone()), ..Rig::mono(traits.camera) }));
     let server = server(config, rig, folder)?;
     runtime()?.block_on(async {
         let mut lens = None;
