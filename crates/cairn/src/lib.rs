@@ -76,7 +76,7 @@ mod slam;
 pub mod team_scale;
 mod walk;
 
-pub use accuracy::accuracy;
+pub use accuracy::{accuracy, accuracy_of};
 pub use agree::{AgreeError, AgreedUpdate, AgreeingMap, MapGraphError, graph_of_map};
 pub use builder::{Builder, sensor_mode_of};
 #[doc(no_inline)]

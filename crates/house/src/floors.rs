@@ -21,7 +21,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (8, &["cairn-engine", "cairn-wire"]),
     (9, &["cairn-trial"]),
     (10, &["cairn-session"]),
-    (11, &["cairn-web", "cairn-workers"]),
+    (11, &["cairn-phone", "cairn-web", "cairn-workers"]),
     (12, &["cairn"]),
     (13, &["cairn-fleet"]),
     (14, &["cairn-cli", "cairn-house", "cairn-python", "cairn-ros", "bench"]),

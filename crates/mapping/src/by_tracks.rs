@@ -5,7 +5,9 @@
 use crate::initialisation::CameraAndImu;
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, LandmarkId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
-use cairn_inertial::{Preintegrated, TrackMotion, TrackPoint, TrackPriors, Tracks, motion_of_tracks};
+use cairn_inertial::{
+    NavState, Preintegrated, TrackMotion, TrackPoint, TrackPriors, Tracks, motion_of_tracks,
+};
 use std::collections::BTreeMap;
 
 /// Seconds of key frames, up to the newest.
@@ -22,6 +24,9 @@ const FOCAL: f64 = 0.05;
 const MOST_SIGMA: [f64; 2] = [0.1, 0.04];
 /// Greatest bias of an accelerometer, m/s^2. With one hardly moved (`phone/a`) noise is explained by 2 m/s^2 and a lens twice as long.
 const MOST_ACCEL_BIAS: f64 = 1.0;
+/// Who moves less than this has no metres: what an accelerometer is off while it is tilted is as large as what it feels. Hands that hold a
+/// phone over a table move it by 0.2 m (`phone/a`), a walker goes a metre in the least time (`phone/b`).
+const LEAST_MOVED_M: f64 = 0.3;
 /// What a lens and extrinsics that are guesses do to the scale, which the rays do not show: a focal length 4 % off, and axes 2 degrees off
 /// (`phone/b`), relative.
 const GUESSED: f64 = 0.03;
@@ -65,8 +70,16 @@ pub(crate) fn motion_of(snapshot: &Snapshot, of: &CameraAndImu, chain: &[KeyFram
         && motion.residual <= MOST_RESIDUAL
         && motion.agreeing >= LEAST_AGREEING
         && motion.log_focal[0].abs() <= 2.0 * FOCAL
-        && motion.states.first().is_some_and(|s| s.bias.accel.norm() <= MOST_ACCEL_BIAS);
+        && motion.states.first().is_some_and(|s| s.bias.accel.norm() <= MOST_ACCEL_BIAS)
+        && moved_m(&motion) >= LEAST_MOVED_M;
     Some(Found { motion, key_frames: frames.iter().map(|k| k.id).collect(), landmarks, is_good })
+}
+
+/// How far the farthest place is from the first.
+fn moved_m(motion: &TrackMotion) -> f64 {
+    let Some(first) = motion.states.first() else { return 0.0 };
+    let from_first = |s: &NavState| (s.world_from_imu.translation - first.world_from_imu.translation).norm();
+    motion.states.iter().map(from_first).fold(0.0, f64::max)
 }
 
 /// What these key frames show of one thing.

@@ -32,6 +32,12 @@ impl Camera {
         Self { width, height, fx, fy, cx, cy, distortion: Distortion::None }
     }
 
+    /// A guess for an unknown camera: focal length 0.7 of the longer side (71 degrees wide, as most phones film), no distortion.
+    pub fn guessed(width: usize, height: usize) -> Self {
+        let f = 0.7 * width.max(height) as f64;
+        Self::pinhole(width, height, f, f, 0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0))
+    }
+
     /// Projects a point in the camera frame to a pixel; `None` where the model has no image of it (behind the camera,
     /// at its centre, or beyond the angle where the model folds over). The pixel may lie outside the image.
     pub fn project(&self, p: &Vec3) -> Option<Vec2> {

@@ -95,6 +95,14 @@ pub struct ImuSensor {
     pub offset_s: f64,
 }
 
+impl ImuSensor {
+    /// A phone's as browsers provide it: 60 Hz, noise of a low-cost sensor, in the camera's axes.
+    pub fn of_phone() -> Self {
+        let noise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
+        Self { body_from_imu: Se3::identity(), rate_hz: 60.0, noise, offset_s: 0.0 }
+    }
+}
+
 /// All sensors of a device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {

@@ -6,7 +6,6 @@
 //! degrees (`SENSOR_ORIENTATION`): to the right in them is down along the phone, and down is to its left.
 
 use crate::csv::CsvStream;
-use crate::live::{guessed, phone_imu};
 use crate::recording::{ImuAt, Instant, Recording, read_index};
 use crate::text::stamp_ns;
 use crate::{decode, rig};
@@ -74,9 +73,9 @@ fn guessed_rig(images: &Path, rate_hz: f64) -> Result<Rig, SourceError> {
         )
     })?;
     let f = FOCAL * width.max(height) as f64;
-    let mut rig = Rig::mono(Camera { fx: f, fy: f, ..guessed(width, height) });
+    let mut rig = Rig::mono(Camera { fx: f, fy: f, ..Camera::guessed(width, height) });
     rig.cameras[0].body_from_camera = Se3::new(phone_from_camera(), Vec3::zeros());
-    rig.imu = Some(ImuSensor { rate_hz, ..phone_imu() });
+    rig.imu = Some(ImuSensor { rate_hz, ..ImuSensor::of_phone() });
     Ok(rig)
 }
 
@@ -99,7 +98,7 @@ fn rate_hz(gyro: &Path) -> Result<f64, SourceError> {
     let stamps: Vec<Stamp> = std::iter::from_fn(|| Some(stream.next(&mut skipped)?.0)).take(FIRST).collect();
     let mut steps: Vec<f64> = stamps.windows(2).map(|w| w[1] - w[0]).filter(|s| *s > 0.0).collect();
     steps.sort_by(f64::total_cmp);
-    Ok(steps.get(steps.len() / 2).map_or(phone_imu().rate_hz, |step| 1.0 / step))
+    Ok(steps.get(steps.len() / 2).map_or(ImuSensor::of_phone().rate_hz, |step| 1.0 / step))
 }
 
 #[cfg(test)]

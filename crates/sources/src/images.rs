@@ -4,11 +4,10 @@
 //! those of `times.txt` or `timestamps.txt` with a line for each image, else 30 images a second.
 
 use crate::decode;
-use crate::live::guessed;
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig;
 use crate::text::{data_lines, fields, read_text, stamp_ns, stamp_seconds};
-use cairn_sensor::{Rig, SourceError, Stamp};
+use cairn_sensor::{Camera, Rig, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Nanoseconds between images without times: 30 a second.
@@ -47,7 +46,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
                     "check the images",
                 )
             })?;
-            let camera = guessed(width, height);
+            let camera = Camera::guessed(width, height);
             let what =
                 format!("a focal length of {:.0} px (0.7 of the longer side), no distortion", camera.fx);
             (Rig::mono(camera), Some(what))

@@ -35,7 +35,7 @@ pub use bag::{Frames, NamedTopic, NamedTopicError, TopicRole};
 pub use cancel::Cancel;
 pub use decode::{ImageError, depth_in as decode_depth, gray as read_gray, gray_in as decode_gray};
 pub use imu::read_imu;
-pub use live::{MotionReading, PhonePort, PhoneSource, guessed, is_live, phone_imu, waiting_for};
+pub use live::{MotionReading, PhonePort, PhoneSource, is_live, waiting_for};
 pub use open::{image_size, open};
 pub use options::{OpenOptions, SourceKind};
 pub use paced::Paced;

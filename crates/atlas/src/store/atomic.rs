@@ -4,6 +4,7 @@
 //! synced too. On any error the neighbour is removed. One left behind by a killed process is removed by the
 //! next save of the same file: its owner held a lock on it that ends with the process.
 
+use super::beside::process_id;
 use super::error::StoreError;
 use std::ffi::{OsStr, OsString};
 use std::fs::{File, TryLockError};
@@ -61,7 +62,7 @@ fn prefix(name: &OsStr) -> OsString {
 fn neighbour(folder: &Path, name: &OsStr) -> std::io::Result<(PathBuf, File)> {
     loop {
         let mut part = prefix(name);
-        part.push(format!("{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)));
+        part.push(format!("{}-{}", process_id(), COUNT.fetch_add(1, Ordering::Relaxed)));
         let part = folder.join(part);
         let file = match File::options().read(true).write(true).create_new(true).open(&part) {
             // Left behind by an earlier process with the same id, on a file system without locks.

@@ -26,6 +26,7 @@ mod virtual_baseline;
 mod wire;
 
 pub use about::{About, CameraMismatch, sensor_name};
+pub use beside::{HAS_THREADS, process_id};
 pub use changes::{COMMIT_VERSION, decode_commit, encode_commit};
 pub use container::{MAGIC, PartInfo};
 pub use depth::{DEPTH_PREFIX, DepthPart, Place, SavedDepth};

@@ -4,9 +4,10 @@
 use crate::MeasureError;
 use cairn_geometry::Se3;
 use cairn_random::Random;
-use cairn_sensor::{FramePacket, GrayImage, Merge, MergeConfig, Rig, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{
+    FramePacket, GrayImage, ImuSensor, Merge, MergeConfig, Rig, Source, SourceError, SourceInfo, Stamp,
+};
 use cairn_sim::{Effects, MotionSensors, PhoneTraits, RollingCamera, SimConfig, World};
-use cairn_sources::phone_imu;
 use std::sync::Arc;
 
 /// Pictures are every second or third of the camera's, 10 to 15 a second.
@@ -31,7 +32,7 @@ pub struct DrawnPhone {
 
 impl DrawnPhone {
     /// The phone of the config's seed in a motion. Its rig has the true lens, and of the motion sensors only what
-    /// [`phone_imu`] assumes. Only every `every`-th of its pictures comes, as with a server that is too slow for more.
+    /// [`ImuSensor::of_phone`] assumes. Only every `every`-th of its pictures comes, as with a server that is too slow for more.
     ///
     /// # Errors
     /// When the lens cannot be drawn.
@@ -45,7 +46,7 @@ impl DrawnPhone {
         let effects = Effects { noise: 3.0, ..config.effects };
         let camera = RollingCamera::new(world, &traits.camera, traits.readout_s, effects, config.seed);
         let camera = camera?;
-        let rig = Rig { imu: Some(phone_imu()), ..Rig::mono(traits.camera) };
+        let rig = Rig { imu: Some(ImuSensor::of_phone()), ..Rig::mono(traits.camera) };
         let shots =
             shots(traits, motion.end(), config.seed).into_iter().step_by(every.max(1)).collect::<Vec<_>>();
         let truth = shots.iter().map(|(at, stamp)| (*stamp, motion.pose(*at))).collect();

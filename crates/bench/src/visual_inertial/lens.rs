@@ -31,7 +31,7 @@ pub fn walk(seed: u64, noise: Noise, metres: f64, config: &Config) -> Result<(),
         traits.readout_s = 0.0;
     }
     let mut source = DrawnPhone::new(&sim, plain.world(), sim.walker.motion(&corners), &traits, 1)?;
-    let guess = cairn_sources::guessed(640, 480);
+    let guess = cairn_sensor::Camera::guessed(640, 480);
     let mut rig = Rig { imu: source.rig().imu.clone(), ..Rig::mono(guess) };
     if let Some(imu) = &mut rig.imu {
         imu.noise = STATED;

@@ -212,7 +212,7 @@ pub fn walk(walk: &Walk, config: &Config, verbose: bool) -> Result<Walked, Measu
     let mut rig = source.rig().clone();
     if walk.guessed_lens {
         let Camera { width, height, .. } = traits.camera;
-        rig = Rig { imu: rig.imu, ..Rig::mono(cairn_sources::guessed(width, height)) };
+        rig = Rig { imu: rig.imu, ..Rig::mono(cairn_sensor::Camera::guessed(width, height)) };
     }
     if let Some(imu) = &mut rig.imu {
         imu.noise = STATED;

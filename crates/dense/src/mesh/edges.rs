@@ -9,7 +9,8 @@ pub struct Edges {
     pub places: Box<List>,
     /// Where the surface crosses each, from 0 to 1 between the two corners.
     pub parts: Box<[f32; MOST]>,
-    /// Room for the differences of the distances at both ends.
+    /// Room for the differences of the distances at both ends, with AVX2 and AVX-512.
+    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code))]
     pub jumps: Box<[f32; MOST]>,
     /// How many there are.
     pub count: usize,

@@ -75,6 +75,7 @@ impl Rows {
     }
 
     /// The rows of a layer, to be changed.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn layer_mut(&mut self, z: usize) -> &mut [u64] {
         &mut self.0[LEAD + LAYER_WORDS * z..][..LAYER_WORDS]
@@ -101,6 +102,7 @@ impl Rows {
     }
 
     /// All words, eight at a time, with words of nothing behind the last.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn eights(&self) -> impl Iterator<Item = &[u64; 8]> {
         self.0[LEAD..].as_chunks().0.iter()

@@ -6,7 +6,7 @@ use crate::backend::dispatch;
 use crate::colour_image::ColourImage;
 use crate::frame::DepthFrame;
 use crate::pyramid::DepthPyramid;
-use crate::submap::{PackedDepth, PackedGray, Rows, broken};
+use crate::submap::{PackedDepth, PackedGray, broken};
 use crate::{Backend, DenseError, DepthNoise};
 use cairn_geometry::Vec2;
 use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, Image};
@@ -57,7 +57,7 @@ pub struct DepthPreparer {
     remap: Vec<u32>,
     /// Rows of pixels, see [`pack`].
     rows: Vec<u32>,
-    /// The pixel of each number of the packed image that was prepared last, see [`Rows`].
+    /// The pixel of each number of the packed image that was prepared last, see [`crate::submap::Rows`].
     by_number: Option<Box<[u32; 1 << 16]>>,
     frame: DepthFrame,
     backend: Backend,
@@ -157,7 +157,7 @@ impl DepthPreparer {
         let (table, packed) = (&*by_number, &mut packed);
         let (rows, frame) = (&mut self.rows[..], &mut self.frame);
         let backend = self.backend;
-        let valid = dispatch!(backend, from_packed(packing: Packing, packed: &mut Rows, table: &[u32; 1 << 16], rows: &mut [u32], frame: &mut DepthFrame, backend: Backend) -> Option<usize>);
+        let valid = dispatch!(backend, from_packed(packing: Packing, packed: &mut crate::submap::Rows, table: &[u32; 1 << 16], rows: &mut [u32], frame: &mut DepthFrame, backend: Backend) -> Option<usize>);
         self.by_number = Some(by_number);
         let least = self.least_valid();
         match valid {

@@ -388,5 +388,6 @@ fn add_colours(backend: Backend, colours: &mut Colours, addition: &Addition, pas
         // SAFETY: a backend is only set when it is available; the pixels were those of this pass.
         return unsafe { kernel_x86::colour_avx512(colours, addition, pass) };
     }
+    let _ = backend;
     colours.add(addition, pass);
 }

@@ -66,8 +66,8 @@ pub struct Kept<S = Engine> {
     pub notes: Vec<String>,
 }
 
-/// A save on its thread: the bytes written or why not, and the seconds it took.
-type Saving = JoinHandle<(Result<u64, StoreError>, f64)>;
+/// A save: the bytes written or why not, and the seconds it took.
+type Saved = (Result<u64, StoreError>, f64);
 
 /// The keeper of an atlas.
 pub struct MapKeeper {
@@ -82,8 +82,8 @@ pub struct MapKeeper {
     detached: BTreeSet<PathBuf>,
     /// The version that is on disk.
     saved: Option<u64>,
-    /// The version that is being saved.
-    work: Option<(u64, Saving)>,
+    /// The version that is being saved, on a thread.
+    work: Option<(u64, JoinHandle<Saved>)>,
     last: Option<Stamp>,
     pause_s: f64,
     is_due: bool,
@@ -257,6 +257,10 @@ impl MapKeeper {
             let saved = file.save(&path);
             (saved, began.elapsed().as_secs_f64())
         };
+        // A page has no threads.
+        if !cairn_atlas::store::HAS_THREADS {
+            return self.take(version, save());
+        }
         match std::thread::Builder::new().name("cairn-save".into()).spawn(save) {
             Ok(work) => self.work = Some((version, work)),
             Err(e) => self.trouble = Some(KeepError::Thread(e)),
@@ -264,20 +268,27 @@ impl MapKeeper {
         self.trouble.is_some() != before
     }
 
-    /// Takes the result of the save in progress; true when trouble came or went.
-    fn wait(&mut self) -> bool {
-        let Some((version, work)) = self.work.take() else { return false };
+    /// What came of a save; true when trouble came or went.
+    fn take(&mut self, version: u64, (saved, took_s): Saved) -> bool {
         let before = self.trouble.is_some();
-        match work.join() {
-            Ok((Ok(_), took_s)) => {
+        match saved {
+            Ok(_) => {
                 self.saved = Some(version);
                 self.trouble = None;
                 self.pause_s = SAVE_EVERY_S.max(took_s / SAVING_SHARE);
             }
-            Ok((Err(e), _)) => self.trouble = Some(e.into()),
-            Err(_) => self.trouble = Some(KeepError::Panicked),
+            Err(e) => self.trouble = Some(e.into()),
         }
         self.trouble.is_some() != before
+    }
+
+    /// Takes the result of the save in progress; true when trouble came or went.
+    fn wait(&mut self) -> bool {
+        let Some((version, work)) = self.work.take() else { return false };
+        match work.join() {
+            Ok(saved) => self.take(version, saved),
+            Err(_) => self.trouble.replace(KeepError::Panicked).is_none(),
+        }
     }
 
     /// Anchors the routes of the atlas to key frames that it holds.
@@ -446,7 +457,7 @@ fn id_of(path: &Path) -> Option<String> {
 /// A new identity: it must differ from those of all atlases that routes may name, also of deleted ones.
 fn new_id(folder: &Path) -> String {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-    let mut id = since.as_nanos() as u64 ^ u64::from(std::process::id()).rotate_right(16);
+    let mut id = since.as_nanos() as u64 ^ u64::from(cairn_atlas::store::process_id()).rotate_right(16);
     while folder.join(format!("atlas-{id:016x}.map")).exists() {
         id = id.wrapping_add(1);
     }

@@ -14,7 +14,7 @@ mod slot;
 mod stream;
 
 pub use address::waiting_for;
-pub use phone::{PhoneSource, phone_imu};
+pub use phone::PhoneSource;
 pub use phone_port::{MotionReading, PhonePort};
 
 use crate::options::OpenOptions;
@@ -71,7 +71,7 @@ pub(crate) fn rig_for(
     given: Option<Rig>,
 ) -> Result<(Rig, Option<String>), SourceError> {
     let Some(rig) = given else {
-        let camera = guessed(width, height);
+        let camera = Camera::guessed(width, height);
         let assumed =
             format!("a focal length of {:.0} px (0.7 of the longer side), no distortion", camera.fx);
         return Ok((Rig::mono(camera), Some(assumed)));
@@ -85,10 +85,4 @@ pub(crate) fn rig_for(
         }
         None => Err(SourceError::new(shown, "the rig has no camera", "give a rig with one camera")),
     }
-}
-
-/// A guess for an unknown camera: focal length 0.7 of the longer side, no distortion.
-pub fn guessed(width: usize, height: usize) -> Camera {
-    let f = 0.7 * width.max(height) as f64;
-    Camera::pinhole(width, height, f, f, 0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0))
 }

@@ -7,10 +7,9 @@ use super::phone_port::{Arrived, PhonePort};
 use super::resize::{resized, same_aspect};
 use super::rig_for;
 use crate::decode::gray_jpeg;
-use cairn_geometry::Se3;
 use cairn_sensor::{
-    Camera, FramePacket, GrayImage, ImuNoise, ImuSample, ImuSensor, Live, Merge, MergeConfig, Rig, Source,
-    SourceError, SourceInfo, Stamp, Stream,
+    Camera, FramePacket, GrayImage, ImuSample, ImuSensor, Live, Merge, MergeConfig, Rig, Source, SourceError,
+    SourceInfo, Stamp, Stream,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -51,7 +50,7 @@ impl PhoneSource {
         let (mut rig, mut assumed) = rig_for(NAME, [image.width(), image.height()], rig)?;
         // The motion sensor may come later than the camera, so it is always reckoned with.
         if !given {
-            rig.imu = Some(phone_imu());
+            rig.imu = Some(ImuSensor::of_phone());
             assumed = assumed.map(|camera| camera + "; a low-cost IMU of 60 Hz in the camera's axes");
         }
         // The data has the page's clock already, so no offset is left.
@@ -164,12 +163,6 @@ impl PhoneSource {
         self.refuse(format!("The picture is {iw} by {ih} now, it was {w} by {h}. Hold the phone as before."));
         None
     }
-}
-
-/// A phone's IMU as browsers provide it: 60 Hz, noise of a low-cost sensor, in the camera's axes.
-pub fn phone_imu() -> ImuSensor {
-    let noise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
-    ImuSensor { body_from_imu: Se3::identity(), rate_hz: 60.0, noise, offset_s: 0.0 }
 }
 
 impl Source for PhoneSource {

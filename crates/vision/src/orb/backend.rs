@@ -39,6 +39,7 @@ impl Backend {
     }
 
     /// True when AVX2 is part of it.
+    #[cfg(target_arch = "x86_64")]
     pub(crate) fn has_avx2(self) -> bool {
         self != Self::Scalar
     }

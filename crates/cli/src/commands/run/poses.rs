@@ -1,7 +1,7 @@
 //! The poses of a run as they are written and as they are compared with the ground truth: both are of the same thing.
 
 use cairn_engine::CameraPoses;
-use cairn_eval::{Align, EvalOptions, Evaluation, TrajectoryHeader, evaluate};
+use cairn_eval::{Evaluation, TrajectoryHeader};
 use cairn_geometry::{Se3, Trajectory, TrajectoryError};
 use cairn_sensor::Stamp;
 
@@ -35,21 +35,12 @@ impl Poses {
     /// # Errors
     /// When two are of one time, or numbers are not finite.
     pub fn trajectory(&self) -> Result<Trajectory, TrajectoryError> {
-        in_order(self.of_camera.of_mounted(&self.body_from_frame()))
+        let poses = self.of_camera.of_mounted(&self.body_from_frame());
+        Trajectory::from_unsorted(poses.into_iter().map(|(t, pose)| (t.0, pose)).collect())
     }
 
     /// Against true poses of the body: aligned by SE3, by Sim3 where lengths are not metres.
     pub fn accuracy(&self, truth: &[(Stamp, Se3)]) -> Option<Evaluation> {
-        let body_from_frame = self.body_from_frame();
-        let truth = truth.iter().map(|(t, body)| (*t, *body * body_from_frame)).collect();
-        let align = if self.of_camera.is_metric() { Align::Se3 } else { Align::Sim3 };
-        let options = EvalOptions { align, ..EvalOptions::default() };
-        let mut found = evaluate(&in_order(truth).ok()?, &self.trajectory().ok()?, &options).ok()?;
-        found.coverage = Some(self.of_camera.poses.len() as f64 / self.frames.max(1) as f64);
-        Some(found)
+        cairn::accuracy_of(&self.of_camera, self.frames, &self.body_from_frame(), truth).ok()
     }
-}
-
-fn in_order(poses: Vec<(Stamp, Se3)>) -> Result<Trajectory, TrajectoryError> {
-    Trajectory::from_unsorted(poses.into_iter().map(|(t, pose)| (t.0, pose)).collect())
 }

@@ -12,12 +12,11 @@ use super::walked::{Live, Spoken, Walked};
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_guide::Facing;
 use cairn_random::Random;
-use cairn_sensor::{Rig, Stamp};
+use cairn_sensor::{ImuSensor, Rig, Stamp};
 use cairn_session::SessionConfig;
 use cairn_sim::{
     ContinuousTrajectory, Effects, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World,
 };
-use cairn_sources::phone_imu;
 use cairn_trial::way::{Body, Obstacles};
 use cairn_trial::{LEVELS, PageClock};
 use cairn_web::{CameraSource, ServeConfig, Server};
@@ -58,7 +57,8 @@ pub fn walk(
     known_lens: bool,
     folder: &Path,
 ) -> Result<Walked, PhoneError> {
-    let rig = known_lens.then(|| Box::new(Rig { imu: Some(phone_imu()), ..Rig::mono(traits.camera) }));
+    let rig =
+        known_lens.then(|| Box::new(Rig { imu: Some(ImuSensor::of_phone()), ..Rig::mono(traits.camera) }));
     let server = server(config, rig, folder)?;
     runtime()?.block_on(async {
         let mut lens = None;

@@ -1,0 +1,178 @@
+//! One walk with a phone: images and motion in, poses and words out. No thread; time is the images' own, and files are where the
+//! page puts them.
+
+use crate::report::Report;
+use crate::setup::Setup;
+use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
+use cairn_geometry::Vec3;
+use cairn_guide::PhraseConfig;
+use cairn_phrases::Language;
+use cairn_sensor::{FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Stamp};
+use cairn_session::{Command, LibraryCamera, MapKeeper, NotSaved, RoutesLock, Session, SessionConfig};
+use std::sync::Arc;
+
+/// How long an image waits for motion at or after it, seconds: pages deliver motion in batches of a few readings.
+const MOTION_WAIT_S: f64 = 0.06;
+
+/// Why something that a page sent cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum PhoneError {
+    /// The setup.
+    #[error("the setup cannot be used: {0}")]
+    Setup(String),
+    /// An image that has not the size of the setup.
+    #[error("an image of {width}x{height} has {} bytes, not {found}", width * height)]
+    Size {
+        /// Width of the setup.
+        width: usize,
+        /// Height of the setup.
+        height: usize,
+        /// Bytes that came.
+        found: usize,
+    },
+    /// An image or a reading out of order or not finite.
+    #[error("{0}")]
+    Dropped(String),
+    /// A command that nobody knows.
+    #[error("{0}")]
+    Command(String),
+    /// What is not saved.
+    #[error("{0}")]
+    NotSaved(#[from] NotSaved),
+}
+
+/// The engine and the guide of one walk.
+pub struct Phone {
+    session: Session<Engine>,
+    merge: Merge<Arc<GrayImage>, ()>,
+    size: [usize; 2],
+    notes: Vec<String>,
+}
+
+impl Phone {
+    /// A walk that begins with the next image.
+    ///
+    /// # Errors
+    /// A setup without sense: sizes, focal lengths, rates, a language that is not there.
+    pub fn new(setup: &Setup) -> Result<Self, PhoneError> {
+        let fail = |why: String| PhoneError::Setup(why);
+        let rig = setup.rig();
+        let language = match &setup.language {
+            Some(code) => code.parse::<Language>().map_err(|e| fail(e.to_string()))?,
+            None => Language::default(),
+        };
+        let mut config = Config::default();
+        config.inertial.enabled = setup.motion;
+        // Phones expose row after row, each type with a time of its own.
+        config.tracker.estimate_readout = setup.motion;
+        let (mode, host) = (SensorMode::Mono, Host::bare());
+        let camera = LibraryCamera::of(&rig, mode, &config, setup.pinhole.is_some());
+        let camera = camera.map_err(|e| fail(e.to_string()))?;
+        let (lockstep, rate_hz) = (Runner::Lockstep, setup.rate_hz);
+        let lock = RoutesLock::take(&setup.folder).map_err(|e| fail(e.to_string()))?;
+        let kept = MapKeeper::open_with(lock, None, &camera, |map| match map {
+            Some(file) => Engine::in_map(&rig, mode, rate_hz, lockstep, &config, &host, file),
+            None => Ok((Engine::new(&rig, mode, rate_hz, lockstep, &config, &host)?, Vec::new())),
+        });
+        let kept = kept.map_err(|e| fail(e.to_string()))?;
+        let phrases = PhraseConfig { language, ..PhraseConfig::default() };
+        let session = SessionConfig {
+            folder: setup.folder.clone(),
+            source: "the phone's camera".into(),
+            phrases,
+            ..SessionConfig::default()
+        };
+        let imu_period_s = rig.imu.as_ref().map(|imu| 1.0 / imu.rate_hz);
+        let merge = MergeConfig { imu_period_s, wait_s: MOTION_WAIT_S, ..MergeConfig::default() };
+        Ok(Self {
+            session: Session::new(kept.engine, session).keeping(kept.keeper),
+            merge: Merge::new(merge),
+            notes: kept.notes,
+            size: [setup.width, setup.height],
+        })
+    }
+
+    /// What the user should know of the map that the walk goes on with: damage, small differences of the camera.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// A reading of the motion sensors: rad/s and m/s^2 with gravity, in the axes of the images.
+    ///
+    /// # Errors
+    /// One that is not finite or goes back in time; it is left out.
+    pub fn motion(&mut self, t_s: f64, gyro: [f64; 3], accel: [f64; 3]) -> Result<(), PhoneError> {
+        let sample = ImuSample::new(stamp(t_s)?, Vec3::from(gyro), Vec3::from(accel));
+        self.merge.push_imu(sample).map_err(|dropped| PhoneError::Dropped(dropped.to_string()))?;
+        Ok(())
+    }
+
+    /// An image, in gray, row by row, with the time it was taken.
+    ///
+    /// # Errors
+    /// One of another size, or that goes back in time; it is left out.
+    pub fn image(&mut self, t_s: f64, gray: &[u8]) -> Result<(), PhoneError> {
+        let [width, height] = self.size;
+        let image = GrayImage::from_vec(width, height, gray.to_vec());
+        let image = image.ok_or(PhoneError::Size { width, height, found: gray.len() })?;
+        let pushed = self.merge.push_image(0, stamp(t_s)?, Arc::new(image));
+        pushed.map_err(|dropped| PhoneError::Dropped(dropped.to_string()))
+    }
+
+    /// Processes the images that have the motion up to them, or have waited for it long enough.
+    pub fn step(&mut self) -> Vec<Report> {
+        let mut reports = Vec::new();
+        while let Some(set) = self.merge.pop() {
+            let packet = FramePacket {
+                stamp: set.stamp,
+                images: set.images,
+                depth: None,
+                imu: set.imu,
+                decode_ms: 0.0,
+            };
+            let output = self.session.on_packet(&packet);
+            reports.push(Report::of(packet.stamp, &output, self.session.events()));
+        }
+        reports
+    }
+
+    /// Time goes on without an image: after a while the guide says stop.
+    ///
+    /// # Errors
+    /// A time that is none.
+    pub fn tick(&mut self, t_s: f64) -> Result<Vec<Report>, PhoneError> {
+        let now = stamp(t_s)?;
+        self.merge.advance(now);
+        let mut reports = self.step();
+        self.session.tick(now);
+        reports.extend(Report::of_events(now, self.session.events()));
+        Ok(reports)
+    }
+
+    /// Carries out a command, as `cairn walk` takes it; what was done, in words.
+    ///
+    /// # Errors
+    /// One that is unknown, or cannot be carried out now.
+    pub fn command(&mut self, line: &str) -> Result<String, PhoneError> {
+        let command = Command::parse(line).map_err(|e| PhoneError::Command(e.to_string()))?;
+        self.session.command(&command).map_err(|why| PhoneError::Command(why.words))
+    }
+
+    /// Ends the walk: what is recorded is saved.
+    ///
+    /// # Errors
+    /// What could not be saved.
+    pub fn close(&mut self) -> Result<(), PhoneError> {
+        Ok(self.session.close()?)
+    }
+}
+
+/// A time as a page gives it.
+fn stamp(t_s: f64) -> Result<Stamp, PhoneError> {
+    let ns = t_s * 1e9;
+    // Beyond 292 years of nanoseconds there is no stamp.
+    if !(ns.abs() < i64::MAX as f64) {
+        return Err(PhoneError::Dropped(format!("{t_s} s is no time")));
+    }
+    Ok(Stamp::from_seconds(t_s))
+}
