@@ -171,7 +171,7 @@ impl Phone {
 fn stamp(t_s: f64) -> Result<Stamp, PhoneError> {
     let ns = t_s * 1e9;
     // Beyond 292 years of nanoseconds there is no stamp.
-    if !(ns.abs() < i64::MAX as f64) {
+    if ns.is_nan() || ns.abs() >= i64::MAX as f64 {
         return Err(PhoneError::Dropped(format!("{t_s} s is no time")));
     }
     Ok(Stamp::from_seconds(t_s))
