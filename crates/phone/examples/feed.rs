@@ -30,7 +30,7 @@ fn record(source: &str, out: &str, rest: &[&str]) -> Result<(), Box<dyn Error>> 
         let (words, at) = command.rsplit_once('@').ok_or("a command is COMMAND@SECONDS")?;
         commands.push((at.parse::<f64>()?, words));
     }
-    let mut source = open(source, &OpenOptions::default())?;
+    let mut source = open(source, OpenOptions::default())?;
     let mut out = BufWriter::new(File::create(out)?);
     write(&mut out, &Message::setup(&setup(&*source))?)?;
     let rig = source.rig().clone();
