@@ -308,7 +308,11 @@ mod tests {
         let found = faults(1.0, |s, _| s.accel = Vec3::zeros());
         assert!(matches!(found[0].1.fault, ImuFault::NoForce { .. }) && found[0].0 < 2.015, "{:?}", found[0]);
         let found = faults(1.0, |s, _| s.gyro = Vec3::zeros());
-        assert!(matches!(found[0].1.fault, ImuFault::GyroStuck { .. }) && found[0].0 < 2.1, "{:?}", found[0]);
+        assert!(
+            matches!(found[0].1.fault, ImuFault::GyroStuck { .. }) && found[0].0 < 2.05,
+            "{:?}",
+            found[0]
+        );
         let found = faults(1.0, |s, last| s.accel = last.accel);
         assert!(matches!(found[0].1.fault, ImuFault::AccelStuck { .. }), "{:?}", found[0]);
     }

@@ -305,7 +305,7 @@ fn into_the_dark(coast_s: f64) -> Vec<(State, Option<f64>)> {
 }
 
 /// The same, with a view of so many frames, and readings that are changed.
-fn walked_on(coast_s: f64, lit: usize, change: impl Fn(ImuSample) -> ImuSample) -> Vec<(State, Option<f64>)> {
+fn walked_on(coast_s: f64, lit: i32, change: impl Fn(ImuSample) -> ImuSample) -> Vec<(State, Option<f64>)> {
     let (world, atlas, _, id) = begun(&[]);
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
     let config = TrackerConfig { coast_s, ..TrackerConfig::default() };
@@ -340,7 +340,7 @@ fn a_dark_view_is_carried_by_the_readings_for_as_long_as_they_may() {
 /// Readings that lead far off, of a gyroscope that tells degrees, from a moment on: they do not carry a camera that sees.
 #[test]
 fn readings_that_lead_nowhere_do_not_carry_a_camera_that_sees() {
-    let turning = |s: ImuSample| match s.stamp.seconds() > 2.4 {
+    let turning = |s: ImuSample| match s.stamp.seconds() > 2.405 {
         true => ImuSample { gyro: Vec3::new(2.0, 5.0, 1.0), ..s },
         false => s,
     };
