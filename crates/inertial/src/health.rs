@@ -22,8 +22,8 @@ const REPEATED: usize = 8;
 /// The same where the readings may be those of a sensor that lies still: of a sensor that repeats nine of ten readings there, one run in
 /// five hundred is as long, and the first that is shorter shows that it rounds.
 const REPEATED_AT_REST: usize = 60;
-/// How far the readings of one that lies still spread, in the standard deviations that count as rest: of sixty normal ones that just count as
-/// rest, one in 25 spreads further.
+/// How far the readings of one that lies still spread, in the standard deviations that count as rest: of sixty normal ones with that
+/// deviation, one set in 25 spreads further.
 const SPREAD: f64 = 6.0;
 /// A sensor is known not to repeat itself after so many different readings with runs of at most [`NATURAL`]: a browser rounds readings,
 /// and a phone on a table repeats them.
