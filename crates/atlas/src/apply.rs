@@ -106,9 +106,11 @@ impl Snapshot {
                 (motion.velocity, motion.bias) = (*velocity, *bias);
             }
             Change::ImuFactor(id, imu_factor) => {
-                let map = self.key_frame(imu_factor.since).filter(|_| imu_factor.since < *id)?.map;
-                let k = self.key_frames.get_mut(id.index()).filter(|k| k.map == map)?;
-                k.motion.as_mut()?.imu_factor = Some(imu_factor.clone());
+                if let Some(factor) = imu_factor {
+                    let since = self.key_frame(factor.since).filter(|_| factor.since < *id)?;
+                    self.key_frame(*id).filter(|k| k.map == since.map)?;
+                }
+                self.key_frames.get_mut(id.index())?.motion.as_mut()?.imu_factor.clone_from(imu_factor);
             }
             Change::ImuOffset(seconds) => self.imu_offset = seconds.is_finite().then_some(*seconds)?,
             Change::Readout(readout) => self.readout = readout.is_sound().then_some(*readout)?,

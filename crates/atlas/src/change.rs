@@ -17,8 +17,8 @@ pub enum Change {
     Scale(KeyFrameId, f64),
     /// Sets velocity (along the camera's axes, m/s) and biases of a key frame that has an inertial state.
     InertialState(KeyFrameId, Vec3, Bias),
-    /// Sets the IMU factor of a key frame that has an inertial state.
-    ImuFactor(KeyFrameId, ImuFactor),
+    /// Sets the IMU factor of a key frame that has an inertial state; `None` removes it.
+    ImuFactor(KeyFrameId, Option<ImuFactor>),
     /// Sets the time offset: seconds to be added to the stamps of the IMU, beyond what its source adds, to
     /// get the images' clock.
     ImuOffset(f64),

@@ -39,6 +39,8 @@ pub struct ImuSegment {
     /// The readings since the frame of the previous request, both ends interpolated; empty where some are
     /// missing. In the images' clock as far as the map knows it ([`crate::Snapshot::imu_offset`]).
     pub samples: Vec<ImuSample>,
+    /// Readings from then on, in the same clock, that earlier key frames were given have turned out not to be those of the motion.
+    pub unsound_since: Option<Stamp>,
     /// The time offset that was added to their stamps, seconds.
     pub offset_s: f64,
     /// Orientations tracked since that frame, `world_from_camera`.

@@ -145,6 +145,9 @@ pub enum Command {
         /// The first of them; 0 is a fixed one, others are random.
         #[arg(long, default_value_t = 0)]
         from: u64,
+        /// Seconds for which the camera is covered, from half a second before each fault on.
+        #[arg(long, default_value_t = 0.0)]
+        dark: f64,
         /// A configuration of the engine.
         #[arg(long)]
         config: Option<PathBuf>,

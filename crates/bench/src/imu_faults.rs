@@ -3,6 +3,7 @@
 //! Each fault is put once into the readings of a recording ([`FaultyImu`]): at a fixed moment of the motion, or with more seeds at
 //! random ones. One row for each fault and one column for each of the sensors: error, coverage, and when it was told.
 
+use crate::darkened::Darkened;
 use crate::{MeasureError, Sensors, run};
 use cairn_engine::{Config, Output, PoseTime, Runner};
 use cairn_eval::Align;
@@ -62,6 +63,9 @@ fn faults() -> Vec<(ImuFaultKind, f64)> {
     all
 }
 
+/// The camera is covered so long before a fault, seconds.
+const DARK_BEFORE_S: f64 = 0.5;
+
 /// What is measured.
 #[derive(Clone, Debug)]
 pub struct Chosen {
@@ -75,6 +79,8 @@ pub struct Chosen {
     pub seeds: u64,
     /// The first of them: 0 is the fixed one.
     pub from: u64,
+    /// The camera is covered for so many seconds from half a second before each fault on; 0: it is not.
+    pub dark_s: f64,
     /// The engine's configuration.
     pub config: Config,
 }
@@ -100,6 +106,8 @@ pub struct Row {
     pub coverage: f64,
     /// Maps at the end.
     pub maps: usize,
+    /// Seconds after the beginning at which there was no pose any more; none where there always was one.
+    pub stopped_s: Option<f64>,
     /// Seconds after the beginning at which it was told (the first time, and again at its end), and what.
     pub told: Vec<(f64, String)>,
 }
@@ -117,7 +125,7 @@ pub fn run(data: &Path, chosen: &Chosen) -> Result<Vec<Row>, MeasureError> {
                 continue;
             }
             for fault in all_of(place, chosen) {
-                let row = one(data, place, *sensors, fault, &chosen.config)?;
+                let row = one(data, place, *sensors, fault, chosen)?;
                 eprintln!("{}", line(&row));
                 rows.push(row);
             }
@@ -155,25 +163,34 @@ fn one(
     place: &Place,
     sensors: Sensors,
     fault: Option<ImuFault>,
-    config: &Config,
+    chosen: &Chosen,
 ) -> Result<Row, MeasureError> {
     let address = data.join(place.folder);
     let mut source = open(&address.to_string_lossy(), OpenOptions::default())?;
     if let Some(fault) = fault {
         source = Box::new(FaultyImu::new(source, fault));
     }
+    let begins_s = fault.map_or(place.moment_s, |f| f.from_s);
+    if chosen.dark_s > 0.0 {
+        let from_s = begins_s - DARK_BEFORE_S;
+        source = Box::new(Darkened::new(source, Some([from_s, from_s + chosen.dark_s])));
+    }
     let rate_hz = source.info().rate_hz;
-    let mut engine = run::engine(source.rig(), sensors, rate_hz, Runner::Lockstep, config)?;
+    let mut engine = run::engine(source.rig(), sensors, rate_hz, Runner::Lockstep, &chosen.config)?;
     let (mut first, mut frames, mut told) = (None, 0, Vec::<(f64, String)>::new());
+    let mut stopped_s = None;
     while let Some((packet, out)) = run::step(source.as_mut(), &mut engine, frames)? {
         let since_s = packet.stamp - *first.get_or_insert(packet.stamp);
         if since_s > place.seconds {
             break;
         }
         frames += 1;
+        if !out.status.valid && since_s >= begins_s {
+            stopped_s.get_or_insert(since_s - begins_s);
+        }
         let now = what_is_told(&out);
         if told.last().map_or("", |(_, text)| text.as_str()) != now {
-            told.push((since_s - fault.map_or(0.0, |f| f.from_s), now));
+            told.push((since_s - begins_s, now));
         }
     }
     engine.finish();
@@ -194,6 +211,7 @@ fn one(
         metric: engine.is_metric(),
         coverage: poses.len() as f64 / frames.max(1) as f64,
         maps: engine.snapshot().maps().count(),
+        stopped_s,
         told,
     })
 }
@@ -203,7 +221,7 @@ fn what_is_told(out: &Output) -> String {
     let Some(imu) = &out.status.imu else { return String::new() };
     match imu.fault {
         Some(fault) => format!("{fault:?}").split_whitespace().next().unwrap_or_default().to_owned(),
-        None if imu.refused > 0 => format!("{} refused", imu.refused),
+        None if imu.refused > 0 => "single readings refused".into(),
         None => String::new(),
     }
 }
@@ -217,7 +235,7 @@ fn line(row: &Row) -> String {
         .map(|(s, text)| format!("{s:+.2} s {}", if text.is_empty() { "sound" } else { text }))
         .collect();
     format!(
-        "{} {} {}{at}: {} m live {} m{}, {:.1} %, {} maps; told {}",
+        "{} {} {}{at}: {} m live {} m{}, {:.1} %, {} maps{}; told {}",
         row.recording,
         row.sensors,
         row.fault,
@@ -226,6 +244,7 @@ fn line(row: &Row) -> String {
         if row.metric { "" } else { " (no metres)" },
         100.0 * row.coverage,
         row.maps,
+        row.stopped_s.map_or_else(String::new, |s| format!(", no pose from {s:+.2} s on")),
         if told.is_empty() { "nothing".into() } else { told.join(", ") },
     )
 }
@@ -233,8 +252,8 @@ fn line(row: &Row) -> String {
 /// The table: for each recording and fault the errors by sensors, with the worst moment where there are several.
 pub fn table(rows: &[Row]) -> String {
     let mut out = String::from(
-        "| recording | sensors | fault | moments | ATE median, worst, m | least coverage | most maps | told, slowest |\n\
-         |---|---|---|---|---|---|---|---|\n",
+        "| recording | sensors | fault | moments | ATE median, worst, m | least coverage | most maps | told, slowest | \
+         stopped, latest |\n|---|---|---|---|---|---|---|---|---|\n",
     );
     let mut at = 0;
     while let Some(first) = rows.get(at) {
@@ -244,12 +263,11 @@ pub fn table(rows: &[Row]) -> String {
         at += group.len();
         let mut errors: Vec<f64> = group.iter().map(|r| r.ate_m.unwrap_or(f64::INFINITY)).collect();
         errors.sort_by(f64::total_cmp);
-        let told: Vec<f64> = group.iter().filter_map(|r| r.told.first()).map(|(s, _)| *s).collect();
-        let slowest = told.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let slowest = if told.is_empty() { String::new() } else { format!(", {slowest:+.2} s") };
+        let told = last_of(group.iter().map(|r| Some(r.told.first()?.0)));
+        let stopped = last_of(group.iter().map(|r| r.stopped_s));
         let _ = writeln!(
             out,
-            "| {} | {} | {} | {} | {:.4}, {:.4} | {:.1} % | {} | {} of {}{slowest} |",
+            "| {} | {} | {} | {} | {:.4}, {:.4} | {:.1} % | {} | {told} | {stopped} |",
             first.recording,
             first.sensors,
             first.fault,
@@ -258,9 +276,16 @@ pub fn table(rows: &[Row]) -> String {
             errors[errors.len() - 1],
             100.0 * group.iter().map(|r| r.coverage).fold(1.0, f64::min),
             group.iter().map(|r| r.maps).max().unwrap_or(0),
-            told.len(),
-            group.len(),
         );
     }
     out
+}
+
+/// How many there are of all, and the last of them.
+fn last_of(times_s: impl ExactSizeIterator<Item = Option<f64>>) -> String {
+    let all = times_s.len();
+    let known: Vec<f64> = times_s.flatten().collect();
+    let last =
+        known.iter().copied().max_by(f64::total_cmp).map_or_else(String::new, |s| format!(", {s:+.2} s"));
+    format!("{} of {all}{last}", known.len())
 }

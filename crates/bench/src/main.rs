@@ -111,9 +111,10 @@ fn run(command: Command) -> Result<(), MeasureError> {
             print!("{}", scale_sigma::table(&scale_sigma::run(&data, only.as_deref(), seeds)?));
             Ok(())
         }
-        Command::ImuFaults { data, recording, faults, sensors, seeds, from, config, json } => {
+        Command::ImuFaults { data, recording, faults, sensors, seeds, from, dark, config, json } => {
             let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
-            let chosen = imu_faults::Chosen { recording, faults, sensors, seeds, from, config };
+            let dark_s = dark;
+            let chosen = imu_faults::Chosen { recording, faults, sensors, seeds, from, dark_s, config };
             let rows = imu_faults::run(&data.unwrap_or_else(data_folder), &chosen)?;
             print!("{}", imu_faults::table(&rows));
             json.map_or(Ok(()), |path| save(path, &text(&rows)?))

@@ -1,15 +1,14 @@
 //! `revisit`: walks that return to earlier places. Laps with and without loop closing; a camera covered around a
 //! corner; rooms that look alike.
 
-use crate::MeasureError;
-use crate::{Measured, RunOptions, Sensors, measure};
+use crate::darkened::Darkened;
+use crate::{MeasureError, Measured, RunOptions, Sensors, measure};
 use cairn_engine::Config;
 use cairn_geometry::{Se3, Vec2, Vec3};
-use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
+use cairn_sensor::{Source, Stamp};
 use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
 use serde::Serialize;
 use std::fmt::Write;
-use std::sync::Arc;
 
 /// Frames per second.
 const RATE_HZ: f64 = 12.0;
@@ -89,7 +88,7 @@ impl Revisit {
         let inner = self.source()?;
         let dark_s = (self.trial == Trial::Dark).then(|| around_a_corner(&inner.info().truth)).flatten();
         let known_s = dark_s.and_then(|dark| back_at(&inner.info().truth, dark));
-        let mut source = Darkened { inner, dark_s };
+        let mut source = Darkened::new(Box::new(inner), dark_s);
         let mut config = config.clone();
         config.closer.enabled &= self.trial != Trial::LapsOpen;
         let measured = measure(&mut source, &RunOptions { verbose, config, ..RunOptions::new(self.sensor) })?;
@@ -140,44 +139,6 @@ fn back_at(truth: &[(Stamp, Se3)], dark: [f64; 2]) -> Option<f64> {
             })
         })
         .map(at)
-}
-
-/// A source whose camera is covered for some time.
-pub(crate) struct Darkened {
-    pub(crate) inner: SimSource,
-    /// Start and end, seconds after the first frame.
-    pub(crate) dark_s: Option<[f64; 2]>,
-}
-
-impl Source for Darkened {
-    fn info(&self) -> &SourceInfo {
-        self.inner.info()
-    }
-
-    fn rig(&self) -> &Rig {
-        self.inner.rig()
-    }
-
-    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
-        let first = self.inner.info().truth.first().map(|p| p.0);
-        let Some(mut packet) = self.inner.next_packet()? else { return Ok(None) };
-        let t = first.map_or(0.0, |first| packet.stamp - first);
-        if self.dark_s.is_some_and(|[from, to]| t >= from && t <= to) {
-            for image in &mut packet.images {
-                Arc::make_mut(image).data_mut().fill(3);
-            }
-            packet.depth = None;
-        }
-        Ok(Some(packet))
-    }
-
-    fn skipped(&self) -> &[String] {
-        self.inner.skipped()
-    }
-
-    fn skips(&self) -> Skips {
-        self.inner.skips()
-    }
 }
 
 /// One walk as a line of text.

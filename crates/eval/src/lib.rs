@@ -43,7 +43,7 @@ pub use relative::Delta;
 pub use report::{LiveReport, Lost, RunReport, ScaleReport, SkipReport};
 pub use segments::{KittiErrors, SegmentErrors};
 pub use statistics::Statistics;
-pub use status_summary::{GateSummary, ImuSummary, StatusSummary};
+pub use status_summary::{GateSummary, ImuFaultSummary, ImuSummary, StatusSummary};
 pub use svg::{Figure, Tone};
 pub use timeline::{Moment, Span, Timeline, TimelineRow};
 pub use write::{seconds_text, to_euroc, to_kitti, to_tum, to_tum_with, write_bytes_whole, write_whole};

@@ -26,10 +26,27 @@ pub struct ImuSummary {
     pub gaps: usize,
     /// Longest gap, seconds.
     pub longest_gap_s: f64,
+    /// Samples left out one by one: beyond what any sensor measures.
+    #[serde(default)]
+    pub refused: usize,
+    /// Times in which the samples were not used, in order.
+    #[serde(default)]
+    pub faults: Vec<ImuFaultSummary>,
     /// True when scale and gravity were known at the last pose (inertial initialisation was complete).
     pub initialised: bool,
     /// The checks of the last attempt of inertial initialisation, passed and failed.
     pub gates: Vec<GateSummary>,
+}
+
+/// A time in which the samples of the inertial sensor were not used: poses were those of the camera alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImuFaultSummary {
+    /// Time of the first wrong sample.
+    pub from_s: f64,
+    /// Time from which on samples were used again; `None` if not before the end.
+    pub until_s: Option<f64>,
+    /// What was wrong when it was noticed, as text with numbers and units.
+    pub words: String,
 }
 
 /// A check of an attempt of inertial initialisation (estimation of scale and gravity).

@@ -78,6 +78,11 @@ impl ImuBuffer {
         }
     }
 
+    /// Removes the samples after `stamp`.
+    pub fn forget_after(&mut self, stamp: Stamp) {
+        self.samples.truncate(self.samples.partition_point(|s| s.stamp <= stamp));
+    }
+
     /// The sensor's noise.
     pub fn noise(&self) -> ImuNoise {
         self.noise

@@ -4,7 +4,7 @@
 //! Readings and rotations of the last seconds are buffered in the IMU's own clock. The offset is estimated as
 //! they come in, and once it is known the preintegrations between key frames are recomputed.
 
-use cairn_atlas::{Change, ImuFactor, ImuSegment, KeyFrameId, Snapshot};
+use cairn_atlas::{Change, ImuFactor, ImuSegment, KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::So3;
 use cairn_inertial::{Bias, ImuBuffer, OffsetConfig, Preintegrated, time_offset};
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
@@ -78,6 +78,18 @@ impl Clocks {
         }
     }
 
+    /// Leaves out the readings of the newest key frames from then on, by the images' clock: they are not those of the motion, which was
+    /// found out later.
+    pub fn cut(&mut self, snapshot: &Snapshot, since: Stamp, offset_s: f64) -> Vec<Change> {
+        self.buffer.forget_after(since.plus_seconds(-offset_s));
+        let newest = (0..snapshot.next_key_frame_id().index()).rev();
+        let newest = newest.filter_map(|i| snapshot.key_frame(KeyFrameId::from_index(i)?));
+        let own = newest.filter(|k| k.other_camera.is_none());
+        let has_factor = |k: &KeyFrame| k.motion.as_ref().is_some_and(|m| m.imu_factor.is_some());
+        let after = own.take_while(|k| k.stamp > since).filter(|k| has_factor(k));
+        after.map(|k| Change::ImuFactor(k.id, None)).collect()
+    }
+
     /// The world frame has been rotated: earlier rotations cannot be compared with later ones.
     pub fn clear_rotations(&mut self) {
         self.rotations.clear();
@@ -130,7 +142,7 @@ impl Clocks {
             .filter_map(|(before, k)| {
                 let bias = k.motion.as_ref()?.bias;
                 let sum = self.preintegrated(bias, before.stamp, k.stamp, offset_s)?;
-                Some(Change::ImuFactor(k.id, ImuFactor { since: before.id, sum: sum.into() }))
+                Some(Change::ImuFactor(k.id, Some(ImuFactor { since: before.id, sum: sum.into() })))
             })
             .collect()
     }
@@ -180,6 +192,7 @@ mod tests {
             still_sigma: None,
             up: None,
             samples: (0..=count(200.0)).map(reading).collect(),
+            unsound_since: None,
             offset_s: 0.0,
             turns: turns.collect(),
         }
@@ -229,6 +242,25 @@ mod tests {
     }
 
     #[test]
+    fn cut_leaves_out_the_factors_and_readings_from_then_on() {
+        let (mut atlas, ids) = ToAndFro { turn_rad: 0.5, tilt_rad: 0.0, factor: 1.0 }.map(8);
+        let linked = |atlas: &cairn_atlas::Atlas| -> Vec<bool> {
+            let has = |k: &KeyFrame| k.motion.as_ref().is_some_and(|m| m.imu_factor.is_some());
+            ids.iter().map(|id| atlas.latest().key_frame(*id).is_some_and(has)).collect()
+        };
+        assert_eq!(linked(&atlas), [false, true, true, true, true, true, true, true]);
+        let mut clocks = clocks();
+        clocks.take(&segment(0.0, 2.0));
+        // Between the fifth key frame and the sixth: what links them is partly of before.
+        let changes = clocks.cut(atlas.latest(), Stamp::from_seconds(4.5 * STEP_S), OFFSET_S);
+        assert_eq!(atlas.commit(changes).dropped, 0);
+        assert_eq!(linked(&atlas), [false, true, true, true, true, false, false, false]);
+        // Nor do they come back with another offset of the clocks.
+        assert_eq!(clocks.recompute_factors(atlas.latest(), &ids, OFFSET_S).len(), 4);
+        assert!(clocks.cut(atlas.latest(), Stamp::from_seconds(4.5 * STEP_S), OFFSET_S).is_empty());
+    }
+
+    #[test]
     fn adopt_takes_an_offset_that_differs_by_more_than_its_deviation() {
         let mut clocks = clocks();
         assert!(!clocks.is_decided());
@@ -255,7 +287,7 @@ mod tests {
         let changes = clocks.recompute_factors(atlas.latest(), &ids, OFFSET_S);
         // Key frames stand at multiples of 0.25 s, and the readings begin at 0.4 s.
         let of = |change: &Change| match change {
-            Change::ImuFactor(id, factor) => (*id, factor.since, factor.sum.seconds()),
+            Change::ImuFactor(id, Some(factor)) => (*id, factor.since, factor.sum.seconds()),
             other => panic!("{other:?}"),
         };
         let found: Vec<_> = changes.iter().map(of).collect();

@@ -107,6 +107,12 @@ impl Inertial {
         InertialState { velocity: imu.velocity, bias: imu.bias, still_sigma: imu.still_sigma, imu_factor }
     }
 
+    /// The changes that leave out readings which earlier key frames were given and which have turned out to be wrong.
+    pub fn cut(&mut self, snapshot: &Snapshot, imu: &ImuSegment) -> Vec<Change> {
+        let since = imu.unsound_since;
+        since.map_or_else(Vec::new, |since| self.clocks.cut(snapshot, since, imu.offset_s))
+    }
+
     /// The motion of a key frame with an IMU factor to a given earlier one.
     pub fn motion_since(&mut self, before: Option<KeyFrameId>, imu: &ImuSegment) -> InertialState {
         self.clocks.take(imu);

@@ -283,6 +283,10 @@ impl Mapper {
             let changes = rescaled(atlas.latest(), reference, factor, sigma_log_scale);
             atlas.commit(changes);
         }
+        if let Some((inertial, imu)) = self.inertial.as_mut().zip(imu) {
+            let changes = inertial.cut(atlas.latest(), imu);
+            atlas.commit(changes);
+        }
         let depth = self.camera.has_depth();
         let snapshot = atlas.latest().clone();
         let (parent, _) = snapshot.surviving_ancestor(reference)?;

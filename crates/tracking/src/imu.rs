@@ -15,6 +15,7 @@ use cairn_inertial::{
 };
 use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, MotionProfile, Stamp};
 use nalgebra::SMatrix;
+use std::collections::VecDeque;
 
 /// Seconds during which rotations are collected to estimate the time offset of the clocks.
 const CLOCKS_S: f64 = 16.0;
@@ -49,8 +50,9 @@ const TURNING_S: f64 = 0.03;
 /// half is off by less.
 const STARTS_MOVING: (f64, f64) = (0.25, 0.25);
 
-/// Seconds between the states that are kept for a fault of the readings: as long as one goes unnoticed.
+/// Seconds between the states that are kept for a fault of the readings, and how many are kept: as long as one goes unnoticed.
 const BEFORE_S: f64 = 0.5;
+const BEFORE: usize = 6;
 
 /// The estimate at the last frame.
 #[derive(Debug)]
@@ -101,7 +103,7 @@ pub(crate) struct InertialFilter {
     /// Whether the readings are believed.
     trust: ImuTrust,
     /// States of the last moments, whose biases hold when the readings fail: what failed had been part of the newest for a while.
-    before: [Option<(Stamp, NavEstimate)>; 2],
+    before: VecDeque<(Stamp, NavEstimate)>,
     /// Estimated speed up to which the camera may be stationary, m/s.
     pub standing_m_s: f64,
 }
@@ -124,7 +126,7 @@ impl InertialFilter {
             map_created: None,
             rotations: Vec::new(),
             trust: ImuTrust::default(),
-            before: [None, None],
+            before: VecDeque::new(),
             standing_m_s: MotionProfile::default().standing_m_s,
         }
     }
@@ -269,20 +271,22 @@ impl InertialFilter {
 
     /// The readings have failed: what they may have led the biases to is undone.
     fn give_up(&mut self) {
-        let Some((_, before)) = self.before[1].take().or(self.before[0].take()) else { return };
+        let since = self.trust.fault().map(|failed| failed.since);
+        let sound = self.before.iter().rposition(|(at, _)| since.is_none_or(|since| *at <= since));
+        let Some((_, before)) = self.before.drain(..).nth(sound.unwrap_or(0)) else { return };
         self.bias = before.bias;
         if let Some(last) = &mut self.last {
             last.estimate = last.estimate.clone().with_biases_of(&before);
         }
-        self.before = [None, None];
     }
 
     /// Keeps a state of a frame that was tracked while the readings are believed.
     fn remember(&mut self, stamp: Stamp, estimate: &NavEstimate) {
-        if self.trust.fault().is_none()
-            && self.before[0].as_ref().is_none_or(|(at, _)| stamp - *at > BEFORE_S)
-        {
-            self.before[1] = self.before[0].replace((stamp, estimate.clone()));
+        let is_due = self.before.back().is_none_or(|(at, _)| stamp - *at > BEFORE_S);
+        if self.trust.fault().is_none() && is_due {
+            self.before.push_back((stamp, estimate.clone()));
+            let old = self.before.len().saturating_sub(BEFORE);
+            self.before.drain(..old);
         }
     }
 
@@ -382,7 +386,9 @@ impl InertialFilter {
     pub fn take_segment(&mut self, stamp: Stamp) -> ImuSegment {
         let since = self.requested.replace(stamp);
         let turns = std::mem::take(&mut self.rotations);
-        ImuSegment { turns, ..self.segment_since(since, stamp) }
+        let segment = ImuSegment { turns, ..self.segment_since(since, stamp) };
+        self.trust.told();
+        segment
     }
 
     /// The IMU data of a frame, with the readings since `from`.
@@ -402,6 +408,7 @@ impl InertialFilter {
             still_sigma: None,
             up: self.up(stamp),
             samples,
+            unsound_since: self.trust.unsound_since(),
             offset_s: self.offset_s,
             turns: Vec::new(),
         }

@@ -301,6 +301,11 @@ fn turning_is_the_angular_velocity_about_an_instant() {
 /// A tracker with the IMU at the end of the walk, whose view goes dark: the states that follow, frame by frame, and how far off
 /// the pose is at each.
 fn into_the_dark(coast_s: f64) -> Vec<(State, Option<f64>)> {
+    walked_on(coast_s, 10, |s| s)
+}
+
+/// The same, with a view of so many frames, and readings that are changed.
+fn walked_on(coast_s: f64, lit: i32, change: impl Fn(ImuSample) -> ImuSample) -> Vec<(State, Option<f64>)> {
     let (world, atlas, _, id) = begun(&[]);
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
     let config = TrackerConfig { coast_s, ..TrackerConfig::default() };
@@ -311,8 +316,8 @@ fn into_the_dark(coast_s: f64) -> Vec<(State, Option<f64>)> {
     let mut states = Vec::new();
     for n in 1..=40 {
         let t = 2.0 + 0.05 * f64::from(n);
-        let seen = if n <= 10 { &world } else { &dark };
-        let samples = readings(t - 0.05, t);
+        let seen = if n <= lit { &world } else { &dark };
+        let samples: Vec<ImuSample> = readings(t - 0.05, t).into_iter().map(&change).collect();
         let samples = if n == 1 { &samples[..] } else { &samples[1..] };
         let tracked = tracker.step(seen.see(&at(t), t).frame, samples, atlas.latest(), true, true);
         let metres = tracked.pose.map(|p| (p.world_from_camera.translation - truth(t).translation).norm());
@@ -330,6 +335,17 @@ fn a_dark_view_is_carried_by_the_readings_for_as_long_as_they_may() {
     let states = into_the_dark(0.6);
     assert!(states[10..20].iter().all(coasts), "{states:?}");
     assert!(!states[30..].iter().any(coasts), "{states:?}");
+}
+
+/// Readings that lead far off, of a gyroscope that tells degrees, from a moment on: they do not carry a camera that sees.
+#[test]
+fn readings_that_lead_nowhere_do_not_carry_a_camera_that_sees() {
+    let turning = |s: ImuSample| match s.stamp.seconds() > 2.405 {
+        true => ImuSample { gyro: Vec3::new(2.0, 5.0, 1.0), ..s },
+        false => s,
+    };
+    let states = walked_on(6.0, 40, turning);
+    assert!(states.iter().all(|(s, m)| *s == State::Tracking && m.unwrap() < 5e-3), "{states:?}");
 }
 
 #[test]

@@ -27,6 +27,10 @@ const DIFFERS: f64 = 6.0;
 const FRAMES: usize = 3;
 /// Up to how many they agree.
 const AGREES: f64 = 3.5;
+/// Up to how many they agree well. Readings since then are in doubt when they differ some moments later.
+const AGREES_WELL: f64 = 2.0;
+/// A fault goes unnoticed for no longer, seconds.
+const MOST_UNNOTICED_S: f64 = 2.0;
 /// Seconds of agreement after which readings are used again.
 const AGREED_S: f64 = 0.5;
 /// By how many standard deviations something has to have been measured for agreement to tell anything: of a camera that rests, and
@@ -87,10 +91,14 @@ pub(crate) struct ImuTrust {
     doubt: Option<Doubt>,
     /// Readings from before are not used.
     sound_since: Option<Stamp>,
+    /// Readings since then failed, which has not been told with a key frame yet.
+    untold: Option<Stamp>,
     seen: VecDeque<Seen>,
     refused: usize,
     /// Frames in a row up to now that differ.
     differing: usize,
+    /// The first of the last poses that agreed well with the readings.
+    agreed: Option<Stamp>,
     /// Orientations by the images since the readings are in doubt.
     turns: Vec<(Stamp, So3)>,
 }
@@ -100,7 +108,7 @@ impl ImuTrust {
     pub fn take(&mut self, sample: &ImuSample) -> bool {
         match self.check.test(sample) {
             None => true,
-            Some(Failed { fault: ImuFault::OutOfRange { .. }, .. }) => {
+            Some(Failed { fault: ImuFault::OutOfRange { .. } | ImuFault::Spike { .. }, .. }) => {
                 self.refused += 1;
                 false
             }
@@ -114,12 +122,23 @@ impl ImuTrust {
     /// The readings failed; up to `until`.
     fn fail(&mut self, Failed { fault, since }: Failed, until: Stamp) {
         let since = self.doubt.map_or(since, |doubt| doubt.since.min(since));
+        self.untold = Some(self.untold.map_or(since, |untold| untold.min(since)));
         self.doubt = Some(Doubt { since, fault, failing: until, agreed_s: 0.0 });
     }
 
     /// What is wrong with the readings, and since when; `None` while they are believed.
     pub fn fault(&self) -> Option<Failed> {
         self.doubt.map(|Doubt { fault, since, .. }| Failed { fault, since })
+    }
+
+    /// Since when readings have failed that were believed when earlier key frames were asked for.
+    pub fn unsound_since(&self) -> Option<Stamp> {
+        self.untold
+    }
+
+    /// A key frame has been asked for, which tells so.
+    pub fn told(&mut self) {
+        self.untold = None;
     }
 
     /// Readings that were left out one by one.
@@ -231,13 +250,17 @@ impl ImuTrust {
         self.differing = if differs.is_some() { self.differing + 1 } else { 0 };
         let was_believed = self.doubt.is_none();
         if let Some(fault) = differs.filter(|_| !was_believed || self.differing >= FRAMES) {
-            self.fail(Failed { fault, since }, stamp);
+            let agreed = self.agreed.filter(|agreed| was_believed && since - *agreed < MOST_UNNOTICED_S);
+            self.fail(Failed { fault, since: agreed.map_or(since, |agreed| agreed.min(since)) }, stamp);
             return was_believed;
         }
         let all = [turn, told.motion].into_iter().flatten();
-        let (agrees, tells) = all.fold((true, false), |(agrees, tells), d| {
-            (agrees && d.normalised() < AGREES, tells || d.tells(TELLS))
-        });
+        let tells = all.clone().any(|d| d.tells(TELLS));
+        let agrees_within = |sigmas: f64| all.clone().all(|d| d.normalised() < sigmas);
+        if tells && agrees_within(AGREES_WELL) {
+            self.agreed = Some(since);
+        }
+        let agrees = agrees_within(AGREES);
         let before = self.seen.iter().rev().nth(1).map_or(stamp, |s| s.stamp);
         let Some(doubt) = &mut self.doubt else { return false };
         if !agrees {

@@ -122,7 +122,7 @@ fn a_few_readings_far_from_the_root_turn_no_map_that_is_level() {
             let sum = Arc::new(Preintegrated::of(NOISE, Bias::default(), samples.collect()));
             [
                 Change::InertialState(*id, motion.velocity, Bias::default()),
-                Change::ImuFactor(*id, ImuFactor { since: factor.since, sum }),
+                Change::ImuFactor(*id, Some(ImuFactor { since: factor.since, sum })),
             ]
         };
         let first = ids[ids.len() - last - 1];

@@ -4,7 +4,7 @@
 use super::ran::{Figures, run};
 use crate::MeasureError;
 use crate::RunOptions;
-use crate::revisit::Darkened;
+use crate::darkened::Darkened;
 use cairn_geometry::Vec2;
 use cairn_sensor::{Source, Stamp};
 use cairn_sim::{CameraPath, SimConfig, SimSource, WorldKind};
@@ -89,7 +89,7 @@ pub fn rest(seed: u64, options: &RunOptions, dark: bool) -> Result<Rest, Measure
     let (first, from) = (truth[0].0, end.plus_seconds(-REST_S));
     // The walker still looks around for the first 1.5 s.
     let dark_s = dark.then(|| [from - first + 1.5, f64::INFINITY]);
-    let mut source = Darkened { inner, dark_s };
+    let mut source = Darkened::new(Box::new(inner), dark_s);
     let ran = run(&mut source as &mut dyn Source, options)?;
     let count = |list: &mut dyn Iterator<Item = Stamp>| list.filter(|t| *t >= from).count() as f64;
     let live = count(&mut ran.live.iter().map(|p| p.0));

@@ -119,7 +119,7 @@ fn sent(walk: &Walk) -> Walk {
 fn with_readings_of(walk: &Walk, other: &MapFile) -> Walk {
     let of = |k: &KeyFrame| {
         let motion = k.motion.as_ref()?;
-        let readings = motion.imu_factor.clone().map(|f| Change::ImuFactor(k.id, f));
+        let readings = motion.imu_factor.clone().map(|f| Change::ImuFactor(k.id, Some(f)));
         let state = Change::InertialState(k.id, motion.velocity, motion.bias);
         Some([Some(state), readings].into_iter().flatten())
     };

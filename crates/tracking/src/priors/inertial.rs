@@ -58,6 +58,16 @@ impl InertialPrior {
         self.predicted = None;
     }
 
+    /// The same for a while.
+    pub fn set_aside(&mut self) -> Option<NavEstimate> {
+        self.predicted.take()
+    }
+
+    /// It counts again.
+    pub fn put_back(&mut self, predicted: Option<NavEstimate>) {
+        self.predicted = predicted;
+    }
+
     /// The state in the frame that is tracked.
     pub fn predicted(&self) -> Option<&NavEstimate> {
         self.predicted.as_ref()

@@ -19,7 +19,8 @@ use crate::state::{AnchoredPose, KeyFrameRequest, Last, State, Tracked};
 use crate::tracker::Candidate;
 use cairn_adjust::{Located, MotionSince};
 use cairn_atlas::{ImuSegment, KeyFrame, Snapshot};
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, So3};
+use cairn_inertial::NavEstimate;
 use cairn_sensor::{ImuSample, Stamp};
 use cairn_solve::PosePrior;
 pub(crate) use inertial::InertialPrior;
@@ -67,6 +68,12 @@ pub(crate) struct Correction<'a> {
     pub located: &'a Located,
     /// The prior that is part of the pose.
     pub prior: Option<&'a PosePrior>,
+}
+
+/// What the readings of the IMU predict for the frame that is tracked.
+pub(crate) struct ByReadings {
+    state: Option<NavEstimate>,
+    turned: Option<So3>,
 }
 
 /// All motion priors of a tracker.
@@ -181,10 +188,20 @@ impl MotionPriors {
         self.inertial.as_ref().is_some_and(InertialPrior::predicts_from_tracked)
     }
 
-    /// The first guess without the readings of the IMU, where these predicted another.
-    pub fn predict_without_readings(&self, last: Option<&Last>, stamp: Stamp) -> Option<Se3> {
-        let rest = self.is_predicted_by_readings().then(|| self.in_order().skip(1))?;
-        rest.into_iter().find_map(|prior| prior.predict(last, stamp))
+    /// Goes on without what the readings of the IMU predict for this frame; returns that. Nothing where they predict nothing, or have
+    /// carried the pose themselves up to here.
+    pub fn set_aside_readings(&mut self) -> Option<ByReadings> {
+        let inertial = self.inertial.as_mut().filter(|i| i.filter.carried_since().is_none())?;
+        let (state, turned) = (inertial.set_aside(), self.velocity.turned(None));
+        (state.is_some() || turned.is_some()).then_some(ByReadings { state, turned })
+    }
+
+    /// Takes back what was set aside.
+    pub fn put_back(&mut self, by_readings: ByReadings) {
+        self.velocity.turned(by_readings.turned);
+        if let Some(inertial) = &mut self.inertial {
+            inertial.put_back(by_readings.state);
+        }
     }
 
     /// Whether matches lead elsewhere than the readings of the IMU do.

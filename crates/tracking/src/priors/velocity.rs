@@ -27,9 +27,9 @@ impl ConstantVelocity {
         self.known.map(|v| v.fixed_rows::<3>(3).into_owned())
     }
 
-    /// The gyroscope says how the camera has turned up to the frame that is tracked.
-    pub fn turned(&mut self, turned: Option<So3>) {
-        self.turned = turned;
+    /// The gyroscope says how the camera has turned up to the frame that is tracked; returns what it said before.
+    pub fn turned(&mut self, turned: Option<So3>) -> Option<So3> {
+        std::mem::replace(&mut self.turned, turned)
     }
 
     /// The motion in so many seconds, by the velocity alone; `None` where that is not known.

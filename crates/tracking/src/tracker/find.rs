@@ -14,8 +14,7 @@ impl Tracker {
         let sure = self.priors.sure(self.last.as_ref(), stamp);
         // A short gap is bridged by the motion model; after a longer one only appearance can find the pose.
         let is_bridged = !self.mode.is_lost() || self.clock.is_recent(stamp, BRIDGE_S) || sure.is_some();
-        let by_motion = || self.by_motion(now).or_else(|| self.by_own_motion(now));
-        let first = is_bridged.then(|| by_motion().or_else(|| self.by_reference(now))).flatten();
+        let first = is_bridged.then(|| self.by_motion(now).or_else(|| self.by_reference(now))).flatten();
         if let Some((pose, matches)) = &first
             && self.contradicts_depth(pose, matches)
         {
@@ -42,13 +41,6 @@ impl Tracker {
     pub(crate) fn by_motion(&self, now: &Now) -> Option<(Se3, Matches)> {
         let last = self.last.as_ref()?;
         let guess = self.priors.predict(Some(last), now.frame.stamp)?;
-        self.locator.match_from(last, &guess, now.frame, now.snapshot)
-    }
-
-    /// The same without the readings of the IMU, where they led nowhere although the frame before was tracked: they may be wrong.
-    fn by_own_motion(&self, now: &Now) -> Option<(Se3, Matches)> {
-        let last = self.last.as_ref()?;
-        let guess = self.priors.predict_without_readings(Some(last), now.frame.stamp)?;
         self.locator.match_from(last, &guess, now.frame, now.snapshot)
     }
 

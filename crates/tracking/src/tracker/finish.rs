@@ -47,6 +47,21 @@ impl Tracker {
         if inliers < candidate.need { Err(Miss { inliers, is_final: false }) } else { Ok(candidate) }
     }
 
+    /// Readings of the IMU that lead nowhere from a frame that was tracked may be wrong: the same without them. Where that leads nowhere
+    /// either, they go on with the pose.
+    pub(super) fn find_without_readings(&mut self, now: &Now, miss: Miss) -> Result<Located, Miss> {
+        let may_be = !miss.is_final && self.clock.is_recent(now.frame.stamp, BRIDGE_S);
+        let by_readings = may_be.then(|| self.priors.set_aside_readings()).flatten();
+        let Some(by_readings) = by_readings else { return Err(miss) };
+        let matches = self.by_motion(now).or_else(|| self.by_reference(now));
+        let found = matches.ok_or(Miss { inliers: 0, is_final: false });
+        let found = found.and_then(|matches| self.locate(now, matches));
+        found.and_then(|candidate| self.check(now, candidate)).map_err(|_| {
+            self.priors.put_back(by_readings);
+            miss
+        })
+    }
+
     /// Whether the pose by features can be that of the camera, by all else that is known of it.
     pub(super) fn check(&self, now: &Now, candidate: Candidate) -> Result<Located, Miss> {
         let (inliers, pose) = (candidate.located.inliers, candidate.located.world_from_camera);

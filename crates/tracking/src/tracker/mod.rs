@@ -230,7 +230,8 @@ impl Tracker {
         self.priors.begin(now.snapshot, self.last.as_ref(), now.frame.stamp);
         let found = self.match_features(now);
         let found = found.and_then(|matches| self.locate(now, matches));
-        match found.and_then(|candidate| self.check(now, candidate)) {
+        let found = found.and_then(|candidate| self.check(now, candidate));
+        match found.or_else(|miss| self.find_without_readings(now, miss)) {
             Ok(located) => self.accept(now, located),
             Err(miss) => self.miss(now, miss),
         }

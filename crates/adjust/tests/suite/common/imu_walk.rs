@@ -72,6 +72,7 @@ impl ToAndFro {
             still_sigma: None,
             up: None,
             samples: (0..=25).map(reading).collect(),
+            unsound_since: None,
             offset_s: 0.0,
             turns: (0..5).map(turn).collect(),
         }

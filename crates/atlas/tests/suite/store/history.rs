@@ -197,7 +197,7 @@ pub fn with_readings(snapshot: &Snapshot, noise: ImuNoise) -> Snapshot {
         };
         let samples = (0..3 + k.id.index() as i64 % 4).map(reading).collect();
         let sum = Arc::new(Preintegrated::of(noise, bias, samples));
-        Some(Change::ImuFactor(k.id, ImuFactor { since: k.parent?, sum }))
+        Some(Change::ImuFactor(k.id, Some(ImuFactor { since: k.parent?, sum })))
     };
     let changes = snapshot.key_frames().filter_map(factor).collect();
     snapshot.apply(&ChangeSet { base: snapshot.version(), changes }).0

@@ -1,7 +1,7 @@
 //! What a run did wrong, in sentences, the worst first: for the top of its result.
 
 use super::text::plural;
-use cairn_eval::RunReport;
+use cairn_eval::{ImuSummary, RunReport};
 
 /// One sentence for each problem; none where all is well.
 pub fn of(r: &RunReport) -> Vec<String> {
@@ -36,6 +36,7 @@ pub fn of(r: &RunReport) -> Vec<String> {
     if r.standing.imu.as_ref().is_some_and(|imu| !imu.initialised) {
         all.push("The IMU was never initialised: scale and gravity are not known from it.".to_owned());
     }
+    all.extend(r.standing.imu.as_ref().and_then(without_imu));
     for s in r.skips.iter().filter(|s| s.what != "frame") {
         let what = match s.what.as_str() {
             "other" => "The source reports".to_owned(),
@@ -56,10 +57,41 @@ pub fn of(r: &RunReport) -> Vec<String> {
     all
 }
 
+/// That the readings of the IMU were not used for a while.
+fn without_imu(imu: &ImuSummary) -> Option<String> {
+    let first = imu.faults.first()?;
+    let times = if imu.faults.len() == 1 { "once".to_owned() } else { format!("{} times", imu.faults.len()) };
+    let ended = match imu.faults.iter().any(|f| f.until_s.is_none()) {
+        true => "to the end",
+        false => "until its readings agreed with the images again",
+    };
+    Some(format!(
+        "The IMU was not used {times}, first from {:.2} s on, {ended}: {}.",
+        first.from_s, first.words
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_eval::{Lost, SkipReport};
+    use cairn_eval::{ImuFaultSummary, Lost, SkipReport};
+
+    #[test]
+    fn an_imu_that_failed_is_told() {
+        let fault = |from_s, until_s| ImuFaultSummary { from_s, until_s, words: "why".into() };
+        let told = |faults| without_imu(&ImuSummary { faults, ..ImuSummary::default() });
+        assert_eq!(told(vec![]), None);
+        assert_eq!(
+            told(vec![fault(8.0, Some(9.5))]).as_deref(),
+            Some(
+                "The IMU was not used once, first from 8.00 s on, until its readings agreed with the images again: why."
+            )
+        );
+        assert_eq!(
+            told(vec![fault(8.0, Some(9.5)), fault(12.0, None)]).as_deref(),
+            Some("The IMU was not used 2 times, first from 8.00 s on, to the end: why.")
+        );
+    }
 
     #[test]
     fn a_good_run_has_none() {
