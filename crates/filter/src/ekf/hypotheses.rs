@@ -19,7 +19,7 @@ use super::views::Views;
 use crate::log::{Sighting, Target};
 use crate::measure::Measurement;
 use crate::motion::Motion;
-use cairn_geometry::Se2;
+use cairn_geometry::{Se2, Vec2};
 use nalgebra::{Matrix3, Vector3};
 
 /// Greatest number of answers that are followed.
@@ -238,6 +238,11 @@ impl Hypotheses {
             None => l,
         };
         known.into_iter().map(mapped).collect()
+    }
+
+    /// Positions of the active landmarks of the filter that maps, by its own numbers, and how often each was seen.
+    pub fn positions(&self) -> impl Iterator<Item = (LandmarkId, Vec2, usize)> {
+        self.map().positions()
     }
 
     /// How often the pose was widened because many sightings were rejected.

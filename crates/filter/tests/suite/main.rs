@@ -1,4 +1,6 @@
 //! The integration tests of this crate, as one program.
 
+mod drawn;
 mod logs;
 mod simulated;
+mod textbook;
