@@ -177,7 +177,7 @@ impl Hypotheses {
         let weights = self.views.weights(robot, sightings, spacing_m);
         let mut next: Vec<(usize, Vec<Option<usize>>, f64)> = Vec::new();
         for (k, (branch, seen)) in self.branches.iter().zip(&seen).enumerate() {
-            let pairings = branch.filter.pairings(seen, MOST, &weights);
+            let pairings = branch.filter.pairings(robot, seen, MOST, &weights);
             let Some((best, counted)) = pairings.first().map(|p| (p.cost, p.counted)) else { continue };
             // What one answer says of a sighting is compared in full, what different answers expected of it by what it says that the
             // sightings before it did not.

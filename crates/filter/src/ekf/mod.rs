@@ -37,6 +37,7 @@ use crate::measure::Measurement;
 use crate::motion::Motion;
 use active::{Active, Linear};
 use cairn_geometry::{Se2, Vec2};
+use config::FAR;
 use delayed::Delayed;
 use landmark::Record;
 use nalgebra::{Matrix3, Vector3};
@@ -48,9 +49,6 @@ use state::Robot;
 use std::collections::BTreeMap;
 
 pub use state::EkfSlam;
-
-/// A sighting beyond this part of the right ones speaks against the pose, or is an outlier.
-const FAR: f64 = 0.999;
 
 impl EkfSlam {
     /// A filter with an empty state.

@@ -81,6 +81,38 @@ fn mrclam_is_mapped_without_labels() {
 }
 
 #[test]
+fn associations_do_not_hang_on_the_gate() {
+    let Some(logs) = mrclam() else { return };
+    let mut results = Vec::new();
+    for log in logs.iter().map(|log| drawn(log, 0, 0.5, first_seed())) {
+        let without = |gate_probability| {
+            let association = Association::Deferred;
+            run(&log, 0, &EkfConfig { association, gate_probability, ..EkfConfig::default() }).unwrap()
+        };
+        let (narrow, wide) = (without(0.95), without(0.999));
+        let labelled = run(&log, 0, &EkfConfig::default()).unwrap();
+        let off = |r: &Run| align(&log.surveyed, &r.named()).map_or(f64::INFINITY, |a| a.1);
+        let confirmed = |r: &Run| r.landmarks.iter().filter(|l| l.confirmed).count();
+        let wrong = narrow.wrong_associations.unwrap();
+        println!(
+            "{}: {:.1} % wrong, {} and {} landmarks of {}, {:.1} and {:.1} cm, with labels {:.1} cm",
+            log.name,
+            100.0 * wrong,
+            confirmed(&narrow),
+            confirmed(&wide),
+            labelled.named().len(),
+            100.0 * off(&narrow),
+            100.0 * off(&wide),
+            100.0 * off(&labelled)
+        );
+        results.push((narrow.names == wide.names, wrong, off(&narrow) / off(&labelled)));
+    }
+    for (same, wrong, ratio) in results {
+        assert!(same && wrong <= 0.05 && ratio <= 1.3, "{same} {wrong} {ratio}");
+    }
+}
+
+#[test]
 fn mrclam_diverges_at_no_gate() {
     let Some(logs) = mrclam() else { return };
     for gate in [3.0, 5.0, 7.0, 9.0, 11.0, 14.0] {
