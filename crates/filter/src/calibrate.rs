@@ -14,7 +14,7 @@ use cairn_geometry::Se2;
 use nalgebra::Matrix3;
 
 /// Sweeps over all parts of the noise.
-const SWEEPS: usize = 6;
+const SWEEPS: usize = 10;
 /// First step of the logarithm of a deviation.
 const FIRST_STEP: f64 = 0.5;
 /// A deviation is changed by at most this factor: one that nothing depends on would drift.
@@ -42,7 +42,7 @@ pub fn calibrated(recorded: &RobotLog, guess: &Noise, config: &EkfConfig) -> Noi
                 Some((next, cost(&next)))
             });
             let better = tried.into_iter().find(|(_, c)| *c < least);
-            *step *= if better.is_some() { 1.5 } else { 0.6 };
+            *step *= if better.is_some() { 1.5 } else { 0.7 };
             (best, least) = better.unwrap_or((best, least));
         }
     }
@@ -65,6 +65,13 @@ fn parts(recorded: &RobotLog, guess: &Noise) -> Vec<Part> {
         has(&|e| matches!(e, Event::Seen { target: Target::Landmark(_), reading } if is(reading)))
     };
     let mut parts: Vec<Part> = Vec::new();
+    // The sensor first: while its noise is far off, that of the wheels hardly matters.
+    if reads(&|r| matches!(r, Reading::RangeBearing(..) | Reading::Range(_))) {
+        parts.extend::<[Part; 2]>([|n| &mut n.range_m, |n| &mut n.range_by_range]);
+    }
+    if reads(&|r| matches!(r, Reading::RangeBearing(..) | Reading::Bearing(_))) {
+        parts.push(|n| &mut n.bearing_rad);
+    }
     if has(&|e| matches!(e, Event::Velocity { .. })) {
         parts.extend::<[Part; 6]>([
             |n| &mut n.velocity.speed,
@@ -80,12 +87,6 @@ fn parts(recorded: &RobotLog, guess: &Noise) -> Vec<Part> {
     }
     if has(&|e| matches!(e, Event::Relative { .. })) {
         parts.push(|n| &mut n.relative_scale);
-    }
-    if reads(&|r| matches!(r, Reading::RangeBearing(..) | Reading::Range(_))) {
-        parts.extend::<[Part; 2]>([|n| &mut n.range_m, |n| &mut n.range_by_range]);
-    }
-    if reads(&|r| matches!(r, Reading::RangeBearing(..) | Reading::Bearing(_))) {
-        parts.push(|n| &mut n.bearing_rad);
     }
     parts.retain(|part| *part(&mut guess.clone()) > 0.0);
     parts

@@ -6,7 +6,7 @@
 //! compatibility test", IEEE TRA 17(6), 2001. The same search lists all likely pairings of an instant, for `hypotheses`.
 
 use super::active::Active;
-use super::config::{Association, FAR};
+use super::config::Association;
 use super::landmark::{LandmarkId, Verdict};
 use super::state::EkfSlam;
 use crate::chi2;
@@ -59,7 +59,7 @@ impl EkfSlam {
         let seen = self.unlabelled(robot, sightings);
         let chosen = match self.config.association {
             Association::Nearest => nearest(&seen.within),
-            _ => self.search(robot, &seen).run(),
+            _ => Search::new(&self.active, &seen, self.config.gate_probability).run(),
         };
         self.pair(robot, sightings, &seen, &chosen)
     }
@@ -75,9 +75,7 @@ impl EkfSlam {
             let mut candidates = self.candidates(robot, &sightings[*k]);
             let first = candidates.iter().min_by(|a, b| a.nis.total_cmp(&b.nis));
             nearest.push(first.map(|c| (c.nis, chi2::quantile(self.config.new_probability, c.h.rows))));
-            let bounds =
-                if self.config.association == Association::Deferred { &self.far } else { &self.gates };
-            candidates.retain(|c| c.nis <= bounds[c.h.rows]);
+            candidates.retain(|c| c.nis <= self.gates[c.h.rows]);
             within.push(candidates);
             unknown.push(reach.unknown(sightings[*k].measurement.kind()));
         }
@@ -85,27 +83,8 @@ impl EkfSlam {
     }
 
     /// The likeliest pairings, at most `most` of them, the best one first; a weight for each sighting of the instant.
-    pub(super) fn pairings(
-        &self,
-        robot: usize,
-        seen: &Unlabelled,
-        most: usize,
-        weights: &[f64],
-    ) -> Vec<Pairing> {
-        self.search(robot, seen).likeliest(most, weights)
-    }
-
-    fn search<'a>(&'a self, robot: usize, seen: &'a Unlabelled) -> Search<'a> {
-        Search::new(&self.active, seen, self.association_probability(), self.robots[robot].scatter.factor())
-    }
-
-    /// The part of the right sightings that may be of a landmark. Where later sightings decide, the gate only saves work, and their
-    /// likelihood against that of something new decides.
-    fn association_probability(&self) -> f64 {
-        match self.config.association {
-            Association::Deferred => FAR,
-            _ => self.config.gate_probability,
-        }
+    pub(super) fn pairings(&self, seen: &Unlabelled, most: usize, weights: &[f64]) -> Vec<Pairing> {
+        Search::new(&self.active, seen, self.config.gate_probability).likeliest(most, weights)
     }
 
     /// Updates by sightings with their landmarks.
@@ -131,8 +110,6 @@ impl EkfSlam {
                 let linear = place
                     .and_then(|p| self.active.linear(self.robots[robot].place, p, &sighting.measurement));
                 if linear.is_some_and(|l| self.active.update(&l)) {
-                    let scatter = &mut self.robots[robot].scatter;
-                    scatter.learn(c.nis * scatter.factor(), self.far[c.h.rows], c.h.rows);
                     verdicts[k] = Verdict::Taken { landmark: Some(c.id), nis: c.nis, dof: c.h.rows };
                     taken.push(c.id);
                     self.was_seen(robot, c.id);
@@ -154,7 +131,6 @@ impl EkfSlam {
     /// Candidates of a sighting: all landmarks that are not far outside the gate, by number.
     fn candidates(&self, robot: usize, sighting: &Sighting) -> Vec<Candidate> {
         let (observer, m) = (self.robots[robot].place, &sighting.measurement);
-        let factor = self.robots[robot].scatter.factor();
         let mut found = Vec::new();
         for record in &self.landmarks {
             let Some((h, innovation)) = record.place.and_then(|p| self.active.rows(observer, p, m)) else {
@@ -165,8 +141,8 @@ impl EkfSlam {
             let s = Matrix3::from_fn(|i, j| if i < rows && j < rows { s[(i, j)] } else { f64::from(i == j) });
             let innovation = Vector3::from_fn(|i, _| if i < rows { innovation[i] } else { 0.0 });
             let Some(cholesky) = s.cholesky() else { continue };
-            let nis = innovation.dot(&cholesky.solve(&innovation)) / factor;
-            let cost = nis + cholesky.determinant().ln() + rows as f64 * factor.ln();
+            let nis = innovation.dot(&cholesky.solve(&innovation));
+            let cost = nis + cholesky.determinant().ln();
             found.push(Candidate { id: record.id, h, innovation, noise: *m.covariance(), nis, cost });
         }
         found
@@ -198,8 +174,6 @@ struct Search<'a> {
     candidates: &'a [Vec<Candidate>],
     seen: &'a Unlabelled,
     probability: f64,
-    /// By which covariances of innovations are multiplied.
-    scatter: f64,
     /// Of the current set: chosen candidates, rows of the Cholesky factor of its innovation covariance, whitened
     /// innovation.
     chosen: Vec<Option<usize>>,
@@ -217,7 +191,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(active: &'a Active, seen: &'a Unlabelled, probability: f64, scatter: f64) -> Self {
+    fn new(active: &'a Active, seen: &'a Unlabelled, probability: f64) -> Self {
         let candidates = seen.within.as_slice();
         let best = vec![None; candidates.len()];
         Self {
@@ -225,7 +199,6 @@ impl<'a> Search<'a> {
             candidates,
             seen,
             probability,
-            scatter,
             chosen: Vec::new(),
             factor: Vec::new(),
             white: Vec::new(),
@@ -260,7 +233,7 @@ impl<'a> Search<'a> {
                     row = rows.end;
                     let of = |r: usize| {
                         let pivot = self.factor[r].last().copied().unwrap_or(1.0);
-                        self.white[r].powi(2) / self.scatter + 2.0 * pivot.ln() + (TAU * self.scatter).ln()
+                        self.white[r].powi(2) + 2.0 * pivot.ln() + TAU.ln()
                     };
                     rows.map(of).sum::<f64>()
                 }
@@ -349,7 +322,7 @@ impl<'a> Search<'a> {
             row[last] = pivot.sqrt();
             let known: f64 = row[..last].iter().zip(&self.white).map(|(a, b)| a * b).sum();
             let white = (c.innovation[i] - known) / row[last];
-            added += white * white / self.scatter;
+            added += white * white;
             self.white.push(white);
             self.factor.push(row);
         }

@@ -12,7 +12,7 @@
 //! answer, seen four times a second, would else outweigh that a wrong one took something known for something new.
 
 use super::associate::{Pairing, Unlabelled};
-use super::config::{Association, EkfConfig, Linearisation};
+use super::config::{Association, EkfConfig, FAR, Linearisation};
 use super::landmark::{FilterError, Landmark, LandmarkId, Verdict};
 use super::state::EkfSlam;
 use super::views::Views;
@@ -83,6 +83,10 @@ impl Hypotheses {
     /// With one empty answer.
     pub fn new(config: EkfConfig) -> Self {
         let labelled = config.association == Association::Known;
+        // Where later sightings decide, their likelihood against that of something new does so, and a gate only saves work.
+        let gate_probability =
+            if config.association == Association::Deferred { FAR } else { config.gate_probability };
+        let config = EkfConfig { gate_probability, ..config };
         let map = (!labelled).then(|| EkfSlam::new(EkfConfig { association: Association::Known, ..config }));
         let linearisation = if labelled { config.linearisation } else { Linearisation::First };
         let filter = EkfSlam::new(EkfConfig { linearisation, ..config });
@@ -177,7 +181,7 @@ impl Hypotheses {
         let weights = self.views.weights(robot, sightings, spacing_m);
         let mut next: Vec<(usize, Vec<Option<usize>>, f64)> = Vec::new();
         for (k, (branch, seen)) in self.branches.iter().zip(&seen).enumerate() {
-            let pairings = branch.filter.pairings(robot, seen, MOST, &weights);
+            let pairings = branch.filter.pairings(seen, MOST, &weights);
             let Some((best, counted)) = pairings.first().map(|p| (p.cost, p.counted)) else { continue };
             // What one answer says of a sighting is compared in full, what different answers expected of it by what it says that the
             // sightings before it did not.

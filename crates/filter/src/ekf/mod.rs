@@ -180,22 +180,23 @@ impl EkfSlam {
     /// the gate would (Huber's weight): what is rejected altogether would let a pose that is wrong stay wrong.
     fn gated(&mut self, robot: usize, linear: &Linear, landmark: Option<LandmarkId>) -> Verdict {
         let Some(plain) = linear.nis() else { return Verdict::Unusable };
-        let (dof, gate) = (linear.h.rows, self.gates[linear.h.rows]);
-        let scatter = &mut self.robots[robot].scatter;
-        let factor = scatter.factor();
-        scatter.learn(plain, self.far[dof], dof);
-        let nis = plain / factor;
-        let taken = Verdict::Taken { landmark, nis, dof };
+        let (dof, gate, far) = (linear.h.rows, self.gates[linear.h.rows], self.far[linear.h.rows]);
+        let known = &mut self.robots[robot];
+        let factor = known.scatter.factor();
+        known.scatter.learn(plain, gate.max(far), dof);
+        let taken = Verdict::Taken { landmark, nis: plain / factor, dof };
+        // As in `doubt`, a scatter that is smaller than believed makes nothing stricter.
+        let (widened, nis) = (factor.max(1.0), plain / factor.max(1.0));
         let rejected = nis > gate;
         // Whether the pose is wrong does not hang on the gate: a narrow one rejects much that is right.
-        self.robots[robot].recent.judged(nis > self.far[dof]);
+        known.recent.judged(nis > far);
         if !rejected {
             return if self.active.update(linear) { taken } else { Verdict::Unusable };
         }
         match self.recover(robot, linear, gate) {
             true => taken,
             false => {
-                self.active.update(&linear.within(gate * factor));
+                self.active.update(&linear.within(gate * widened));
                 Verdict::Rejected { nis, gate }
             }
         }

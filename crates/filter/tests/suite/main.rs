@@ -4,3 +4,4 @@ mod drawn;
 mod logs;
 mod simulated;
 mod textbook;
+mod truth;
