@@ -88,7 +88,8 @@ fn parts(recorded: &RobotLog, guess: &Noise) -> Vec<Part> {
     if has(&|e| matches!(e, Event::Relative { .. })) {
         parts.push(|n| &mut n.relative_scale);
     }
-    parts.retain(|part| *part(&mut guess.clone()) > 0.0);
+    let mut guess = *guess;
+    parts.retain(|part| *part(&mut guess) > 0.0);
     parts
 }
 
