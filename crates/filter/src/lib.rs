@@ -4,12 +4,16 @@
 
 pub mod angle;
 pub mod batch;
+pub mod calibrate;
 pub mod chi2;
 mod covariance;
 pub mod ekf;
+pub mod frame;
+pub mod joint;
 pub mod log;
 pub mod measure;
 pub mod motion;
 pub mod page;
 pub mod run;
 pub mod simulate;
+pub mod truth;

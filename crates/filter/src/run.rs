@@ -2,9 +2,11 @@
 //! with smoothing and with a survey.
 
 use crate::batch::{BatchConfig, BatchReport, Smoothed, smooth};
+use crate::calibrate::calibrated;
 use crate::chi2;
 use crate::ekf::{Association, EkfConfig, FilterError, Hypotheses, Landmark, LandmarkId, Verdict};
-use crate::log::{Log, Noise, Sighting, Step, Target};
+use crate::frame::Steady;
+use crate::log::{Log, Noise, RobotLog, Sighting, Step, Target};
 use crate::measure::{Measurement, MeasurementError};
 use cairn_geometry::{Se2, Vec2, Vec3, umeyama};
 use nalgebra::{Matrix2, Matrix3, Vector3};
@@ -48,9 +50,11 @@ pub struct Snapshot {
     pub time_s: f64,
     /// Index of the step.
     pub step: usize,
+    /// From the frame whose origin is the start to that of the run, as far as it was known then.
+    pub map_from_start: Se2,
     /// Pose (x m, y m, angle rad).
     pub pose: Vector3<f64>,
-    /// Its covariance.
+    /// Its covariance, with respect to the start.
     pub covariance: Matrix3<f64>,
     /// Landmarks with their covariance.
     pub landmarks: Vec<Landmark>,
@@ -61,14 +65,18 @@ pub struct Snapshot {
 pub struct Run {
     /// The robot's name.
     pub robot: String,
+    /// When it began, in seconds from the start of the log: the pose there is the origin.
+    pub began_s: f64,
     /// Times of the poses, in seconds from the start of the log.
     pub times_s: Vec<f64>,
-    /// Filtered poses (x m, y m, angle rad) at the steps.
+    /// Filtered poses (x m, y m, angle rad) at the steps, as they were known then, in the frame of the map ([`Steady`]).
     pub poses: Vec<Vector3<f64>>,
-    /// Landmarks at the end.
+    /// Landmarks at the end, in the frame of the map.
     pub landmarks: Vec<Landmark>,
     /// The most frequent label among the sightings of each landmark, for evaluation where labels are not used.
     pub names: BTreeMap<LandmarkId, u32>,
+    /// The noise of odometry and sensor that it believed.
+    pub noise: Noise,
     /// Results of the sightings.
     pub counts: Counts,
     /// Mean of the normalised innovation squared per degree of freedom: 1 when the noise model is right.
@@ -85,6 +93,15 @@ pub struct Run {
     pub snapshots: Vec<Snapshot>,
 }
 
+/// The noise for a robot of this log: where it is not known, and there are labels, the likeliest one ([`calibrated`]).
+pub fn noise_of(log: &Log, recorded: &RobotLog, config: &EkfConfig) -> Noise {
+    match config.association {
+        Association::Known if !log.noise_known => calibrated(recorded, &log.noise, config),
+        Association::Known => log.noise,
+        _ => log.unlabelled_noise,
+    }
+}
+
 /// Runs one robot of a log, from the origin.
 ///
 /// # Errors
@@ -93,7 +110,8 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     let recorded = log.robots.get(robot).ok_or(RunError::NoRobot(robot))?;
     let began = Instant::now();
     let labelled = config.association == Association::Known;
-    let mut steps = recorded.steps(if labelled { &log.noise } else { &log.unlabelled_noise }, &[])?;
+    let noise = noise_of(log, recorded, config);
+    let mut steps = recorded.steps(&noise, &[])?;
     // Without labels the map has a noise of its own; the same instants, so the same delay.
     let for_map = Noise { sighting_delay_s: log.unlabelled_noise.sighting_delay_s, ..log.noise };
     let mut mapping = if labelled { Vec::new() } else { recorded.steps(&for_map, &[])? };
@@ -103,6 +121,7 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     // The state contains only one robot.
     let of_landmark = |s: &Sighting| !matches!(s.target, Target::Robot(_));
     steps.iter_mut().chain(&mut mapping).for_each(|s| s.sightings.retain(of_landmark));
+    let (mut frame, mut map_from_start) = (Steady::default(), Se2::identity());
     let (mut poses, mut snapshots) = (Vec::with_capacity(steps.len()), Vec::new());
     let every = steps.len().div_ceil(SNAPSHOTS).max(1);
     let mut snapshot_ms = 0.0;
@@ -112,16 +131,19 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
         let measured: Option<Vec<Measurement>> =
             for_map.map(|m| m.sightings.iter().map(|s| s.measurement).collect());
         filter.observe(id, &step.sightings, measured.as_deref())?;
+        map_from_start = frame.follow(filter.positions());
         let (pose, covariance) = filter.pose(id).ok_or(RunError::NoRobot(robot))?;
+        let pose = moved(&map_from_start, &pose);
         poses.push(pose);
         if k % every == 0 || k + 1 == steps.len() {
             let began = Instant::now();
             snapshots.push(Snapshot {
                 time_s: step.time_s,
                 step: k,
+                map_from_start,
                 pose,
-                covariance,
-                landmarks: filter.landmarks(),
+                covariance: turned(&map_from_start, &covariance),
+                landmarks: landmarks_in(&map_from_start, &filter),
             });
             snapshot_ms += began.elapsed().as_secs_f64() * 1e3;
         }
@@ -133,18 +155,45 @@ pub fn run(log: &Log, robot: usize, config: &EkfConfig) -> Result<Run, RunError>
     let (names, wrong) = tally.names();
     Ok(Run {
         robot: recorded.name.clone(),
-        landmarks: filter.landmarks(),
+        landmarks: landmarks_in(&map_from_start, &filter),
         wrong_associations: wrong.filter(|_| !labelled),
         names,
+        noise,
         counts: tally.counts,
         nis_per_dof: tally.nis / tally.dof.max(1.0),
         nis_within_95: tally.within / tally.judged.max(1.0),
         recoveries: filter.recoveries(),
         filter_ms,
+        began_s: recorded.entries.first().map_or(0.0, |e| e.time_s),
         times_s: steps.iter().map(|s| s.time_s).collect(),
         poses,
         snapshots,
     })
+}
+
+/// A pose in another frame.
+fn moved(to: &Se2, pose: &Vector3<f64>) -> Vector3<f64> {
+    let own = *to * Se2::from_xy_angle(pose.x, pose.y, pose.z);
+    Vector3::new(own.translation.x, own.translation.y, own.rotation.log())
+}
+
+/// The covariance of a pose in another frame.
+fn turned(to: &Se2, covariance: &Matrix3<f64>) -> Matrix3<f64> {
+    let (s, c) = (to.rotation.sin(), to.rotation.cos());
+    let turn = Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0);
+    turn * covariance * turn.transpose()
+}
+
+/// The landmarks in another frame.
+fn landmarks_in(to: &Se2, filter: &Hypotheses) -> Vec<Landmark> {
+    let (s, c) = (to.rotation.sin(), to.rotation.cos());
+    let turn = Matrix2::new(c, -s, s, c);
+    let moved = |l: Landmark| Landmark {
+        position: *to * l.position,
+        covariance: turn * l.covariance * turn.transpose(),
+        ..l
+    };
+    filter.landmarks().into_iter().map(moved).collect()
 }
 
 #[derive(Default)]
@@ -246,8 +295,9 @@ impl Run {
         config: &BatchConfig,
     ) -> Result<(Smoothed, BatchReport), RunError> {
         let recorded = log.robots.get(robot).ok_or(RunError::NoRobot(robot))?;
+        let for_smoothing = if log.noise_known { log.smoothing_noise } else { self.noise };
         // The delay is the same, so that the steps have the same instants.
-        let noise = Noise { sighting_delay_s: log.noise.sighting_delay_s, ..log.smoothing_noise };
+        let noise = Noise { sighting_delay_s: log.noise.sighting_delay_s, ..for_smoothing };
         let mut steps = recorded.steps(&noise, &[])?;
         steps.iter_mut().for_each(|s| s.sightings.retain(|s| !matches!(s.target, Target::Robot(_))));
         let start = Smoothed { poses: vec![self.poses.clone()], landmarks: self.named() };

@@ -35,6 +35,17 @@ impl Linear {
         let cholesky = self.s.cholesky()?;
         Some(self.innovation.dot(&cholesky.solve(&self.innovation))).filter(|v| v.is_finite())
     }
+
+    /// The same with as much more noise as brings its NIS within this bound.
+    pub fn within(&self, bound: f64) -> Self {
+        let mut wider = self.clone();
+        while wider.nis().is_some_and(|nis| nis > bound) {
+            let rows = self.h.rows;
+            let more = wider.noise.map_with_location(|i, j, v| if i < rows && j < rows { v } else { 0.0 });
+            (wider.s, wider.noise) = (wider.s + more, wider.noise * 2.0);
+        }
+        wider
+    }
 }
 
 #[derive(Clone, Debug)]

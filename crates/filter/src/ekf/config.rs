@@ -3,6 +3,9 @@
 use crate::chi2;
 use crate::covariance::Form;
 
+/// A sighting beyond this part of the right ones speaks against the pose, or is an outlier.
+pub(super) const FAR: f64 = 0.999;
+
 /// How sightings are associated with landmarks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Association {

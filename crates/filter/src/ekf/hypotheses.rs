@@ -12,14 +12,14 @@
 //! answer, seen four times a second, would else outweigh that a wrong one took something known for something new.
 
 use super::associate::{Pairing, Unlabelled};
-use super::config::{Association, EkfConfig, Linearisation};
+use super::config::{Association, EkfConfig, FAR, Linearisation};
 use super::landmark::{FilterError, Landmark, LandmarkId, Verdict};
 use super::state::EkfSlam;
 use super::views::Views;
 use crate::log::{Sighting, Target};
 use crate::measure::Measurement;
 use crate::motion::Motion;
-use cairn_geometry::Se2;
+use cairn_geometry::{Se2, Vec2};
 use nalgebra::{Matrix3, Vector3};
 
 /// Greatest number of answers that are followed.
@@ -83,6 +83,10 @@ impl Hypotheses {
     /// With one empty answer.
     pub fn new(config: EkfConfig) -> Self {
         let labelled = config.association == Association::Known;
+        // Where later sightings decide, their likelihood against that of something new does so, and a gate only saves work.
+        let gate_probability =
+            if config.association == Association::Deferred { FAR } else { config.gate_probability };
+        let config = EkfConfig { gate_probability, ..config };
         let map = (!labelled).then(|| EkfSlam::new(EkfConfig { association: Association::Known, ..config }));
         let linearisation = if labelled { config.linearisation } else { Linearisation::First };
         let filter = EkfSlam::new(EkfConfig { linearisation, ..config });
@@ -238,6 +242,11 @@ impl Hypotheses {
             None => l,
         };
         known.into_iter().map(mapped).collect()
+    }
+
+    /// Positions of the active landmarks of the filter that maps, by its own numbers, and how often each was seen.
+    pub fn positions(&self) -> impl Iterator<Item = (LandmarkId, Vec2, usize)> {
+        self.map().positions()
     }
 
     /// How often the pose was widened because many sightings were rejected.

@@ -4,7 +4,7 @@
 //! (2001). Modules: `state` is what all work on; `active` predicts and updates, `associate` does the data association,
 //! `hypotheses` defers it (`views` weighs its sightings), `initialise` adds landmarks that one measurement does not determine (`delayed` searches their positions), `upkeep`
 //! confirms and removes landmarks (`reach` is what the sensor sees), `recover` widens the pose when many sightings are
-//! rejected (`recent`), `exchange` keeps the far part of the map passive (`region`, `passive`, `deferred`, `tiles`).
+//! rejected (`recent`), `scatter` learns how large innovations are, `exchange` keeps the far part of the map passive (`region`, `passive`, `deferred`, `tiles`).
 
 mod active;
 mod associate;
@@ -20,6 +20,7 @@ mod reach;
 mod recent;
 mod recover;
 mod region;
+mod scatter;
 mod state;
 mod tiles;
 mod upkeep;
@@ -30,17 +31,20 @@ pub use config::{Association, EkfConfig, Linearisation};
 pub use hypotheses::Hypotheses;
 pub use landmark::{FilterError, Landmark, LandmarkId, Verdict};
 
+use crate::chi2;
 use crate::log::{Sighting, Target};
 use crate::measure::Measurement;
 use crate::motion::Motion;
 use active::{Active, Linear};
-use cairn_geometry::Se2;
+use cairn_geometry::{Se2, Vec2};
+use config::FAR;
 use delayed::Delayed;
 use landmark::Record;
 use nalgebra::{Matrix3, Vector3};
 use reach::Reach;
 use recent::Recent;
 use region::Region;
+use scatter::Scatter;
 use state::Robot;
 use std::collections::BTreeMap;
 
@@ -56,6 +60,7 @@ impl EkfSlam {
             by_label: BTreeMap::new(),
             next_id: 0,
             gates: [0, 1, 2, 3].map(|dof| config.gate(dof)),
+            far: [0, 1, 2, 3].map(|dof| chi2::quantile(FAR, dof)),
             delayed: Delayed::default(),
             region: config.local_radius_m.map(Region::new),
             reach: Reach::default(),
@@ -86,7 +91,14 @@ impl EkfSlam {
         }
         let place = self.active.add_pose(&pose, covariance);
         let recent = Recent::new(self.config.recovery_window);
-        self.robots.push(Robot { place, store: None, recent, travelled_m: 0.0, moves: 0 });
+        self.robots.push(Robot {
+            place,
+            store: None,
+            recent,
+            scatter: Scatter::default(),
+            travelled_m: 0.0,
+            moves: 0,
+        });
         Ok(self.robots.len() - 1)
     }
 
@@ -164,19 +176,29 @@ impl EkfSlam {
         }
     }
 
-    /// Updates by a measurement that is within its gate, or that recovery accepts.
+    /// Updates by a measurement that is within its gate, or that recovery accepts. An outlier corrects as much as a sighting at
+    /// the gate would (Huber's weight): what is rejected altogether would let a pose that is wrong stay wrong.
     fn gated(&mut self, robot: usize, linear: &Linear, landmark: Option<LandmarkId>) -> Verdict {
-        let Some(nis) = linear.nis() else { return Verdict::Unusable };
-        let (dof, gate) = (linear.h.rows, self.gates[linear.h.rows]);
-        let taken = Verdict::Taken { landmark, nis, dof };
+        let Some(plain) = linear.nis() else { return Verdict::Unusable };
+        let (dof, gate, far) = (linear.h.rows, self.gates[linear.h.rows], self.far[linear.h.rows]);
+        let known = &mut self.robots[robot];
+        let factor = known.scatter.factor();
+        known.scatter.learn(plain, gate.max(far), dof);
+        let taken = Verdict::Taken { landmark, nis: plain / factor, dof };
+        // As in `doubt`, a scatter that is smaller than believed makes nothing stricter.
+        let (widened, nis) = (factor.max(1.0), plain / factor.max(1.0));
         let rejected = nis > gate;
-        self.robots[robot].recent.judged(rejected);
+        // Whether the pose is wrong does not hang on the gate: a narrow one rejects much that is right.
+        known.recent.judged(nis > far);
         if !rejected {
             return if self.active.update(linear) { taken } else { Verdict::Unusable };
         }
         match self.recover(robot, linear, gate) {
             true => taken,
-            false => Verdict::Rejected { nis, gate },
+            false => {
+                self.active.update(&linear.within(gate * widened));
+                Verdict::Rejected { nis, gate }
+            }
         }
     }
 
@@ -194,12 +216,24 @@ impl EkfSlam {
     /// The pose of a robot as (x m, y m, angle rad), and its covariance.
     pub fn pose(&self, robot: usize) -> Option<(Vector3<f64>, Matrix3<f64>)> {
         let place = self.robots.get(robot)?.place;
-        Some((self.active.value(place), self.active.block(place, place)))
+        Some((self.active.value(place), self.active.block(place, place) * self.doubt()))
+    }
+
+    /// By how much covariances are larger than the noise alone says: the scatter of the innovations, where that is larger than
+    /// believed. Where it is smaller, the errors of successive sightings may still be alike, so nothing becomes more certain.
+    fn doubt(&self) -> f64 {
+        self.robots.iter().map(|r| r.scatter.factor()).fold(1.0, f64::max)
     }
 
     /// All landmarks in order of rising numbers, tentative ones too.
     pub fn landmarks(&self) -> Vec<Landmark> {
         self.landmarks.iter().filter_map(|r| self.estimate(r)).collect()
+    }
+
+    /// Positions of the active landmarks, and how often each was seen.
+    pub fn positions(&self) -> impl Iterator<Item = (LandmarkId, Vec2, usize)> {
+        let of = |r: &Record| Some((r.id, self.active.value(r.place?).xy(), r.seen));
+        self.landmarks.iter().filter_map(of)
     }
 
     /// The landmark with this label.
@@ -217,6 +251,7 @@ impl EkfSlam {
             _ => return None,
         };
         let Record { id, label, seen, confirmed, .. } = *record;
+        let covariance = covariance * self.doubt();
         Some(Landmark { id, label, position, covariance, seen, confirmed })
     }
 

@@ -7,6 +7,7 @@ use super::landmark::{LandmarkId, Record};
 use super::reach::Reach;
 use super::recent::Recent;
 use super::region::Region;
+use super::scatter::Scatter;
 use std::collections::BTreeMap;
 
 /// A robot of the state.
@@ -15,6 +16,7 @@ pub(super) struct Robot {
     pub(super) place: Place,
     pub(super) store: Option<usize>,
     pub(super) recent: Recent,
+    pub(super) scatter: Scatter,
     /// Distance travelled, in metres.
     pub(super) travelled_m: f64,
     /// Number of motions so far.
@@ -33,6 +35,8 @@ pub struct EkfSlam {
     pub(super) next_id: u32,
     /// Chi-square bounds by degrees of freedom.
     pub(super) gates: [f64; 4],
+    /// The same beyond which a sighting speaks against the pose.
+    pub(super) far: [f64; 4],
     pub(super) delayed: Delayed,
     pub(super) region: Option<Region>,
     pub(super) reach: Reach,

@@ -20,7 +20,8 @@ A label is a whole number from 0 on, or ? where a landmark has no name.
   0,landmark,LABEL,X,Y                  a surveyed landmark, for judging
   0,noise,NAME,VALUE                    range_m, range_by_range, bearing_rad, speed, speed_by_speed, speed_by_turn,
                                         turn, turn_by_speed, turn_by_turn (velocity: densities in units/sqrt(Hz)),
-                                        way, turn_by_way, turn_by_root (travel: for each sqrt(m), sqrt(m), sqrt(rad))";
+                                        way, turn_by_way, turn_by_root (travel: for each sqrt(m), sqrt(m), sqrt(rad));
+                                        without any, they are estimated from labelled sightings";
 
 /// Reads a log from text; `file` is the name used in messages.
 ///
@@ -34,6 +35,7 @@ pub fn parse_csv(file: &str, text: &str) -> Result<Log, LogError> {
         surveyed: BTreeMap::new(),
         truth: Vec::new(),
         noise: Noise::plaza(),
+        noise_known: false,
         unlabelled_noise: Noise::plaza(),
         smoothing_noise: Noise::plaza(),
         gate_probability: 0.999,
@@ -107,6 +109,7 @@ impl Row<'_> {
                 let name = words.next().unwrap_or_default();
                 let [value] = numbers(file, line, words, ["value"])?;
                 self.noise(&mut log.noise, name, value)?;
+                log.noise_known = true;
                 return Ok(None);
             }
             _ => return Err(LogError::at(file, line, format!("{:?} is no event", cut(kind)))),

@@ -34,6 +34,8 @@ pub struct Log {
     pub truth: Vec<(f64, Se2)>,
     /// Noise of its robots and sensors, for filtering.
     pub noise: Noise,
+    /// Whether it is known; else it is a guess, and estimated from the innovations where there are labels.
+    pub noise_known: bool,
     /// The same where labels are not used, tuned to the likelihood of the innovations, so that the gates are correct.
     pub unlabelled_noise: Noise,
     /// The same for robust smoothing, which works with a small bearing noise and far outliers.

@@ -54,6 +54,7 @@ pub fn parse_mrclam(
         surveyed,
         truth: Vec::new(),
         noise: Noise::mrclam(),
+        noise_known: true,
         unlabelled_noise: Noise::mrclam_unlabelled(),
         smoothing_noise: Noise::mrclam_smoothing(),
         gate_probability: 0.999,

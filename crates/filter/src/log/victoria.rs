@@ -66,6 +66,7 @@ pub fn parse_victoria(file: &str, text: &str) -> Result<Log, LogError> {
         surveyed: BTreeMap::new(),
         truth: Vec::new(),
         noise,
+        noise_known: true,
         unlabelled_noise: noise,
         smoothing_noise: noise,
         // Its landmarks were matched carefully: a sighting that does not fit indicates an odometry error.

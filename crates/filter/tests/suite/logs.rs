@@ -1,8 +1,11 @@
-//! Real logs: the filter still reaches its figures.
+//! Real logs, and others drawn from them: the filter still reaches its figures.
 
+use crate::drawn::{drawn, first_seed};
+use crate::textbook::textbook;
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::ekf::{Association, EkfConfig, Form};
-use cairn_filter::log::{Format, Log, load};
+use cairn_filter::joint::joint;
+use cairn_filter::log::{Format, Log, Noise, load};
 use cairn_filter::run::{Run, align, position_rmse, run};
 use cairn_geometry::Se2;
 use std::path::PathBuf;
@@ -78,6 +81,20 @@ fn mrclam_is_mapped_without_labels() {
 }
 
 #[test]
+fn deferred_associations_do_not_hang_on_the_gate() {
+    let Some(logs) = mrclam() else { return };
+    // 2.5 minutes of another world; what is wrong there is told, since it is no goal reached: `docs/ekf.md`, limits.
+    let log = drawn(&logs[0], 0, 0.1, first_seed());
+    let [narrow, wide] = [0.95, 0.999].map(|gate_probability| {
+        let association = Association::Deferred;
+        run(&log, 0, &EkfConfig { association, gate_probability, ..EkfConfig::default() }).unwrap()
+    });
+    println!("{}: {:.1} % wrong", log.name, 100.0 * narrow.wrong_associations.unwrap());
+    assert!(narrow.counts.taken > 50 && narrow.counts == wide.counts);
+    assert_eq!((narrow.poses, narrow.landmarks), (wide.poses, wide.landmarks));
+}
+
+#[test]
 fn mrclam_diverges_at_no_gate() {
     let Some(logs) = mrclam() else { return };
     for gate in [3.0, 5.0, 7.0, 9.0, 11.0, 14.0] {
@@ -86,6 +103,79 @@ fn mrclam_diverges_at_no_gate() {
             logs.iter().map(|log| landmark_error(log, &run(log, 0, &config).unwrap()).1 / 3.0).sum();
         assert!(rmse <= 0.065, "gate {gate}: {rmse:.3} m");
     }
+}
+
+#[test]
+fn innovations_of_real_logs_are_as_large_as_they_are_believed() {
+    let Some(mut logs) = mrclam() else { return };
+    for name in ["victoria_park.txt", "Plaza1_DR.txt"] {
+        logs.extend(data(name).map(|path| load(&path, None).unwrap().1));
+    }
+    for log in &logs {
+        let config = EkfConfig { gate_probability: log.gate_probability, ..EkfConfig::default() };
+        let found = run(log, 0, &config).unwrap();
+        println!("{} {}: NIS {:.2} a degree of freedom", log.name, found.robot, found.nis_per_dof);
+        assert!((0.8..=1.2).contains(&found.nis_per_dof), "{}: {}", found.robot, found.nis_per_dof);
+    }
+}
+
+/// Live positions off smoothing of the same log, each aligned to the survey, root mean square in metres: of the filter, and of the filter
+/// of a textbook with this noise.
+fn live_errors(log: &Log, noise: &Noise) -> [f64; 2] {
+    let found = run(log, 0, &EkfConfig::default()).unwrap();
+    let (smooth, _) = found.smoothed(log, 0, &BatchConfig::default()).unwrap();
+    let (smooth_to, ..) = align(&log.surveyed, &smooth.landmarks).unwrap();
+    let (poses, map) = textbook(log, 0, noise);
+    let (own_to, book_to) = (align(&log.surveyed, &found.named()), align(&log.surveyed, &map));
+    let off = |poses: &[_], to: Option<(Se2, f64, usize)>| {
+        to.map_or(f64::INFINITY, |(to, ..)| position_rmse(poses, &to, &smooth.poses[0], &smooth_to))
+    };
+    [off(&found.poses, own_to), off(&poses, book_to)]
+}
+
+#[test]
+fn live_positions_are_no_worse_than_those_of_a_textbook() {
+    let Some(logs) = mrclam() else { return };
+    let seed = first_seed();
+    let others = logs.iter().flat_map(|log| (seed..seed + 2).map(|s| drawn(log, 0, 0.5, s)));
+    let others: Vec<Log> = others.collect();
+    let mut sums = [0.0; 2];
+    for log in logs.iter().chain(&others) {
+        let [own, book] = live_errors(log, &Noise::mrclam());
+        println!(
+            "{} {}: live {:.1} cm, textbook {:.1} cm",
+            log.name,
+            log.robots[0].name,
+            100.0 * own,
+            100.0 * book
+        );
+        sums = [sums[0] + own, sums[1] + book];
+        // Of fifteen drawn logs two were worse, by at most 30 %.
+        let most = if log.name == "MRCLAM" { 1.0 } else { 1.4 };
+        assert!(own <= most * book, "{}: {own:.3} m, textbook {book:.3} m", log.name);
+    }
+    assert!(sums[0] <= 0.85 * sums[1], "{sums:?}");
+}
+
+#[test]
+fn several_robots_give_one_map_that_is_no_worse_than_the_best_of_them() {
+    let Some(path) = data("mrclam1") else { return };
+    let (_, log) = load(&path, None).unwrap();
+    let runs: Vec<Run> = (0..3).map(|k| run(&log, k, &EkfConfig::default()).unwrap()).collect();
+    let alone = runs.iter().enumerate().map(|(k, r)| {
+        let (smooth, _) = r.smoothed(&log, k, &BatchConfig::default()).unwrap();
+        align(&log.surveyed, &smooth.landmarks).unwrap().1
+    });
+    let best = alone.fold(f64::INFINITY, f64::min);
+    let config = BatchConfig { iterations: 200, ..BatchConfig::default() };
+    let together = joint(&log, &runs, &config).unwrap().unwrap();
+    let (_, rmse, pairs) = align(&log.surveyed, &together.smoothed.landmarks).unwrap();
+    println!(
+        "best alone {best:.4} m, together {rmse:.4} m, {} sightings of each other, {:?}",
+        together.mutual, together.report
+    );
+    assert_eq!((together.robots.as_slice(), pairs), ([0, 1, 2].as_slice(), 15));
+    assert!(together.report.converged && together.mutual > 1000 && rmse <= 1.2 * best, "{rmse} {best}");
 }
 
 #[test]

@@ -9,9 +9,11 @@ use crate::outputs::Outputs;
 use crate::speaking::{HEADING, Speaking};
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::ekf::{Association, EkfConfig};
+use cairn_filter::joint::joint;
 use cairn_filter::log::{CSV_FORMAT, Log, RobotLog, load};
 use cairn_filter::page::page;
 use cairn_filter::run::{Run, align, position_rmse, run as run_filter};
+use cairn_filter::truth::{Judgement, judge as against_truth};
 use cairn_geometry::Se2;
 use serde::Serialize;
 use std::ops::Bound;
@@ -82,6 +84,18 @@ struct Mapped {
     gate_probability: f64,
     notes: Vec<String>,
     robots: Vec<Robot>,
+    joint: Option<JointMap>,
+}
+
+/// One map of several robots.
+#[derive(Serialize)]
+struct JointMap {
+    robots: Vec<String>,
+    landmarks: usize,
+    mutual_sightings: usize,
+    converged: bool,
+    /// Against the survey, after a rigid alignment.
+    landmark_rmse_m: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -102,6 +116,10 @@ struct Robot {
     /// Against smoothing, each aligned to the survey, else the filter's landmarks to the smoothed ones.
     position_rmse_m: Option<f64>,
     landmarks_to_smoothed_m: Option<f64>,
+    /// Against the true poses of the log, after a rigid alignment.
+    ate_m: Option<f64>,
+    /// Mean normalised error squared of the poses against the true ones; 3 is right.
+    nees: Option<f64>,
     filter_ms: f64,
 }
 
@@ -144,14 +162,17 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         }
         return walk::run(a, &log, config, walk::script(script)?, output);
     }
-    let mut robots = Vec::new();
+    let (mut robots, mut runs) = (Vec::new(), Vec::new());
     for k in 0..log.robots.len() {
-        robots.push(judge(&log, k, &config, (k == 0).then_some(&outputs))?);
+        let (robot, found) = judge(&log, k, &config, (k == 0).then_some(&outputs))?;
+        robots.push(robot);
+        runs.push(found);
     }
+    let joint = if a.by_labels() { joint_map(&log, &runs)? } else { None };
     let gaps = log.robots.iter().filter_map(gap_note);
     let notes = log.notes.iter().cloned().chain(gaps).collect();
     let gate_probability = config.gate_probability;
-    let mapped = Mapped { log: log.name, associate: a.associate, gate_probability, notes, robots };
+    let mapped = Mapped { log: log.name, associate: a.associate, gate_probability, notes, robots, joint };
     output.result(&mapped, text)
 }
 
@@ -166,7 +187,29 @@ fn gap_note(robot: &RobotLog) -> Option<String> {
     ))
 }
 
-fn judge(log: &Log, k: usize, config: &EkfConfig, page_to: Option<&Outputs>) -> Result<Robot, Failure> {
+/// Smoothing several robots starts farther off than that of one: three robots of MRCLAM do not converge in 50 steps.
+const JOINT_ITERATIONS: usize = 200;
+
+/// One map of all robots that share landmarks.
+fn joint_map(log: &Log, runs: &[Run]) -> Result<Option<JointMap>, Failure> {
+    let config = BatchConfig { iterations: JOINT_ITERATIONS, ..BatchConfig::default() };
+    let found = joint(log, runs, &config)
+        .map_err(|e| Failure::new(&log.name, e.to_string(), "check the noise of the log"))?;
+    Ok(found.map(|j| JointMap {
+        robots: j.robots.iter().map(|k| log.robots[*k].name.clone()).collect(),
+        landmarks: j.smoothed.landmarks.len(),
+        mutual_sightings: j.mutual,
+        converged: j.report.converged,
+        landmark_rmse_m: align(&log.surveyed, &j.smoothed.landmarks).map(|a| a.1),
+    }))
+}
+
+fn judge(
+    log: &Log,
+    k: usize,
+    config: &EkfConfig,
+    page_to: Option<&Outputs>,
+) -> Result<(Robot, Run), Failure> {
     let failed = |why: String| Failure::new(&log.robots[k].name, why, "check the noise of the log");
     let found = run_filter(log, k, config).map_err(|e| failed(e.to_string()))?;
     let (smooth, _) = found.smoothed(log, k, &BatchConfig::default()).map_err(|e| failed(e.to_string()))?;
@@ -177,6 +220,8 @@ fn judge(log: &Log, k: usize, config: &EkfConfig, page_to: Option<&Outputs>) -> 
         (Some((a, ..)), Some((b, ..))) => Some((*a, *b)),
         _ => onto.map(|(t, ..)| (t, Se2::identity())),
     };
+    // True poses are of the first robot.
+    let truth = if k == 0 { against_truth(&log.truth, &found) } else { None };
     let robot = Robot {
         name: found.robot.clone(),
         poses: found.poses.len(),
@@ -191,12 +236,14 @@ fn judge(log: &Log, k: usize, config: &EkfConfig, page_to: Option<&Outputs>) -> 
         smoothed_landmark_rmse_m: smooth_survey.map(|s| s.1),
         position_rmse_m: transforms.map(|(a, b)| position_rmse(&found.poses, &a, &smooth.poses[0], &b)),
         landmarks_to_smoothed_m: onto.map(|o| o.1),
+        ate_m: truth.and_then(|t: Judgement| t.ate_m),
+        nees: truth.and_then(|t| t.nees),
         filter_ms: found.filter_ms,
     };
     if let Some(outputs) = page_to {
         write_page(outputs, log, &found, &robot, survey.map(|s| s.0.inverse()), &smooth.poses[0])?;
     }
-    Ok(robot)
+    Ok((robot, found))
 }
 
 /// The other file of a pair _DR and _TD (Plaza).
@@ -241,6 +288,8 @@ fn rows(r: &Robot) -> Vec<(&'static str, String)> {
         ),
         ("position", cm(r.position_rmse_m).map(|v| format!("{v} RMSE live against smoothing"))),
         ("map", cm(r.landmarks_to_smoothed_m).map(|v| format!("{v} RMSE against smoothing"))),
+        ("truth", cm(r.ate_m).map(|v| format!("{v} RMSE live (ATE)"))),
+        ("NEES", r.nees.map(|n| format!("{n:.2} against the truth (3 expected)"))),
         ("wrong", r.wrong_associations.map(|w| format!("{:.1} % of the associations", 100.0 * w))),
     ];
     rows.extend(optional.into_iter().filter_map(|(name, value)| Some((name, value?))));
@@ -253,6 +302,12 @@ fn text(m: &Mapped) -> String {
     for r in &m.robots {
         lines.push(r.name.clone());
         lines.extend(rows(r).iter().map(|(name, value)| format!("  {name:<10}{value}")));
+    }
+    if let Some(j) = &m.joint {
+        lines.push(format!("one map of {}", j.robots.join(", ")));
+        let survey = j.landmark_rmse_m.map_or_else(String::new, |v| format!(", {:.1} cm RMSE", 100.0 * v));
+        lines.push(format!("  {:<10}{}{survey}", "landmarks", j.landmarks));
+        lines.push(format!("  {:<10}{} of each other", "sightings", j.mutual_sightings));
     }
     lines.extend(m.notes.iter().map(|note| format!("note: {note}")));
     lines.join("\n")

@@ -5,6 +5,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 use cairn_filter::ekf::EkfConfig;
 use cairn_filter::log::{Log, Step, Target};
+use cairn_filter::run::noise_of;
 use cairn_guide::length;
 use cairn_sensor::{FramePacket, Stamp};
 use cairn_session::{Command, Event, Script, Session, SessionConfig, Wheels};
@@ -73,11 +74,11 @@ pub fn run(
         ..SessionConfig::default()
     };
     let mut session = Session::new(wheels, session);
-    let noise = if a.by_labels() { &log.noise } else { &log.unlabelled_noise };
+    let noise = noise_of(log, robot, &config);
     let ends = [robot.entries.first(), robot.entries.last()].map(|e| e.map_or(0.0, |e| e.time_s));
     let cuts: Vec<f64> =
         (0..).map(|k| ends[0] + STEP_S * f64::from(k)).take_while(|t| *t < ends[1]).collect();
-    let steps = robot.steps(noise, &cuts).map_err(|e| failed(e.to_string()))?;
+    let steps = robot.steps(&noise, &cuts).map_err(|e| failed(e.to_string()))?;
     let (mut said, mut driven, mut seconds) = (Vec::new(), 0, 0.0);
     for step in steps {
         (driven, seconds) = (driven + 1, step.time_s - ends[0]);
