@@ -11,6 +11,7 @@ mod decode;
 mod euroc;
 mod first_image;
 mod frames;
+mod icl_nuim;
 mod images;
 mod imu;
 mod kitti;
@@ -27,8 +28,10 @@ mod recording;
 mod rig;
 mod seven_scenes;
 mod std_host;
+mod stray;
 mod text;
 mod tum;
+mod uzh;
 mod validator;
 
 pub use bag::{Frames, NamedTopic, NamedTopicError, TopicRole};
