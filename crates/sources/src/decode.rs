@@ -96,17 +96,6 @@ fn gray_of(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     }
 }
 
-/// The left (0) or right (1) half of an image with two side by side; of an odd width the middle column is left out.
-pub fn half(both: &GrayImage, side: usize) -> GrayImage {
-    let (width, height) = (both.width() / 2, both.height());
-    let from = if side == 0 { 0 } else { both.width() - width };
-    let mut half = GrayImage::new(width, height);
-    for y in 0..height {
-        half.row_mut(y).copy_from_slice(&both.row(y)[from..from + width]);
-    }
-    half
-}
-
 /// Luminance of a JPEG in memory, as a phone's page sends it; a panic of the decoder becomes an error.
 pub fn gray_jpeg(bytes: &[u8]) -> Result<GrayImage, ImageError> {
     guarded(|| match kind(bytes)? {

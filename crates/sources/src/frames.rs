@@ -13,12 +13,12 @@
 use crate::android::phone_from_camera;
 use crate::live::Film;
 use crate::numbered::{image_size, numbered_after};
+use crate::record3d;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
 use crate::rig;
 use crate::stray::{self, Motion};
 use crate::text::{data_lines, fields, in_range, numbers, read_text};
 use cairn_eval::pose_from_matrix;
-use cairn_files::yaml::{self, Node};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthSensor, Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::collections::BTreeMap;
@@ -44,7 +44,7 @@ impl Layout {
             Some(Self::ScanNet)
         } else if file("odometry.csv") && file("camera_matrix.csv") {
             Some(Self::Stray)
-        } else if metadata(folder).is_some() {
+        } else if record3d::metadata(folder).is_some() {
             Some(Self::Record3d)
         } else {
             None
@@ -216,16 +216,6 @@ fn intrinsics_file(folder: &Path, of: &str) -> PathBuf {
     if inner.is_file() { inner } else { folder.join(name) }
 }
 
-/// The file of Record3D, beside its images.
-fn metadata(folder: &Path) -> Option<(PathBuf, Node)> {
-    let (path, images) = [("metadata.json", "rgb"), ("metadata", "rgbd")]
-        .map(|(file, images)| (folder.join(file), folder.join(images)))
-        .into_iter()
-        .find(|(file, images)| file.is_file() && images.is_dir())?;
-    let root = yaml::parse(&read_text(&path).ok()?).ok().filter(|_| images.is_dir())?;
-    (root.get("K").is_some() && root.get("w").is_some()).then_some((path, root))
-}
-
 fn own_rig(layout: Layout, folder: &Path, colour: &[(usize, ImageAt)]) -> Result<Rig, SourceError> {
     match layout {
         Layout::Replica => {
@@ -250,28 +240,8 @@ fn own_rig(layout: Layout, folder: &Path, colour: &[(usize, ImageAt)]) -> Result
             let camera = of_matrix(&folder.join("camera_matrix.csv"), 3, size(folder, colour)?)?;
             Ok(Rig { depth: Some(sensor(camera, true)), ..Rig::mono(camera) })
         }
-        Layout::Record3d => record3d(folder, size(folder, colour)?),
+        Layout::Record3d => record3d::rig(folder, size(folder, colour)?),
     }
-}
-
-/// Record3D's camera: a matrix by columns, for images of the size that is stated with it.
-fn record3d(folder: &Path, [width, height]: [usize; 2]) -> Result<Rig, SourceError> {
-    let (path, root) =
-        metadata(folder).unwrap_or((folder.to_owned(), Node { line: 0, value: yaml::Value::Null }));
-    let wrong = |why: &str| SourceError::new(path.display().to_string(), why, "give --rig");
-    let words = |node: &'_ Node| -> Vec<String> {
-        node.list().unwrap_or_default().iter().filter_map(Node::text).map(str::to_owned).collect()
-    };
-    let k = root.get("K").map(words).unwrap_or_default();
-    let k = numbers::<9>(k.iter().map(String::as_str)).ok_or_else(|| wrong("K is no 3x3 matrix"))?;
-    let stated = ["w", "h"].map(|key| root.get(key).and_then(Node::text).and_then(|t| t.parse::<f64>().ok()));
-    let [Some(w), Some(h)] = stated else { return Err(wrong("w and h are no numbers")) };
-    let [by_x, by_y] = [width as f64 / w, height as f64 / h];
-    if (by_x / by_y - 1.0).abs() > 0.01 {
-        return Err(wrong(&format!("is of images of {w}x{h}, but these have {width}x{height}")));
-    }
-    let camera = Camera::pinhole(width, height, k[0] * by_x, k[4] * by_y, k[6] * by_x, k[7] * by_y);
-    checked(&path, camera).map(Rig::mono)
 }
 
 /// Depth in millimetres.
@@ -310,21 +280,13 @@ fn times(layout: Layout, folder: &Path, rows: &[stray::Row], colour: &[(usize, I
     if layout == Layout::Stray {
         return Times::Each(rows.iter().map(|row| (row.number, row.stamp)).collect());
     }
-    let Some((_, root)) = metadata(folder).filter(|_| layout == Layout::Record3d) else {
-        return Times::Rate(NOMINAL_HZ, false);
-    };
-    let each = root.get("frameTimestamps").and_then(Node::list).unwrap_or_default();
-    let stamps = each.iter().map(|node| crate::text::stamp_seconds(node.text()?));
-    match stamps.collect::<Option<Vec<Stamp>>>() {
-        Some(stamps) if stamps.len() >= colour.len() && !stamps.is_empty() => {
-            Times::Each(stamps.into_iter().enumerate().collect())
+    if layout == Layout::Record3d {
+        if let Some(stamps) = record3d::stamps(folder).filter(|stamps| stamps.len() >= colour.len()) {
+            return Times::Each(stamps.into_iter().enumerate().collect());
         }
-        _ => {
-            let stated = root.get("fps").and_then(Node::text).and_then(|t| t.parse::<f64>().ok());
-            let stated = stated.filter(|hz| (1.0..=240.0).contains(hz));
-            Times::Rate(stated.unwrap_or(NOMINAL_HZ), stated.is_some())
-        }
+        return record3d::rate_hz(folder).map_or(Times::Rate(NOMINAL_HZ, false), |hz| Times::Rate(hz, true));
     }
+    Times::Rate(NOMINAL_HZ, false)
 }
 
 /// True poses of the camera by the number of its frame; those that are not finite are left out.

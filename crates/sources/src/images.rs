@@ -5,11 +5,12 @@
 //! those of `times.txt` or `timestamps.txt` with a line for each image, else 30 images a second.
 
 use crate::decode;
+use crate::halves::{alike, side_by_side};
 use crate::live::guessed;
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig;
 use crate::text::{data_lines, fields, read_text, stamp_ns, stamp_seconds};
-use cairn_sensor::{GrayImage, Rig, SkipKind, Skipped, SourceError, Stamp};
+use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Nanoseconds between images without times: 30 a second.
@@ -67,9 +68,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     }
     (rig.depth, rig.imu) = (None, None);
     let mut skipped = Vec::new();
-    if assumed.is_some()
-        && files.iter().find_map(|path| decode::gray(path).ok()).is_some_and(|i| halves_alike(&i))
-    {
+    if assumed.is_some() && files.iter().find_map(|path| decode::gray(path).ok()).is_some_and(|i| alike(&i)) {
         let text = "the images look like left and right of a stereo camera side by side, and are taken as of one camera: \
                     give a --rig of both, each of half the width";
         skipped.push(Skipped::new(SkipKind::Other, "two pictures side by side", text));
@@ -108,42 +107,6 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         skipped,
         assumed,
     })
-}
-
-/// Whether images of this size are two of a rig's cameras side by side.
-pub fn side_by_side(rig: &Rig, [width, height]: [usize; 2]) -> bool {
-    let is_half = |c: &cairn_sensor::RigCamera| 2 * c.camera.width == width && c.camera.height == height;
-    rig.cameras.len() >= 2 && rig.cameras[..2].iter().all(is_half)
-}
-
-/// Least correlation of two halves that show one scene from beside each other: those of a street or a room by themselves had
-/// at most 0.4, stereo pairs of EuRoC and KITTI at least 0.6.
-const ALIKE: f64 = 0.55;
-
-/// Whether left and right half of a wide image show nearly the same: the correlation of their pixels, at the shift that suits
-/// best, up to a quarter of the width.
-fn halves_alike(image: &GrayImage) -> bool {
-    image.width() >= 2 * image.height() && image.width() >= 128 && alike(image) > ALIKE
-}
-
-/// The correlation of left and right half, at the shift of the right one that suits best.
-fn alike(image: &GrayImage) -> f64 {
-    let (width, height) = (image.width() / 2, image.height());
-    let correlation = |shift: usize| {
-        let mut sums = [0.0; 6];
-        for y in (0..height).step_by(4) {
-            let row = image.row(y);
-            for x in (shift..width).step_by(4) {
-                let (a, b) = (f64::from(row[x]), f64::from(row[width + x - shift]));
-                let terms = [1.0, a, b, a * a, b * b, a * b];
-                sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
-            }
-        }
-        let [n, a, b, aa, bb, ab] = sums;
-        let variance = (aa - a * a / n) * (bb - b * b / n);
-        if variance > 0.0 { (ab - a * b / n) / variance.sqrt() } else { 0.0 }
-    };
-    (0..width / 4).step_by(2).map(correlation).fold(0.0, f64::max)
 }
 
 fn images(folder: &Path) -> impl Iterator<Item = PathBuf> {
@@ -234,42 +197,5 @@ mod tests {
         assert_eq!(time_of_name("1403636579763555584"), Some(Stamp(1_403_636_579_763_555_584)));
         assert_eq!(time_of_name("1305031102.175304"), Some(Stamp(1_305_031_102_175_304_000)));
         assert_eq!((time_of_name("000123"), time_of_name("frame-1.5")), (None, None));
-    }
-}
-
-#[cfg(test)]
-mod measure {
-    use super::*;
-    #[test]
-    fn measure_alike() {
-        let data = PathBuf::from(std::env::var("CAIRN_DATA").unwrap());
-        let join = |a: &GrayImage, b: &GrayImage| {
-            let mut out = GrayImage::new(a.width() + b.width(), a.height());
-            for y in 0..a.height() {
-                out.row_mut(y)[..a.width()].copy_from_slice(a.row(y));
-                out.row_mut(y)[a.width()..].copy_from_slice(b.row(y));
-            }
-            out
-        };
-        let list = |p: &str| {
-            let mut v: Vec<PathBuf> = images(&data.join(p)).collect();
-            v.sort();
-            v
-        };
-        for (l, r) in [
-            ("kitti-a/image_0", "kitti-a/image_1"),
-            ("euroc-mh01/mav0/cam0/data", "euroc-mh01/mav0/cam1/data"),
-        ] {
-            let (l, r) = (list(l), list(r));
-            let n = l.len().min(r.len());
-            let mut single: Vec<f64> = vec![];
-            let mut pair: Vec<f64> = vec![];
-            for k in (0..n).step_by((n / 12).max(1)) {
-                let (a, b) = (decode::gray(&l[k]).unwrap(), decode::gray(&r[k]).unwrap());
-                single.push(alike(&a));
-                pair.push(alike(&join(&a, &b)));
-            }
-            println!("single {single:.2?}\npair {pair:.2?}");
-        }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::bag_reader::{BagImu, BagReader, MessageError};
 use crate::decode;
+use crate::halves;
 use crate::imu::{ImuStream, SplitImuStream};
 use crate::live::Film;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
@@ -201,7 +202,7 @@ impl Player {
             Some((_, image)) => image,
             None => decode::gray(path)?,
         };
-        let half = decode::half(&both, side);
+        let half = halves::half(&both, side);
         self.both = Some((path.to_owned(), both));
         Ok(half)
     }

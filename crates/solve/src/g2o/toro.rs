@@ -38,7 +38,7 @@ enum Kind {
 }
 
 /// Tags: what each is, whether it is in the plane, and whether only iSAM writes it.
-const TAGS: [(&str, Kind, bool, bool); 9] = [
+static TAGS: [(&str, Kind, bool, bool); 9] = [
     ("VERTEX2", Kind::Vertex, true, false),
     ("EDGE2", Kind::Edge, true, false),
     ("Constraint2", Kind::Edge, true, true),

@@ -4,8 +4,7 @@
 use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle};
 use super::rig_for;
-use crate::decode::half;
-use crate::images::side_by_side;
+use crate::halves::{half, side_by_side};
 use crate::options::OpenOptions;
 use crate::prefetch::Prefetch;
 use cairn_sensor::{FramePacket, Rig, SkipKind, Skipped, Skips, Source, SourceError, SourceInfo, Stamp};

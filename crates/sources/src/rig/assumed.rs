@@ -15,7 +15,8 @@ pub fn assumed_in(path: impl AsRef<Path>) -> Option<String> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
         let file: toml::Table = text.parse().ok()?;
         let cameras = file.get("cameras").and_then(|c| c.as_array()).into_iter().flatten();
-        let focal = |c: &toml::Value| c.get("focal")?.get(1)?.as_float();
+        let number = |v: &toml::Value| v.as_float().or(v.as_integer().map(|v| v as f64));
+        let focal = |c: &toml::Value| number(c.get("focal")?.get(1)?);
         told.extend(cameras.filter_map(focal).any(|fy| fy < 0.0).then(negative_fy));
     } else {
         let doc = Document::parse(path, &text).ok()?;
@@ -46,14 +47,14 @@ fn negative_fy() -> String {
         .into()
 }
 
-/// Whether a focal length along y is negative: by its key, or second (third with a `xi` before) of a list of intrinsics.
+/// Whether a focal length along y is negative: by its key, or second of the intrinsics of a pinhole.
 fn has_negative_fy(node: &Node) -> bool {
     let negative = |node: &Node| node.text().and_then(|t| t.parse::<f64>().ok()).is_some_and(|v| v < 0.0);
     match &node.value {
         Value::Map(entries) => entries.iter().any(|(key, value)| match key.as_str() {
             "fy" | "cam_fy" | "mv" | "gamma2" => negative(value),
-            "focal_length" | "intrinsics" if value.list().is_some_and(|l| matches!(l.len(), 2 | 4)) => {
-                value.list().and_then(|list| list.get(1)).is_some_and(negative)
+            "focal_length" | "intrinsics" if matches!(value.list(), Some([_, _] | [_, _, _, _])) => {
+                value.list().is_some_and(|list| negative(&list[1]) || list.iter().any(has_negative_fy))
             }
             key => (key.ends_with(".fy") && negative(value)) || has_negative_fy(value),
         }),

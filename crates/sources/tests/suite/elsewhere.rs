@@ -322,7 +322,7 @@ fn replica_scannet_stray_scanner_and_record3d_are_read() {
         stray.write(&format!("depth/00000{k}.png"), depth_png(8, 6, 1, 2000));
     }
     let text = refused(stray.name(), OpenOptions::default());
-    assert!(text.contains("rgb.mp4") && text.contains("ffmpeg -i"), "{text}");
+    assert!(text.contains("rgb.mp4") && text.contains("ffmpeg -noautorotate -i"), "{text}");
     for k in 0..2 {
         stray.write(&format!("rgb/00000{k}.png"), gray_png(16, 12, k));
     }
