@@ -19,8 +19,8 @@ pub fn side_by_side(rig: &Rig, [width, height]: [usize; 2]) -> bool {
     rig.cameras.len() >= 2 && rig.cameras[..2].iter().all(is_half)
 }
 
-/// Least correlation of two halves that show one scene from beside each other: those of a street or a room by themselves had
-/// at most 0.4, stereo pairs of EuRoC and KITTI at least 0.6.
+/// Least correlation of two halves that show one scene from beside each other. Of 26 pictures of KITTI and EuRoC the halves had at
+/// most 0.50; of the 26 pairs of left and right all but one had at least 0.55, those of KITTI 0.72.
 const ALIKE: f64 = 0.55;
 
 /// Whether left and right half of a wide image show nearly the same: the correlation of their pixels, at the shift that suits
@@ -47,47 +47,4 @@ fn correlated(image: &GrayImage) -> f64 {
         if variance > 0.0 { (ab - a * b / n) / variance.sqrt() } else { 0.0 }
     };
     (0..width / 4).step_by(2).map(correlation).fold(0.0, f64::max)
-}
-
-#[cfg(test)]
-mod measure {
-    use super::*;
-    use crate::decode;
-    use std::path::PathBuf;
-    #[test]
-    fn measure_alike() {
-        let data = PathBuf::from(std::env::var("CAIRN_DATA").unwrap());
-        let join = |a: &GrayImage, b: &GrayImage| {
-            let mut out = GrayImage::new(a.width() + b.width(), a.height());
-            for y in 0..a.height() {
-                out.row_mut(y)[..a.width()].copy_from_slice(a.row(y));
-                out.row_mut(y)[a.width()..].copy_from_slice(b.row(y));
-            }
-            out
-        };
-        let list = |p: &str| {
-            let mut v: Vec<PathBuf> = std::fs::read_dir(data.join(p))
-                .unwrap()
-                .map(|e| e.unwrap().path())
-                .filter(|p| decode::is_image(p))
-                .collect();
-            v.sort();
-            v
-        };
-        for (l, r) in [
-            ("kitti-a/image_0", "kitti-a/image_1"),
-            ("euroc-mh01/mav0/cam0/data", "euroc-mh01/mav0/cam1/data"),
-        ] {
-            let (l, r) = (list(l), list(r));
-            let n = l.len().min(r.len());
-            let mut single: Vec<f64> = vec![];
-            let mut pair: Vec<f64> = vec![];
-            for k in (0..n).step_by((n / 12).max(1)) {
-                let (a, b) = (decode::gray(&l[k]).unwrap(), decode::gray(&r[k]).unwrap());
-                single.push(correlated(&a));
-                pair.push(correlated(&join(&a, &b)));
-            }
-            println!("single {single:.2?}\npair {pair:.2?}");
-        }
-    }
 }

@@ -147,6 +147,11 @@ impl Player {
                 Skipped::new(SkipKind::Frame, dropped.why.to_string(), format!("{dropped}, image dropped"));
             self.note(vec![one.at(instant.stamp)]);
         }
+        self.merged(decode_ms)
+    }
+
+    /// The next packet that is whole. After a jump of the time an image waits for the one after it, so it may be an earlier one.
+    fn merged(&mut self, decode_ms: f64) -> Option<FramePacket> {
         self.read_imu();
         let merged = self.merge.pop()?;
         let (images, depth) = merged.images.into_iter().next()?;
@@ -249,6 +254,11 @@ impl Source for Player {
             if let Some(packet) = self.read(&instant) {
                 return Ok(Some(packet));
             }
+        }
+        // What waited for an image after it.
+        self.merge.end(Stream::Camera(0));
+        if let Some(packet) = self.merged(0.0) {
+            return Ok(Some(packet));
         }
         let without = self.merge.counts().without_imu;
         if without > 0 && !std::mem::replace(&mut self.ended, true) {

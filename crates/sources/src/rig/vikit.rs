@@ -25,15 +25,16 @@ pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
         }
     }
     let model = doc.need(&doc.root, "cam_model")?;
-    let (numbers, distortion) = match model.text().unwrap_or_default().to_ascii_lowercase().as_str() {
+    let name = model.text().unwrap_or_default();
+    let (numbers, distortion) = match name.to_ascii_lowercase().as_str() {
         "pinhole" if c.iter().all(|v| *v == 0.0) => (numbers, Distortion::None),
         "pinhole" => (numbers, doc.distortion(model.line, "radtan", &c)?),
         "atan" => {
             let [fx, fy, cx, cy] = numbers;
             ([fx * w, fy * h, cx * w - 0.5, cy * h - 0.5], doc.distortion(model.line, "fov", &c)?)
         }
-        other => {
-            let why = format!("cam_model \"{other}\" is not known (Pinhole and ATAN are)");
+        _ => {
+            let why = format!("cam_model \"{name}\" is not known (Pinhole and ATAN are)");
             return Err(doc.error(model.line, why));
         }
     };

@@ -54,8 +54,25 @@ fn times_in_seconds_are_no_numbers_of_frames() {
     let images = ["1.png", "3.png"];
     images.iter().for_each(|name| drop(folder.write(&format!("rgb/{name}"), gray_png(640, 480, 0))));
     folder.write("rgb.txt", "1 rgb/1.png\n2.5 rgb/3.png\n");
-    let stamps: Vec<i64> = packets(&mut *opened(&folder, None)).iter().map(|p| p.stamp.0).collect();
-    assert_eq!(stamps, [1_000_000_000, 2_500_000_000]);
+    let mut source = opened(&folder, None);
+    let stamps: Vec<i64> = packets(&mut *source).iter().map(|p| p.stamp.0).collect();
+    assert_eq!(stamps, [1_000_000_000, 2_500_000_000], "{:?}", source.skipped());
+}
+
+#[test]
+fn the_last_image_is_given_after_a_gap_in_the_times() {
+    for times in [&[0.0, 0.1, 2.0][..], &[0.0, 2.0, 4.0], &[0.0, 0.1, 2.0, 2.1, 2.2]] {
+        let folder = Folder::new();
+        let mut lines = String::new();
+        for (k, time) in times.iter().enumerate() {
+            folder.write(&format!("rgb/{k}.png"), gray_png(640, 480, 0));
+            lines += &format!("{time:.1} rgb/{k}.png\n");
+        }
+        folder.write("rgb.txt", lines);
+        let found: Vec<f64> =
+            packets(&mut *opened(&folder, None)).iter().map(|p| p.stamp.seconds()).collect();
+        assert_eq!(found, times);
+    }
 }
 
 /// Lines of an IMU at rest that lies on its back: 9.8 m/s^2 along z.
