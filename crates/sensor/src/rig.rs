@@ -208,6 +208,16 @@ impl Rig {
                 ));
             }
         }
+        if let [a, b, ..] = &self.cameras[..] {
+            let a_from_b = a.body_from_camera.inverse() * b.body_from_camera;
+            // A rectified pair, by which depth is measured to the right.
+            if a_from_b.rotation.angle() < 1e-6 && a_from_b.translation.x < 0.0 {
+                warnings.push(format!(
+                    "{} is {:.4} m to the left of {}: is the sign of the baseline right, or are left and right exchanged?",
+                    b.name, -a_from_b.translation.x, a.name
+                ));
+            }
+        }
         let Some(imu) = &self.imu else { return warnings };
         // Browsers give 60 a second, which is enough for the motions of a walker.
         if imu.rate_hz < 55.0 || imu.rate_hz > 4000.0 {

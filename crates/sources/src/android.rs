@@ -80,7 +80,7 @@ fn guessed_rig(images: &Path, rate_hz: f64) -> Result<Rig, SourceError> {
 }
 
 /// The rotation of the camera in the phone; with the image 90 degrees against the phone held upright.
-fn phone_from_camera() -> So3 {
+pub fn phone_from_camera() -> So3 {
     So3::from_matrix(&Mat3::from_columns(&[-Vec3::y(), -Vec3::x(), -Vec3::z()]))
 }
 

@@ -1,4 +1,5 @@
-//! Lines of a time stamp ([ns], or decimal seconds) and numbers in a CSV file, read as needed so that memory does not grow with the recording.
+//! Lines of a time stamp ([ns], or decimal seconds) and numbers in a CSV file, read as needed so that memory does not grow with
+//! the recording.
 
 use crate::text::{fields, numbers, place, stamp_any};
 use cairn_sensor::{SkipKind, Skipped, SourceError, Stamp};
@@ -10,6 +11,8 @@ use std::path::{Path, PathBuf};
 pub struct CsvStream<const N: usize> {
     path: PathBuf,
     lines: BufReader<File>,
+    /// Columns before the stamp.
+    before: usize,
     number: usize,
     peeked: Option<(Stamp, [f64; N])>,
 }
@@ -17,6 +20,11 @@ pub struct CsvStream<const N: usize> {
 impl<const N: usize> CsvStream<N> {
     /// Opens the file, whose lines have these `columns` after the stamp. A file without a reading is an error.
     pub fn open(path: &Path, columns: &str) -> Result<Self, SourceError> {
+        Self::open_after(path, 0, columns)
+    }
+
+    /// As [`CsvStream::open`], of lines with so many columns before the stamp, such as a number of the line.
+    pub fn open_after(path: &Path, before: usize, columns: &str) -> Result<Self, SourceError> {
         // Only read piece by piece, so any size will do.
         let file = cairn_files::open(path, u64::MAX).map_err(|e| {
             SourceError::new(
@@ -25,7 +33,8 @@ impl<const N: usize> CsvStream<N> {
                 "restore it, or give a rig without an IMU",
             )
         })?;
-        let mut stream = Self { path: path.to_owned(), lines: BufReader::new(file), number: 0, peeked: None };
+        let mut stream =
+            Self { path: path.to_owned(), lines: BufReader::new(file), before, number: 0, peeked: None };
         let mut skipped = Vec::new();
         stream.peeked = stream.read(&mut skipped);
         if stream.peeked.is_none() {
@@ -72,7 +81,7 @@ impl<const N: usize> CsvStream<N> {
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
-            match parse(line) {
+            match parse(line, self.before) {
                 Some(reading) => return Some(reading),
                 None => {
                     let text = format!("{}: not an IMU sample, dropped", self.place());
@@ -83,7 +92,7 @@ impl<const N: usize> CsvStream<N> {
     }
 }
 
-fn parse<const N: usize>(line: &str) -> Option<(Stamp, [f64; N])> {
-    let mut from = fields(line);
+fn parse<const N: usize>(line: &str, before: usize) -> Option<(Stamp, [f64; N])> {
+    let mut from = fields(line).skip(before);
     Some((stamp_any(from.next()?)?, numbers::<N>(from)?))
 }

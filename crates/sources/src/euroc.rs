@@ -3,6 +3,7 @@
 //! An additional `depth0/`, of 16-bit PNG at the stamps of `cam0`, is read where the rig has a depth sensor.
 //! Burri et al., "The EuRoC micro aerial vehicle datasets" (2016); Schubert et al., "The TUM VI benchmark" (2018).
 
+use crate::imu::Columns;
 use crate::recording::{
     ImageAt, ImuAt, Instant, Recording, apart, join_depth, named_by_time, pair, read_index, read_truth,
 };
@@ -80,7 +81,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     }
     Ok(Recording {
         name: format!("EuRoC folder {}", folder.display()),
-        imu: rig.imu.is_some().then_some(ImuAt::Csv(imu)),
+        imu: rig.imu.is_some().then_some(ImuAt::Csv(imu, Columns::default())),
         bag: None,
         rig,
         instants,

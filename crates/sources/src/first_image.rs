@@ -4,7 +4,7 @@ use crate::decode;
 use std::path::{Path, PathBuf};
 
 /// Where images lie in recordings of the known kinds.
-const INSIDE: [&str; 11] = [
+const INSIDE: [&str; 13] = [
     "",
     "mav0/cam0/data",
     "cam0/data",
@@ -16,6 +16,8 @@ const INSIDE: [&str; 11] = [
     "color",
     "results",
     "images",
+    "img",
+    "rgbd",
 ];
 
 /// Columns and rows of the first image that can be read.

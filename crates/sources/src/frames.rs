@@ -1,28 +1,33 @@
 //! Colour and depth in numbered files, as several data sets and scanning apps have them:
 //!
-//! | | colour | depth | calibration | poses |
+//! | | colour | depth | calibration | poses and times |
 //! |---|---|---|---|---|
 //! | Replica (as NICE-SLAM renders it) | `results/frame000000.jpg` | `results/depth000000.png` | `cam_params.json` here or above | `traj.txt` |
 //! | ScanNet | `color/0.jpg` | `depth/0.png`, mm | `intrinsic/intrinsic_color.txt`, `..._depth.txt` | `pose/0.txt` |
-//! | Stray Scanner | `rgb/000000.jpg` | `depth/000000.png`, mm | `camera_matrix.csv` | times of `odometry.csv` |
-//! | Record3D | `rgb/0.jpg` | none that is read (EXR) | `metadata.json` | none |
+//! | Stray Scanner | `rgb.mp4` or `rgb/000000.jpg` | `depth/000000.png`, mm | `camera_matrix.csv` | times of `odometry.csv` |
+//! | Record3D | `rgb/0.jpg`, or `rgbd/0.jpg` of an unzipped .r3d | none that is read (EXR, LZFSE) | `metadata.json`, `metadata` | times or rate there |
 //!
-//! Without times they are played at 30 images a second.
+//! Stray Scanner's `imu.csv` is used where gravity is in it ([`crate::stray`]). Without times they are played at 30 images a
+//! second, which is told.
 
+use crate::android::phone_from_camera;
+use crate::live::Film;
 use crate::numbered::{image_size, numbered_after};
-use crate::recording::{ImageAt, Instant, Recording};
+use crate::record3d;
+use crate::recording::{ImageAt, ImuAt, Instant, Recording};
 use crate::rig;
-use crate::text::{data_lines, fields, numbers, read_text, stamp_seconds};
+use crate::stray::{self, Motion};
+use crate::text::{data_lines, fields, in_range, numbers, read_text};
 use cairn_eval::pose_from_matrix;
-use cairn_files::yaml::{self, Node};
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthSensor, Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-const STEP_NS: i64 = 33_333_333;
+/// Images a second where nothing states it.
+const NOMINAL_HZ: f64 = 30.0;
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Layout {
     Replica,
     ScanNet,
@@ -39,7 +44,7 @@ impl Layout {
             Some(Self::ScanNet)
         } else if file("odometry.csv") && file("camera_matrix.csv") {
             Some(Self::Stray)
-        } else if folder.join("rgb").is_dir() && metadata(folder).is_some() {
+        } else if record3d::metadata(folder).is_some() {
             Some(Self::Record3d)
         } else {
             None
@@ -56,10 +61,11 @@ impl Layout {
     }
 
     /// Folder and beginning of the names of colour and depth.
-    fn images(self) -> [(&'static str, &'static str); 2] {
+    fn images(self, folder: &Path) -> [(&'static str, &'static str); 2] {
         match self {
             Self::Replica => [("results", "frame"), ("results", "depth")],
             Self::ScanNet => [("color", ""), ("depth", "")],
+            Self::Record3d if folder.join("rgbd").is_dir() => [("rgbd", ""), ("depth", "")],
             Self::Stray | Self::Record3d => [("rgb", ""), ("depth", "")],
         }
     }
@@ -76,27 +82,22 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     let Some(layout) = Layout::of(folder) else {
         return Err(SourceError::new(shown, "is no folder of numbered frames", "choose another --as"));
     };
-    let [(colour, frame), (depth, of_depth)] = layout.images();
-    let (colour, depth) = (folder.join(colour), folder.join(depth));
-    let video = folder.join("rgb.mp4");
-    if !colour.is_dir() && video.is_file() {
-        let cure = format!(
-            "take the images out of the film: mkdir {0} && ffmpeg -i {1} -q:v 2 -start_number 0 {0}/%06d.jpg",
-            colour.display(),
-            video.display()
-        );
-        return Err(SourceError::new(shown, "has its colour images in rgb.mp4", cure));
-    }
-    let unreadable = |e: crate::numbered::NumberedError| {
-        SourceError::new(folder.display().to_string(), e.to_string(), "check the images")
-    };
+    let [_, (depth, of_depth)] = layout.images(folder);
+    let depth = folder.join(depth);
+    let mut skipped = Vec::new();
+    let rows = if layout == Layout::Stray { stray::rows(folder)? } else { Vec::new() };
+    let colour = colour(layout, folder, &rows)?;
+    let mut imu = None;
     let mut rig = match (given, rig::file_in(folder)) {
         (Some(rig), _) => rig,
         (None, Some(path)) => rig::read_rig(path)?,
-        (None, None) => own_rig(layout, folder, || image_size(&colour).map_err(unreadable))?,
+        (None, None) => own_rig(layout, folder, &colour)?,
     };
+    if layout == Layout::Stray {
+        imu = motion(folder, &rows, &mut rig, &mut skipped);
+    }
     rig.cameras.truncate(1);
-    rig.imu = None;
+    rig.imu = rig.imu.filter(|_| imu.is_some());
     let depths: BTreeMap<usize, PathBuf> = match rig.depth.is_some() && depth.is_dir() {
         true => numbered_after(&depth, of_depth)
             .unwrap_or_default()
@@ -108,32 +109,39 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     if depths.is_empty() {
         rig.depth = None;
     }
-    let (times, poses) = (times(layout, folder)?, poses(layout, folder)?);
-    let (mut instants, mut truth, mut skipped) = (Vec::new(), Vec::new(), Vec::new());
-    for file in numbered_after(&colour, frame).map_err(unreadable)? {
+    if layout == Layout::Record3d {
+        let what = "Record3D's depth (EXR or LZFSE) is not read: one camera without depth";
+        skipped.push(Skipped::new(SkipKind::Other, "depth is not read", what));
+    }
+    let (times, poses) = (times(layout, folder, &rows, &colour), poses(layout, folder)?);
+    let note = match &times {
+        Times::Rate(hz, false) => format!(" (without times: {hz} images a second)"),
+        Times::Rate(hz, true) => format!(" ({hz} images a second, as it states)"),
+        Times::Each(_) => String::new(),
+    };
+    let (mut instants, mut truth) = (Vec::new(), Vec::new());
+    for (number, image) in colour {
         let stamp = match &times {
-            None => Stamp(file.number as i64 * STEP_NS),
-            Some(times) => match times.get(&file.number) {
+            Times::Rate(hz, _) => in_range((number as f64 * 1e9 / hz) as i64).unwrap_or(Stamp(0)),
+            Times::Each(times) => match times.get(&number) {
                 Some(stamp) => *stamp,
                 None => {
-                    let (why, text) = ("odometry.csv has no time for it", file.path.display().to_string());
-                    skipped.push(Skipped::new(SkipKind::Frame, why, format!("{text}: {why}")));
+                    let why = "it has no time";
+                    let text = format!("image {number}: {why}, left out");
+                    skipped.push(Skipped::new(SkipKind::Frame, why, text));
                     continue;
                 }
             },
         };
-        truth.extend(poses.get(&file.number).map(|pose| (stamp, *pose)));
-        instants.push(Instant {
-            stamp,
-            images: vec![ImageAt::File(file.path)],
-            depth: depths.get(&file.number).cloned().map(ImageAt::File),
-        });
+        truth.extend(poses.get(&number).map(|pose| (stamp, *pose)));
+        let depth = depths.get(&number).cloned().map(ImageAt::File);
+        instants.push(Instant { stamp, images: vec![image], depth });
     }
     Ok(Recording {
-        name: format!("{} folder {shown}", layout.name()),
+        name: format!("{} folder {shown}{note}", layout.name()),
         rig,
         instants,
-        imu: None,
+        imu,
         bag: None,
         truth,
         no_depth: None,
@@ -142,23 +150,73 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     })
 }
 
+/// The colour images with their numbers: files, else the film of Stray Scanner.
+fn colour(layout: Layout, folder: &Path, rows: &[stray::Row]) -> Result<Vec<(usize, ImageAt)>, SourceError> {
+    let [(name, frame), _] = layout.images(folder);
+    let (images, film) = (folder.join(name), folder.join("rgb.mp4"));
+    if !images.is_dir() && film.is_file() {
+        Film::open(&film).map_err(|e| {
+            let cure = format!(
+                "or take the images out of it elsewhere: mkdir {0} && ffmpeg -noautorotate -i {1} -q:v 2 -start_number 0 {0}/%06d.jpg",
+                images.display(),
+                film.display()
+            );
+            SourceError::new(film.display().to_string(), format!("cannot be read ({e})"), cure)
+        })?;
+        return Ok(rows
+            .iter()
+            .enumerate()
+            .map(|(k, r)| (r.number, ImageAt::Film(film.clone(), k)))
+            .collect());
+    }
+    let files = numbered_after(&images, frame)
+        .map_err(|e| SourceError::new(folder.display().to_string(), e.to_string(), "check the images"))?;
+    Ok(files.into_iter().map(|file| (file.number, ImageAt::File(file.path))).collect())
+}
+
+/// Columns and rows of the first colour image.
+fn size(folder: &Path, colour: &[(usize, ImageAt)]) -> Result<[usize; 2], SourceError> {
+    let mut files = colour.iter().filter_map(|(_, at)| match at {
+        ImageAt::File(path) => crate::decode::size(path).ok(),
+        ImageAt::Film(path, 0) => Film::open(path).ok().map(|film| film.size()),
+        _ => None,
+    });
+    let none = || {
+        SourceError::new(folder.display().to_string(), "not a single image can be read", "check the images")
+    };
+    files.next().ok_or_else(none)
+}
+
+/// The IMU of Stray Scanner: with the camera in the axes of the phone, unless a rig with an IMU was given.
+fn motion(folder: &Path, rows: &[stray::Row], rig: &mut Rig, skipped: &mut Vec<Skipped>) -> Option<ImuAt> {
+    match stray::motion(folder, rows) {
+        Motion::Missing => None,
+        Motion::LeftOut(why) => {
+            let text = format!("{why}; the IMU is not used");
+            skipped.push(Skipped::new(SkipKind::Other, "the IMU is not used", text));
+            None
+        }
+        Motion::Used(path, columns, sensor) => {
+            if rig.imu.is_none() {
+                let phone_from_body = Se3::new(phone_from_camera(), Vec3::zeros());
+                rig.cameras
+                    .iter_mut()
+                    .for_each(|c| c.body_from_camera = phone_from_body * c.body_from_camera);
+                rig.depth.iter_mut().for_each(|d| d.body_from_depth = phone_from_body * d.body_from_depth);
+                rig.imu = Some(sensor);
+            }
+            Some(ImuAt::Csv(path, columns))
+        }
+    }
+}
+
 fn intrinsics_file(folder: &Path, of: &str) -> PathBuf {
     let name = format!("intrinsic_{of}.txt");
     let inner = folder.join("intrinsic").join(&name);
     if inner.is_file() { inner } else { folder.join(name) }
 }
 
-fn metadata(folder: &Path) -> Option<Node> {
-    let text = read_text(&folder.join("metadata.json")).ok()?;
-    let root = yaml::parse(&text).ok()?;
-    (root.get("K").is_some() && root.get("w").is_some()).then_some(root)
-}
-
-fn own_rig(
-    layout: Layout,
-    folder: &Path,
-    size: impl Fn() -> Result<[usize; 2], SourceError>,
-) -> Result<Rig, SourceError> {
+fn own_rig(layout: Layout, folder: &Path, colour: &[(usize, ImageAt)]) -> Result<Rig, SourceError> {
     match layout {
         Layout::Replica => {
             let files = [folder.join("cam_params.json"), folder.join("../cam_params.json")];
@@ -172,27 +230,17 @@ fn own_rig(
             })?)
         }
         Layout::ScanNet => {
-            let camera = of_matrix(&intrinsics_file(folder, "color"), 4, size()?)?;
+            let camera = of_matrix(&intrinsics_file(folder, "color"), 4, size(folder, colour)?)?;
             let path = intrinsics_file(folder, "depth");
             let depth_size = image_size(&folder.join("depth")).ok().filter(|_| path.is_file());
             let depth = depth_size.map(|size| of_matrix(&path, 4, size)).transpose()?;
             Ok(Rig { depth: depth.map(|depth| sensor(depth, false)), ..Rig::mono(camera) })
         }
         Layout::Stray => {
-            let camera = of_matrix(&folder.join("camera_matrix.csv"), 3, size()?)?;
+            let camera = of_matrix(&folder.join("camera_matrix.csv"), 3, size(folder, colour)?)?;
             Ok(Rig { depth: Some(sensor(camera, true)), ..Rig::mono(camera) })
         }
-        Layout::Record3d => {
-            let path = folder.join("metadata.json");
-            let wrong = || SourceError::new(path.display().to_string(), "K is no 3x3 matrix", "give --rig");
-            let root = metadata(folder).ok_or_else(wrong)?;
-            let list = root.get("K").and_then(Node::list).unwrap_or_default();
-            let texts: Vec<&str> = list.iter().filter_map(Node::text).collect();
-            // By columns.
-            let k = numbers::<9>(texts.into_iter()).ok_or_else(wrong)?;
-            let [w, h] = size()?;
-            checked(&path, Camera::pinhole(w, h, k[0], k[4], k[6], k[7])).map(Rig::mono)
-        }
+        Layout::Record3d => record3d::rig(folder, size(folder, colour)?),
     }
 }
 
@@ -220,18 +268,25 @@ fn checked(path: &Path, camera: Camera) -> Result<Camera, SourceError> {
     Ok(camera)
 }
 
-/// The times of Stray Scanner's frames: `timestamp, frame, ...`.
-fn times(layout: Layout, folder: &Path) -> Result<Option<BTreeMap<usize, Stamp>>, SourceError> {
-    if !matches!(layout, Layout::Stray) {
-        return Ok(None);
+/// When images were taken.
+enum Times {
+    /// So many a second, and whether the recording states it.
+    Rate(f64, bool),
+    /// Each by its number.
+    Each(BTreeMap<usize, Stamp>),
+}
+
+fn times(layout: Layout, folder: &Path, rows: &[stray::Row], colour: &[(usize, ImageAt)]) -> Times {
+    if layout == Layout::Stray {
+        return Times::Each(rows.iter().map(|row| (row.number, row.stamp)).collect());
     }
-    let text = read_text(&folder.join("odometry.csv"))?;
-    let row = |(_, line): (usize, &str)| {
-        let mut words = fields(line);
-        let stamp = stamp_seconds(words.next()?)?;
-        Some((words.next()?.parse().ok()?, stamp))
-    };
-    Ok(Some(data_lines(&text).filter_map(row).collect()))
+    if layout == Layout::Record3d {
+        if let Some(stamps) = record3d::stamps(folder).filter(|stamps| stamps.len() >= colour.len()) {
+            return Times::Each(stamps.into_iter().enumerate().collect());
+        }
+        return record3d::rate_hz(folder).map_or(Times::Rate(NOMINAL_HZ, false), |hz| Times::Rate(hz, true));
+    }
+    Times::Rate(NOMINAL_HZ, false)
 }
 
 /// True poses of the camera by the number of its frame; those that are not finite are left out.

@@ -1,13 +1,15 @@
-//! A folder of PNG, JPEG or BMP images of one camera, in the order of their names.
+//! A folder of PNG, JPEG or BMP images of one camera, in the order of their names; or of a stereo camera, left and right side by
+//! side in each, where a rig of two cameras of half the width is given.
 //!
 //! Times are those in the names where all are times (nanoseconds as EuRoC has them, or seconds as TUM has them), else
 //! those of `times.txt` or `timestamps.txt` with a line for each image, else 30 images a second.
 
 use crate::decode;
+use crate::halves::{alike, side_by_side};
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig;
 use crate::text::{data_lines, fields, read_text, stamp_ns, stamp_seconds};
-use cairn_sensor::{Camera, Rig, SourceError, Stamp};
+use cairn_sensor::{Camera, Rig, SkipKind, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Nanoseconds between images without times: 30 a second.
@@ -52,11 +54,24 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
             (Rig::mono(camera), Some(what))
         }
     };
-    if rig.cameras.len() > 1 || rig.depth.is_some() || rig.imu.is_some() {
-        notes.push("only the first camera of the rig is used".to_owned());
+    let both =
+        files.iter().find_map(|path| decode::size(path).ok()).is_some_and(|size| side_by_side(&rig, size));
+    if both {
+        rig.cameras.truncate(2);
+        notes.push("left and right side by side in each".to_owned());
+    } else {
+        if rig.cameras.len() > 1 || rig.depth.is_some() || rig.imu.is_some() {
+            notes.push("only the first camera of the rig is used".to_owned());
+        }
+        rig.cameras.truncate(1);
     }
-    rig.cameras.truncate(1);
     (rig.depth, rig.imu) = (None, None);
+    let mut skipped = Vec::new();
+    if assumed.is_some() && files.iter().find_map(|path| decode::gray(path).ok()).is_some_and(|i| alike(&i)) {
+        let text = "the images look like left and right of a stereo camera side by side, and are taken as of one camera: \
+                    give a --rig of both, each of half the width";
+        skipped.push(Skipped::new(SkipKind::Other, "two pictures side by side", text));
+    }
     let stamps = match stamps(folder, &files)? {
         Some(stamps) => stamps,
         None => {
@@ -74,7 +89,11 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     let instants = files
         .into_iter()
         .zip(stamps)
-        .map(|(image, stamp)| Instant { stamp, images: vec![ImageAt::File(image)], depth: None })
+        .map(|(image, stamp)| {
+            let halves = |image: PathBuf| vec![ImageAt::Half(image.clone(), 0), ImageAt::Half(image, 1)];
+            let images = if both { halves(image) } else { vec![ImageAt::File(image)] };
+            Instant { stamp, images, depth: None }
+        })
         .collect();
     Ok(Recording {
         name: format!("folder of images {shown}{notes}"),
@@ -84,7 +103,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         bag: None,
         truth: Vec::new(),
         no_depth: None,
-        skipped: Vec::new(),
+        skipped,
         assumed,
     })
 }

@@ -4,7 +4,7 @@ use crate::options::{OpenOptions, SourceKind};
 use crate::player::Player;
 use crate::prefetch::Prefetch;
 use crate::recording::Recording;
-use crate::{android, bag, euroc, first_image, frames, images, kitti, live, seven_scenes, tum};
+use crate::{android, bag, euroc, first_image, frames, images, kitti, live, seven_scenes, tum, uzh};
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_sim::{SimConfig, SimSource};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ struct Kind {
     index: fn(&Path, Option<Rig>) -> Result<Recording, SourceError>,
 }
 
-const KINDS: [Kind; 7] = [
+const KINDS: [Kind; 8] = [
     Kind { kind: SourceKind::Euroc, name: "EuRoC", is: euroc::is, index: euroc::index },
     Kind { kind: SourceKind::Tum, name: "TUM RGB-D", is: tum::is, index: tum::index },
     Kind { kind: SourceKind::Kitti, name: "KITTI", is: kitti::is, index: kitti::index },
@@ -28,10 +28,11 @@ const KINDS: [Kind; 7] = [
     },
     Kind { kind: SourceKind::Frames, name: "numbered frames", is: frames::is, index: frames::index },
     Kind { kind: SourceKind::Android, name: "Android", is: android::is, index: android::index },
+    Kind { kind: SourceKind::Uzh, name: "UZH", is: uzh::is, index: uzh::index },
     Kind { kind: SourceKind::Images, name: "folder of images", is: images::is, index: images::index },
 ];
 
-const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI odometry and raw (image_0/, image_00/data/), 7-Scenes (frame-*.color.*), Replica (results/ and traj.txt), ScanNet (color/ and intrinsic/), Stray Scanner (odometry.csv and camera_matrix.csv), Record3D (metadata.json), Android phones (frames.csv and gyroscope.csv), a folder of PNG, JPEG or BMP images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
+const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI odometry and raw (image_0/, image_00/data/), 7-Scenes (frame-*.color.*), Replica (results/ and traj.txt), ScanNet (color/ and intrinsic/), Stray Scanner (odometry.csv and camera_matrix.csv), Record3D (metadata.json with rgb/), UZH-FPV (left_images.txt or images.txt), Android phones (frames.csv and gyroscope.csv), a folder of PNG, JPEG or BMP images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
 
 /// Opens a recording (a folder, a bag or an MCAP file), a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
 /// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender; on 64-bit

@@ -38,6 +38,8 @@ pub enum SourceKind {
     SevenScenes,
     /// Numbered frames of colour and depth: Replica, ScanNet, Stray Scanner, Record3D.
     Frames,
+    /// UZH-FPV and the like: lists of numbers, times and files.
+    Uzh,
     /// An Android phone's camera and sensors.
     Android,
     /// Images of one camera.

@@ -2,12 +2,15 @@
 
 use crate::bag_reader::{BagImu, BagReader, MessageError};
 use crate::decode;
+use crate::halves;
 use crate::imu::{ImuStream, SplitImuStream};
+use crate::live::Film;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
 use cairn_sensor::{
     Camera, DepthImage, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Rig, SkipKind, Skipped, Skips,
     Source, SourceError, SourceInfo, Stream,
 };
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time;
 use std::vec::IntoIter;
@@ -53,6 +56,10 @@ pub struct Player {
     imu: Option<Samples>,
     /// The bag that images and samples are in, if it is one.
     bag: Option<BagReader>,
+    /// The film that images are taken from, if they are.
+    film: Option<Film>,
+    /// The file of which the left half was taken last.
+    both: Option<(PathBuf, GrayImage)>,
     /// Merges the IMU with the instants, whose images are already grouped.
     merge: Merge<Decoded, ()>,
     no_depth: Option<u16>,
@@ -81,7 +88,7 @@ impl Player {
         // Stamps are delivered in the images' clock, so no offset is left.
         let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
         let imu = match imu {
-            Some(ImuAt::Csv(path)) => Some(Samples::Csv(ImuStream::open(&path)?)),
+            Some(ImuAt::Csv(path, columns)) => Some(Samples::Csv(ImuStream::open(&path, columns)?)),
             Some(ImuAt::Split { gyro, accel }) => Some(Samples::Split(SplitImuStream::open(&gyro, &accel)?)),
             Some(ImuAt::Messages(topics)) => Some(Samples::Bag(BagImu::new(topics))),
             None => None,
@@ -95,6 +102,8 @@ impl Player {
             instants: instants.into_iter(),
             imu,
             bag,
+            film: None,
+            both: None,
             merge: Merge::new(config),
             no_depth,
             ended: false,
@@ -138,6 +147,11 @@ impl Player {
                 Skipped::new(SkipKind::Frame, dropped.why.to_string(), format!("{dropped}, image dropped"));
             self.note(vec![one.at(instant.stamp)]);
         }
+        self.merged(decode_ms)
+    }
+
+    /// The next packet that is whole. After a jump of the time an image waits for the one after it, so it may be an earlier one.
+    fn merged(&mut self, decode_ms: f64) -> Option<FramePacket> {
         self.read_imu();
         let merged = self.merge.pop()?;
         let (images, depth) = merged.images.into_iter().next()?;
@@ -171,14 +185,38 @@ impl Player {
         self.note(skipped);
     }
 
+    fn image(&mut self, at: &ImageAt) -> Result<GrayImage, FrameError> {
+        match (at, &mut self.bag) {
+            (ImageAt::File(path), _) => Ok(decode::gray(path)?),
+            (ImageAt::Message(topic, entry), Some(bag)) => Ok(bag.gray(*topic, entry)?),
+            (ImageAt::Message(..), None) => Err(FrameError::NoBag),
+            (ImageAt::Film(path, number), _) => {
+                let film = match &mut self.film {
+                    Some(film) => film,
+                    None => self.film.insert(Film::open(path).map_err(|e| FrameError::Film(e.to_string()))?),
+                };
+                film.image(*number).ok_or(FrameError::FilmEnded(*number))
+            }
+            (ImageAt::Half(path, side), _) => self.half(path, *side),
+        }
+    }
+
+    /// One half of a file; both are of one reading.
+    fn half(&mut self, path: &Path, side: usize) -> Result<GrayImage, FrameError> {
+        let both = match self.both.take().filter(|(of, _)| of == path) {
+            Some((_, image)) => image,
+            None => decode::gray(path)?,
+        };
+        let half = halves::half(&both, side);
+        self.both = Some((path.to_owned(), both));
+        Ok(half)
+    }
+
     fn decode(&mut self, instant: &Instant) -> Result<Decoded, FrameError> {
         let mut images = Vec::with_capacity(instant.images.len());
-        for (at, c) in instant.images.iter().zip(&self.rig.cameras) {
-            let image = match (at, &mut self.bag) {
-                (ImageAt::File(path), _) => decode::gray(path)?,
-                (ImageAt::Message(topic, entry), Some(bag)) => bag.gray(*topic, entry)?,
-                (ImageAt::Message(..), None) => return Err(FrameError::NoBag),
-            };
+        for (k, at) in instant.images.iter().enumerate() {
+            let image = self.image(at)?;
+            let Some(c) = self.rig.cameras.get(k) else { break };
             fits(&c.name, &c.camera, image.width(), image.height())?;
             images.push(Arc::new(image));
         }
@@ -188,6 +226,7 @@ impl Player {
                     (ImageAt::File(path), _) => decode::depth(path)?,
                     (ImageAt::Message(topic, entry), Some(bag)) => bag.depth(*topic, entry)?,
                     (ImageAt::Message(..), None) => return Err(FrameError::NoBag),
+                    (ImageAt::Film(..) | ImageAt::Half(..), _) => return Err(FrameError::NoDepth),
                 };
                 fits("depth", &sensor.camera, image.width(), image.height())?;
                 if let Some(none) = self.no_depth {
@@ -216,6 +255,11 @@ impl Source for Player {
                 return Ok(Some(packet));
             }
         }
+        // What waited for an image after it.
+        self.merge.end(Stream::Camera(0));
+        if let Some(packet) = self.merged(0.0) {
+            return Ok(Some(packet));
+        }
         let without = self.merge.counts().without_imu;
         if without > 0 && !std::mem::replace(&mut self.ended, true) {
             let why = "no IMU sample at or after the image";
@@ -243,6 +287,12 @@ enum FrameError {
     Message(#[from] MessageError),
     #[error("the bag of this message is not open")]
     NoBag,
+    #[error("{0}")]
+    Film(String),
+    #[error("the film ends before its picture {0}")]
+    FilmEnded(usize),
+    #[error("there is no depth in a film or in half a picture")]
+    NoDepth,
     #[error("{name} has {width}x{height} pixels, the rig says {}x{}", rig[0], rig[1])]
     Size { name: String, width: usize, height: usize, rig: [usize; 2] },
 }
@@ -253,6 +303,10 @@ fn size(at: &ImageAt, bag: &mut Option<BagReader>) -> Result<[usize; 2], FrameEr
         (ImageAt::File(path), _) => Ok(decode::size(path)?),
         (ImageAt::Message(topic, entry), Some(bag)) => Ok(bag.size(*topic, entry)?),
         (ImageAt::Message(..), None) => Err(FrameError::NoBag),
+        (ImageAt::Film(path, _), _) => {
+            Film::open(path).map(|film| film.size()).map_err(|e| FrameError::Film(e.to_string()))
+        }
+        (ImageAt::Half(path, _), _) => decode::size(path).map(|[w, h]| [w / 2, h]).map_err(FrameError::Image),
     }
 }
 
@@ -315,7 +369,9 @@ fn check_sizes(
         match found {
             Some((at, [w, h])) => fits(camera_name, camera, w, h).map_err(|why| {
                 let what = match at {
-                    ImageAt::File(path) => path.display().to_string(),
+                    ImageAt::File(path) | ImageAt::Film(path, _) | ImageAt::Half(path, _) => {
+                        path.display().to_string()
+                    }
                     ImageAt::Message(..) => name.to_owned(),
                 };
                 SourceError::new(what, why.to_string(), "give the rig of these images with --rig")

@@ -2,6 +2,7 @@
 
 use crate::bag_reader::{BagReader, ImuTopics};
 use crate::decode;
+use crate::imu::Columns;
 use crate::text::{data_lines, in_range, place, read_text};
 use cairn_bag::Entry;
 use cairn_eval::{Format, parse_stamped_pose};
@@ -27,13 +28,17 @@ pub enum ImageAt {
     File(PathBuf),
     /// In a message of a bag, of the topic with this index.
     Message(usize, Entry),
+    /// A picture of a film, by its number from 0.
+    Film(PathBuf, usize),
+    /// The left (0) or right (1) half of a file with both pictures of a stereo camera side by side.
+    Half(PathBuf, usize),
 }
 
 /// Where the samples of the IMU are.
 #[derive(Clone, Debug)]
 pub enum ImuAt {
-    /// In a csv file.
-    Csv(PathBuf),
+    /// In a csv file with these columns.
+    Csv(PathBuf, Columns),
     /// In two csv files, each with times of its own.
     Split {
         /// That of the gyroscope.
@@ -82,21 +87,25 @@ impl Recording {
         Ok(())
     }
 
-    /// Drops instants whose time does not increase, and keeps only the requested part. Times of which more than half go
-    /// back are an error: what would be left is no recording.
+    /// Drops instants whose time does not increase, and keeps only the requested part. Where it is a tenth of them, what the times
+    /// look like is told; where it is more than half, it is an error: what would be left is no recording.
     pub fn select(&mut self, start_s: f64, frames: Option<usize>) -> Result<(), SourceError> {
         let all: Vec<Stamp> = self.instants.iter().map(|i| i.stamp).collect();
         forward_only(&mut self.instants, |i| i.stamp, &mut self.skipped);
         let count = self.instants.len();
-        if 2 * count < all.len() {
-            let why = format!(
-                "the times of {} of its {} images do not go forward{}",
-                all.len() - count,
-                all.len(),
-                looks_like(&all)
-            );
+        let lost = all.len() - count;
+        if 10 * lost >= all.len() && lost > 0 {
+            let (of, like) = (all.len(), looks_like(&all));
+            let why = format!("the times of {lost} of its {of} images do not go forward{like}");
             let cure = "sort its list, or give --number-frames HZ to number the images at that rate in the order of the list";
-            return Err(SourceError::new(&self.name, why, cure));
+            if 2 * count < all.len() {
+                return Err(SourceError::new(&self.name, why, cure));
+            }
+            self.skipped.push(Skipped::new(
+                SkipKind::Other,
+                "times do not go forward",
+                format!("{why}; {cure}"),
+            ));
         }
         let first_stamp = self.instants.first().map(|i| i.stamp);
         if let Some(first) = self.instants.first().map(|i| i.stamp) {

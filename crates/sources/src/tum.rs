@@ -1,6 +1,7 @@
 //! TUM RGB-D folders: `rgb.txt`, `depth.txt`, `groundtruth.txt`; or an associations file in place of the first two; or the
 //! folders `rgb/` and `depth/` alone, whose images are named by their times. ETH3D and Bonn have the same layout, the first
-//! with a `calibration.txt`; OpenLORIS calls the lists `color.txt` and `aligned_depth.txt`.
+//! with a `calibration.txt`; OpenLORIS calls the lists `color.txt` and `aligned_depth.txt`; ICL-NUIM has numbers of frames for
+//! times ([`crate::icl_nuim`]).
 //!
 //! Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (2012). Depth is registered to
 //! colour; 5000 units are one metre.
@@ -10,7 +11,7 @@ use crate::recording::{
 };
 use crate::rig;
 use crate::text::{data_lines, fields, numbers, place, read_text, stamp_any, stamp_seconds};
-use crate::{decode, first_image};
+use crate::{decode, first_image, icl_nuim};
 use cairn_eval::Format;
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SkipKind, Skipped, SourceError, Stamp};
@@ -63,9 +64,12 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
             if own { rig } else { rgbd(rig.cameras[0].camera) }
         }
         (None, None) => {
-            let (camera, which) = match calibration_txt(folder)? {
-                Some(camera) => (camera, "intrinsics of calibration.txt"),
-                None => published(folder),
+            let (camera, which) = match (calibration_txt(folder)?, icl_nuim::poses_file(folder)) {
+                (Some(camera), _) => (camera, "intrinsics of calibration.txt"),
+                (None, Some(_)) => {
+                    (icl_nuim::camera(), "intrinsics of ICL-NUIM, whose fy is negative: y points down here")
+                }
+                (None, None) => published(folder),
             };
             name += &format!(" ({which})");
             assumed = Some(which.to_owned());
@@ -75,7 +79,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     rig.cameras.truncate(1);
     rig.imu = None;
     let mut skipped = Vec::new();
-    let (colour, mut depth) = match (colour_list(folder), associations(folder)) {
+    let (mut colour, mut depth) = match (colour_list(folder), associations(folder)) {
         (list, Some(pairs)) if !list.is_file() => read_pairs(&pairs, folder, &mut skipped)?,
         (list, None) if !list.is_file() => {
             let named = |name: &str| named_by_time(&folder.join(name), stamp_of_name);
@@ -97,11 +101,12 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     if depth.is_empty() {
         rig.depth = None;
     }
-    let truth_file = folder.join("groundtruth.txt");
-    let truth = match truth_file.is_file() {
-        true => read_truth(&truth_file, Format::Tum)?,
-        false => Vec::new(),
-    };
+    let numbered = icl_nuim::are_numbers(&colour);
+    if numbered {
+        name += &format!(" (the times are numbers of frames: {} images a second)", icl_nuim::RATE_HZ);
+        colour.iter_mut().chain(&mut depth).for_each(|(stamp, _)| *stamp = icl_nuim::at_rate(*stamp));
+    }
+    let truth = truth(folder, numbered)?;
     let mut instants: Vec<Instant> = colour
         .into_iter()
         .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: None })
@@ -113,6 +118,20 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     }
     join_depth(&mut instants, depth, MAX_APART_NS);
     Ok(Recording { name, rig, instants, imu: None, bag: None, truth, no_depth: None, skipped, assumed })
+}
+
+/// True poses; those of numbered frames have numbers for times as well.
+fn truth(folder: &Path, numbered: bool) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+    if let Some(path) = icl_nuim::poses_file(folder) {
+        return icl_nuim::truth(&path);
+    }
+    let path = folder.join("groundtruth.txt");
+    if !path.is_file() {
+        return Ok(Vec::new());
+    }
+    let truth = read_truth(&path, Format::Tum)?;
+    let stamp = |stamp| if numbered { icl_nuim::at_rate(stamp) } else { stamp };
+    Ok(truth.into_iter().map(|(at, pose)| (stamp(at), pose)).collect())
 }
 
 type Files = Vec<(Stamp, ImageAt)>;
@@ -180,7 +199,8 @@ fn calibration_txt(folder: &Path) -> Result<Option<Camera>, SourceError> {
         numbers::<4>(fields(&read_text(&path)?)).ok_or_else(|| wrong("does not hold fx fy cx cy"))?;
     let size = first_image::size(folder);
     let [width, height] = size.ok_or_else(|| wrong("is beside no image that can be read"))?;
-    Ok(Some(Camera::pinhole(width, height, fx, fy, cx, cy)))
+    // Of ICL-NUIM people write fy = -480: y points down here.
+    Ok(Some(Camera::pinhole(width, height, fx, fy.abs(), cx, cy)))
 }
 
 fn rgbd(camera: Camera) -> Rig {

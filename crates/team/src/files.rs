@@ -1,4 +1,4 @@
-//! A team's graphs from g2o text, one text per robot.
+//! A team's graphs from text of g2o, TORO or iSAM, one text per robot.
 
 use crate::graphs::{GraphsError, Measurement, RobotGraph};
 use crate::{PoseId, RobotId};
@@ -73,7 +73,14 @@ pub fn read(texts: &[&str], leave_out: bool) -> Result<TeamGraphs, ReadError> {
     if texts.is_empty() || texts.len() > usize::from(RobotId::MAX) {
         return Err(ReadError::Count(texts.len()));
     }
-    let texts: Vec<String> = texts.iter().map(|t| relative_only(t, leave_out)).collect::<Result<_, _>>()?;
+    let in_text = |k: usize, e: ReadError| match e {
+        ReadError::Text { line, reason, .. } => ReadError::Text { text: k, line, reason },
+        other => other,
+    };
+    let texts = texts.iter().enumerate();
+    let texts: Vec<String> = texts
+        .map(|(k, t)| relative_only(t, leave_out).map_err(|e| in_text(k, e)))
+        .collect::<Result<_, _>>()?;
     let file = g2o::read(&texts.concat()).map_err(|e| locate(&texts, e))?;
     let mut owners = BTreeMap::new();
     for (k, text) in texts.iter().enumerate() {
@@ -94,11 +101,13 @@ pub fn read(texts: &[&str], leave_out: bool) -> Result<TeamGraphs, ReadError> {
     }
 }
 
-/// The text with an empty line in place of each that is neither a pose nor measured between two, when those are to be left out.
+/// The text in g2o's form, with an empty line in place of each that is neither a pose nor measured between two, when those are to be left out.
 ///
 /// # Errors
-/// When there are such lines, but they are not to be left out.
+/// When there are such lines, but they are not to be left out; when a line of TORO or iSAM is invalid.
 pub fn relative_only(text: &str, leave_out: bool) -> Result<String, ReadError> {
+    let (text, _) =
+        g2o::as_g2o(text).map_err(|TextError { line, reason }| ReadError::Text { text: 0, line, reason })?;
     let (mut kept, mut others) = (String::new(), BTreeMap::new());
     for line in text.trim_end_matches('\n').lines() {
         match line.split_whitespace().next() {
@@ -113,7 +122,7 @@ pub fn relative_only(text: &str, leave_out: bool) -> Result<String, ReadError> {
     }
     // A text of nothing else is told as such by the reader.
     if others.is_empty() || leave_out || kept.trim().is_empty() {
-        let text = if kept.trim().is_empty() { text } else { &kept };
+        let text = if kept.trim().is_empty() { &*text } else { &kept };
         return Ok(format!("{}\n", text.trim_end_matches('\n')));
     }
     Err(ReadError::LeftOut(g2o::tags_text(&others)))

@@ -1,5 +1,6 @@
 //! What a g2o text has: a graph in the plane or in space, and lines that are kept as they were read.
 
+use super::toro::Form;
 use crate::graph::PoseGraph;
 use cairn_geometry::{LieGroup, Se2, Se3};
 use std::collections::{BTreeMap, BTreeSet};
@@ -20,6 +21,8 @@ pub struct G2o {
     /// Lines that solving does not change, as they were read: of points that were seen, of what is known in the world, and of
     /// unknown tags.
     pub kept: Vec<String>,
+    /// Whose text it was.
+    pub form: Form,
 }
 
 /// Information matrices that were replaced.

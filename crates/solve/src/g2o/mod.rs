@@ -4,15 +4,17 @@
 //!
 //! Source: Kuemmerle et al., "g2o: a general framework for graph optimization" (2011), and its file format. Information
 //! matrices are taken as they are, for (x, y, angle) and (x, y, z, rotation vector), as GTSAM and SE-Sync take them.
-//! A file without vertices gets those that its edges name.
+//! A file without vertices gets those that its edges name. Texts of TORO and iSAM are read as well ([`as_g2o`]).
 
 mod content;
 mod lines;
 mod parts;
 mod read;
 mod record;
+mod toro;
 mod write;
 
 pub use content::{G2o, Graph, Named, Replaced};
 pub use read::{read, read_nearest, tags_text};
+pub use toro::{Form, as_g2o};
 pub use write::write;

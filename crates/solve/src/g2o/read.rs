@@ -2,6 +2,7 @@
 
 use super::content::{G2o, Graph};
 use super::lines::Lines;
+use super::toro::{Form, as_g2o};
 use crate::text::{TextError, shown, whole};
 use cairn_geometry::{Se2, Se3};
 use std::collections::BTreeMap;
@@ -9,7 +10,7 @@ use std::collections::BTreeMap;
 /// Different unknown tags that are listed by name.
 const TAGS: usize = 32;
 
-/// Reads a g2o text.
+/// Reads a text of g2o, TORO or iSAM.
 ///
 /// # Errors
 /// With the line: a wrong count of numbers, numbers that are not finite, quaternions far from norm one, information
@@ -23,12 +24,13 @@ pub fn read(text: &str) -> Result<G2o, TextError> {
     }
 }
 
-/// Reads a g2o text, and replaces information matrices that are not positive semi-definite by the nearest that are;
+/// Reads a text of g2o, TORO or iSAM, and replaces information matrices that are not positive semi-definite by the nearest that are;
 /// how many is in [`G2o::replaced`].
 ///
 /// # Errors
 /// As [`read`], but for those information matrices.
 pub fn read_nearest(text: &str) -> Result<G2o, TextError> {
+    let (text, form) = as_g2o(text)?;
     let mut rows: Rows = Rows::default();
     let mut unknown: BTreeMap<String, usize> = BTreeMap::new();
     for (k, content) in text.lines().enumerate() {
@@ -57,7 +59,7 @@ pub fn read_nearest(text: &str) -> Result<G2o, TextError> {
             return Err(TextError::new(a.max(b), reason));
         }
     }
-    rows.finish(unknown, text.lines().count())
+    rows.finish(unknown, text.lines().count(), form)
 }
 
 #[derive(Default)]
@@ -79,7 +81,7 @@ impl Rows {
         }
     }
 
-    fn finish(self, unknown: BTreeMap<String, usize>, lines: usize) -> Result<G2o, TextError> {
+    fn finish(self, unknown: BTreeMap<String, usize>, lines: usize, form: Form) -> Result<G2o, TextError> {
         if !self.plane.is_measured() && !self.space.is_measured() {
             let found = match tags_text(&unknown) {
                 tags if tags.is_empty() => String::new(),
@@ -96,7 +98,7 @@ impl Rows {
             let has_values = !self.space.vertices.is_empty();
             (Graph::Space(self.space.build(&self.fixes)?), has_values)
         };
-        Ok(G2o { graph, has_values, unknown, replaced, kept: self.kept })
+        Ok(G2o { graph, has_values, unknown, replaced, kept: self.kept, form })
     }
 }
 

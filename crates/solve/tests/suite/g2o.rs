@@ -209,7 +209,10 @@ fn dense_last_pose(text: &str) -> Vec2 {
 }
 
 fn solved(text: &str) -> G2o {
-    let mut file = read(text).expect("good text");
+    solved_from(read(text).expect("good text"))
+}
+
+fn solved_from(mut file: G2o) -> G2o {
     let report = match &mut file.graph {
         Graph::Plane(named) => named.graph.solve(&GraphConfig::default(), || false),
         Graph::Space(named) => named.graph.solve(&GraphConfig::default(), || false),
@@ -319,4 +322,97 @@ fn parts_are_counted_and_laid_apart() {
     named.lay_apart();
     assert!(gap(named) >= 1.0, "{}", gap(named));
     assert!(named.graph.cost(Metric::Geodesic) < 1e-9, "within a part nothing moved");
+}
+
+/// A square of a metre, walked to the left; the last edge closes it.
+const SQUARE: [(u64, u64); 4] = [(0, 1), (1, 2), (2, 3), (3, 0)];
+
+fn positions(text: &str) -> Vec<Vec2> {
+    let mut file = read(text).expect("good text");
+    let has_values = file.has_values;
+    match &mut file.graph {
+        Graph::Plane(named) => drop(lowest_start(&mut named.graph, has_values, Metric::Geodesic)),
+        Graph::Space(named) => drop(lowest_start(&mut named.graph, has_values, Metric::Geodesic)),
+    }
+    match solved_from(file).graph {
+        Graph::Plane(named) => named.graph.values().iter().map(|v| v.translation).collect(),
+        Graph::Space(named) => named.graph.values().iter().map(|v| v.translation.xy()).collect(),
+    }
+}
+
+#[test]
+fn graphs_of_toro_and_isam_are_those_of_g2o() {
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let edges = |tag: &str, step: String, swapped: bool| -> String {
+        let ends = |(a, b): (u64, u64)| if swapped { (b, a) } else { (a, b) };
+        SQUARE.map(ends).iter().map(|(a, b)| format!("{tag} {a} {b} {step}\n")).collect()
+    };
+    let corners = [(0.0, 0.0, 0.0), (1.1, 0.0, 1.5), (1.0, 1.1, 3.1), (0.1, 0.9, -1.6)];
+    let vertices = |tag: &str, z: &str| -> String {
+        let line = |(k, (x, y, angle)): (usize, &(f64, f64, f64))| format!("{tag} {k} {x} {y} {z}{angle}\n");
+        corners.iter().enumerate().map(line).collect()
+    };
+    let of_g2o = edges("EDGE_SE2", format!("1 0 {quarter} 4 0 0 9 0 25"), false);
+    let wanted = positions(&of_g2o);
+    assert!((wanted[2] - Vec2::new(1.0, 1.0)).norm() < 1e-9, "{wanted:?}");
+    let in_space = format!("1 0 0 0 0 {quarter}");
+    for (name, text) in [
+        ("TORO", vertices("VERTEX2", "") + &edges("EDGE2", format!("1 0 {quarter} 4 0 9 25 0 0"), false)),
+        (
+            "observed first",
+            vertices("VERTEX2", "") + &edges("EDGE2", format!("1 0 {quarter} 4 0 9 25 0 0"), true),
+        ),
+        ("iSAM", edges("ODOMETRY", format!("1 0 {quarter} 2 0 0 3 0 5"), false)),
+        ("without information", edges("EDGE2", format!("1 0 {quarter}"), false)),
+        ("TORO in space", vertices("VERTEX3", "0 0 0 ") + &edges("EDGE3", in_space.clone(), false)),
+        ("iSAM in space", edges("EDGE3", in_space + " 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 2 0 0 2 0 3", false)),
+    ] {
+        let found = positions(&text);
+        assert!(found.iter().zip(&wanted).all(|(a, b)| (a - b).norm() < 1e-6), "{name}: {found:?}");
+        assert!(read(&write(&read(&text).expect(name))).is_ok(), "{name} as g2o");
+    }
+}
+
+#[test]
+fn numbers_of_toro_and_isam_are_the_information_that_they_mean() {
+    let information = |text: &str| match read(text).expect("a graph").graph {
+        Graph::Plane(named) => DMatrix::from_fn(3, 3, |r, c| named.graph.edges()[0].information[(r, c)]),
+        Graph::Space(named) => DMatrix::from_fn(6, 6, |r, c| named.graph.edges()[0].information[(r, c)]),
+    };
+    let plane = DMatrix::from_row_slice(3, 3, &[4.0, 0.5, 0.1, 0.5, 9.0, 0.2, 0.1, 0.2, 25.0]);
+    // TORO: 11, 12, 22, 33, 13, 23.
+    let toro = information("VERTEX2 0 0 0 0\nVERTEX2 1 1 0 0\nEDGE2 0 1 1 0 0 4 0.5 9 25 0.1 0.2\n");
+    assert!((&toro - &plane).amax() < 1e-12, "{toro}");
+    let rows = information("EDGE2 0 1 1 0 0 44.7 0 0 44.7 0 30.9\n");
+    assert!((rows[(1, 1)] - 44.7).abs() + (rows[(2, 2)] - 30.9).abs() < 1e-12, "{rows}");
+    // iSAM: the upper half of a square root.
+    let isam = information("ODOMETRY 0 1 1 0 0 2 1 0 3 0 5\n");
+    let root = DMatrix::from_row_slice(3, 3, &[2.0, 1.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 5.0]);
+    assert!((&isam - root.transpose() * &root).amax() < 1e-12, "{isam}");
+    // Information of roll, pitch and yaw, as that of a rotation vector of the second pose: with a pitch of 60 degrees, yaw about
+    // the vertical is half about z and the rest about x.
+    let edge =
+        format!("EDGE3 0 1 0 0 0 0 {} 0 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1\n", 60f64.to_radians());
+    let space = information(&edge);
+    let rates = nalgebra::Matrix3::new(1.0, 0.0, -0.75f64.sqrt(), 0.0, 1.0, 0.0, 0.0, 0.0, 0.5);
+    let inverse = rates.try_inverse().expect("regular");
+    let wanted = inverse.transpose() * inverse;
+    assert!((space.view((3, 3), (3, 3)) - wanted).amax() < 1e-9, "{space}");
+}
+
+#[test]
+fn points_of_isam_have_numbers_of_their_own() {
+    let file = read("ODOMETRY 0 1 1 0 0 1 0 0 1 0 1\nLANDMARK 0 1 2 1 10 0 10\nLANDMARK 1 1 1 1 10 0 10\n")
+        .expect("a graph");
+    let Graph::Plane(named) = &file.graph else { panic!("{file:?}") };
+    assert_eq!((named.graph.values().len(), named.points.len()), (3, 1));
+    for (text, line, why) in [
+        ("EDGE2 0 1 1 0 0 1 2\n", 1, "needs 3 or 9 numbers"),
+        ("VERTEX2 0 0 0 0\nVERTEX2 1 0 0\n", 2, "needs 3 numbers"),
+        ("EDGE2 0 1 1 0 nan\n", 1, "not finite"),
+        ("EDGE3 0 1 0 0 0 0 1.5707963267948966 0\n", 1, "pitch of 90 degrees"),
+    ] {
+        let error = read(text).expect_err(text);
+        assert!(error.line == line && error.reason.contains(why), "{text}: {error}");
+    }
 }

@@ -1,8 +1,10 @@
-//! A video file as a [`Source`]: every image in order, at the times in the file.
+//! A video file as a [`Source`]: every image in order, at the times in the file; of a rig with two cameras of half the width,
+//! left and right side by side in each.
 
 use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle};
 use super::rig_for;
+use crate::halves::{half, side_by_side};
 use crate::options::OpenOptions;
 use crate::prefetch::Prefetch;
 use cairn_sensor::{FramePacket, Rig, SkipKind, Skipped, Skips, Source, SourceError, SourceInfo, Stamp};
@@ -45,7 +47,17 @@ pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn S
     let Some((size, rate_hz)) = feed.header() else {
         return Err(SourceError::new(&address.shown, feed.end(), "give a file with a video track"));
     };
-    let (rig, assumed) = rig_for(&address.shown, size, options.rig.clone())?;
+    let both = options.rig.as_ref().filter(|rig| side_by_side(rig, size));
+    let (rig, assumed) = match both {
+        Some(rig) => (Rig { cameras: rig.cameras[..2].to_vec(), ..rig.clone() }, None),
+        None => {
+            let first = options.rig.clone().map(|mut rig| {
+                rig.cameras.truncate(1);
+                rig
+            });
+            rig_for(&address.shown, size, first)?
+        }
+    };
     let info = SourceInfo {
         name: format!("video {}", address.shown),
         frames: None,
@@ -90,7 +102,10 @@ impl Source for VideoFile {
             }
             self.last = Some(stamp);
             let decode_ms = start.elapsed().as_secs_f64() * 1e3;
-            let images = vec![Arc::new(image)];
+            let images = match self.rig.cameras.len() {
+                2 => vec![Arc::new(half(&image, 0)), Arc::new(half(&image, 1))],
+                _ => vec![Arc::new(image)],
+            };
             return Ok(Some(FramePacket { stamp, images, depth: None, imu: Vec::new(), decode_ms }));
         }
     }

@@ -6,6 +6,7 @@
 mod address;
 mod child;
 mod file;
+mod film;
 mod page_clock;
 mod phone;
 mod phone_port;
@@ -14,6 +15,7 @@ mod slot;
 mod stream;
 
 pub use address::waiting_for;
+pub use film::Film;
 pub use phone::PhoneSource;
 pub use phone_port::{MotionReading, PhonePort};
 
@@ -44,10 +46,10 @@ pub fn open(source: &str, options: &OpenOptions) -> Option<Result<Box<dyn Source
 }
 
 fn open_video(address: &Address, options: &OpenOptions) -> Result<Box<dyn Source>, SourceError> {
-    // Video has one camera: of a rig with more, with depth or an IMU, only the first camera counts.
+    // Video has one camera, or two side by side in a file: of a rig with more, with depth or an IMU, only these count.
     let mut options = options.clone();
     if let Some(rig) = &mut options.rig {
-        rig.cameras.truncate(1);
+        rig.cameras.truncate(if address.live { 1 } else { 2 });
         (rig.depth, rig.imu) = (None, None);
     }
     let options = &options;

@@ -24,7 +24,7 @@ pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
         let [w, h] = doc.array::<2>(size, "resolution")?;
         Ok(RigCamera {
             name: format!("cam{i}"),
-            camera: camera(doc, node, [w as usize, h as usize])?,
+            camera: camera(doc, node, doc.size(size.line, [w, h])?)?,
             body_from_camera: placed(doc, pose)?,
         })
     });

@@ -1,4 +1,4 @@
-//! Cameras of camodocal (`model_type: PINHOLE`, `MEI` or `KANNALA_BRANDT`), and the configurations of VINS-Mono and
+//! Cameras of camodocal (`model_type: PINHOLE`, `PINHOLE_FULL`, `MEI` or `KANNALA_BRANDT`), and the configurations of VINS-Mono and
 //! VINS-Fusion around them.
 //!
 //! VINS states noise for one sample, not as a density, and no rate: 200 samples a second are taken, as in its recordings.
@@ -57,8 +57,8 @@ fn mono_extrinsics(doc: &Document, translation: &Node) -> Result<Se3, SourceErro
 
 fn camera(doc: &Document) -> Result<Camera, SourceError> {
     let root = &doc.root;
-    let size =
-        [doc.need_number(root, "image_width")? as usize, doc.need_number(root, "image_height")? as usize];
+    let size = [doc.need_number(root, "image_width")?, doc.need_number(root, "image_height")?];
+    let size = doc.size(0, size)?;
     let projection = doc.need(root, "projection_parameters")?;
     let of = |keys: [&str; 4]| -> Result<[f64; 4], SourceError> {
         let [a, b, c, d] = keys.map(|key| doc.need_number(projection, key));
@@ -75,6 +75,15 @@ fn camera(doc: &Document) -> Result<Camera, SourceError> {
             let [k1, k2, p1, p2] = radial()?;
             (of(["fx", "fy", "cx", "cy"])?, Distortion::RadialTangential([k1, k2, p1, p2, 0.0]))
         }
+        "PINHOLE_FULL" => {
+            let node = root.get("distortion_parameters");
+            let value = |key| node.and_then(|n| n.get(key)).map_or(Ok(0.0), |n| doc.number(n));
+            let mut c = [0.0; 8];
+            for (c, key) in c.iter_mut().zip(["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"]) {
+                *c = value(key)?;
+            }
+            (of(["fx", "fy", "cx", "cy"])?, Distortion::Rational(c))
+        }
         "MEI" => {
             let xi = doc.need_number(doc.need(root, "mirror_parameters")?, "xi")?;
             let [k1, k2, p1, p2] = radial()?;
@@ -84,7 +93,9 @@ fn camera(doc: &Document) -> Result<Camera, SourceError> {
             (of(["mu", "mv", "u0", "v0"])?, Distortion::Equidistant(of(["k2", "k3", "k4", "k5"])?))
         }
         other => {
-            let why = format!("model_type \"{other}\" is not known (PINHOLE, MEI and KANNALA_BRANDT are)");
+            let why = format!(
+                "model_type \"{other}\" is not known (PINHOLE, PINHOLE_FULL, MEI and KANNALA_BRANDT are)"
+            );
             return Err(doc.error(model.line, why));
         }
     };

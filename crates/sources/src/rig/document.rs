@@ -109,7 +109,20 @@ impl Document {
         rigid(&m, what).map_err(|e| self.error(node.line, e.0))
     }
 
-    /// A camera of these numbers; `line` is where an error is told.
+    /// Width and height, which are whole; `line` is where an error is told.
+    pub fn size(&self, line: usize, size: [f64; 2]) -> Result<[usize; 2], SourceError> {
+        let whole = |side: f64| side.fract() == 0.0 && (0.0..1e9).contains(&side);
+        match size.iter().all(|side| whole(*side)) {
+            true => Ok(size.map(|side| side as usize)),
+            false => {
+                let why = format!("images of {}x{} pixels: sides are whole numbers", size[0], size[1]);
+                Err(self.error(line, why))
+            }
+        }
+    }
+
+    /// A camera of these numbers; `line` is where an error is told. A negative focal length along y is that of a camera whose y
+    /// axis points up: the same pixels with y down ([`super::assumed_in`] tells it).
     pub fn camera(
         &self,
         line: usize,
@@ -117,7 +130,7 @@ impl Document {
         [fx, fy, cx, cy]: [f64; 4],
         distortion: Distortion,
     ) -> Result<Camera, SourceError> {
-        let camera = Camera { width, height, fx, fy, cx, cy, distortion };
+        let camera = Camera { width, height, fx, fy: fy.abs(), cx, cy, distortion };
         camera.validate().map_err(|e| self.error(line, e.to_string()))?;
         Ok(camera)
     }
@@ -136,7 +149,9 @@ pub fn rigid(m: &[f64], what: &str) -> Result<Se3, CalibrationError> {
     let m = Matrix4::from_row_slice(m);
     let r: Mat3 = m.fixed_view::<3, 3>(0, 0).into();
     check_rotation(what, &r)?;
-    if (m.row(3) - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)).norm() > 1e-6 {
+    // Some files leave the last row zero.
+    let last = m.row(3);
+    if last.norm() > 0.0 && (last - nalgebra::RowVector4::new(0.0, 0.0, 0.0, 1.0)).norm() > 1e-6 {
         return Err(CalibrationError(format!("{what}: the last row must be 0 0 0 1")));
     }
     Ok(Se3::from_matrix(&m))

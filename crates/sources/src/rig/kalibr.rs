@@ -54,6 +54,17 @@ pub fn chain(doc: &Document, imu: Option<PathBuf>) -> Result<Rig, SourceError> {
     Ok(Rig { cameras, depth: None, imu })
 }
 
+/// Tells that a chain is placed on an IMU, but nothing beside it has the IMU's noise, so that it is left out.
+pub fn imu_left_out(doc: &Document) -> Option<String> {
+    let placed = |camera: &Node| ["T_cam_imu", "T_imu_cam"].iter().any(|key| camera.get(key).is_some());
+    let has_imu = doc.root.get("cam0").is_some_and(placed);
+    (has_imu && neighbouring_imu_file(&doc.path).is_none()).then(|| {
+        "is placed on an IMU, but not one file of an IMU lies beside it (its name with \"imu\", without \"cam\"): \
+         the IMU is left out"
+            .into()
+    })
+}
+
 /// The chain that a configuration of OpenVINS names.
 pub fn of_openvins(doc: &Document, chain_name: &Node) -> Result<Rig, SourceError> {
     let beside = |name: &str| doc.path.parent().unwrap_or(Path::new("")).join(name);
@@ -108,7 +119,8 @@ pub fn camera(doc: &Document, node: &Node) -> Result<Camera, SourceError> {
             return Err(doc.error(model.line, why));
         }
     };
-    doc.camera(intrinsics.line, [width as usize, height as usize], [fx, fy, cx, cy], distortion)
+    let size = doc.size(node.line, [width, height])?;
+    doc.camera(intrinsics.line, size, [fx, fy, cx, cy], distortion)
 }
 
 /// An IMU file: under `imu0`, or flat as Kalibr reads it.

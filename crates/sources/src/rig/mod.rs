@@ -1,7 +1,9 @@
 //! Rig files of all kinds; the kind is detected.
 
+mod assumed;
 mod basalt;
 mod camodocal;
+mod colmap;
 mod document;
 mod euroc;
 pub mod kalibr;
@@ -14,7 +16,9 @@ mod own;
 mod realsense;
 mod ros;
 mod stella;
+mod vikit;
 
+pub use assumed::assumed_in;
 pub use document::CalibrationError;
 pub use euroc::folder as euroc_folder;
 pub use named::{NAMED_RIGS, NamedRig, named_rig};
@@ -25,7 +29,8 @@ use document::Document;
 use std::path::{Path, PathBuf};
 
 /// Reads a rig: Cairn's own `.toml`, an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file next to
-/// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info`, a KITTI `calib.txt` next to its images, the factory calibration of a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
+/// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info`, a KITTI `calib.txt` next to its images, what other systems are given (VINS-Fusion,
+/// OKVIS2, SVO, Basalt, Kimera, OpenVINS, NICE-SLAM, the `cameras.txt` of COLMAP), the factory calibration of a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
 /// `FILE:infrared`, `FILE:848x480` choose other cameras and another size than colour with depth in 640x480), a folder that contains one of these, or a
 /// known name (see [`named_rig`]).
 ///
@@ -58,23 +63,6 @@ pub fn read_rig_for(path: impl AsRef<Path>, size: Option<[usize; 2]>) -> Result<
     Ok(rig)
 }
 
-/// What is taken where the file of a rig does not state it, for people; `None` where it states all.
-pub fn assumed_in(path: impl AsRef<Path>) -> Option<String> {
-    let path = path.as_ref();
-    let doc = Document::parse(path, &read_text(path).ok()?).ok()?;
-    let rate = "states no rate of the IMU";
-    if camodocal::is(&doc.root) && camodocal::has_imu(&doc.root) {
-        let hz = camodocal::RATE_HZ;
-        Some(format!(
-            "{rate}: {hz} samples a second are taken, and its noise as that of one sample at this rate"
-        ))
-    } else if okvis::is(&doc.root) && okvis::lacks_rate(&doc.root) {
-        Some(format!("{rate}: {} samples a second are taken", okvis::RATE_HZ))
-    } else {
-        None
-    }
-}
-
 /// The rig as text in Cairn's own format.
 ///
 /// # Errors
@@ -96,6 +84,20 @@ pub fn file_in(folder: &Path) -> Option<PathBuf> {
         "../dso/camchain.yaml",
     ];
     NAMES.iter().map(|name| folder.join(name)).find(|p| p.is_file())
+}
+
+/// The one chain of Kalibr in a folder, whatever its name.
+pub fn chain_in(folder: &Path) -> Option<PathBuf> {
+    let files = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+    let is_chain = |path: &PathBuf| {
+        let yaml = path.extension().is_some_and(|e| e == "yaml" || e == "yml");
+        let text = if yaml { read_text(path).ok() } else { None };
+        text.and_then(|text| Document::parse(path, &text).ok())
+            .is_some_and(|doc| doc.root.get("cam0").is_some())
+    };
+    let mut chains = files.filter(is_chain);
+    let first = chains.next()?;
+    chains.next().is_none().then_some(first)
 }
 
 fn in_folder(folder: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
@@ -133,10 +135,13 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     {
         return realsense::rig(&text, &choice, size);
     }
+    if colmap::is(&text) {
+        return colmap::rig(path, &text);
+    }
     let unknown = |line_cure: &str| {
         SourceError::new(
             path.display().to_string(),
-            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, Basalt, Kimera, OpenVINS, NICE-SLAM, rs-enumerate-devices -c)",
+            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, Basalt, Kimera, OpenVINS, NICE-SLAM, COLMAP cameras.txt, rs-enumerate-devices -c)",
             line_cure,
         )
     };
@@ -158,6 +163,8 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
         basalt::rig(&doc)
     } else if nice_slam::is(&doc.root) {
         nice_slam::rig(&doc)
+    } else if vikit::is(&doc.root) {
+        vikit::rig(&doc)
     } else if stella::is_config(&doc.root) {
         stella::rig(&doc, size)
     } else if ros::is_camera_info(&doc.root) {

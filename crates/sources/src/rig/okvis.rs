@@ -40,7 +40,7 @@ fn okvis_camera(doc: &Document, i: usize, node: &Node) -> Result<RigCamera, Sour
     let c = doc.numbers(doc.need(node, "distortion_coefficients")?)?;
     let kind = doc.need(node, "distortion_type")?;
     let distortion = doc.distortion(kind.line, kind.text().unwrap_or_default(), &c)?;
-    let camera = doc.camera(node.line, [w as usize, h as usize], [fx, fy, cx, cy], distortion)?;
+    let camera = doc.camera(node.line, doc.size(node.line, [w, h])?, [fx, fy, cx, cy], distortion)?;
     let body_from_camera = doc.transform(doc.need(node, "T_SC")?, "T_SC")?;
     Ok(RigCamera { name: format!("cam{i}"), camera, body_from_camera })
 }
@@ -49,11 +49,15 @@ fn okvis_camera(doc: &Document, i: usize, node: &Node) -> Result<RigCamera, Sour
 fn svo_camera(doc: &Document, i: usize, node: &Node, camera: &Node) -> Result<RigCamera, SourceError> {
     let kind = doc.need(camera, "type")?;
     if kind.text() != Some("pinhole") {
-        let why = format!("camera type \"{}\" is not known (pinhole is)", kind.text().unwrap_or_default());
+        let name = kind.text().unwrap_or_default();
+        let why = format!(
+            "camera type \"{name}\" is not known (pinhole is): calibrate a lens of Scaramuzza's polynomial with Kalibr as \
+             omni-radtan or pinhole-equi"
+        );
         return Err(doc.error(kind.line, why));
     }
-    let size =
-        [doc.need_number(camera, "image_width")? as usize, doc.need_number(camera, "image_height")? as usize];
+    let size = [doc.need_number(camera, "image_width")?, doc.need_number(camera, "image_height")?];
+    let size = doc.size(camera.line, size)?;
     let intrinsics = doc.need(camera, "intrinsics")?;
     let &[fx, fy, cx, cy] = doc.matrix(intrinsics, "intrinsics")?.as_slice() else {
         return Err(doc.error(intrinsics.line, "intrinsics need 4 numbers"));

@@ -45,7 +45,7 @@ pub fn is_settings(root: &Node) -> bool {
 
 fn resolution(doc: &Document, size: Option<[usize; 2]>) -> Result<[usize; 2], SourceError> {
     match (doc.root.get("Camera.width"), doc.root.get("Camera.height"), size) {
-        (Some(w), Some(h), _) => Ok([doc.number(w)? as usize, doc.number(h)? as usize]),
+        (Some(w), Some(h), _) => doc.size(w.line, [doc.number(w)?, doc.number(h)?]),
         (_, _, Some(size)) => Ok(size),
         _ => Err(SourceError::new(
             doc.path.display().to_string(),
@@ -109,12 +109,9 @@ impl<'a> Reader<'a> {
                 return Err(self.doc.error(kind.map_or(0, |n| n.line), why));
             }
         };
-        let [width, height] = self.size;
-        let (fx, fy, cx, cy) = (need("fx")?, need("fy")?, need("cx")?, need("cy")?);
-        let camera = Camera { width, height, fx, fy, cx, cy, distortion };
         let line = self.doc.root.get(&format!("{prefix}.fx")).map_or(0, |n| n.line);
-        camera.validate().map_err(|e| self.doc.error(line, format!("{prefix}: {e}")))?;
-        Ok(camera)
+        let numbers = [need("fx")?, need("fy")?, need("cx")?, need("cy")?];
+        self.doc.camera(line, self.size, numbers, distortion)
     }
 
     /// The second camera and its pose in the first one's frame, if the file has one.

@@ -171,7 +171,8 @@ fn camera(
         Some(l) => lens(&l.model, &l.coefficients)?,
         None => Distortion::None,
     };
-    Ok(Camera { distortion, ..Camera::pinhole(size[0], size[1], f[0], f[1], c[0], c[1]) })
+    // A negative focal length is told by `assumed_in`.
+    Ok(Camera { distortion, ..Camera::pinhole(size[0], size[1], f[0], f[1].abs(), c[0], c[1]) })
 }
 
 fn pose(file: &PoseFile) -> Result<Se3, CalibrationError> {

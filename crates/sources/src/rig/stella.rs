@@ -66,7 +66,9 @@ impl<'a> Reader<'a> {
 
     fn camera(&self, size: Option<[usize; 2]>) -> Result<Camera, SourceError> {
         let [width, height] = match (self.get("cols"), self.get("rows"), size) {
-            (Some(cols), Some(rows), _) => [self.doc.number(cols)? as usize, self.doc.number(rows)? as usize],
+            (Some(cols), Some(rows), _) => {
+                self.doc.size(cols.line, [self.doc.number(cols)?, self.doc.number(rows)?])?
+            }
             (_, _, Some(size)) => size,
             _ => return Err(self.doc.error(0, "names no Camera.cols and Camera.rows")),
         };

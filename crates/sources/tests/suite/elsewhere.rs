@@ -322,7 +322,7 @@ fn replica_scannet_stray_scanner_and_record3d_are_read() {
         stray.write(&format!("depth/00000{k}.png"), depth_png(8, 6, 1, 2000));
     }
     let text = refused(stray.name(), OpenOptions::default());
-    assert!(text.contains("rgb.mp4") && text.contains("ffmpeg -i"), "{text}");
+    assert!(text.contains("rgb.mp4") && text.contains("ffmpeg -noautorotate -i"), "{text}");
     for k in 0..2 {
         stray.write(&format!("rgb/00000{k}.png"), gray_png(16, 12, k));
     }
@@ -343,7 +343,7 @@ fn replica_scannet_stray_scanner_and_record3d_are_read() {
     assert!(frames[0].depth.is_some() && (truth[0].1.translation.z - 3.0).abs() < 1e-12);
     let (rig, truth, frames) = play(scannet.path().to_owned());
     assert_eq!((frames.len(), truth.len()), (3, 2), "a pose that is not finite is not known");
-    assert_eq!(frames[2].stamp.0, 10 * 33_333_333);
+    assert_eq!(frames[2].stamp.0, 333_333_333);
     let depth = rig.depth.unwrap();
     assert_eq!((depth.camera.fx, depth.camera.width, depth.registered), (7.0, 8, false));
     let (rig, _, frames) = play(stray.path().to_owned());
@@ -412,7 +412,15 @@ fn times_that_do_not_go_forward_are_an_error_that_says_what_they_look_like() {
     };
     let reversed: Vec<f64> = (0..9).rev().map(f64::from).collect();
     let again: Vec<f64> = (0..40).map(|k| f64::from(k % 8)).collect();
-    for (stamps, word) in [(&reversed, "in reverse"), (&again, "begin anew 4 times")] {
+    // Nine, ninety and nine hundred in the order of text: of ten more are lost than stay.
+    let mut text: Vec<u32> = (1..=12).collect();
+    text.sort_by_key(|n| n.to_string());
+    let text: Vec<f64> = text.into_iter().map(f64::from).collect();
+    for (stamps, word) in [
+        (&reversed, "in reverse"),
+        (&again, "begin anew 4 times"),
+        (&text, "in the order of text, 10 before 9"),
+    ] {
         let folder = list(stamps);
         let text = refused(folder.name(), with_rig());
         assert!(text.contains(word) && text.contains("--number-frames"), "{text}");
@@ -420,6 +428,23 @@ fn times_that_do_not_go_forward_are_an_error_that_says_what_they_look_like() {
         let found = packets(&mut *opened(&folder, numbered));
         assert_eq!(found, (0..stamps.len() as i64).map(|k| k * 100_000_000).collect::<Vec<_>>());
     }
+}
+
+#[test]
+fn a_tenth_of_times_that_do_not_go_forward_is_told_with_what_they_look_like() {
+    let folder = Folder::new();
+    let mut lines = String::new();
+    for k in 0..40 {
+        folder.write(&format!("rgb/{k}.png"), gray_png(8, 6, k));
+        // The last eight are the first again.
+        lines += &format!("{}.5 rgb/{k}.png\n", if k < 32 { k } else { k - 32 });
+    }
+    folder.write("rgb.txt", lines);
+    let mut source = opened(&folder, with_rig());
+    let told = source.skipped().join(" ");
+    assert!(told.contains("8 of its 40 images") && told.contains("begin anew 1 times"), "{told}");
+    assert!(told.contains("--number-frames"), "{told}");
+    assert_eq!(packets(&mut *source).len(), 32);
 }
 
 #[test]

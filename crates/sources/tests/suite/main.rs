@@ -4,6 +4,8 @@ mod bags;
 mod camera;
 mod common;
 mod elsewhere;
+mod layouts;
+mod other_systems;
 mod recordings;
 mod refusals;
 mod rigs;

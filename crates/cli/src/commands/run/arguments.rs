@@ -204,9 +204,13 @@ pub enum Kind {
     /// 7-Scenes (frame-*.color.*).
     #[value(name = "7-scenes")]
     SevenScenes,
+    /// Numbered frames of Replica, ScanNet, Stray Scanner or Record3D.
+    Frames,
+    /// UZH-FPV and the like (left_images.txt or images.txt).
+    Uzh,
     /// An Android phone's camera and sensors (frames.csv, gyroscope.csv, accelerometer.csv).
     Android,
-    /// Images of one camera.
+    /// Images of one camera, or of two side by side.
     Images,
 }
 
@@ -218,6 +222,8 @@ impl Kind {
             Self::Tum => SourceKind::Tum,
             Self::Kitti => SourceKind::Kitti,
             Self::SevenScenes => SourceKind::SevenScenes,
+            Self::Frames => SourceKind::Frames,
+            Self::Uzh => SourceKind::Uzh,
             Self::Android => SourceKind::Android,
             Self::Images => SourceKind::Images,
         }

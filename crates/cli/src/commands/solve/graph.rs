@@ -1,13 +1,13 @@
-//! `cairn solve graph`: solves a pose graph in g2o format.
+//! `cairn solve graph`: solves a pose graph in the format of g2o, TORO or iSAM.
 
 use super::{stop_name, text_of};
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::number::positive;
-use crate::output::Output;
+use crate::output::{Output, note};
 use crate::outputs::Outputs;
 use crate::progress::Progress;
-use cairn_solve::g2o::{self, Graph, Named};
+use cairn_solve::g2o::{self, Form, Graph, Named};
 use cairn_solve::graph::{
     GraphConfig, Method, Metric, Rigid, Start, chordal_start, lowest_start, odometry_start,
 };
@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Optimizes a pose graph: finds the poses that best fit the relative measurements of a g2o file.
+/// Optimizes a pose graph: finds the poses that best fit the relative measurements of a file of g2o, TORO or iSAM.
 ///
 /// Poses are 2-D (VERTEX_SE2, EDGE_SE2) or 3-D (VERTEX_SE3:QUAT, EDGE_SE3:QUAT), with points that they saw (EDGE_SE2_XY,
 /// EDGE_SE3_TRACKXYZ) and poses that are known in the world (EDGE_SE2_PRIOR, EDGE_SE3_PRIOR). FIX keeps vertices fixed; if
@@ -26,7 +26,7 @@ use std::time::Instant;
 /// chi2 is twice that.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The graph in g2o format.
+    /// The graph in the format of g2o, TORO or iSAM; also compressed (.bz2, .gz).
     file: PathBuf,
     /// The method: gn (Gauss-Newton) or lm (Levenberg-Marquardt).
     #[arg(long, default_value = "lm", value_name = "HOW")]
@@ -159,7 +159,8 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         .checked()?;
     let text = text_of(&arguments.file, "g2o")?;
     let mut file = g2o::read_nearest(&text)
-        .map_err(|e| Failure::new(format!("{name}, line {}", e.line), e.reason, hint_of(&text)))?;
+        .map_err(|e| Failure::new(format!("{name}, line {}", e.line), e.reason, HINT))?;
+    told_form(&name, file.form);
     if !file.unknown.is_empty() && !arguments.ignore_unknown {
         return Err(Failure::new(
             &name,
@@ -196,6 +197,16 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     }
     outputs.write("--out", || Ok(g2o::write(&file).into_bytes()))?;
     output.result(&solved, summary)
+}
+
+/// Says how a graph of another program was read: its numbers do not say what they are.
+fn told_form(name: &str, form: Form) {
+    let how = match form {
+        Form::G2o => return,
+        Form::Toro => "is read as TORO's, its numbers as information matrices",
+        Form::Isam => "is read as iSAM's, its numbers as square roots of information matrices",
+    };
+    note(&format!("note: {name} {how}; --out writes g2o"));
 }
 
 fn solve<G: Rigid<D>, const D: usize>(
@@ -301,14 +312,7 @@ fn check(report: &Report) -> Result<(), (String, &'static str)> {
 }
 
 /// What to do about a text that is no graph.
-pub(in crate::commands) fn hint_of(text: &str) -> &'static str {
-    let first = |tag: &str| text.lines().any(|line| line.split_whitespace().next() == Some(tag));
-    if ["EDGE2", "EDGE3", "VERTEX2", "VERTEX3", "ODOMETRY"].iter().any(|tag| first(tag)) {
-        "this is a graph of TORO or iSAM: write it as g2o first (GTSAM's examples read and write both)"
-    } else {
-        "give a graph of VERTEX_SE2 and EDGE_SE2 or of VERTEX_SE3:QUAT and EDGE_SE3:QUAT lines"
-    }
-}
+pub(in crate::commands) const HINT: &str = "give a graph of VERTEX_SE2 and EDGE_SE2 or of VERTEX_SE3:QUAT and EDGE_SE3:QUAT lines (g2o), or of VERTEX2 and EDGE2, VERTEX3 and EDGE3 (TORO, iSAM)";
 
 fn summary(s: &Solved) -> String {
     let kind = if s.dimensions == 2 { "in the plane" } else { "in space" };

@@ -3,7 +3,7 @@
 mod bundle;
 mod graph;
 
-pub(in crate::commands) use graph::hint_of;
+pub(in crate::commands) use graph::HINT;
 
 use crate::failure::Failure;
 use crate::output::Output;
@@ -11,7 +11,7 @@ use cairn_solve::Stop;
 use clap::Subcommand;
 use std::path::Path;
 
-/// Solves pose graphs (g2o) and bundle adjustment problems (BAL) with the solver that SLAM uses.
+/// Solves pose graphs (g2o, TORO, iSAM) and bundle adjustment problems (BAL) with the solver that SLAM uses.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]

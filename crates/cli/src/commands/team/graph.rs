@@ -1,6 +1,6 @@
 //! `cairn team graph`: robots agree on one pose graph by exchanging messages, beside one solver that sees everything.
 
-use super::super::solve::hint_of;
+use super::super::solve::HINT;
 use crate::failure::Failure;
 use crate::number::number;
 use crate::output::Output;
@@ -164,7 +164,7 @@ fn divided(file: &Path, text: &str, robots: usize, leave_out: bool) -> Result<Te
     let name = file.display().to_string();
     let text = relative_only(text, leave_out).map_err(|e| failure(&[file.to_owned()], &e))?;
     let g2o = g2o::read_nearest(&text)
-        .map_err(|e| Failure::new(format!("{name}, line {}", e.line), e.reason, hint_of(&text)))?;
+        .map_err(|e| Failure::new(format!("{name}, line {}", e.line), e.reason, HINT))?;
     let hint = "choose from 1 robot to as many as there are poses";
     let team = match &g2o.graph {
         Graph::Plane(named) => split(&named.graph, robots).map(TeamGraphs::Plane),

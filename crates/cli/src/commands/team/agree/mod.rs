@@ -243,7 +243,8 @@ fn file_of<G: Rigid<D>, const D: usize>(
         }
     }
     let graph = wrap(Named::of_poses(poses, ids));
-    Ok(G2o { graph, has_values: true, unknown: BTreeMap::new(), replaced: None, kept: Vec::new() })
+    let (unknown, kept) = (BTreeMap::new(), Vec::new());
+    Ok(G2o { graph, has_values: true, unknown, replaced: None, kept, form: g2o::Form::G2o })
 }
 
 /// The poses of the body at the key frames of its map, as agreed: `t x y z qx qy qz qw`, in the frame of the team.
