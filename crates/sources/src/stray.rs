@@ -6,7 +6,6 @@
 
 use crate::android::phone_from_camera;
 use crate::imu::{Columns, first_samples, rate_hz};
-use crate::live::phone_imu;
 use crate::text::{data_lines, fields, numbers, read_text, stamp_seconds};
 use cairn_geometry::So3;
 use cairn_sensor::{ImuSample, ImuSensor, SourceError, Stamp};
@@ -79,7 +78,11 @@ pub fn motion(folder: &Path, rows: &[Row]) -> Motion {
     match upward(rows, &samples) {
         Some(up) => {
             let accel_unit = unit * up.signum();
-            Motion::Used(path, Columns { accel_unit, ..columns }, ImuSensor { rate_hz, ..phone_imu() })
+            Motion::Used(
+                path,
+                Columns { accel_unit, ..columns },
+                ImuSensor { rate_hz, ..ImuSensor::of_phone() },
+            )
         }
         None => Motion::LeftOut("no pose of odometry.csv says which way is up for imu.csv".into()),
     }
