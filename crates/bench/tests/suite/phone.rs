@@ -25,10 +25,3 @@ fn a_walk_with_a_real_phone_has_one_map_and_metres_within_five_seconds() {
     let focal = f.focal[0].expect("a camera");
     assert!((focal / 505.0 - 1.0).abs() < 0.03, "{focal} px");
 }
-
-#[test]
-fn a_real_phone_that_is_hardly_moved_has_one_map_without_metric_scale() {
-    let Some(f) = figures("phone/a", 0) else { return };
-    assert!(f.coverage >= 0.98, "{}", f.coverage);
-    assert_eq!((f.maps, f.metric), ([1, 1], None));
-}
