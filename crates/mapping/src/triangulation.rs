@@ -113,10 +113,7 @@ fn match_along_epipolar_lines(
     let (rotation, translation) = (there_from_here.rotation.matrix(), hat(&there_from_here.translation));
     let fundamental = inverse_there.transpose() * translation * rotation * inverse_here;
     let epipole = cameras[1].project(&there_from_here.translation);
-    let free: Vec<usize> = (0..there.frame.len()).filter(|j| there.landmarks[*j].is_none()).collect();
-    let px: Vec<[f32; 2]> = free.iter().map(|j| there.frame.px[*j]).collect();
-    let variance: Vec<f32> =
-        free.iter().map(|j| octaves.scale(there.frame.octave[*j]).powi(2) as f32).collect();
+    let free = FreeFeatures::of(there, octaves);
     let mut owner: Vec<Option<(usize, u32)>> = vec![None; there.frame.len()];
     for i in (0..here.frame.len()).filter(|i| !taken[*i]) {
         let [u, v] = here.frame.px[i];
@@ -127,25 +124,20 @@ fn match_along_epipolar_lines(
         }
         let [a, b, c] = [(line.x / norm) as f32, (line.y / norm) as f32, (line.z / norm) as f32];
         let mut best = (u32::MAX, usize::MAX);
-        for (k, [x, y]) in px.iter().enumerate() {
-            let off = a * x + b * y + c;
-            if off * off > 3.84 * variance[k] {
-                continue;
-            }
-            let j = free[k];
+        free.for_each_near([a, b, c], |j, [x, y]| {
             let has_depth = here.frame.has_depth(i) || there.frame.has_depth(j);
             if let (Some([eu, ev, _]), false) = (epipole, has_depth) {
                 // Next to the epipole a pair constrains no depth.
-                let (du, dv) = (eu - *x as f64, ev - *y as f64);
+                let (du, dv) = (eu - x as f64, ev - y as f64);
                 if du * du + dv * dv < 100.0 * octaves.scale(there.frame.octave[j]) {
-                    continue;
+                    return;
                 }
             }
             let distance = hamming(&here.frame.descriptors[i], &there.frame.descriptors[j]);
             if distance < best.0 {
                 best = (distance, j);
             }
-        }
+        });
         let (distance, j) = best;
         if distance <= TIGHT && owner[j].is_none_or(|(_, d)| distance < d) {
             owner[j] = Some((i, distance));
@@ -159,6 +151,59 @@ fn match_along_epipolar_lines(
     let mut matches = cairn_vision::consistent_rotation(angle_changes);
     matches.sort_unstable();
     matches
+}
+
+/// Features that are looked at together: enough for two vectors of any processor, and few enough that most lines miss them all.
+const TOGETHER: usize = 16;
+
+/// Features of a key frame that belong to no landmark, as columns, so that the distances of [`TOGETHER`] of them to a line are found at once.
+/// Each line is compared with each of them, and misses nearly all.
+struct FreeFeatures {
+    index: Vec<usize>,
+    x: Vec<f32>,
+    y: Vec<f32>,
+    /// The square of the farthest that a line may pass: 3.84 (chi squared, 95 %) times the variance of the octave, px^2.
+    most: Vec<f32>,
+}
+
+impl FreeFeatures {
+    fn of(key_frame: &KeyFrame, octaves: Octaves) -> Self {
+        let frame = &key_frame.frame;
+        let index: Vec<usize> = (0..frame.len()).filter(|j| key_frame.landmarks[*j].is_none()).collect();
+        let column = |value: &dyn Fn(usize) -> f32, beyond: f32| {
+            let mut column: Vec<f32> = index.iter().map(|j| value(*j)).collect();
+            column.resize(index.len().next_multiple_of(TOGETHER), beyond);
+            column
+        };
+        Self {
+            x: column(&|j| frame.px[j][0], 0.0),
+            y: column(&|j| frame.px[j][1], 0.0),
+            // No line is near the features that only fill up the last columns.
+            most: column(&|j| 3.84 * octaves.scale(frame.octave[j]).powi(2) as f32, -1.0),
+            index,
+        }
+    }
+
+    /// Calls `found` with index and pixel of each feature that lies on the line a x + b y + c = 0, in their order.
+    fn for_each_near(&self, [a, b, c]: [f32; 3], mut found: impl FnMut(usize, [f32; 2])) {
+        let near = |x: f32, y: f32, most: f32| {
+            let off = a * x + b * y + c;
+            off * off <= most
+        };
+        let columns = [&self.x, &self.y, &self.most].map(|column| column.as_chunks::<TOGETHER>().0);
+        for (group, ((x, y), most)) in columns[0].iter().zip(columns[1]).zip(columns[2]).enumerate() {
+            let mut any = 0;
+            for lane in 0..TOGETHER {
+                any += u32::from(near(x[lane], y[lane], most[lane]));
+            }
+            if any == 0 {
+                continue;
+            }
+            for lane in (0..TOGETHER).filter(|lane| near(x[*lane], y[*lane], most[*lane])) {
+                found(self.index[TOGETHER * group + lane], [x[lane], y[lane]]);
+            }
+        }
+    }
 }
 
 /// The point that two features show, where it is well conditioned and agrees with both views.

@@ -1,10 +1,11 @@
 //! What goes wrong, said once for each reason and counted from then on.
 
+use crate::arguments::Log;
 use cairn::sensor::{SkipKind, Skips};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How serious a line is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// For information.
     Info,
@@ -19,6 +20,7 @@ type Sink = Box<dyn Fn(Severity, &str) + Send>;
 #[derive(Default)]
 struct State {
     skips: Skips,
+    log: Log,
     sink: Option<Sink>,
 }
 
@@ -29,6 +31,11 @@ pub struct Faults(Arc<Mutex<State>>);
 impl Faults {
     fn lock(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts all, and says what `log` lets through.
+    pub fn new(log: &Log) -> Self {
+        Self(Arc::new(Mutex::new(State { log: log.clone(), ..State::default() })))
     }
 
     /// Where lines go besides the standard error output.
@@ -43,8 +50,14 @@ impl Faults {
             Severity::Warn => "warning: ",
             Severity::Error => "error: ",
         };
-        eprintln!("cairn-ros: {prefix}{line}");
-        if let Some(sink) = &self.lock().sink {
+        let state = self.lock();
+        if severity < state.log.least {
+            return;
+        }
+        if state.log.to_terminal {
+            eprintln!("cairn-ros: {prefix}{line}");
+        }
+        if let Some(sink) = state.sink.as_ref().filter(|_| state.log.to_rosout) {
             sink(severity, line);
         }
     }
@@ -72,6 +85,16 @@ impl Faults {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_level_leaves_out_what_is_less_serious() {
+        let faults = Faults::new(&Log { least: Severity::Warn, ..Log::default() });
+        let said = Arc::new(Mutex::new(Vec::new()));
+        let lines = said.clone();
+        faults.also_to(Box::new(move |severity, _| lines.lock().unwrap().push(severity)));
+        [Severity::Info, Severity::Warn, Severity::Error].map(|severity| faults.say(severity, "a line"));
+        assert_eq!(*said.lock().unwrap(), [Severity::Warn, Severity::Error]);
+    }
 
     #[test]
     fn a_reason_is_said_once_and_counted() {

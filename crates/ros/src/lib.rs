@@ -1,7 +1,9 @@
 #![doc = include_str!("../README.md")]
 #![cfg(feature = "dds")]
 
+pub mod arguments;
 pub mod assemble;
+pub mod discovery;
 pub mod faults;
 pub mod frames;
 pub mod grid;

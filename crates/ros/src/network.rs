@@ -4,6 +4,7 @@
 //! so that subscribers of both kinds match. A subscriber that does not keep up never holds the node: what it misses is
 //! counted.
 
+use crate::discovery::Discovery;
 use crate::faults::{Faults, Severity};
 use crate::messages::{
     CameraInfo, Clock, CompressedImage, DiagnosticArray, Image, Imu, MarkerArray, OccupancyGrid, Odometry,
@@ -15,10 +16,8 @@ use crate::pictures::Picture;
 use crate::setup::Role;
 use cairn::sensor::SkipKind;
 use futures::stream::{LocalBoxStream, SelectAll, StreamExt};
-use ros2_client::dds::rustdds::{DomainParticipantStatusEvent, StatusEvented};
-use ros2_client::dds::{
-    Context, ContextOptions, Node, Publisher, RosoutRaw, Server, ServiceMapping, Subscription,
-};
+use ros2_client::dds::rustdds::{DomainParticipantBuilder, DomainParticipantStatusEvent, StatusEvented};
+use ros2_client::dds::{Context, Node, Publisher, RosoutRaw, Server, ServiceMapping, Subscription};
 use ros2_client::qos::{Durability, History, QosProfile, Reliability, WhenFull};
 use ros2_client::{MessageTypeName, Name, NodeName, NodeOptions, RmwRequestId, ServiceTypeName};
 use serde::Serialize;
@@ -202,7 +201,14 @@ impl Network {
     /// # Errors
     /// A name that ROS does not allow; a network that cannot be used.
     pub fn join(options: &Options, topics: &Topics, faults: &Faults) -> Result<Self, NetworkError> {
-        let context = Context::with_options(ContextOptions::new().domain_id(options.domain_id()));
+        let discovery = Discovery::of_environment();
+        discovery.notes.iter().for_each(|note| faults.say(Severity::Warn, note));
+        let mut participant = DomainParticipantBuilder::new(options.domain_id());
+        if let Some(only) = discovery.only {
+            participant = participant.with_only_networks([only]);
+        }
+        let participant = participant.build().map_err(|e| NetworkError::Domain(e.into()))?;
+        let context = Context::from_domain_participant(participant);
         let context = context.map_err(|e| NetworkError::Domain(e.into()))?;
         let name = NodeName::new(&options.namespace, &options.name);
         let name = name.map_err(about(&format!("{} in {}", options.name, options.namespace)))?;
@@ -228,7 +234,7 @@ impl Network {
             pose: make.output("pose", ("geometry_msgs", "PoseWithCovarianceStamped"), results(10))?,
             path: make.output("path", ("nav_msgs", "Path"), results(1))?,
             route: make.output("route", ("nav_msgs", "Path"), latched.clone())?,
-            plan: make.output("plan", ("nav_msgs", "Path"), results(1))?,
+            plan: make.output("~/plan", ("nav_msgs", "Path"), results(1))?,
             markers: make.output("markers", ("visualization_msgs", "MarkerArray"), latched.clone())?,
             points: make.output("points", ("sensor_msgs", "PointCloud2"), results(1))?,
             grid: make.output("map", ("nav_msgs", "OccupancyGrid"), latched)?,
@@ -395,8 +401,10 @@ impl Maker<'_> {
         }
         let (name, s) = self.input("/tf_static", ("tf2_msgs", "TFMessage"), latched)?;
         inputs.push(Input::Static(name, s));
-        let (name, s) = self.input("goal_pose", ("geometry_msgs", "PoseStamped"), depth(1))?;
-        inputs.push(Input::Goal(name, s));
+        if self.options.plan {
+            let (name, s) = self.input("~/goal_pose", ("geometry_msgs", "PoseStamped"), depth(1))?;
+            inputs.push(Input::Goal(name, s));
+        }
         if self.options.use_sim_time {
             let (name, s) = self.input("/clock", ("rosgraph_msgs", "Clock"), depth(1))?;
             inputs.push(Input::Clock(name, s));

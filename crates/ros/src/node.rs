@@ -84,7 +84,8 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
         Some(path) => read_config(path)?,
         None => Config::default(),
     };
-    let faults = Faults::default();
+    let faults = Faults::new(&options.log);
+    options.notes.iter().for_each(|note| faults.say(Severity::Warn, note));
     let mut network = Network::join(options, &topics, &faults)?;
     let (to, messages) = sync_channel(MOST_WAITING);
     network.listen(to, &faults)?;

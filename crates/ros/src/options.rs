@@ -1,5 +1,6 @@
 //! What the node is asked to do: its flags, and the words that ROS puts behind `--ros-args`.
 
+use crate::arguments::{self, Log};
 use cairn::SensorMode;
 use cairn::geometry::{Se3, So3, Vec3};
 use clap::{Parser, ValueEnum};
@@ -31,9 +32,9 @@ pub enum Rmw {
 ///
 /// Topics are named as in ROS: `/a/b` is absolute, `a/b` is in the node's namespace, `~/a` in the node's own.
 /// Calibrations are taken from camera_info beside each picture topic, positions of the sensors from /tf_static;
-/// --rig FILE replaces both.
+/// --rig FILE replaces both. Each flag is a parameter too: `--ros-args -p image:=/a` or --params-file.
 #[derive(Clone, Debug, Parser)]
-#[command(name = "cairn-ros", version, max_term_width = 100)]
+#[command(name = "cairn-ros", version, max_term_width = 100, args_override_self = true)]
 pub struct Options {
     /// Topics of a usual driver; --camera-namespace says where.
     #[arg(long, value_enum)]
@@ -106,6 +107,9 @@ pub struct Options {
     /// Longest range of the occupancy grid, in metres (only with depth images).
     #[arg(long, value_name = "M", default_value_t = 5.0)]
     pub grid_range_m: f64,
+    /// Answers goals on ~/goal_pose with paths on ~/plan, for a robot without Nav2 (only with depth images).
+    #[arg(long)]
+    pub plan: bool,
     /// Radius of the robot, in metres: plans keep this far from what is in the grid.
     #[arg(long, value_name = "M", default_value_t = 0.25)]
     pub robot_radius_m: f64,
@@ -135,6 +139,12 @@ pub struct Options {
     /// Ends after this many seconds.
     #[arg(long, value_name = "S", hide = true)]
     pub for_s: Option<f64>,
+    /// Which lines are said.
+    #[arg(skip)]
+    pub log: Log,
+    /// What is not as the command line asks for.
+    #[arg(skip)]
+    pub notes: Vec<String>,
 }
 
 /// No topic of pictures was named.
@@ -158,25 +168,16 @@ pub struct Topics {
 }
 
 impl Options {
-    /// Reads arguments, the first of which is the program's name. What ROS launch files add is understood: `--ros-args`,
-    /// `-p use_sim_time:=true`; other parameters are an error.
+    /// Reads arguments, the first of which is the program's name, with what ROS launch files put behind `--ros-args`.
     ///
     /// # Errors
     /// Clap's error, which prints itself: wrong usage, or a request for help.
     pub fn parse_arguments(arguments: impl IntoIterator<Item = String>) -> Result<Self, clap::Error> {
-        let mut plain = Vec::new();
         let mut arguments = arguments.into_iter();
-        while let Some(argument) = arguments.next() {
-            match argument.as_str() {
-                "--ros-args" => {}
-                "-p" | "--param" => {
-                    let parameter = arguments.next().unwrap_or_default();
-                    plain.extend(flag_of(&parameter)?);
-                }
-                _ => plain.push(argument),
-            }
-        }
-        let mut options = Self::try_parse_from(plain)?;
+        let program = arguments.next().unwrap_or_default();
+        let given = arguments::read(arguments)?;
+        let mut options = Self::try_parse_from([vec![program], given.flags].concat())?;
+        (options.log, options.notes) = (given.log, given.notes);
         options.take_names()?;
         Ok(options)
     }
@@ -322,17 +323,7 @@ pub fn transport(topic: &str) -> Option<&str> {
         .filter(|name| matches!(*name, "compressed" | "compressedDepth"))
 }
 
-fn flag_of(parameter: &str) -> Result<Option<String>, clap::Error> {
-    match parameter.split_once(":=") {
-        Some(("use_sim_time", "true" | "True")) => Ok(Some("--use-sim-time".into())),
-        Some(("use_sim_time", "false" | "False")) => Ok(None),
-        _ => Err(wrong(format!(
-            "the parameter \"{parameter}\" is not known; only use_sim_time is, the rest are flags"
-        ))),
-    }
-}
-
-fn wrong(why: String) -> clap::Error {
+pub(crate) fn wrong(why: String) -> clap::Error {
     clap::Error::raw(clap::error::ErrorKind::ValueValidation, why + "\n")
 }
 
@@ -393,9 +384,13 @@ mod tests {
 
     #[test]
     fn wrong_usage_is_refused() {
-        for line in
-            ["-r odom", "-r :=a", "-p speed:=3", "--base-from-camera 0 0 0 0 0 0 0", "--localize-only"]
-        {
+        for line in [
+            "-r odom",
+            "-r :=a",
+            "--ros-args -p speed:=3",
+            "--base-from-camera 0 0 0 0 0 0 0",
+            "--localize-only",
+        ] {
             assert!(options(line).is_err(), "{line}");
         }
         assert!(options("--pair-within-ms nan").is_err() && options("--robot-radius-m nan").is_err());

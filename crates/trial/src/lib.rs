@@ -3,6 +3,7 @@
 mod listener;
 mod pace;
 mod page;
+mod picture;
 pub mod robot;
 pub mod walk;
 mod walker;
@@ -10,4 +11,5 @@ pub mod way;
 
 pub use pace::{LEVELS, Pace};
 pub use page::{Lateness, PageClock, STALE_MS};
+pub use picture::{encoded, smaller};
 pub use walker::{Walker, side_of};

@@ -7,6 +7,7 @@ mod phone;
 mod places;
 mod recordings;
 mod revisit;
+mod run;
 mod scale;
 mod spot_turn;
 mod walkers;

@@ -1,39 +1,10 @@
 //! The odometry on recordings: motions between its poses compared with the truth, beside those of the live poses in the map.
 
-use bench::recordings::data_folder;
-use cairn_engine::{Config, Engine, Host, Output, Runner, SensorMode};
+use crate::run::{Chosen, Run, run};
+use cairn_engine::{Output, SensorMode};
 use cairn_geometry::Se3;
 use cairn_sensor::Stamp;
-use cairn_sources::{OpenOptions, open};
 use std::collections::BTreeMap;
-
-/// A run: the outputs, and the truth comparable to them.
-struct Run {
-    outputs: Vec<Output>,
-    truth: BTreeMap<Stamp, Se3>,
-}
-
-/// Tracks a recording; `None` where it is missing.
-fn run(recording: &str, mode: SensorMode, imu: bool) -> Option<Run> {
-    let folder = data_folder().join(recording);
-    if !folder.exists() {
-        println!("skipped: {} is missing", folder.display());
-        return None;
-    }
-    let address = folder.to_string_lossy().into_owned();
-    let mut source = open(&address, OpenOptions::default()).unwrap();
-    let (rig, rate_hz) = (source.rig().clone(), source.info().rate_hz);
-    let truth = source.info().truth.clone();
-    let mut config = Config::default();
-    config.inertial.enabled = imu;
-    let mut engine = Engine::new(&rig, mode, rate_hz, Runner::Lockstep, &config, &Host::bare()).unwrap();
-    let mut outputs = Vec::new();
-    while let Some(packet) = source.next_packet().unwrap() {
-        outputs.push(engine.on_packet(&packet).unwrap());
-    }
-    let truth = engine.comparable(&truth).into_iter().collect();
-    Some(Run { outputs, truth })
-}
 
 /// Root mean square and greatest error of the motion over a number of frames, in the truth's unit.
 #[derive(Clone, Copy, Debug)]
@@ -117,13 +88,13 @@ fn interpolated(truth: &BTreeMap<Stamp, Se3>, stamp: Stamp) -> Option<Se3> {
 #[test]
 fn odometry_is_as_accurate_as_the_live_poses_and_does_not_jump() {
     // The greatest error over one frame is 10 % above what it is today.
-    for (name, address, mode, imu, max_m) in [
+    for (name, recording, mode, imu, max_m) in [
         ("MH_01 stereo", "euroc-mh01", SensorMode::Stereo, false, 0.0059),
         ("MH_01 mono", "euroc-mh01", SensorMode::Mono, false, 0.0059),
         ("MH_01 mono+IMU", "euroc-mh01", SensorMode::Mono, true, 0.007),
         ("atrium mono", "atrium", SensorMode::Mono, false, 0.0157),
     ] {
-        let Some(run) = run(address, mode, imu) else { continue };
+        let Some(run) = run(Chosen { recording, mode, imu, left_out_s: 0 }) else { continue };
         let metric = mode != SensorMode::Mono;
         for frames in [1, 20, 100] {
             let [odometry, live] = run.compare(name, frames, metric);

@@ -135,8 +135,8 @@ def test_time_is_that_of_the_clock(wire, node, euroc):
 
 def test_goals_without_a_grid_are_refused(wire, node, euroc):
     player = Player(wire, euroc, imu=False)
-    goal = wire.writer("/goal_pose", "geometry_msgs/msg/PoseStamped", reliable=True)
-    child = node(*player.arguments())
+    goal = wire.writer("/cairn/goal_pose", "geometry_msgs/msg/PoseStamped", reliable=True)
+    child = node("--plan", *player.arguments())
     begin(player, child)
 
     def ask():
@@ -144,6 +144,27 @@ def test_goals_without_a_grid_are_refused(wire, node, euroc):
         return until(lambda: child.said("a goal needs the occupancy grid"), 0.5)
 
     assert until(ask, 5), child.lines
+    assert child.end() == 0
+
+
+def test_it_starts_as_a_launch_file_starts_it(wire, node, euroc, tmp_path, monkeypatch):
+    """Parameters from a file, names by remaps, a level, on this machine alone."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    player = Player(wire, euroc, imu=False)
+    flags = player.arguments()
+    named = dict(zip(flags[::2], flags[1::2]))
+    file = tmp_path / "params.yaml"
+    lines = [f"    {flag[2:].replace('-', '_')}: {topic}" for flag, topic in named.items()]
+    others = ["    qos_overrides:", "      /tf:", "        publisher: {depth: 1}"]
+    file.write_text("\n".join(["/robot/eye:", "  ros__parameters:", *lines, "/**:", "  ros__parameters:", *others]) + "\n")
+    poses = wire.listen("/robot/pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
+    child = node(
+        "--ros-args", "-r", "__node:=eye", "-r", "__ns:=/robot", "--params-file", file,
+        "-p", "base_from_camera:=[0.0, 0.0, 1.0, -0.5, 0.5, -0.5, 0.5]", "--log-level", "info", "--enclave", "/",
+    )  # fmt: skip
+    begin(player, child)
+    assert until(lambda: len(poses) > 5, 20), child.lines
+    assert child.said('no parameter "qos_overrides"') and child.said("DDS security"), child.lines
     assert child.end() == 0
 
 

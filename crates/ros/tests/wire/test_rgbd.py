@@ -31,7 +31,7 @@ def test_kinect(wire, node, encoding):
     infos = [wire.writer(f"/kinect/{name}/camera_info", "sensor_msgs/msg/CameraInfo") for name in ("rgb", "depth")]
     flags = ["--image", "/kinect/rgb/image_raw", "--depth", "/kinect/depth/image_raw"]
     # The robot's base is a metre below the camera, which looks ahead.
-    child = node(*flags, "--base-from-camera", 0, 0, 1.0, -0.5, 0.5, -0.5, 0.5, "--robot-radius-m", RADIUS_M)
+    child = node(*flags, "--plan", "--base-from-camera", 0, 0, 1.0, -0.5, 0.5, -0.5, 0.5, "--robot-radius-m", RADIUS_M)
     k = np.array([585.0, 0, 320, 0, 585, 240, 0, 0, 1])
     p = np.array([585.0, 0, 320, 0, 0, 585, 240, 0, 0, 0, 1, 0])
     frames = []
@@ -93,8 +93,8 @@ def test_kinect(wire, node, encoding):
 
 def check_plan(wire, child, grid, out):
     """A goal as a viewer sets it, on free ground and in a wall; the path keeps off what is in the grid."""
-    plans = wire.listen("/plan", "nav_msgs/msg/Path")
-    goal = wire.writer("/goal_pose", "geometry_msgs/msg/PoseStamped", reliable=True)
+    plans = wire.listen("/cairn/plan", "nav_msgs/msg/Path")
+    goal = wire.writer("/cairn/goal_pose", "geometry_msgs/msg/PoseStamped", reliable=True)
     message = grid[-1][1]
     info, cells = message.info, np.array(message.data).reshape(message.info.height, message.info.width)
     origin, q = info.origin.position, info.origin.orientation

@@ -3,6 +3,7 @@
 use crate::client;
 use crate::played;
 
+use cairn_sensor::GrayImage;
 use cairn_session::SessionConfig;
 use cairn_web::{CameraSource, ServeConfig, Server};
 use client::tls;
@@ -402,9 +403,8 @@ async fn page_that_takes_over_hears_of_its_own_images() {
     let mut second = enter(&server, "two").await;
     let me = next(&mut second, "hello").await["id"].clone();
     send(&mut first, json!({ "take": true })).await;
-    let gray = image::GrayImage::from_fn(320, 240, |x, y| image::Luma([(37 * (x / 9) + 91 * (y / 7)) as u8]));
-    let mut jpeg = Vec::new();
-    image::codecs::jpeg::JpegEncoder::new(&mut jpeg).encode_image(&gray).unwrap();
+    let pixels = (0..320 * 240).map(|k| (37 * (k % 320 / 9) + 91 * (k / 320 / 7)) as u8).collect();
+    let jpeg = cairn_trial::encoded(&GrayImage::from_vec(320, 240, pixels).unwrap(), 75);
     // Until the time of one of its images is told to the page that sent it.
     let told = loop {
         let picture = [&page_ms().to_le_bytes()[..], &jpeg].concat();

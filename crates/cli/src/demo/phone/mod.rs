@@ -2,7 +2,6 @@
 
 mod error;
 mod page;
-mod picture;
 mod walk;
 mod walked;
 

@@ -7,7 +7,6 @@ use super::super::config::DemoConfig;
 use super::super::out::corners;
 use super::error::PhoneError;
 use super::page::Page;
-use super::picture::{encoded, smaller};
 use super::walked::{Live, Spoken, Walked};
 use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_guide::Facing;
@@ -18,7 +17,7 @@ use cairn_sim::{
     ContinuousTrajectory, Effects, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World,
 };
 use cairn_trial::way::{Body, Obstacles};
-use cairn_trial::{LEVELS, PageClock};
+use cairn_trial::{LEVELS, PageClock, encoded, smaller};
 use cairn_web::{CameraSource, ServeConfig, Server};
 use serde_json::json;
 use std::f64::consts::PI;

@@ -4,11 +4,9 @@
 
 use crate::walked::RATE_HZ;
 use cairn_sensor::GrayImage;
-use cairn_trial::{LEVELS, Lateness, Pace, PageClock, STALE_MS};
+use cairn_trial::{LEVELS, Lateness, Pace, PageClock, STALE_MS, encoded, smaller};
 use cairn_web::InOrder;
 use futures_util::{SinkExt, StreamExt};
-use image::codecs::jpeg::JpegEncoder;
-use image::imageops::FilterType;
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -56,14 +54,12 @@ impl Album {
         }
         let (side, quality, _) = LEVELS[level];
         let picture = &self.pictures[k];
-        let (w, h) = (picture.width() as u32, picture.height() as u32);
-        let mut gray = image::GrayImage::from_raw(w, h, picture.data().to_vec()).unwrap();
-        if side < w.max(h) {
-            gray = image::imageops::resize(&gray, side, h * side / w, FilterType::Triangle);
-        }
-        let mut bytes = Vec::new();
-        JpegEncoder::new_with_quality(&mut bytes, quality).encode_image(&gray).unwrap();
-        let bytes = Arc::new(bytes);
+        let scale = f64::from(side) / picture.width().max(picture.height()) as f64;
+        let bytes = Arc::new(if scale < 1.0 {
+            encoded(&smaller(picture, scale), quality)
+        } else {
+            encoded(picture, quality)
+        });
         self.coded.lock().unwrap().insert((k, level), bytes.clone());
         bytes
     }
