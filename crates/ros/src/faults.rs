@@ -92,7 +92,9 @@ mod tests {
         let said = Arc::new(Mutex::new(Vec::new()));
         let lines = said.clone();
         faults.also_to(Box::new(move |severity, _| lines.lock().unwrap().push(severity)));
-        [Severity::Info, Severity::Warn, Severity::Error].map(|severity| faults.say(severity, "a line"));
+        for severity in [Severity::Info, Severity::Warn, Severity::Error] {
+            faults.say(severity, "a line");
+        }
         assert_eq!(*said.lock().unwrap(), [Severity::Warn, Severity::Error]);
     }
 
