@@ -171,7 +171,6 @@ function end() {
 
 // All routes and maps, as one archive behind the kind of the message.
 function give() {
-  end();
   const kept = [...walk.engine.wasi.files].map(([path, file]) => [path.split('/').pop(), file.data()]);
   const archive = pack(kept.filter(([name, bytes]) => isOurs(name, bytes)), 1);
   archive[0] = FILES;
