@@ -520,7 +520,11 @@ for (const radio of document.querySelectorAll('[name=told]')) {
 
 $('dark').addEventListener('click', () => $('darkness').showModal());
 $('light').addEventListener('click', () => $('darkness').close());
-document.addEventListener('visibilitychange', want);
+document.addEventListener('visibilitychange', () => {
+  want();
+  // The camera of a hidden page stands still.
+  if (here && guiding && document.visibilityState === 'hidden') becameLate();
+});
 
 if (token || here) link.open();
 else showLink(['page-missing-key']);

@@ -14,6 +14,7 @@ const [STATUS_MS, VIEW_MS, MAP_MS] = [100, 250, 1000];
 // The kind of a message with files.
 const FILES = 5;
 const LENSES = 'lenses.json';
+const TURNED = 'page-here-turned';
 
 const clockMs = () => performance.timeOrigin + performance.now();
 const base = clockMs();
@@ -109,8 +110,10 @@ function image(bytes) {
   walk.imaged = clockMs();
   if (walk.size === null) begin(ms, width, height);
   if (walk.size !== null) {
-    if (walk.size[0] !== width || walk.size[1] !== height) say('trouble', 'page-here-turned');
-    else {
+    if (walk.size[0] !== width || walk.size[1] !== height) {
+      if (walk.told !== TURNED) say('trouble', TURNED);
+      walk.told = TURNED;
+    } else {
       const { error } = apply('I', Float64Array.of(seconds(ms)), bytes.subarray(GRAY_HEAD));
       trouble(error ?? '');
     }
