@@ -24,7 +24,7 @@ const say = (kind, id, values) => postMessage({ kind, id, values });
 // The walk, from the hello on: what the page wants, what it set before the first image, and when things were last done.
 const walk = {
   engine: null, store: null, changed: new Map(), language: 'en', zone_min: 0, lines: [], want: {}, held: false,
-  size: null, first: null, moved: -Infinity, motion: [], imaged: -Infinity, told: '', shown: 0, viewed: 0, mapped: 0, hasMap: false,
+  size: null, first: null, moved: -Infinity, motion: [], imaged: -Infinity, told: '', step_ms: 0, viewed: 0, mapped: 0, hasMap: false,
 };
 
 function apply(kind, ...parts) {
@@ -107,17 +107,20 @@ function begin(ms, width, height) {
 function image(bytes) {
   const head = new DataView(bytes.buffer, bytes.byteOffset);
   const [ms, width, height] = [head.getFloat64(0, true), head.getUint32(8, true), head.getUint32(12, true)];
-  walk.imaged = clockMs();
   if (walk.size === null) begin(ms, width, height);
   if (walk.size !== null) {
     if (walk.size[0] !== width || walk.size[1] !== height) {
       if (walk.told !== TURNED) say('trouble', TURNED);
       walk.told = TURNED;
     } else {
+      const began = performance.now();
       const { error } = apply('I', Float64Array.of(seconds(ms)), bytes.subarray(GRAY_HEAD));
+      walk.step_ms = performance.now() - began;
       trouble(error ?? '');
     }
   }
+  // What took long is no silence of the camera.
+  walk.imaged = clockMs();
   postMessage({ got: { ms } });
 }
 
@@ -148,7 +151,7 @@ function step() {
   const now = clockMs();
   if (now - walk.imaged > SILENT_MS) apply('T', Float64Array.of(seconds(now)));
   const { status, routes, notes, camera } = walk.engine.send('Q').shown;
-  postMessage({ status: { ...status, dropped: 0 } });
+  postMessage({ status: { ...status, step_ms: walk.step_ms, dropped: 0 } });
   if (routes) postMessage({ routes });
   for (const note of notes) postMessage({ doubt: note });
   if (!walk.want.map) return;
