@@ -51,5 +51,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let folder = path.parent().unwrap_or(path);
     let written = std::fs::create_dir_all(folder).and_then(|()| std::fs::write(path, bytes));
-    written.map_err(|e| Failure::new(path.display().to_string(), e.to_string(), "give another folder with --out"))
+    written.map_err(|e| {
+        Failure::new(path.display().to_string(), e.to_string(), "give another folder with --out")
+    })
 }

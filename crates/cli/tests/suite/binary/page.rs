@@ -13,7 +13,11 @@ fn page_is_written_with_a_module_and_says_how_to_build_one() {
     std::fs::write(&module, "no module").unwrap();
     let wrong = cairn(&["page", "--out", &out, "--module", &file]);
     assert_eq!(wrong.status.code(), Some(1), "{}", stderr(&wrong));
-    assert!(stderr(&wrong).contains("no WebAssembly module of Cairn") && !site.exists(), "{}", stderr(&wrong));
+    assert!(
+        stderr(&wrong).contains("no WebAssembly module of Cairn") && !site.exists(),
+        "{}",
+        stderr(&wrong)
+    );
     std::fs::write(&module, b"\0asm\x01\0\0\0cairn_apply").unwrap();
     let written = json(&cairn(&["page", "--out", &out, "--module", &file, "--json"]));
     assert!(written["files"].as_u64() > Some(30), "{written}");
