@@ -151,7 +151,10 @@ impl Phone {
         let camera = self.start.camera(found.is_certain).map_err(LibraryError::from);
         match camera.and_then(|camera| self.session.restart_slam(&camera, |map| self.start.engine(map))) {
             Ok(notes) => self.notes.extend(notes),
-            Err(why) => return self.notes.push(why.to_string()),
+            Err(why) => {
+                self.notes.push(why.to_string());
+                return;
+            }
         }
         *watch = next;
         if found.is_certain {
