@@ -8,7 +8,7 @@ use std::fmt::Write;
 const GROUPS: [(&str, &[&str]); 5] = [
     ("Start here", &["demo", "run", "doctor"]),
     ("Maps and routes", &["map", "view", "route", "mesh", "plan", "fleet"]),
-    ("A phone, a robot", &["serve", "ros"]),
+    ("A phone, a robot", &["serve", "page", "ros"]),
     ("Recordings, cameras, figures", &["rig", "eval", "bench", "sim", "config", "vocab"]),
     ("Solvers and filters", &["solve", "team", "ekf"]),
 ];

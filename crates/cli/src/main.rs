@@ -60,6 +60,7 @@ enum Command {
     Config(commands::config::Arguments),
     Doctor(commands::doctor::Arguments),
     Serve(Box<commands::serve::Arguments>),
+    Page(commands::page::Arguments),
     Ros(commands::ros::Arguments),
     Completions(commands::completions::Completions),
     #[command(hide = true)]
@@ -108,6 +109,7 @@ fn run(command: Command, output: &Output, began: Instant) -> Result<(), Failure>
         Command::Config(arguments) => commands::config::run(&arguments, output),
         Command::Doctor(arguments) => commands::doctor::run(&arguments, output),
         Command::Serve(arguments) => commands::serve::run(&arguments, output),
+        Command::Page(arguments) => commands::page::run(&arguments, output),
         Command::Ros(arguments) => commands::ros::run(&arguments),
         Command::Completions(arguments) => commands::completions::completions(&arguments),
         Command::Man(arguments) => commands::completions::man(&arguments, output),

@@ -5,7 +5,7 @@
 //! cargo run --release -p cairn-phone --example feed -- replay IN
 //! ```
 
-use cairn_phone::{Message, Phone, Setup, apply, read, write};
+use cairn_phone::{Library, Message, Phone, Setup, apply, read, write};
 use cairn_sensor::{Distortion, FramePacket, Rig, Source};
 use cairn_sources::{OpenOptions, open};
 use std::error::Error;
@@ -67,8 +67,8 @@ fn setup(source: &dyn Source) -> Setup {
         pinhole: known.then_some([camera.fx, camera.fy, camera.cx, camera.cy]),
         distortion,
         motion: rig.imu.is_some(),
-        folder: "routes".into(),
-        language: None,
+        phone: None,
+        library: Library { folder: "routes".into(), ..Library::default() },
     }
 }
 

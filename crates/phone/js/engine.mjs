@@ -47,6 +47,12 @@ export class Engine {
         return this.send("T", Float64Array.of(seconds));
     }
 
+    // The map as bytes: the whole of it, or what has changed since the last.
+    map(whole) {
+        this.send("V", Uint8Array.of(whole ? 1 : 0));
+        return this.exports.memory.buffer.slice(this.exports.cairn_map(), this.exports.cairn_map() + this.exports.cairn_map_length());
+    }
+
     command(line) {
         return this.send("C", new TextEncoder().encode(line));
     }

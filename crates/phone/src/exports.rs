@@ -15,6 +15,7 @@ struct State {
     phone: Option<Phone>,
     content: Vec<u8>,
     answer: Vec<u8>,
+    map: Vec<u8>,
 }
 
 /// Room for so many bytes of the next message.
@@ -30,7 +31,8 @@ pub extern "C" fn cairn_content(bytes: usize) -> *mut u8 {
 #[unsafe(no_mangle)]
 pub extern "C" fn cairn_apply(kind: u8) -> usize {
     STATE.with_borrow_mut(|state| {
-        let answer = apply(&mut state.phone, kind, &state.content);
+        let mut answer = apply(&mut state.phone, kind, &state.content);
+        state.map = std::mem::take(&mut answer.map);
         state.answer.clear();
         // Writing numbers and words to memory does not fail.
         let _ = serde_json::to_writer(&mut state.answer, &answer);
@@ -42,6 +44,18 @@ pub extern "C" fn cairn_apply(kind: u8) -> usize {
 #[unsafe(no_mangle)]
 pub extern "C" fn cairn_answer() -> *const u8 {
     STATE.with_borrow(|state| state.answer.as_ptr())
+}
+
+/// The map that the last message asked for, as long as `cairn_map_length` says.
+#[unsafe(no_mangle)]
+pub extern "C" fn cairn_map() -> *const u8 {
+    STATE.with_borrow(|state| state.map.as_ptr())
+}
+
+/// Bytes of the map.
+#[unsafe(no_mangle)]
+pub extern "C" fn cairn_map_length() -> usize {
+    STATE.with_borrow(|state| state.map.len())
 }
 
 /// The standard library names this, older C libraries lack it; a page has no threads.

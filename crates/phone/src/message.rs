@@ -2,11 +2,15 @@
 //!
 //! A message is a kind (one letter), the length of its content (u32), and the content; numbers are little-endian. `S`: a setup, JSON.
 //! `M`: readings of the motion sensors, seven f64 each (seconds, rad/s, m/s^2). `I`: an image, f64 seconds and its gray bytes. `T`: f64
-//! seconds, time without an image. `C`: a command, UTF-8. `E`: the end.
+//! seconds, time without an image. `C`: a command, UTF-8. `L`: one byte, whether words reach the walker late. `Q`: what is to be shown.
+//! `V`: the map, in full where its one byte is 1, else what has changed. `R`: the routes of a library, JSON, before a setup. `E`: the end.
 
 use crate::phone::{Phone, PhoneError};
 use crate::report::Report;
-use crate::setup::Setup;
+use crate::setup::{Library, Setup};
+use crate::shown::Shown;
+use cairn_phrases::UnknownLanguage;
+use cairn_session::RouteListed;
 use serde::Serialize;
 use std::io::{self, Read, Write};
 
@@ -53,7 +57,7 @@ impl Message {
 #[derive(Debug, thiserror::Error)]
 pub enum MessageError {
     /// A kind that does not exist.
-    #[error("a message of kind {0}; there are S, M, I, T, C and E")]
+    #[error("a message of kind {0}; there are S, M, I, T, C, L, Q, V, R and E")]
     Kind(u8),
     /// Content that is too short or too long for its kind.
     #[error("{0} bytes are no content of a message of kind {1}")]
@@ -61,6 +65,9 @@ pub enum MessageError {
     /// A setup that cannot be read.
     #[error("the setup cannot be read: {0}")]
     Setup(#[from] serde_json::Error),
+    /// A language that is not there.
+    #[error(transparent)]
+    Language(#[from] UnknownLanguage),
     /// Anything before the setup.
     #[error("the first message is the setup")]
     NoSetup,
@@ -78,6 +85,15 @@ pub struct Answer {
     pub done: Option<String>,
     /// Why the message was left out.
     pub error: Option<String>,
+    /// What is to be shown, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shown: Option<Shown>,
+    /// The routes of a library, where these were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub routes: Option<Vec<RouteListed>>,
+    /// The map, where that was asked for.
+    #[serde(skip)]
+    pub map: Vec<u8>,
 }
 
 /// Carries out a message; a setup begins a walk anew.
@@ -90,11 +106,14 @@ pub fn apply(phone: &mut Option<Phone>, kind: u8, content: &[u8]) -> Answer {
 
 fn try_apply(phone: &mut Option<Phone>, kind: u8, content: &[u8]) -> Result<Answer, MessageError> {
     let mut answer = Answer::default();
+    if kind == b'R' {
+        answer.routes = Some(serde_json::from_slice::<Library>(content)?.routes()?);
+        return Ok(answer);
+    }
     if kind == b'S' {
         // The walk before ends first: a folder has one writer.
         *phone = None;
-        let begun = phone.insert(Phone::new(&serde_json::from_slice::<Setup>(content)?)?);
-        answer.done = Some(begun.notes().join("; "));
+        *phone = Some(Phone::new(&serde_json::from_slice::<Setup>(content)?)?);
         return Ok(answer);
     }
     let phone = phone.as_mut().ok_or(MessageError::NoSetup)?;
@@ -115,6 +134,9 @@ fn try_apply(phone: &mut Option<Phone>, kind: u8, content: &[u8]) -> Result<Answ
         }
         b'T' => answer.reports = phone.tick(time(kind, content)?.0)?,
         b'C' => answer.done = Some(phone.command(&String::from_utf8_lossy(content))?),
+        b'L' => phone.late(flag(kind, content)?),
+        b'Q' => answer.shown = Some(phone.shown()),
+        b'V' => answer.map = phone.map(flag(kind, content)?),
         b'E' => phone.close()?,
         other => return Err(MessageError::Kind(other)),
     }
@@ -130,6 +152,13 @@ fn readings(content: &[u8]) -> Result<impl Iterator<Item = [f64; 7]> + '_, Messa
         let (numbers, _) = reading.as_chunks::<8>();
         std::array::from_fn(|i| f64::from_le_bytes(numbers[i]))
     }))
+}
+
+fn flag(kind: u8, content: &[u8]) -> Result<bool, MessageError> {
+    match content {
+        [byte] => Ok(*byte == 1),
+        _ => Err(MessageError::Length(content.len(), kind.into())),
+    }
 }
 
 fn time(kind: u8, content: &[u8]) -> Result<(f64, &[u8]), MessageError> {
@@ -181,8 +210,8 @@ mod tests {
             pinhole: None,
             distortion: None,
             motion: true,
-            folder,
-            language: None,
+            phone: None,
+            library: Library { folder, ..Library::default() },
         }
     }
 
@@ -209,7 +238,7 @@ mod tests {
         assert!(answer(b'I', &[0; 20]).contains("first message"));
         assert!(answer(b'S', b"{}").contains("width"));
         assert!(
-            answer(b'S', br#"{"width": 0, "height": 48, "rate_hz": 15.0, "folder": ""}"#)
+            answer(b'S', br#"{"width": 0, "height": 48, "rate_hz": 15.0, "library": {"folder": ""}}"#)
                 .contains("cannot be used")
         );
         let setup = setup("bad");
@@ -224,7 +253,7 @@ mod tests {
         let image = Message::image(1.0, &[90; 64 * 48]).content;
         assert_eq!((answer(b'I', &image), answer(b'E', b"")), (String::new(), String::new()));
         assert!(!answer(b'I', &image).is_empty(), "the same time again");
-        let _ = std::fs::remove_dir_all(&setup.folder);
+        let _ = std::fs::remove_dir_all(&setup.library.folder);
     }
 
     #[test]
@@ -239,6 +268,6 @@ mod tests {
         assert_eq!(reports(Message::image(0.2, &[90; 64 * 48])), 0);
         let later = Message { kind: b'T', content: 0.3f64.to_le_bytes().to_vec() };
         assert_eq!(reports(later), 1, "it has waited long enough");
-        let _ = std::fs::remove_dir_all(&setup.folder);
+        let _ = std::fs::remove_dir_all(&setup.library.folder);
     }
 }

@@ -1,14 +1,18 @@
 //! One walk with a phone: images and motion in, poses and words out. No thread; time is the images' own, and files are where the
 //! page puts them.
 
+use crate::clock::PageClock;
 use crate::report::Report;
 use crate::setup::Setup;
-use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
+use crate::shown::{Shown, Told};
+use crate::start::Start;
+use cairn_engine::Engine;
 use cairn_geometry::Vec3;
-use cairn_guide::PhraseConfig;
-use cairn_phrases::Language;
 use cairn_sensor::{FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Stamp};
-use cairn_session::{Command, LibraryCamera, MapKeeper, NotSaved, RoutesLock, Session, SessionConfig};
+use cairn_session::lens_watch::LensWatch;
+use cairn_session::{
+    Command, LensKnowledge, LibraryError, MapKeeper, NotSaved, RoutesLock, Session, SessionConfig,
+};
 use std::sync::Arc;
 
 /// How long an image waits for motion at or after it, seconds: pages deliver motion in batches of a few readings.
@@ -47,6 +51,11 @@ pub struct Phone {
     merge: Merge<Arc<GrayImage>, ()>,
     size: [usize; 2],
     notes: Vec<String>,
+    clock: Arc<PageClock>,
+    told: Told,
+    /// While the lens is a guess, or was kept and is not checked yet.
+    lens: Option<LensWatch>,
+    start: Start,
 }
 
 impl Phone {
@@ -56,45 +65,38 @@ impl Phone {
     /// A setup without sense: sizes, focal lengths, rates, a language that is not there.
     pub fn new(setup: &Setup) -> Result<Self, PhoneError> {
         let fail = |why: String| PhoneError::Setup(why);
-        let rig = setup.rig();
-        let language = match &setup.language {
-            Some(code) => code.parse::<Language>().map_err(|e| fail(e.to_string()))?,
-            None => Language::default(),
-        };
-        let mut config = Config::default();
-        config.inertial.enabled = setup.motion;
-        // Phones expose row after row, each type with a time of its own.
-        config.tracker.estimate_readout = setup.motion;
-        let (mode, host) = (SensorMode::Mono, Host::bare());
-        let camera = LibraryCamera::of(&rig, mode, &config, setup.pinhole.is_some());
-        let camera = camera.map_err(|e| fail(e.to_string()))?;
-        let (lockstep, rate_hz) = (Runner::Lockstep, setup.rate_hz);
-        let lock = RoutesLock::take(&setup.folder).map_err(|e| fail(e.to_string()))?;
-        let kept = MapKeeper::open_with(lock, None, &camera, |map| match map {
-            Some(file) => Engine::in_map(&rig, mode, rate_hz, lockstep, &config, &host, file),
-            None => Ok((Engine::new(&rig, mode, rate_hz, lockstep, &config, &host)?, Vec::new())),
-        });
+        let library = &setup.library;
+        let phrases = library.phrases().map_err(|e| fail(e.to_string()))?;
+        let (start, lens) = Start::of(setup);
+        let is_known = setup.pinhole.is_some() || lens.as_ref().is_some_and(LensWatch::is_certain);
+        let camera = start.camera(is_known).map_err(|e| fail(e.to_string()))?;
+        let lock = RoutesLock::take(&library.folder).map_err(|e| fail(e.to_string()))?;
+        let kept = MapKeeper::open_with(lock, None, &camera, |map| start.engine(map));
         let kept = kept.map_err(|e| fail(e.to_string()))?;
-        let phrases = PhraseConfig { language, ..PhraseConfig::default() };
-        let session = SessionConfig {
-            folder: setup.folder.clone(),
+        let config = SessionConfig {
+            folder: library.folder.clone(),
             source: "the phone's camera".into(),
             phrases,
             ..SessionConfig::default()
         };
-        let imu_period_s = rig.imu.as_ref().map(|imu| 1.0 / imu.rate_hz);
+        let clock = Arc::new(PageClock::default());
+        let mut session = Session::new(kept.engine, config).keeping(kept.keeper.with_clock(library.clock()));
+        session.follow(clock.clone());
+        if !is_known {
+            session.knows_of_lens(LensKnowledge::Guessed);
+        }
+        let imu_period_s = start.rig().imu.as_ref().map(|imu| 1.0 / imu.rate_hz);
         let merge = MergeConfig { imu_period_s, wait_s: MOTION_WAIT_S, ..MergeConfig::default() };
         Ok(Self {
-            session: Session::new(kept.engine, session).keeping(kept.keeper),
+            session,
             merge: Merge::new(merge),
             notes: kept.notes,
             size: [setup.width, setup.height],
+            clock,
+            told: Told::default(),
+            lens,
+            start,
         })
-    }
-
-    /// What the user should know of the map that the walk goes on with: damage, small differences of the camera.
-    pub fn notes(&self) -> &[String] {
-        &self.notes
     }
 
     /// A reading of the motion sensors: rad/s and m/s^2 with gravity, in the axes of the images.
@@ -115,7 +117,9 @@ impl Phone {
         let [width, height] = self.size;
         let image = GrayImage::from_vec(width, height, gray.to_vec());
         let image = image.ok_or(PhoneError::Size { width, height, found: gray.len() })?;
-        let pushed = self.merge.push_image(0, stamp(t_s)?, Arc::new(image));
+        let stamp = stamp(t_s)?;
+        self.clock.reached(stamp);
+        let pushed = self.merge.push_image(0, stamp, Arc::new(image));
         pushed.map_err(|dropped| PhoneError::Dropped(dropped.to_string()))
     }
 
@@ -131,9 +135,31 @@ impl Phone {
                 decode_ms: 0.0,
             };
             let output = self.session.on_packet(&packet);
+            self.watch_lens();
             reports.push(Report::of(packet.stamp, &output, self.session.events()));
         }
         reports
+    }
+
+    /// Learns the lens while it is a guess, or checks one that was kept, while nothing hangs on the map; begins again with another.
+    fn watch_lens(&mut self) {
+        let Some(watch) = self.lens.as_mut().filter(|_| self.session.may_restart_slam()) else { return };
+        let Some(found) = watch.step_here(self.session.engine(), self.session.now()) else { return };
+        self.notes.extend(found.not_kept);
+        let Some(next) = watch.with(found.lens) else { return };
+        self.start.reads_with(&next);
+        let camera = self.start.camera(found.is_certain).map_err(LibraryError::from);
+        match camera.and_then(|camera| self.session.restart_slam(&camera, |map| self.start.engine(map))) {
+            Ok(notes) => self.notes.extend(notes),
+            Err(why) => {
+                self.notes.push(why.to_string());
+                return;
+            }
+        }
+        *watch = next;
+        if found.is_certain {
+            self.session.knows_of_lens(LensKnowledge::Found);
+        }
     }
 
     /// Time goes on without an image: after a while the guide says stop.
@@ -142,11 +168,27 @@ impl Phone {
     /// A time that is none.
     pub fn tick(&mut self, t_s: f64) -> Result<Vec<Report>, PhoneError> {
         let now = stamp(t_s)?;
+        self.clock.reached(now);
         self.merge.advance(now);
         let mut reports = self.step();
         self.session.tick(now);
         reports.extend(Report::of_events(now, self.session.events()));
         Ok(reports)
+    }
+
+    /// The page finds that directions reach the walker too late, or no longer: the guide says stop meanwhile.
+    pub fn late(&self, is_late: bool) {
+        self.clock.late(is_late);
+    }
+
+    /// What the page shows now, but for the map.
+    pub fn shown(&mut self) -> Shown {
+        self.told.shown(&self.session, std::mem::take(&mut self.notes))
+    }
+
+    /// The map as bytes (`cairn_session::Drawn`): what has changed since the last call, or the whole of it.
+    pub fn map(&mut self, whole: bool) -> Vec<u8> {
+        self.told.map(&self.session, whole)
     }
 
     /// Carries out a command, as `cairn walk` takes it; what was done, in words.

@@ -19,9 +19,19 @@ pub struct Report {
     /// Why the image was refused.
     pub refused: Option<String>,
     /// What is said now.
-    pub said: Vec<Said>,
+    pub said: Vec<Spoken>,
     /// Sounds that begin now, and the directions they come from, radians, positive to the left.
     pub sounds: Vec<(&'static str, f64)>,
+}
+
+/// Words that are said now.
+#[derive(Clone, Debug, Serialize)]
+pub struct Spoken {
+    /// The words.
+    #[serde(flatten)]
+    pub said: Said,
+    /// The time of the image that a direction is based on, seconds in the page's clock: the page gives no old directions.
+    pub pose_s: Option<f64>,
 }
 
 impl Report {
@@ -65,7 +75,10 @@ impl Report {
     fn take(&mut self, events: Vec<Event>) {
         for event in events {
             match event {
-                Event::Said(said) => self.said.push(said),
+                Event::Said(said) => {
+                    let pose_s = said.pose.map(Stamp::seconds);
+                    self.said.push(Spoken { said, pose_s });
+                }
                 Event::Sound(sound) => self.sounds.push((earcon_name(sound.earcon), sound.bearing_rad)),
             }
         }

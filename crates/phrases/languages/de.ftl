@@ -629,6 +629,30 @@ page-dark = Bildschirm dunkel schalten
 page-dark-title = Der Bildschirm ist dunkel, um Strom zu sparen. Die Führung läuft weiter.
 page-light = Bildschirm hell schalten
 
+## The page: the engine in this device
+
+page-here = Gerechnet wird in diesem Gerät; kein Bild verlässt es.
+page-here-stored = Alles ist hier gespeichert: Ein Netz wird nicht mehr gebraucht.
+page-here-failed = Die Ortung ist ausgefallen.
+page-here-failed-stop = Halt. Die Ortung ist ausgefallen und beginnt von neuem.
+page-here-too-old = In diesem Browser kann nicht gerechnet werden ({ $why }). Den Browser aktualisieren oder Cairn mit einem Computer benutzen.
+page-here-twice = Cairn ist in einem anderen Tab dieses Browsers offen. Den schließen, dann diese Seite neu öffnen.
+page-here-turned = Das Bild hat jetzt eine andere Form. Das Telefon halten wie vorher.
+page-here-not-kept = Aufnahmen können in diesem Browser nicht gespeichert werden ({ $why }). Platz schaffen, und kein privates Fenster benutzen.
+page-files = Routen als Dateien
+page-files-why = Routen und Karten liegen allein in diesem Browser. Als Dateien lassen sie sich anderswo aufheben, auf einem Computer öffnen und wieder einlesen.
+page-export = Routen und Karten als Datei speichern
+page-exported = Routen und Karten sind als { $file } gespeichert.
+page-import = Routen und Karten einlesen
+page-import-replaces = Die Dateien ersetzen alle Routen und Karten, die hier liegen, und die Sitzung beginnt von neuem.
+page-import-no = Behalten, was hier ist
+page-import-choose = Dateien wählen
+page-import-wrong = { $file } ist keine Datei von Cairn mit Routen und Karten. Es wurde nichts geändert.
+page-imported = { $count ->
+    [one] { $count } Datei wurde eingelesen.
+   *[other] { $count } Dateien wurden eingelesen.
+}
+
 ## The page: trust in this computer
 
 page-trust = Diesem Computer vertrauen

@@ -624,6 +624,30 @@ page-dark = Make the screen dark
 page-dark-title = The screen is dark to save power. Guidance continues.
 page-light = Make the screen light
 
+## The page: the engine in this device
+
+page-here = The engine runs in this device; no picture leaves it.
+page-here-stored = Everything is stored here: no network is needed any more.
+page-here-failed = The engine has failed.
+page-here-failed-stop = Stop. The engine has failed and begins again.
+page-here-too-old = The engine cannot run in this browser ({ $why }). Update the browser, or use Cairn with a computer.
+page-here-twice = Cairn is open in another tab of this browser. Close that one, then open this page again.
+page-here-turned = The picture has another shape now. Hold the phone as before.
+page-here-not-kept = What is recorded cannot be stored in this browser ({ $why }). Make room, and do not use a private window.
+page-files = Routes as files
+page-files-why = Routes and maps are kept in this browser alone. As files they can be kept elsewhere, opened on a computer, and taken in again.
+page-export = Save routes and maps as a file
+page-exported = Routes and maps are saved as { $file }.
+page-import = Take in routes and maps
+page-import-replaces = The files replace all routes and maps that are kept here, and the walk begins anew.
+page-import-no = Keep what is here
+page-import-choose = Choose files
+page-import-wrong = { $file } is no file of Cairn with routes and maps. Nothing was changed.
+page-imported = { $count ->
+    [one] { $count } file was taken in.
+   *[other] { $count } files were taken in.
+}
+
 ## The page: trust in this computer
 
 page-trust = Trust this computer

@@ -630,6 +630,30 @@ page-dark = Oscurecer la pantalla
 page-dark-title = La pantalla está oscura para ahorrar batería. La guía continúa.
 page-light = Encender la pantalla
 
+## The page: the engine in this device
+
+page-here = El cálculo se hace en este dispositivo; ninguna imagen sale de él.
+page-here-stored = Todo está guardado aquí: ya no hace falta ninguna red.
+page-here-failed = Ha fallado la localización.
+page-here-failed-stop = Alto. Ha fallado la localización y empieza de nuevo.
+page-here-too-old = Este navegador no puede hacer el cálculo ({ $why }). Actualice el navegador o use Cairn con un ordenador.
+page-here-twice = Cairn está abierto en otra pestaña de este navegador. Ciérrela y abra esta página otra vez.
+page-here-turned = La imagen tiene ahora otra forma. Sostenga el teléfono como antes.
+page-here-not-kept = Lo grabado no se puede guardar en este navegador ({ $why }). Haga sitio y no use una ventana privada.
+page-files = Rutas como archivos
+page-files-why = Las rutas y los mapas están solo en este navegador. Como archivos se pueden guardar en otro lugar, abrir en un ordenador y volver a cargar.
+page-export = Guardar rutas y mapas como archivo
+page-exported = Las rutas y los mapas están guardados como { $file }.
+page-import = Cargar rutas y mapas
+page-import-replaces = Los archivos sustituyen todas las rutas y mapas que hay aquí, y el recorrido empieza de nuevo.
+page-import-no = Conservar lo que hay
+page-import-choose = Elegir archivos
+page-import-wrong = { $file } no es un archivo de Cairn con rutas y mapas. No se ha cambiado nada.
+page-imported = { $count ->
+    [one] Se ha cargado { $count } archivo.
+   *[other] Se han cargado { $count } archivos.
+}
+
 ## The page: trust in this computer
 
 page-trust = Confiar en este ordenador

@@ -1,4 +1,4 @@
-//! The map as `cairn-web` describes it by differences (its `drawn.rs` has the format): points, key frames, loops, routes.
+//! The map as `cairn-session` describes it by differences (its `drawn.rs` has the format): points, key frames, loops, routes.
 
 use crate::read::{Malformed, Reader};
 use crate::vector::V3;

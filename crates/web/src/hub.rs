@@ -6,13 +6,12 @@
 use crate::columns::Columns;
 use crate::config::Tell;
 use crate::doors::Doors;
-use crate::drawn::Drawn;
 use crate::line::Lines;
 use crate::pulse::Pulse;
 use crate::surface::Surface;
 use crate::token::same;
 use crate::wire::ToPage;
-use cairn_session::{Command, Inbox};
+use cairn_session::{Command, Drawn, Inbox};
 use cairn_sources::PhonePort;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -8,12 +8,10 @@ mod config;
 mod connection;
 mod depth;
 mod doors;
-mod drawn;
 mod error;
 mod hub;
 mod in_order;
 mod invitation;
-mod lens;
 mod line;
 mod link;
 mod page;
@@ -21,6 +19,7 @@ mod places;
 mod pulse;
 mod requests;
 mod server;
+mod site;
 mod start;
 mod still;
 mod surface;
@@ -32,6 +31,8 @@ mod walk;
 mod wire;
 mod words;
 
+use cairn_session::lens_watch as lens;
+
 pub use authority::{Authority, trusted};
 pub use certificate::Certificate;
 pub use config::{
@@ -42,4 +43,5 @@ pub use error::WebError;
 pub use in_order::InOrder;
 pub use invitation::{Invitation, lan_address, qr};
 pub use server::{Remote, Server};
+pub use site::{NoModule, site};
 pub use still::{StillSurface, still};

@@ -4,7 +4,6 @@
 use crate::beside::{Beside, beside};
 use crate::connection::Connection;
 use crate::depth::SentDepth;
-use crate::drawn::Drawn;
 use crate::hub::{Hub, Shared};
 use crate::in_order::InOrder;
 use crate::link::{ASK_EVERY, GONE_AFTER, Link};
@@ -13,7 +12,7 @@ use crate::token::same;
 use crate::wire::{self, FromPage, ToPage};
 use axum::extract::ws::{Message, WebSocket};
 use cairn_phrases::Language;
-use cairn_session::{Command, CommandError, RouteChoice};
+use cairn_session::{Command, CommandError, Drawn, RouteChoice};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError};

@@ -9,6 +9,7 @@ use crate::invitation::{Invitation, lan_address};
 use crate::page::page;
 use crate::places::{Place, Places};
 use crate::requests;
+use crate::site;
 use crate::survive;
 use crate::tls::{Answers, accept};
 use crate::token::new_token;
@@ -226,52 +227,28 @@ impl Remote {
 }
 
 fn router(hub: Arc<Hub>, session: &SessionConfig, authority: Option<&Authority>) -> Router {
-    const HTML: &str = "text/html; charset=utf-8";
-    const JSON: &str = "application/json";
-    const SCRIPT: &str = "text/javascript; charset=utf-8";
-    let file = |kind: &'static str, text: &'static str| get(async move || with_headers(kind, text));
-    let documents = Language::ALL.map(|l| words::document(include_str!("page/index.html"), l));
+    let documents = Language::ALL.map(|l| words::document(site::DOCUMENT, l));
     // A language that was chosen for the session, else the one that the browser prefers.
     let chosen = Some(session.phrases.language).filter(|l| *l != Language::default());
     let document = move |headers: HeaderMap| {
         let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|v| v.to_str().ok()).unwrap_or_default();
         let language = chosen.unwrap_or_else(|| Language::preferred(accepted));
-        std::future::ready(with_headers(HTML, documents[language as usize].clone()))
+        std::future::ready(with_headers(site::HTML, documents[language as usize].clone()))
     };
     let mut router = Router::new();
     for language in Language::ALL {
         let catalogue = words::catalogue(language, session, authority);
-        let answer = move || std::future::ready(with_headers(JSON, catalogue.clone()));
+        let answer = move || std::future::ready(with_headers(site::JSON, catalogue.clone()));
         router = router.route(&format!("/words/{language}.json"), get(answer));
     }
     for (path, kind, bytes) in authority.iter().flat_map(|a| trust::files(a)) {
         router = router.route(path, get(async move || with_headers(kind, bytes.clone())));
     }
+    for (path, text) in site::FILES {
+        router = router.route(&format!("/{path}"), get(async move || with_headers(site::kind(path), text)));
+    }
     router
         .route("/", get(document))
-        .route("/columns.js", file(SCRIPT, include_str!("page/columns.js")))
-        .route("/words.js", file(SCRIPT, include_str!("page/words.js")))
-        .route("/style.css", file("text/css; charset=utf-8", include_str!("page/style.css")))
-        .route("/app.js", file(SCRIPT, include_str!("page/app.js")))
-        .route("/pace.js", file(SCRIPT, include_str!("page/pace.js")))
-        .route("/beside.js", file(SCRIPT, include_str!("page/beside.js")))
-        .route("/buttons.js", file(SCRIPT, include_str!("page/buttons.js")))
-        .route("/camera.js", file(SCRIPT, include_str!("page/camera.js")))
-        .route("/senses.js", file(SCRIPT, include_str!("page/senses.js")))
-        .route("/routes.js", file(SCRIPT, include_str!("page/routes.js")))
-        .route("/trust.js", file(SCRIPT, include_str!("page/trust.js")))
-        .route("/map.js", file(SCRIPT, include_str!("page/map.js")))
-        .route("/model.js", file(SCRIPT, include_str!("page/model.js")))
-        .route("/orbit.js", file(SCRIPT, include_str!("page/orbit.js")))
-        .route("/scene.js", file(SCRIPT, include_str!("page/scene.js")))
-        .route("/shaded.js", file(SCRIPT, include_str!("page/shaded.js")))
-        .route("/surface.js", file(SCRIPT, include_str!("page/surface.js")))
-        .route("/view.js", file(SCRIPT, include_str!("page/view.js")))
-        .route("/icon.svg", file("image/svg+xml", include_str!("page/icon.svg")))
-        .route("/kept.js", file(SCRIPT, include_str!("page/kept.js")))
-        .route("/state.js", file(SCRIPT, include_str!("page/state.js")))
-        .route("/link.js", file(SCRIPT, include_str!("page/link.js")))
-        .route("/requests.js", file(SCRIPT, include_str!("page/requests.js")))
         .route("/ws", get(socket))
         .merge(requests::routes(LARGEST))
         .with_state(hub)

@@ -1,11 +1,10 @@
 //! A map that does not change, as messages for a viewer on the same machine: those that pages get, all at once.
 
 use crate::columns::{Columns, SentColumns};
-use crate::drawn::Drawn;
 use crate::surface::{Sent, Surface};
 use cairn_dense::{BlockKey, ColumnChange, Mesh};
 use cairn_geometry::Se3;
-use cairn_session::View;
+use cairn_session::{Drawn, View};
 use std::time::Instant;
 
 /// What is shown of the depth of a map.

@@ -1,7 +1,6 @@
 //! The session's thread: opens the source, drives the session, and reports to the hub.
 
 use crate::config::{CameraSource, ServeConfig};
-use crate::drawn::Drawn;
 use crate::hub::Hub;
 use crate::lens::{self, LensWatch};
 use crate::start::Start;
@@ -12,8 +11,8 @@ use cairn_dense::SubmapConfig;
 use cairn_engine::{Output, SensorMode};
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
-    Clock, Command, Event, LensKnowledge, LibraryError, MapKeeper, NotSaved, NotTracked, Observer, Refused,
-    RoutesLock, Script, Session, SessionStatus, Slam, WallClock, WallTime, drive, feed, routes_in,
+    Clock, Command, Drawn, Event, LensKnowledge, LibraryError, MapKeeper, NotSaved, NotTracked, Observer,
+    Refused, RoutesLock, Script, Session, SessionStatus, Slam, WallClock, WallTime, drive, feed, routes_in,
 };
 use cairn_sources::{PhoneSource, Validator};
 use std::path::{Path, PathBuf};
@@ -149,12 +148,10 @@ fn begin(
 /// Takes the lens that is kept for the phone, and checks it; where none is, it is watched for. Nothing is kept without a
 /// folder, or for a page that does not say which phone it is on.
 fn lens_of(hub: &Hub, folder: Option<PathBuf>, source: &mut PhoneSource) -> Option<LensWatch> {
-    let (folder, phone) = (folder?, hub.phone());
+    let phone = hub.phone();
+    let folder = folder.filter(|_| !phone.is_empty());
     let guess = source.rig().cameras.first()?.camera;
-    if phone.is_empty() {
-        return None;
-    }
-    let kept = lens::kept(&folder, &phone, &guess);
+    let kept = folder.as_ref().and_then(|folder| lens::kept(folder, &phone, &guess));
     let kept = kept.filter(|lens| source.set_camera(lens.camera(&guess)));
     Some(LensWatch::new(folder, phone, guess, kept))
 }

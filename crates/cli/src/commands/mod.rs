@@ -11,6 +11,7 @@ pub mod fleet;
 mod given;
 pub mod map;
 pub mod mesh;
+pub mod page;
 pub mod plan;
 pub mod rig;
 pub mod ros;

@@ -2,6 +2,9 @@
 import { MediaButtons } from './buttons.js';
 import { InOrder } from './beside.js';
 import { Camera } from './camera.js';
+import { gray, jpeg } from './coding.js';
+import { Files } from './files.js';
+import { Here, TurnPace } from './here.js';
 import { Pace } from './pace.js';
 import { keep, kept, phone, secret } from './kept.js';
 import { Link } from './link.js';
@@ -16,6 +19,8 @@ import { Words } from './words.js';
 
 const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.hash.slice(1)).get('k') || '';
+// The engine runs in this device where the document says so, else on the server.
+const here = document.documentElement.dataset.engine === 'here';
 const watchOnly = new URLSearchParams(location.search).has('watch');
 // After this time without a message under guidance, the page says stop.
 const SILENT_MS = 1500;
@@ -24,11 +29,11 @@ const STALE_MS = 500;
 const BACK_MS = 1000;
 // "Stop" is repeated while its reason lasts.
 const AGAIN_MS = 3000;
-// The first byte of a map, of surface and of columns; other bytes are images.
-const [MAP, SURFACE, COLUMNS] = [2, 3, 4];
+// The first byte of a map, of surface, of columns and of files; other bytes are images.
+const [MAP, SURFACE, COLUMNS, FILES] = [2, 3, 4, 5];
 
-// The page is in the language that was chosen here, else in the one that the server found best.
-let words = await Words.in(kept.language ?? document.documentElement.lang).catch(() => Words.in('en'));
+// The page is in the language that was chosen here, else in the one that the server found best, or that the browser has.
+let words = await Words.in(kept.language ?? (here ? navigator.language.slice(0, 2) : document.documentElement.lang)).catch(() => Words.in('en'));
 const t = (id, values) => words.text(id, values);
 
 const senses = new Senses({ polite: $('polite'), urgent: $('urgent') });
@@ -40,7 +45,7 @@ const map = new MapView($('map'), $('map-words'), {
   chosen: () => want(),
 });
 const model = new Model();
-const pace = new Pace();
+const pace = here ? new TurnPace() : new Pace();
 const routes = new RouteList(command, t);
 const noting = new Noting(command);
 const main = new MainButton(t);
@@ -69,6 +74,7 @@ const clockMs = () => performance.timeOrigin + performance.now();
 
 const camera = new Camera($('video'), {
   pace,
+  coding: here ? gray : jpeg,
   picture: (stamp, bytes) => {
     if (!controls || !link.isOpen) return;
     link.sendOn(pace.sent(performance.now(), stamp, bytes.length), bytes);
@@ -77,7 +83,8 @@ const camera = new Camera($('video'), {
   clogged: () => link.isClogged,
 });
 
-const link = new Link({
+const link = new (here ? Here : Link)({
+  t,
   hello: () => JSON.stringify({
     hello: {
       token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language, phone,
@@ -94,16 +101,29 @@ const link = new Link({
   ended,
 });
 
+const files = new Files({
+  give: () => link.sendCopies({ give: true }),
+  put: (given) => link.send({ put: given }),
+  tell: (ok, text) => {
+    did({ ok, text });
+    senses.say({ text, priority: 1 });
+  },
+  t,
+  hasRoutes: () => routes.routes.length > 0,
+});
+$('files').hidden = !here;
+
 function takeBytes(bytes) {
   const [kind] = new Uint8Array(bytes, 0, 1);
   if (kind === MAP) map.take(model.take(bytes));
   else if (kind === SURFACE) map.takeSurface(bytes);
   else if (kind === COLUMNS) map.takeColumns(bytes);
+  else if (kind === FILES) files.save(bytes.slice(1));
   else picture.draw(bytes);
 }
 
 function ended() {
-  if (me !== null || down !== null) lost('page-connection-lost');
+  if (me !== null || down !== null) lost(here ? 'page-here-failed' : 'page-connection-lost');
   showLink(['page-trying-again']);
   me = null;
   ordered = new InOrder();
@@ -141,6 +161,8 @@ function take(message) {
       link.widen(pace.hasRoom);
     },
     view: (v) => map.walker(v.camera),
+    stored: () => showLink(...link.lines),
+    imported: (v) => files.took(v),
     routes: (v) => routes.take(v),
   };
   known[kind]?.(value);
@@ -155,7 +177,8 @@ function hello({ id, camera: name }) {
   me = id;
   link.greet(JSON.stringify({ beside: { token, id, secret } }));
   ownCamera = name === '';
-  showLink([ownCamera ? 'page-connected' : 'page-connected-to', { camera: name }], ...(link.bySocket ? [] : [['page-trust-slow']]));
+  if (here) showLink(...link.lines);
+  else showLink([ownCamera ? 'page-connected' : 'page-connected-to', { camera: name }], ...(link.bySocket ? [] : [['page-trust-slow']]));
   const how = link.bySocket ? null : trust.refused();
   if (how !== null) senses.say({ text: t(how), priority: 2 });
   if (lastStatus === null) {
@@ -322,7 +345,7 @@ function lost(why) {
   down = why;
   if (performance.now() - downSaid < AGAIN_MS) return;
   downSaid = performance.now();
-  const stops = { 'page-connection-lost': 'page-connection-lost-stop', 'page-no-answer': 'page-no-answer-stop' };
+  const stops = { 'page-connection-lost': 'page-connection-lost-stop', 'page-no-answer': 'page-no-answer-stop', 'page-here-failed': 'page-here-failed-stop' };
   const text = t(guiding || camera.running ? stops[why] : why);
   set('state-now', text);
   $('state-now').classList.add('urgent');
@@ -497,7 +520,11 @@ for (const radio of document.querySelectorAll('[name=told]')) {
 
 $('dark').addEventListener('click', () => $('darkness').showModal());
 $('light').addEventListener('click', () => $('darkness').close());
-document.addEventListener('visibilitychange', want);
+document.addEventListener('visibilitychange', () => {
+  want();
+  // The camera of a hidden page stands still.
+  if (here && guiding && document.visibilityState === 'hidden') becameLate();
+});
 
-if (token) link.open();
+if (token || here) link.open();
 else showLink(['page-missing-key']);

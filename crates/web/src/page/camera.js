@@ -1,4 +1,4 @@
-// The phone's camera and motion sensors: JPEGs with their time, and motion in the image axes.
+// The phone's camera and motion sensors: images with their time, and motion in the image axes.
 
 // Motion is sent in batches of this many readings. Images wait for a batch, so batches are small. While the link is
 // congested the newest readings are kept, two seconds of them.
@@ -6,9 +6,10 @@ const PARCEL = 2;
 const KEPT = 120;
 
 export class Camera {
-  // `pace` decides when and how an image is sent; `clogged` reports whether sent data still waits on this side.
-  constructor(video, { picture, motion, pace, clogged }) {
-    Object.assign(this, { video, picture, motion, pace, clogged, running: false, coding: false, parcel: [] });
+  // `pace` decides when and how an image is sent, `coding` makes bytes of it; `clogged` reports whether sent data still waits on
+  // this side.
+  constructor(video, { picture, motion, pace, coding, clogged }) {
+    Object.assign(this, { video, picture, motion, pace, coder: coding, clogged, running: false, coding: false, parcel: [] });
     this.canvas = document.createElement('canvas');
   }
 
@@ -45,24 +46,19 @@ export class Camera {
   }
 
   // Captures, encodes and sends one image; none while the previous one is on its way, so that the newest is sent next.
-  shoot(at) {
+  async shoot(at) {
     if (this.coding || !this.pace.mayShoot(performance.now())) return;
     const { videoWidth: w, videoHeight: h } = this.video;
     if (!w) return;
     const scale = Math.min(1, this.pace.side / Math.max(w, h));
     const [cw, ch] = [Math.round(w * scale), Math.round(h * scale)];
     if (this.canvas.width !== cw || this.canvas.height !== ch) [this.canvas.width, this.canvas.height] = [cw, ch];
-    this.canvas.getContext('2d', { alpha: false }).drawImage(this.video, 0, 0, cw, ch);
+    this.canvas.getContext('2d', { alpha: false, willReadFrequently: this.coder.readsBack }).drawImage(this.video, 0, 0, cw, ch);
     this.coding = true;
-    this.canvas.toBlob(async (blob) => {
-      this.coding = false;
-      if (!blob) return;
-      const bytes = new Uint8Array(8 + blob.size);
-      const stamp = performance.timeOrigin + at;
-      new DataView(bytes.buffer).setFloat64(0, stamp, true);
-      bytes.set(new Uint8Array(await blob.arrayBuffer()), 8);
-      this.picture(stamp, bytes);
-    }, 'image/jpeg', this.pace.quality);
+    const stamp = performance.timeOrigin + at;
+    const bytes = await this.coder.code(this.canvas, stamp, this.pace.quality);
+    this.coding = false;
+    if (bytes) this.picture(stamp, bytes);
   }
 
   // The device's axes (W3C: x right, y up, z out of the screen) into the image axes: x right, y down, z into the

@@ -1,4 +1,4 @@
-// The map as the server describes it by differences (crates/web/src/drawn.rs): what has been drawn, changed by each message.
+// The map as the server describes it by differences (crates/session/src/drawn.rs): what has been drawn, changed by each message.
 
 export class Model {
   constructor() {

@@ -9,7 +9,7 @@ export class Words {
   }
 
   static async in(language) {
-    const answer = await fetch(`/words/${language}.json`);
+    const answer = await fetch(`words/${language}.json`);
     if (!answer.ok) throw new Error(`no sentences in ${language}`);
     return new Words(await answer.json());
   }

@@ -234,6 +234,9 @@ async fn page_is_served_over_tls_with_content_policy() {
         "/kept.js",
         "/state.js",
         "/requests.js",
+        "/coding.js",
+        "/files.js",
+        "/here.js",
         "/style.css",
         "/icon.svg",
     ] {

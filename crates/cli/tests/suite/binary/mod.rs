@@ -13,6 +13,7 @@ mod fleet;
 mod isolated;
 mod map;
 mod outputs;
+mod page;
 mod plan;
 mod rig;
 mod ros;
@@ -72,7 +73,7 @@ fn every_listed_command_has_help_and_json() {
     for name in ["run", "demo", "doctor", "completions", "map", "view", "ekf", "team", "fleet"] {
         assert!(names.contains(&name), "{name}: {help}");
     }
-    assert_eq!(names.len(), 21, "{help}");
+    assert_eq!(names.len(), 22, "{help}");
     for name in names.iter().filter(|name| **name != "help") {
         let output = cairn(&[name, "--help"]);
         assert_eq!(output.status.code(), Some(0), "{name}");

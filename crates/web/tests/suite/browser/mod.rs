@@ -5,6 +5,7 @@
 //! `axe.min.js`); a missing part is reported as skipped. Run by `.ci/run` and by
 //! `cargo test --release -p cairn-web --test suite browser:: -- --ignored --nocapture`.
 
+mod alone;
 mod cdp;
 mod pace;
 mod parts;

@@ -4,11 +4,11 @@
 //! It is found in two steps. Within seconds the gyroscope tells whether the guess is wrong, and a better one to some percent
 //! ([`TurnFactor`]); after half a minute and some turns the lens is certain ([`LensProblem`]).
 
+use crate::slam::Slam;
 use cairn_atlas::{KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, So3};
 use cairn_lens::{Lens, LensEstimate, LensProblem, TurnFactor};
-use cairn_sensor::{Camera, Distortion};
-use cairn_session::Slam;
+use cairn_sensor::{Camera, Distortion, Stamp};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -23,6 +23,8 @@ const MOST_BYTES: u64 = 1 << 20;
 /// The estimate is tried from so many key frames on, and again after this time.
 const LEAST_KEY_FRAMES: usize = 30;
 const AGAIN: Duration = Duration::from_secs(8);
+/// Interval at which turns are compared, where that is done between images.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
 /// An estimate is kept when it is certain to this: focal length (relative) and distortion.
 const CERTAIN: [f64; 2] = [0.01, 0.03];
 /// Only across a turn of so many radians is a focal length told from the distances.
@@ -41,9 +43,12 @@ const ANY_RADIAL: f64 = 0.1;
 /// A kept lens: focal length as a share of the longer side, distortion of the ray's offset (as in [`Lens`]), and their
 /// standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct KeptLens {
+pub struct KeptLens {
+    /// The focal length.
     pub focal: f64,
+    /// The distortion.
     pub radial: f64,
+    /// Their standard deviations.
     pub sigma: [f64; 2],
 }
 
@@ -86,7 +91,7 @@ fn imu_from_camera() -> So3 {
 }
 
 /// The lens kept for a phone and the shape of its images.
-pub(crate) fn kept(folder: &Path, phone: &str, camera: &Camera) -> Option<KeptLens> {
+pub fn kept(folder: &Path, phone: &str, camera: &Camera) -> Option<KeptLens> {
     all(folder).get(&key(phone, camera)).copied()
 }
 
@@ -115,13 +120,17 @@ fn keep(folder: &Path, phone: &str, camera: &Camera, lens: KeptLens) -> std::io:
 }
 
 /// Estimates the lens of the phone of a running session, or checks the one that was kept.
-pub(crate) struct LensWatch {
-    folder: PathBuf,
+pub struct LensWatch {
+    /// Where it is kept, if so.
+    folder: Option<PathBuf>,
     phone: String,
     guess: Camera,
     /// The lens that the images are read with, where it was kept.
     kept: Option<KeptLens>,
     tried: Option<Instant>,
+    /// The times of the images at which it was looked at, and tried, without a thread.
+    looked: Option<Stamp>,
+    tried_at: Option<Stamp>,
     /// The newest key frame that the last estimate looked at.
     looked_at: Option<KeyFrameId>,
     job: Option<JoinHandle<Option<LensEstimate>>>,
@@ -134,14 +143,16 @@ pub(crate) struct LensWatch {
 
 impl LensWatch {
     /// For a phone whose images are read with a guess, or with the lens that was kept for it; what is found is kept in the
-    /// folder.
-    pub fn new(folder: PathBuf, phone: String, guess: Camera, kept: Option<KeptLens>) -> Self {
+    /// folder, where there is one.
+    pub fn new(folder: Option<PathBuf>, phone: String, guess: Camera, kept: Option<KeptLens>) -> Self {
         Self {
             folder,
             phone,
             guess,
             kept,
             tried: None,
+            looked: None,
+            tried_at: None,
             looked_at: None,
             job: None,
             before: None,
@@ -184,23 +195,53 @@ impl LensWatch {
             return Some(self.kept_as(lens));
         }
         if let Some(job) = self.job.take_if(|job| job.is_finished()) {
-            let estimate = job.join().ok().flatten()?;
-            if !self.is_trusted(&estimate) {
-                return None;
-            }
-            self.done = true;
-            return self.found(&estimate).map(|lens| self.kept_as(lens));
+            return self.take(&job.join().ok().flatten()?);
         }
         if self.job.is_none() && self.tried.is_none_or(|t| t.elapsed() >= AGAIN) {
-            self.job = self.begin(engine, snapshot);
+            let work = self.estimate(engine, snapshot)?;
+            self.job = std::thread::Builder::new().name("cairn-lens".into()).spawn(work).ok();
             self.tried = self.job.as_ref().map(|_| Instant::now());
         }
         None
     }
 
+    /// The same where there are no threads, called with each image: the image waits for an estimate, so it is to be called only while
+    /// nothing depends on the next pose.
+    pub fn step_here(&mut self, engine: &dyn Slam, now: Stamp) -> Option<LensFound> {
+        if self.done || self.guess.distortion != Distortion::None {
+            return None;
+        }
+        let is_due = |last: Stamp, every: Duration| now - last >= every.as_secs_f64();
+        if self.looked.is_some_and(|last| !is_due(last, LOOK_EVERY)) {
+            return None;
+        }
+        self.looked = Some(now);
+        let snapshot = engine.snapshot();
+        if let Some(lens) = self.by_turns(&snapshot) {
+            self.turned = true;
+            return Some(self.kept_as(lens));
+        }
+        if self.tried_at.is_some_and(|last| !is_due(last, AGAIN)) {
+            return None;
+        }
+        let work = self.estimate(engine, snapshot)?;
+        self.tried_at = Some(now);
+        self.take(&work()?)
+    }
+
+    /// Takes an estimate; the lens, once it is certain and another than is read with.
+    fn take(&mut self, estimate: &LensEstimate) -> Option<LensFound> {
+        if !self.is_trusted(estimate) {
+            return None;
+        }
+        self.done = true;
+        self.found(estimate).map(|lens| self.kept_as(lens))
+    }
+
     fn kept_as(&self, lens: KeptLens) -> LensFound {
-        let kept = keep(&self.folder, &self.phone, &self.guess, lens);
-        LensFound { lens, is_certain: lens.is_certain(), not_kept: kept.err().map(|e| e.to_string()) }
+        let keep = |folder: &PathBuf| keep(folder, &self.phone, &self.guess, lens).err();
+        let not_kept = self.folder.as_ref().and_then(keep).map(|e| e.to_string());
+        LensFound { lens, is_certain: lens.is_certain(), not_kept }
     }
 
     /// The lens by the turns of the newest map, where these contradict a guess.
@@ -239,11 +280,12 @@ impl LensWatch {
         self.before.replace(estimate.lens).is_some_and(agrees)
     }
 
-    fn begin(
+    /// The work of an estimate, where the walk says something new.
+    fn estimate(
         &mut self,
         engine: &dyn Slam,
         snapshot: Arc<Snapshot>,
-    ) -> Option<JoinHandle<Option<LensEstimate>>> {
+    ) -> Option<impl FnOnce() -> Option<LensEstimate> + Send + use<>> {
         let (last, newest) = snapshot.key_frames().max_by_key(|k| k.id).map(|k| (k.id, k.map))?;
         if snapshot.key_frames_of(newest).take(LEAST_KEY_FRAMES).count() < LEAST_KEY_FRAMES {
             return None;
@@ -253,11 +295,10 @@ impl LensWatch {
         }
         self.looked_at = Some(last);
         let camera = *engine.camera();
-        let work = move || {
+        Some(move || {
             let problem = LensProblem::of(&snapshot, newest, &camera, &imu_from_camera())?;
             (problem.turned_rad() >= LEAST_TURN_RAD).then(|| problem.solve())?
-        };
-        std::thread::Builder::new().name("cairn-lens".into()).spawn(work).ok()
+        })
     }
 }
 
@@ -280,7 +321,8 @@ fn are_elsewhere(later: &[Se3], before: &[Se3]) -> bool {
 }
 
 /// A lens that was just found.
-pub(crate) struct LensFound {
+pub struct LensFound {
+    /// The lens.
     pub lens: KeptLens,
     /// Otherwise it is a better guess.
     pub is_certain: bool,
@@ -315,7 +357,7 @@ mod tests {
     #[test]
     fn one_estimate_alone_and_one_that_differs_are_not_trusted() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
-        let mut watch = LensWatch::new(PathBuf::new(), "a".into(), guess, None);
+        let mut watch = LensWatch::new(None, "a".into(), guess, None);
         let of = |focal: f64, sigma: f64| LensEstimate {
             lens: Lens { focal, radial: 0.04 },
             sigma: [sigma, 0.002],
@@ -343,7 +385,7 @@ mod tests {
     #[test]
     fn a_guess_that_the_gyroscope_contradicts_is_replaced_at_once_by_a_better_one() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
-        let watch = LensWatch::new(PathBuf::new(), "a".into(), guess, None);
+        let watch = LensWatch::new(None, "a".into(), guess, None);
         let turns = |factor: f64| TurnFactor { factor, sigma: 0.01 };
         assert!(!watch.is_certain() && watch.better_by(&turns(1.01)).is_none());
         let better = watch.better_by(&turns(1.15)).unwrap();
@@ -365,7 +407,7 @@ mod tests {
     fn kept_lens_that_does_not_fit_is_replaced_and_one_that_fits_stays() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
         let kept = KeptLens { focal: 0.88, radial: -0.075, sigma: [0.004, 0.01] };
-        let watch = LensWatch::new(PathBuf::new(), "a".into(), guess, Some(kept));
+        let watch = LensWatch::new(None, "a".into(), guess, Some(kept));
         let left = |focal: f64, radial: f64, sigma: [f64; 2]| LensEstimate {
             lens: Lens { focal, radial },
             sigma,

@@ -10,7 +10,7 @@
 //! always all of them); and twice, for the recorded and the cleaned route, how many places stay (32 bits) and the list of those
 //! behind.
 
-use cairn_session::View;
+use crate::status::View;
 
 /// Steps between the origin and the farthest key frame, at least half of it.
 const STEPS: f32 = 4096.0;
@@ -31,7 +31,7 @@ struct Mark {
 
 /// What is drawn.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Drawn {
+pub struct Drawn {
     step: f32,
     up: [f32; 3],
     points: Vec<Mark>,
