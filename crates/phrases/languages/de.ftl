@@ -209,7 +209,6 @@ ready-camera-back = Mit der Kamera nach hinten sollte ich sie wiedererkennen.
 ## Answers and news of a walk
 
 walk-recording = Aufnahme läuft.
-walk-recording-lens-unknown = Aufnahme läuft. Ich kenne die Kamera dieses Telefons noch nicht, Entfernungen können um ein Drittel falsch sein.
 walk-recording-unmeasured = Aufnahme läuft. Entfernungen kann ich noch nicht messen.
 walk-recording-in-memory = Aufnahme nur im Speicher, weil die Datei nicht geschrieben werden kann: { $file }: { $why }.
 walk-already-recording = Die Aufnahme läuft schon.
@@ -243,10 +242,11 @@ walk-with-notes = { $count ->
     [one] mit einer Notiz
    *[other] mit { $count } Notizen
 }
-walk-route-lens-unknown = aufgenommen, bevor ich die Kamera kannte, Entfernungen können um ein Drittel falsch sein
+walk-route-lens-unknown = aufgenommen, bevor ich dieses Telefon kannte
 walk-route-loaded = { $route }. Geladen.
 walk-route-loaded-elsewhere = { $route }. Geladen, aber ich kann darauf nicht führen: { $why }.
 walk-why-other-map = sie wurde mit einer anderen Kamera oder auf einer anderen Karte aufgenommen
+walk-why-guessed = ich kannte dieses Telefon noch nicht, als sie aufgenommen wurde. Bitte nehmen Sie sie noch einmal auf
 walk-why-damaged = ihre Datei ist beschädigt
 walk-unknown-route = Es gibt keine Route { $number }.
 walk-no-route-at-hand = Es ist keine Route geladen. Bitte die Nummer sagen.
@@ -261,6 +261,7 @@ walk-delete-failed = Die Route lässt sich nicht löschen: { $why }.
 walk-nothing-deleted = Es wurde nichts gelöscht.
 walk-no-question = Es ist keine Frage offen.
 walk-being-recorded = Diese Route wird gerade aufgenommen. Bitte erst die Aufnahme beenden.
+walk-stop-first = Ich nehme gerade auf. Bitte beenden Sie erst die Aufnahme.
 walk-halt-first = Die Führung läuft. Bitte erst anhalten.
 walk-note-no-recording = Notizen gehören zu einer Route. Bitte erst die Aufnahme beginnen.
 walk-note-no-place = Ich weiß nicht, wo wir sind. Bitte die Notiz gleich noch einmal versuchen.
@@ -300,6 +301,7 @@ walk-way-not-joined = Ich kenne den Weg zu { $place } nicht: Kein aufgezeichnete
 walk-way-there = Sie sind schon dort.
 walk-route-too-short = Ich kann nicht führen: Die Route ist zu kurz.
 walk-stairs-backwards = Ich kann nicht führen: Die Route hat Treppen und darf nicht rückwärts gegangen werden.
+walk-route-guessed = Ich kann Sie nicht führen: Als diese Route aufgenommen wurde, kannte ich dieses Telefon noch nicht gut genug. Bitte nehmen Sie diese Route noch einmal auf.
 walk-route-damaged = Ich kann nicht führen: Die Route ist beschädigt.
 walk-guidance-ended = Führung beendet.
 walk-not-guiding = Es läuft keine Führung.
@@ -313,9 +315,13 @@ walk-mapping-failed = Halt. Die Karte ist ausgefallen. Die Aufnahme sichern und 
 walk-tracking-failed = Ein Fehler des Programms hat die Ortung beendet.
 walk-tracking-restarts = Die Ortung beginnt neu. Bitte stehen bleiben.
 walk-distances-known = Jetzt kann ich Entfernungen messen.
-walk-lens-unknown = Ich kenne die Kamera dieses Telefons noch nicht, Entfernungen können um ein Drittel falsch sein. Gehen Sie ein paar Schritte und drehen Sie sich langsam nach links und nach rechts. Ich sage Ihnen, wenn ich sie kenne.
-walk-lens-known = Ich kenne jetzt die Kamera dieses Telefons. Von hier an stimmen Drehungen und Entfernungen.
-walk-lens-known-later = Ich kenne jetzt die Kamera dieses Telefons. Ab dem nächsten Start stimmen Drehungen und Entfernungen.
+walk-distances-lost = Halt. Die Entfernungen stimmen nicht mehr, die Führung endet. Bitten Sie jemanden um Hilfe, oder gehen Sie zurück, woher Sie kamen.
+walk-learn = Ich muss dieses Telefon erst kennenlernen. Gehen Sie eine halbe Minute umher, und biegen Sie einmal links und einmal rechts ab. Ich sage Ihnen, wenn ich so weit bin.
+walk-learn-move = Gehen Sie erst ein paar Meter. Ich sage Ihnen, wenn ich so weit bin.
+walk-learn-again = Auf dieser Route stimmen die Entfernungen nicht: Ich kenne das Telefon jetzt besser. Bitte nehmen Sie diese Route noch einmal auf. Ich sage Ihnen, wenn ich so weit bin.
+walk-learn-no-motion = Ohne die Bewegungssensoren kann ich dieses Telefon nicht kennenlernen. Erlauben Sie sie im Browser, und laden Sie die Seite neu.
+walk-learning = Ich lerne dieses Telefon kennen. Gehen Sie umher, und biegen Sie links und rechts ab.
+walk-ready = Ich bin so weit. Sie können jetzt eine Route aufnehmen.
 walk-imu-failed = Die Bewegungssensoren antworten nicht. Ich richte mich nach dem Bild.
 walk-imu-back = Die Bewegungssensoren antworten wieder.
 walk-disk-full = Die Festplatte ist voll. Die Route bleibt im Speicher.

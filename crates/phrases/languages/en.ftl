@@ -195,7 +195,6 @@ ready-camera-back = With the camera facing back, I should recognise it.
 ## Answers and news of a walk
 
 walk-recording = Recording.
-walk-recording-lens-unknown = Recording. I do not know the camera of this phone yet, so distances may be wrong by a third.
 walk-recording-unmeasured = Recording. I cannot measure distances yet.
 walk-recording-in-memory = Recording in memory only, because the file cannot be written: { $file }: { $why }.
 walk-already-recording = I am already recording.
@@ -229,10 +228,11 @@ walk-with-notes = { $count ->
     [one] with one note
    *[other] with { $count } notes
 }
-walk-route-lens-unknown = recorded before I knew the camera, so distances may be wrong by a third
+walk-route-lens-unknown = recorded before I knew this phone
 walk-route-loaded = { $route }. Loaded.
 walk-route-loaded-elsewhere = { $route }. Loaded, but I cannot guide along it: { $why }.
 walk-why-other-map = it was recorded with another camera or on another map
+walk-why-guessed = it was recorded before I knew this phone. Please record it again
 walk-why-damaged = its file is damaged
 walk-unknown-route = There is no route { $number }.
 walk-no-route-at-hand = No route is loaded. Say which number.
@@ -247,6 +247,7 @@ walk-delete-failed = The route cannot be deleted: { $why }.
 walk-nothing-deleted = Nothing was deleted.
 walk-no-question = There is no question to answer.
 walk-being-recorded = That route is being recorded. Stop the recording first.
+walk-stop-first = I am recording. Stop the recording first.
 walk-halt-first = Guidance is running. Stop it first.
 walk-note-no-recording = Notes belong to a route. Start recording first.
 walk-note-no-place = I do not know where I am. Try the note again in a moment.
@@ -286,6 +287,7 @@ walk-way-not-joined = I do not know the way to { $place }: no recorded route lea
 walk-way-there = You are there already.
 walk-route-too-short = I cannot guide you: the route is too short.
 walk-stairs-backwards = I cannot guide you: the route has stairs, and must not be walked backwards.
+walk-route-guessed = I cannot guide you: I did not know this phone well enough when this route was recorded. Please record this route again.
 walk-route-damaged = I cannot guide you: the route is damaged.
 walk-guidance-ended = Guidance has ended.
 walk-not-guiding = Guidance is not running.
@@ -299,9 +301,13 @@ walk-mapping-failed = Stop. Mapping has failed. Save the recording and start aga
 walk-tracking-failed = Tracking was stopped by an error of the program.
 walk-tracking-restarts = Tracking is starting again. Stand still.
 walk-distances-known = I can measure distances now.
-walk-lens-unknown = I do not know the camera of this phone yet, so distances may be wrong by a third. Walk a few steps, and turn slowly to the left and to the right. I will tell you when I know it.
-walk-lens-known = I know the camera of this phone now. From here on, turns and distances are right.
-walk-lens-known-later = I know the camera of this phone now. From the next start on, turns and distances are right.
+walk-distances-lost = Stop. I have lost the distances, and guidance ends. Ask someone for help, or go back the way you came.
+walk-learn = Let me learn this phone. Move about for half a minute, turn left once and right once. I tell you when I am ready.
+walk-learn-move = Move a few metres first. I tell you when I am ready.
+walk-learn-again = Distances are wrong on this route: I know this phone better now. Please record this route again. I tell you when I am ready.
+walk-learn-no-motion = I cannot learn this phone without its motion sensors. Allow them in the browser, and load the page again.
+walk-learning = I am learning this phone. Move about, and turn left and right.
+walk-ready = I am ready. You can record a route now.
 walk-imu-failed = The motion sensors do not answer. I go on by sight.
 walk-imu-back = The motion sensors answer again.
 walk-disk-full = The disk is full. The route is kept in memory.

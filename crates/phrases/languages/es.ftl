@@ -198,7 +198,6 @@ ready-camera-back = Con la cámara mirando hacia atrás debería reconocerla.
 ## Answers and news of a walk
 
 walk-recording = Grabando.
-walk-recording-lens-unknown = Grabando. Todavía no conozco la cámara de este teléfono, las distancias pueden fallar en un tercio.
 walk-recording-unmeasured = Grabando. Todavía no puedo medir distancias.
 walk-recording-in-memory = Grabo solo en la memoria, porque no se puede escribir el archivo: { $file }: { $why }.
 walk-already-recording = Ya estoy grabando.
@@ -232,10 +231,11 @@ walk-with-notes = { $count ->
     [one] con una nota
    *[other] con { $count } notas
 }
-walk-route-lens-unknown = grabada antes de que yo conociera la cámara, las distancias pueden fallar en un tercio
+walk-route-lens-unknown = grabada antes de que yo conociera este teléfono
 walk-route-loaded = { $route }. Cargada.
 walk-route-loaded-elsewhere = { $route }. Cargada, pero no puedo guiarle por ella: { $why }.
 walk-why-other-map = se grabó con otra cámara o en otro mapa
+walk-why-guessed = yo aún no conocía este teléfono cuando se grabó. Grábela otra vez
 walk-why-damaged = su archivo está dañado
 walk-unknown-route = No hay ninguna ruta { $number }.
 walk-no-route-at-hand = No hay ninguna ruta cargada. Diga qué número.
@@ -250,6 +250,7 @@ walk-delete-failed = No se puede borrar la ruta: { $why }.
 walk-nothing-deleted = No se ha borrado nada.
 walk-no-question = No hay ninguna pregunta que responder.
 walk-being-recorded = Esa ruta se está grabando. Termine antes la grabación.
+walk-stop-first = Estoy grabando. Termine antes la grabación.
 walk-halt-first = La guía está en marcha. Deténgala antes.
 walk-note-no-recording = Las notas son de una ruta. Empiece antes a grabar.
 walk-note-no-place = No sé dónde estamos. Repita la nota dentro de un momento.
@@ -289,6 +290,7 @@ walk-way-not-joined = No conozco el camino a { $place }: ninguna ruta grabada ll
 walk-way-there = Ya está allí.
 walk-route-too-short = No puedo guiarle: la ruta es demasiado corta.
 walk-stairs-backwards = No puedo guiarle: la ruta tiene escaleras y no se debe recorrer hacia atrás.
+walk-route-guessed = No puedo guiarle: cuando se grabó esta ruta, yo aún no conocía bien este teléfono. Grabe esta ruta otra vez.
 walk-route-damaged = No puedo guiarle: la ruta está dañada.
 walk-guidance-ended = Fin de la guía.
 walk-not-guiding = La guía no está en marcha.
@@ -302,9 +304,13 @@ walk-mapping-failed = Alto. El mapa ha fallado. Guarde la grabación y empiece d
 walk-tracking-failed = Un error del programa ha detenido el seguimiento.
 walk-tracking-restarts = El seguimiento se reinicia. No se mueva.
 walk-distances-known = Ya puedo medir distancias.
-walk-lens-unknown = Todavía no conozco la cámara de este teléfono, las distancias pueden fallar en un tercio. Camine unos pasos y gire despacio a la izquierda y a la derecha. Le diré cuándo la conozca.
-walk-lens-known = Ya conozco la cámara de este teléfono. Desde aquí, los giros y las distancias son correctos.
-walk-lens-known-later = Ya conozco la cámara de este teléfono. A partir del próximo inicio, los giros y las distancias serán correctos.
+walk-distances-lost = Alto. He perdido las distancias, y la guía termina. Pida ayuda a alguien, o vuelva por donde ha venido.
+walk-learn = Déjeme conocer este teléfono. Muévase durante medio minuto y gire una vez a la izquierda y otra a la derecha. Le avisaré cuando esté listo.
+walk-learn-move = Avance antes unos metros. Le avisaré cuando esté listo.
+walk-learn-again = Las distancias de esta ruta no son correctas: ahora conozco mejor este teléfono. Grabe esta ruta otra vez. Le avisaré cuando esté listo.
+walk-learn-no-motion = No puedo conocer este teléfono sin sus sensores de movimiento. Permítalos en el navegador y vuelva a cargar la página.
+walk-learning = Estoy conociendo este teléfono. Muévase y gire a la izquierda y a la derecha.
+walk-ready = Estoy listo. Ya puede grabar una ruta.
 walk-imu-failed = Los sensores de movimiento no responden. Sigo por la imagen.
 walk-imu-back = Los sensores de movimiento vuelven a responder.
 walk-disk-full = El disco está lleno. La ruta sigue en la memoria.

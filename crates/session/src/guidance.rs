@@ -16,6 +16,10 @@ use cairn_guide::{
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 
+/// Distances are lost once the length of the route has become longer or shorter by this share (of its logarithm) than when
+/// guidance began.
+const LOST_DISTANCES: f64 = 0.1;
+
 /// Why a route cannot be walked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum NoGuidance {
@@ -49,6 +53,10 @@ pub(crate) struct Guiding {
     pub is_elsewhere: bool,
     /// When he was last told so.
     pub searched: Option<Stamp>,
+    /// The length of the route in metres is another than when guidance began, so that nobody knows where on it he is.
+    pub has_lost_distances: bool,
+    /// That length, once lengths are metres.
+    began_m: Option<f64>,
     /// Which notes he has been told.
     told: Vec<bool>,
     /// What was last found of [`Guiding::is_in_reach`]: for a version of the map and a key frame.
@@ -83,6 +91,8 @@ impl Guiding {
             started: false,
             is_elsewhere,
             searched: None,
+            has_lost_distances: false,
+            began_m: None,
             told: vec![false; route.notes.len()],
             reach: None,
         })
@@ -130,7 +140,13 @@ impl Guiding {
         hazard: Option<StopReason>,
         now: Stamp,
     ) -> Option<Cue> {
-        match self.reference_path.follow(map, route, place, now) {
+        let moved = self.reference_path.follow(map, route, place, now);
+        if route.header.metric && (moved.is_some() || self.began_m.is_none()) {
+            let length_m = self.reference_path.recorded_m();
+            let began_m = *self.began_m.get_or_insert(length_m);
+            self.has_lost_distances |= (length_m / began_m).ln().abs() > LOST_DISTANCES;
+        }
+        match moved {
             Some(Moved::Corrected { plan, moved }) => self.guide.correct_route(plan, &moved, now),
             Some(Moved::Segment(plan)) => self.guide.begin_segment(plan, self.reference_path.ground),
             None => {}

@@ -116,7 +116,8 @@ fn keep(folder: &Path, phone: &str, camera: &Camera, lens: KeptLens) -> std::io:
 
 /// Estimates the lens of the phone of a running session, or checks the one that was kept.
 pub(crate) struct LensWatch {
-    folder: PathBuf,
+    /// Where it is kept, if so.
+    folder: Option<PathBuf>,
     phone: String,
     guess: Camera,
     /// The lens that the images are read with, where it was kept.
@@ -134,8 +135,8 @@ pub(crate) struct LensWatch {
 
 impl LensWatch {
     /// For a phone whose images are read with a guess, or with the lens that was kept for it; what is found is kept in the
-    /// folder.
-    pub fn new(folder: PathBuf, phone: String, guess: Camera, kept: Option<KeptLens>) -> Self {
+    /// folder, where there is one.
+    pub fn new(folder: Option<PathBuf>, phone: String, guess: Camera, kept: Option<KeptLens>) -> Self {
         Self {
             folder,
             phone,
@@ -199,8 +200,9 @@ impl LensWatch {
     }
 
     fn kept_as(&self, lens: KeptLens) -> LensFound {
-        let kept = keep(&self.folder, &self.phone, &self.guess, lens);
-        LensFound { lens, is_certain: lens.is_certain(), not_kept: kept.err().map(|e| e.to_string()) }
+        let keep = |folder: &PathBuf| keep(folder, &self.phone, &self.guess, lens).err();
+        let not_kept = self.folder.as_ref().and_then(keep).map(|e| e.to_string());
+        LensFound { lens, is_certain: lens.is_certain(), not_kept }
     }
 
     /// The lens by the turns of the newest map, where these contradict a guess.
@@ -315,7 +317,7 @@ mod tests {
     #[test]
     fn one_estimate_alone_and_one_that_differs_are_not_trusted() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
-        let mut watch = LensWatch::new(PathBuf::new(), "a".into(), guess, None);
+        let mut watch = LensWatch::new(None, "a".into(), guess, None);
         let of = |focal: f64, sigma: f64| LensEstimate {
             lens: Lens { focal, radial: 0.04 },
             sigma: [sigma, 0.002],
@@ -343,7 +345,7 @@ mod tests {
     #[test]
     fn a_guess_that_the_gyroscope_contradicts_is_replaced_at_once_by_a_better_one() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
-        let watch = LensWatch::new(PathBuf::new(), "a".into(), guess, None);
+        let watch = LensWatch::new(None, "a".into(), guess, None);
         let turns = |factor: f64| TurnFactor { factor, sigma: 0.01 };
         assert!(!watch.is_certain() && watch.better_by(&turns(1.01)).is_none());
         let better = watch.better_by(&turns(1.15)).unwrap();
@@ -365,7 +367,7 @@ mod tests {
     fn kept_lens_that_does_not_fit_is_replaced_and_one_that_fits_stays() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
         let kept = KeptLens { focal: 0.88, radial: -0.075, sigma: [0.004, 0.01] };
-        let watch = LensWatch::new(PathBuf::new(), "a".into(), guess, Some(kept));
+        let watch = LensWatch::new(None, "a".into(), guess, Some(kept));
         let left = |focal: f64, radial: f64, sigma: [f64; 2]| LensEstimate {
             lens: Lens { focal, radial },
             sigma,

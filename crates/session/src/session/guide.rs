@@ -52,12 +52,15 @@ impl<S: Slam> Session<S> {
 
     pub(super) fn begin_guiding(&mut self, facing: Facing, again: bool) -> Result<String, Refused> {
         if self.recording.is_some() {
-            self.end_recording()?;
+            return Err(self.speech.refuse("walk-stop-first"));
         }
         self.update_metric(self.status.metric);
         let held = self.route.as_ref().ok_or_else(|| self.speech.refuse("walk-no-route"))?;
         if !held.here {
             return Err(self.speech.refuse("walk-other-map"));
+        }
+        if held.route.header.lens_guessed || self.learning.reads_with_guess() {
+            return Err(self.speech.refuse("walk-route-guessed"));
         }
         let travel = if again { Travel::Again } else { Travel::Home };
         let (map, place) = (self.engine.snapshot(), self.place.as_ref());
@@ -143,7 +146,8 @@ impl<S: Slam> Session<S> {
             .then(|| guiding.note(&map, &held.route, &place, self.speech.language()))
             .flatten();
         let arrived = guiding.guide.state() == GuideState::Arrived;
-        if let Some(cue) = cue {
+        let has_lost_distances = guiding.has_lost_distances;
+        if let Some(cue) = cue.filter(|_| !has_lost_distances) {
             self.cue(&cue, ahead);
         }
         if let Some(note) = note {
@@ -152,6 +156,9 @@ impl<S: Slam> Session<S> {
         if arrived {
             self.arrived = true;
             self.guiding = None;
+        } else if has_lost_distances {
+            self.guiding = None;
+            self.say(&self.speech.text("walk-distances-lost"), Priority::Urgent);
         }
     }
 

@@ -84,6 +84,9 @@ impl<S: Slam> Session<S> {
         match self.age() {
             Age::Unknown => (why(StopReason::AgeUnknown), true),
             age if age.is_stale() => (why(StopReason::PicturesLate), true),
+            _ if self.recording.is_none() && self.learning.what_helps().is_some() => {
+                (self.speech.text("walk-learning"), false)
+            }
             _ if self.recording.is_some() => {
                 (format!("{} {words}", self.speech.text("walk-recording")), false)
             }

@@ -27,6 +27,7 @@ fn mono_session_returns_along_its_own_pictures() {
             session.command(&Command::Record).unwrap();
         }
         if k == out.len() {
+            session.command(&Command::Stop).unwrap();
             session.command(&Command::parse("guide back").unwrap()).unwrap();
         }
         said.extend(session.events().into_iter().filter_map(|e| match e {

@@ -139,6 +139,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
     phone.command("record").await;
     let out = phone.walk(Walk::Out, Duration::from_secs(30)).await;
     assert!(out.walked >= 1.0, "{out:?}");
+    phone.command("stop").await;
     let mut results = Vec::new();
     for trial in trials {
         proxy.set(Net::FAST);
