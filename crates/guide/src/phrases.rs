@@ -77,6 +77,9 @@ impl Manner {
     }
 }
 
+/// A walker nearer to the route than this is on it, when he asks, metres.
+const ON_ROUTE_M: f64 = 1.0;
+
 impl PhraseConfig {
     /// The words of a cue; `None` for cues that are sounds only.
     pub fn words(&self, cue: &Cue) -> Option<String> {
@@ -134,8 +137,32 @@ impl PhraseConfig {
                 after("guide-stop", self.obstacle(&obstacle))
             }
             CueKind::Stop(reason) => after("guide-stop", reason_words(reason, cue.facing, self.language)),
-            CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
+            CueKind::Waypoint | CueKind::OnCourse | CueKind::Turning(_) | CueKind::BackOnPath => return None,
         })
+    }
+
+    /// Where a walker is on the route who asks: what comes next, and whether the route is where he is or to which side of him, by
+    /// metres and a bearing, radians, positive left.
+    pub fn where_words(
+        &self,
+        ahead: &UpcomingManeuver,
+        away_m: f64,
+        bearing_rad: f64,
+        facing: Facing,
+    ) -> String {
+        let back = facing == Facing::Backwards;
+        let beside = match away_m < ON_ROUTE_M {
+            true => self.language.text("guide-on-path"),
+            false => {
+                let place = self.place(bearing_rad, back);
+                let ids = ["guide-off-path-place", "guide-off-path-place-unmeasured"];
+                self.measured(ids, away_m, &[("place", (&place).into())])
+            }
+        };
+        match ahead.next {
+            Next::End => beside,
+            _ => format!("{beside} {}", self.approach(ahead, back)),
+        }
     }
 
     /// What is in the way, and where: "Something is in the way, half a metre to your left."
@@ -196,17 +223,19 @@ impl PhraseConfig {
 
     fn start(&self, total_m: f64, left_m: f64, first: &First, facing: Facing) -> String {
         let joins = total_m - left_m > AT_START_M;
-        let mut sentences = vec![match joins {
+        let length = match joins {
             true => self.measured(["guide-join", "guide-join-unmeasured"], left_m, &[]),
             false => self.measured(["guide-start", "guide-start-unmeasured"], total_m, &[]),
-        }];
+        };
+        let first = self.first(first, facing == Facing::Backwards);
+        // What to do comes first, but for the warning of whoever is to go backwards.
         match facing {
-            Facing::Home => {}
-            Facing::Back => sentences.push(self.language.text("guide-start-back")),
-            Facing::Backwards => sentences.push(self.language.text("guide-start-backwards")),
+            Facing::Home => format!("{first} {length}"),
+            Facing::Back => format!("{first} {length} {}", self.language.text("guide-start-back")),
+            Facing::Backwards => {
+                format!("{} {first} {length}", self.language.text("guide-start-backwards"))
+            }
         }
-        sentences.push(self.first(first, facing == Facing::Backwards));
-        sentences.join(" ")
     }
 
     /// What to do first.

@@ -11,7 +11,7 @@ use cairn_atlas::{MapId, Snapshot};
 use cairn_geometry::{Camera, Odom, Pose, Se3};
 use cairn_guide::{
     Anchor, Confidence, Cue, Facing, Guide, GuideConfig, GuideError, GuideInput, GuideState, Heading,
-    ManeuverPlanError, Route, RouteConfig, RouteNote, StopReason, Travel, wrap,
+    ManeuverPlanError, Route, RouteConfig, RouteNote, StopReason, Travel, heading_of, wrap,
 };
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
@@ -45,6 +45,8 @@ pub(crate) struct Guiding {
     pub guide: Guide,
     pub reference_path: ReferencePath,
     pub facing: Facing,
+    /// How well the map covers the route, in words, for a walker who asks.
+    pub ready: String,
     /// Whether from start to end, instead of home.
     pub again: bool,
     pub asked: Stamp,
@@ -86,6 +88,7 @@ impl Guiding {
             guide,
             reference_path,
             facing,
+            ready: String::new(),
             again: travel == Travel::Again,
             asked: now,
             started: false,
@@ -167,6 +170,13 @@ impl Guiding {
             (Some(walker), Some(at)) => wrap(walker.turn_to(at.heading)),
             _ => 0.0,
         }
+    }
+
+    /// How far the route is from the walker, metres, and where: radians, positive to his left.
+    pub fn beside(&self, place: &Place) -> Option<(f64, f64)> {
+        let (walker, at) = (self.walker(place)?, self.guide.place()?);
+        let to = at.foot - walker.position;
+        Some((to.norm(), walker.turn_to(heading_of(&to))))
     }
 
     /// What is known of a map that is not the route's, in which the walker is.

@@ -454,7 +454,7 @@ mod tests {
         let refused = session.command(&Command::parse("guide").unwrap()).unwrap_err();
         assert_eq!(refused.id, "walk-no-route");
         let Some(Event::Said(said)) = session.events().pop() else { panic!("nothing was said") };
-        assert_eq!(said.text, "Es gibt noch keine Route. Erst eine aufnehmen oder laden.");
+        assert_eq!(said.text, "Es gibt noch keine Route. Nehmen Sie erst eine auf, oder laden Sie eine.");
         assert_eq!((said.text, said.language), (refused.words, Language::German));
         assert_eq!(session.status().words, "Ich warte auf das erste Bild der Kamera.");
     }

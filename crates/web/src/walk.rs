@@ -10,6 +10,7 @@ use crate::survive::{Survives, SurvivesIn};
 use crate::wire::{self, ToPage};
 use cairn_dense::SubmapConfig;
 use cairn_engine::{Output, SensorMode};
+use cairn_phrases::Language;
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
     Clock, Command, Event, LensKnowledge, LibraryError, MapKeeper, NotSaved, NotTracked, Observer, Refused,
@@ -194,8 +195,8 @@ struct PageObserver {
     picture: Option<Instant>,
     view: Option<Instant>,
     map: Option<Instant>,
-    /// The routes that the pages have: a version, and the route at hand.
-    routes: Option<(u64, Option<PathBuf>)>,
+    /// The routes that the pages have: a version, the route at hand, and the language that they are in.
+    routes: Option<(u64, Option<PathBuf>, Language)>,
     /// While the lens is a guess, or was kept and is not checked yet; and how to begin again with another.
     lens: Option<(LensWatch, Start)>,
     /// A lens that was found, and is used once what hangs on the map has ended.
@@ -249,10 +250,11 @@ impl PageObserver {
     /// The kept routes, where they have changed.
     fn send_routes(&mut self, session: &Walk) {
         let (version, held) = session.routes_version();
-        if self.routes.as_ref().is_some_and(|(v, h)| *v == version && h.as_deref() == held) {
+        let now = (version, held.map(Path::to_owned), session.language());
+        if self.routes.as_ref() == Some(&now) {
             return;
         }
-        self.routes = Some((version, held.map(Path::to_owned)));
+        self.routes = Some(now);
         self.hub.routes.send_replace(ToPage::Routes(&session.routes()).text().into());
     }
 

@@ -64,21 +64,21 @@ impl<S: Slam> Session<S> {
         }
         let travel = if again { Travel::Again } else { Travel::Home };
         let (map, place) = (self.engine.snapshot(), self.place.as_ref());
-        let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now, &self.config.route)
-            .map_err(|why| self.speech.refuse(why.id()))?;
-        // The guide's first words give the length and the first direction; before that, whether the map covers the
-        // route is said.
+        let mut guiding =
+            Guiding::begin(&map, &held.route, travel, facing, place, self.now, &self.config.route)
+                .map_err(|why| self.speech.refuse(why.id()))?;
+        // The first direction comes before all else; whether the map covers the route is said to those who ask.
         let camera = self.engine.camera();
         let ready = |facing| guiding.reference_path.readiness(&map, &held.route, camera, facing);
         let with_camera_back = (facing == Facing::Home).then(|| ready(Facing::Back));
         let phrases = self.speech.phrases_for(self.status.metric);
-        let words = match self.engine.is_visual() {
+        guiding.ready = match self.engine.is_visual() {
             true => ready_words(&ready(facing), with_camera_back.as_deref(), &phrases),
             false => self.speech.text("ready-all"),
         };
         self.guiding = Some(guiding);
         self.arrived = false;
-        Ok(words)
+        Ok(self.speech.text("walk-guidance-begins"))
     }
 
     /// Why the unit of length of the last pose rules out directions along the route, if it does: the pose is in
@@ -180,7 +180,7 @@ impl<S: Slam> Session<S> {
         }
         if let (Some(place), true) = (&here, was_elsewhere) {
             let travel = if guiding.again { Travel::Again } else { Travel::Home };
-            if let Ok(anew) = Guiding::begin(
+            if let Ok(mut anew) = Guiding::begin(
                 &map,
                 &held.route,
                 travel,
@@ -189,6 +189,7 @@ impl<S: Slam> Session<S> {
                 guiding.asked,
                 &self.config.route,
             ) {
+                anew.ready = std::mem::take(&mut guiding.ready);
                 *guiding = anew;
             }
         }

@@ -76,7 +76,7 @@ impl<S: Slam> Session<S> {
         let going = phrases.measured(ids, planned.path.length_m, &[("place", (&spoken).into())]);
         let before = self.route.replace(RouteAtHand { route, path: None, here: true });
         match self.begin_guiding(self.config.facing, true) {
-            Ok(ready) => Ok(format!("{going} {ready}")),
+            Ok(_) => Ok(going),
             Err(why) => {
                 // Guidance that was in progress goes on along its own route.
                 self.route = before;

@@ -133,7 +133,7 @@ fn a_walker_who_is_not_on_the_route_is_not_led_across_unknown_ground() {
     (w.x, w.y) = (10.0, 12.0);
     w.stand(30.0);
     let words = w.words();
-    let away = "The route is 10 metres away, to your right. I do not know the ground between. Go there, and I will guide you.";
+    let away = "The route is 10 metres away, to your right. I do not know the ground between. Ask for help to reach it.";
     assert_eq!(words, [away; 3]);
     // He goes there by himself.
     w.turn(-90.0, 45.0).go(9.0, 0.8);

@@ -106,7 +106,7 @@ async fn judge(
         let mut heard = heard.lock().unwrap();
         match said["pose_ms"].as_f64() {
             Some(pose_ms) => heard.ages_ms.push(now_ms - pose_ms),
-            None if ["Turn", "Continue", "Bear", "Move", "Guidance starts", "I found my place. "]
+            None if ["Turn", "Continue", "Bear", "Move", "I found my place. "]
                 .iter()
                 .any(|w| text.starts_with(w)) =>
             {
