@@ -77,9 +77,6 @@ impl Manner {
     }
 }
 
-/// A walker nearer to the route than this is on it, when he asks, metres.
-const ON_ROUTE_M: f64 = 1.0;
-
 impl PhraseConfig {
     /// The words of a cue; `None` for cues that are sounds only.
     pub fn words(&self, cue: &Cue) -> Option<String> {
@@ -139,30 +136,6 @@ impl PhraseConfig {
             CueKind::Stop(reason) => after("guide-stop", reason_words(reason, cue.facing, self.language)),
             CueKind::Waypoint | CueKind::OnCourse | CueKind::Turning(_) | CueKind::BackOnPath => return None,
         })
-    }
-
-    /// Where a walker is on the route who asks: what comes next, and whether the route is where he is or to which side of him, by
-    /// metres and a bearing, radians, positive left.
-    pub fn where_words(
-        &self,
-        ahead: &UpcomingManeuver,
-        away_m: f64,
-        bearing_rad: f64,
-        facing: Facing,
-    ) -> String {
-        let back = facing == Facing::Backwards;
-        let beside = match away_m < ON_ROUTE_M {
-            true => self.language.text("guide-on-path"),
-            false => {
-                let place = self.place(bearing_rad, back);
-                let ids = ["guide-off-path-place", "guide-off-path-place-unmeasured"];
-                self.measured(ids, away_m, &[("place", (&place).into())])
-            }
-        };
-        match ahead.next {
-            Next::End => beside,
-            _ => format!("{beside} {}", self.approach(ahead, back)),
-        }
     }
 
     /// What is in the way, and where: "Something is in the way, half a metre to your left."
@@ -338,7 +311,7 @@ impl PhraseConfig {
         }
     }
 
-    fn approach(&self, ahead: &UpcomingManeuver, back: bool) -> String {
+    pub(crate) fn approach(&self, ahead: &UpcomingManeuver, back: bool) -> String {
         if ahead.next == Next::End {
             let ids = ["guide-approach-end", "guide-approach-end-unmeasured"];
             return self.measured(ids, ahead.distance_m, &[]);
@@ -383,7 +356,7 @@ impl PhraseConfig {
 
     /// Where something lies: "to your left". A walker moving backwards has the course behind him: ahead on the course
     /// is behind the chest.
-    fn place(&self, bearing_rad: f64, back: bool) -> String {
+    pub(crate) fn place(&self, bearing_rad: f64, back: bool) -> String {
         if self.directions == DirectionStyle::Clock && !back {
             return self.language.say("guide-place-clock", &[("hour", clock_hour(bearing_rad).into())]);
         }
