@@ -16,8 +16,9 @@ use cairn_guide::{
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 
-/// Distances are lost once the length of the route has become longer or shorter by this share (of its logarithm) than when
-/// guidance began.
+/// Distances are lost once the route has become longer or shorter by this share (of its logarithm) than when guidance began. Of
+/// twenty simulated phones the length of a metre was off by 2.5 % at most after 30 s (figures/phone-imu.md), and of a route that was
+/// recorded with clocks 52 ms apart by more than a third.
 const LOST_DISTANCES: f64 = 0.1;
 
 /// Why a route cannot be walked.
