@@ -260,7 +260,7 @@ async fn token_is_required_and_one_page_controls() {
     let server = server("control", walk());
     let mut stranger = Page::of(connect(&server).await);
     send(&mut stranger, json!({ "hello": { "token": "0".repeat(32), "walk": true } })).await;
-    assert!(next(&mut stranger, "trouble").await.as_str().unwrap().contains("key is wrong"));
+    assert!(next(&mut stranger, "trouble").await.as_str().unwrap().contains("key of this page is wrong"));
     assert!(!matches!(stranger.from.recv().await, Some(Message::Text(_))));
 
     let mut walker = enter(&server, "one").await;

@@ -293,8 +293,7 @@ fn a_turn_on_the_spot_needs_no_map_in_view() {
     assert_eq!(walker.find("I lost my place").len(), 1, "{:?}", walker.words());
 }
 
-const TO_AND_FRO: &str =
-    "Stop. I keep leading you back and forth here and cannot guide you on. Ask for help";
+const TO_AND_FRO: &str = "Stop. I keep leading you back and forth here and cannot guide you on. Ask for help";
 
 /// With good tracking a walker goes some metres along the route, turns round and comes back, again and again: whatever leads him so.
 #[test]

@@ -15,7 +15,8 @@ fn page_says_what_to_mind_once_in_a_browser() {
     let url = server.invitation().urls[0].clone();
     let is_open = "document.querySelector('#before').open";
     let phone = browser.open_after(&url, [390, 844], "localStorage.removeItem('cairn-settings')");
-    wait(&mut browser, &phone, "beside your cane or your dog, not instead", "#before", 20.0);
+    wait(&mut browser, &phone, "Ready. ", "#control", 20.0);
+    assert!(browser.text(&phone, "#before").contains("beside your cane or your dog, not instead"));
     assert_eq!(browser.eval(&phone, is_open), true);
     accessible(&mut browser, &phone, "what to mind");
     browser.picture(&phone, &folder.join("phone-mind.png"));
