@@ -517,7 +517,7 @@ page-route-elsewhere = { page-route }, of another map
 page-guiding = { $facing ->
     [home] facing home
     [back] camera facing back
-   *[backwards] walking backwards
+   *[backwards] going backwards
 }, { page-guide-state }, { $along } of { $length }
 page-guide-state = { $state ->
     [turning] turning
