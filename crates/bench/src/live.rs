@@ -291,7 +291,7 @@ impl Observer for Stopwatch {
             }
             n if n == round + 1 && at >= half => {
                 self.asked += 1;
-                Ask::parse("guide back").into_iter().collect()
+                ["stop", "guide back"].into_iter().filter_map(|line| Ask::parse(line).ok()).collect()
             }
             _ => Vec::new(),
         }

@@ -220,6 +220,8 @@ pub enum CueKind {
     Waypoint,
     /// On course (sound only).
     OnCourse,
+    /// The walker turns as he was told (sound only). What is left of the turn, radians, positive left.
+    Turning(f64),
     /// Back on the path (sound only).
     BackOnPath,
     /// The end was passed: stop, and turn to it.
@@ -238,6 +240,13 @@ pub enum CueKind {
     Stop(StopReason),
 }
 
+impl CueKind {
+    /// Whether it is heard as a sound alone.
+    pub fn is_sound(&self) -> bool {
+        matches!(self, Self::Waypoint | Self::OnCourse | Self::Turning(_) | Self::BackOnPath)
+    }
+}
+
 /// A short synthesised sound that goes with the words or replaces them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Earcon {
@@ -247,6 +256,8 @@ pub enum Earcon {
     OffCourse,
     /// A turn.
     Turn,
+    /// A turn under way: the less is left of it, the higher.
+    Turning,
     /// A waypoint was passed.
     Waypoint,
     /// The end.
@@ -295,25 +306,15 @@ impl Cue {
             | Stopped { .. }
             | SlowDown
             | Weak => Priority::Normal,
-            Progress(_) | Waypoint | OnCourse | BackOnPath => Priority::Low,
+            Progress(_) | Waypoint | OnCourse | Turning(_) | BackOnPath => Priority::Low,
         }
     }
 
     /// Whether it tells the walker where to go, from a pose. Stops, warnings and the search for a lost place do not.
     pub fn is_direction(&self) -> bool {
         use CueKind::*;
-        !matches!(
-            self.kind,
-            Stop(_)
-                | LookRound(_)
-                | Arrived
-                | CheckBehind
-                | SlowDown
-                | Weak
-                | Waypoint
-                | OnCourse
-                | BackOnPath
-        )
+        !self.kind.is_sound()
+            && !matches!(self.kind, Stop(_) | LookRound(_) | Arrived | CheckBehind | SlowDown | Weak)
     }
 
     /// The earcon that goes with it, if any.
@@ -321,6 +322,7 @@ impl Cue {
         use CueKind::*;
         match self.kind {
             OnCourse | BackOnPath => Some(Earcon::OnCourse),
+            Turning(_) => Some(Earcon::Turning),
             OffPath { .. } | WrongWay(_) | Step(_) => Some(Earcon::OffCourse),
             TurnNow { .. } | Rotate(_) | Correction(First::Turn(_)) | Around(_) | EndMissed { .. } => {
                 Some(Earcon::Turn)

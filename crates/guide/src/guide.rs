@@ -10,7 +10,7 @@
 
 use crate::config::GuideConfig;
 use crate::correction::Corrections;
-use crate::cue::{AT_START_M, Cue, CueKind, First, Step, StopReason};
+use crate::cue::{AT_START_M, Cue, CueKind, First, Step, StopReason, UpcomingManeuver};
 use crate::facing::{Facing, Heading};
 use crate::follow::{Follower, Now, Phase, Turning};
 use crate::free_way::FreeWay;
@@ -151,6 +151,7 @@ impl Guide {
     /// walker, in the odometry frame. The walker keeps his distance to the end.
     pub fn correct_route(&mut self, plan: ManeuverPlan, moved: &Se3, now: Stamp) {
         let is_halted = self.stops.reason().is_some();
+        self.stops.route_lengthens(plan.length() - self.follower.plan.length());
         self.corrections.correct(&mut self.follower, &self.ground, plan, moved, now, is_halted);
     }
 
@@ -204,6 +205,12 @@ impl Guide {
     /// Metres along the route from the last good pose to the next thing to do: a maneuver or the end. `None` before the first.
     pub fn metres_to_next(&self) -> Option<f64> {
         Some(self.follower.next_at_m() - self.last_match?.along_m)
+    }
+
+    /// What comes next on the route from the last good pose. `None` before the first.
+    pub fn ahead(&self) -> Option<UpcomingManeuver> {
+        let at = self.last_match?;
+        Some(self.follower.ahead_of(at.along_m))
     }
 
     /// Where the walker is led now: the next point of the route to go to, never past the next turn, and metres along the

@@ -31,6 +31,7 @@ mod stops;
 mod store;
 mod to_and_fro;
 mod tracks;
+mod where_words;
 
 pub use anchor::Anchor;
 pub use announcer::{Announcer, AnnouncerConfig, Utterance, WORDS_PER_MINUTE, speaking_time};

@@ -134,7 +134,7 @@ impl PhraseConfig {
                 after("guide-stop", self.obstacle(&obstacle))
             }
             CueKind::Stop(reason) => after("guide-stop", reason_words(reason, cue.facing, self.language)),
-            CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => return None,
+            CueKind::Waypoint | CueKind::OnCourse | CueKind::Turning(_) | CueKind::BackOnPath => return None,
         })
     }
 
@@ -196,17 +196,19 @@ impl PhraseConfig {
 
     fn start(&self, total_m: f64, left_m: f64, first: &First, facing: Facing) -> String {
         let joins = total_m - left_m > AT_START_M;
-        let mut sentences = vec![match joins {
+        let length = match joins {
             true => self.measured(["guide-join", "guide-join-unmeasured"], left_m, &[]),
             false => self.measured(["guide-start", "guide-start-unmeasured"], total_m, &[]),
-        }];
+        };
+        let first = self.first(first, facing == Facing::Backwards);
+        // What to do comes first, but for the warning of whoever is to go backwards.
         match facing {
-            Facing::Home => {}
-            Facing::Back => sentences.push(self.language.text("guide-start-back")),
-            Facing::Backwards => sentences.push(self.language.text("guide-start-backwards")),
+            Facing::Home => format!("{first} {length}"),
+            Facing::Back => format!("{first} {length} {}", self.language.text("guide-start-back")),
+            Facing::Backwards => {
+                format!("{} {first} {length}", self.language.text("guide-start-backwards"))
+            }
         }
-        sentences.push(self.first(first, facing == Facing::Backwards));
-        sentences.join(" ")
     }
 
     /// What to do first.
@@ -309,7 +311,7 @@ impl PhraseConfig {
         }
     }
 
-    fn approach(&self, ahead: &UpcomingManeuver, back: bool) -> String {
+    pub(crate) fn approach(&self, ahead: &UpcomingManeuver, back: bool) -> String {
         if ahead.next == Next::End {
             let ids = ["guide-approach-end", "guide-approach-end-unmeasured"];
             return self.measured(ids, ahead.distance_m, &[]);
@@ -354,7 +356,7 @@ impl PhraseConfig {
 
     /// Where something lies: "to your left". A walker moving backwards has the course behind him: ahead on the course
     /// is behind the chest.
-    fn place(&self, bearing_rad: f64, back: bool) -> String {
+    pub(crate) fn place(&self, bearing_rad: f64, back: bool) -> String {
         if self.directions == DirectionStyle::Clock && !back {
             return self.language.say("guide-place-clock", &[("hour", clock_hour(bearing_rad).into())]);
         }

@@ -103,6 +103,12 @@ impl Stops {
         self.to_and_fro.begin_segment();
     }
 
+    /// A correction makes the route longer by so many metres, and leaves the walker as far from its end as he was: what is behind
+    /// him has another length, and he has not walked it.
+    pub(crate) fn route_lengthens(&mut self, metres: f64) {
+        self.to_and_fro.shift(metres);
+    }
+
     /// Why directions do not help at this place, metres along the route: tracking would only be lost again, or the walker led to
     /// and fro.
     pub(crate) fn final_at(&self, along_m: f64, now: Stamp) -> Option<StopReason> {

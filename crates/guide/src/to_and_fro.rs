@@ -73,6 +73,14 @@ impl ToAndFro {
         }
     }
 
+    /// The same places are farther along the route by so many metres from now on: a correction has changed its length.
+    pub fn shift(&mut self, metres: f64) {
+        if let Some(since) = &mut self.since {
+            since.along_m += metres;
+            since.turn_m += metres;
+        }
+    }
+
     /// The poses from now on have nothing to do with those before.
     pub fn begin_segment(&mut self) {
         self.since = None;
@@ -110,6 +118,24 @@ mod tests {
         assert!(!after(&[8.0, -4.0, 4.0, -4.0, 12.0]), "two mistakes, then on");
         assert!(!after(&[30.0, -15.0, 30.0]), "a long way back, once");
         assert!(!after(&[5.0, -3.0, 6.0, -3.0, 6.0, -3.0, 6.0, -3.0, 6.0, -3.0, 6.0]), "each time farther");
+    }
+
+    /// A route of which the length settles behind the walker, as a map does whose scale becomes known: along it he jumps back and
+    /// forth, and is exactly on it all the time.
+    #[test]
+    fn a_route_that_changes_its_length_behind_the_walker_leads_nobody_to_and_fro() {
+        let (mut watch, mut along) = (ToAndFro::default(), 20.0);
+        for n in 0..600 {
+            let t = 0.1 * f64::from(n);
+            along += 0.05;
+            if n % 60 == 59 {
+                let longer = if n % 120 == 59 { -4.0 } else { 1.5 };
+                along += longer;
+                watch.shift(longer);
+            }
+            watch.step(Stamp::from_seconds(t), along, Vec2::new(0.05 * f64::from(n), 0.0));
+            assert!(!watch.is_final_at(along, Stamp::from_seconds(t)), "after {t} s");
+        }
     }
 
     #[test]

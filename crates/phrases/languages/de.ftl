@@ -101,13 +101,13 @@ guide-sentence = { CAPITAL($clause) }.
 guide-go = { CAPITAL($go) }, dann { $next }{ $after }.
 guide-go-end = { CAPITAL($go) } bis zum Ziel.
 guide-start = Die Route ist { distance } lang.
-guide-start-unmeasured = Die Führung beginnt. Entfernungen kann ich nicht messen.
+guide-start-unmeasured = Ich kann keine Entfernungen messen.
 guide-start-back = Die Kamera schaut nach hinten.
-guide-start-backwards = Vorsicht, jetzt geht es rückwärts. Langsam gehen, und nur auf ebenem Boden.
+guide-start-backwards = Vorsicht, Sie gehen jetzt rückwärts. Gehen Sie langsam und nur auf ebenem Boden.
 guide-join = Auf der Route, noch { distance }.
 guide-join-unmeasured = Auf der Route. Ich kann keine Entfernungen messen.
-guide-away = Die Route ist { distance } entfernt, { $place }. Den Boden dazwischen kenne ich nicht. Bitte dorthin gehen, dann führe ich.
-guide-away-unmeasured = Die Route ist { $place }. Den Boden dazwischen kenne ich nicht. Bitte dorthin gehen, dann führe ich.
+guide-away = Die Route ist { distance } entfernt, { $place }. Den Boden dazwischen kenne ich nicht. Bitten Sie jemanden, Sie hinzubringen.
+guide-away-unmeasured = Die Route ist { $place }. Den Boden dazwischen kenne ich nicht. Bitten Sie jemanden, Sie hinzubringen.
 guide-note = { CAPITAL($text) }.
 guide-note-at = { CAPITAL($text) } { $place ->
     [left] links
@@ -153,7 +153,7 @@ guide-off-path-place = Neben der Route. Sie liegt { distance } entfernt, { $plac
 guide-off-path-place-unmeasured = Neben der Route. Sie liegt { $place }.
 guide-wrong-way = Falsche Richtung. { CAPITAL($turn) }.
 guide-on-path = Sie sind auf der Route.
-guide-check-behind = Nach hinten prüfen.
+guide-check-behind = Tasten Sie mit dem Stock nach hinten.
 guide-step-aside = Halt. Einen Schritt zurück und nach { $side ->
     [left] links
    *[right] rechts
@@ -184,12 +184,12 @@ stop-scale = Hier kann ich Entfernungen nicht beurteilen.{ $camera ->
     [ahead] {" "}Es hilft, zurückzudrehen und rückwärts zu gehen, oder die Kamera nach hinten schauen zu lassen.
    *[back] {""}
 }
-stop-relocalise = Hier verliere ich den Ort immer wieder und kann nicht weiter führen.{ $camera ->
-    [ahead] {" "}Es hilft, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
+stop-relocalise = Hier weiß ich immer wieder nicht, wo wir sind, und kann Sie nicht weiter führen. Bitten Sie jemanden, Sie ein paar Meter weiter zu bringen.{ $camera ->
+    [ahead] {" "}Es hilft auch, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
    *[back] {""}
 }
-stop-to-and-fro = Hier führe ich Sie nur hin und her und kann nicht weiter führen.{ $camera ->
-    [ahead] {" "}Es hilft, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
+stop-to-and-fro = Hier führe ich Sie nur hin und her und kann Sie nicht weiter führen. Bitten Sie jemanden, Sie ein paar Meter weiter zu bringen.{ $camera ->
+    [ahead] {" "}Es hilft auch, rückwärts zu gehen oder die Kamera nach hinten schauen zu lassen.
    *[back] {""}
 }
 stop-stage-died = Ein Teil der Führung arbeitet nicht mehr.
@@ -209,7 +209,6 @@ ready-camera-back = Mit der Kamera nach hinten sollte ich sie wiedererkennen.
 ## Answers and news of a walk
 
 walk-recording = Aufnahme läuft.
-walk-recording-lens-unknown = Aufnahme läuft. Ich kenne die Kamera dieses Telefons noch nicht, Entfernungen können um ein Drittel falsch sein.
 walk-recording-unmeasured = Aufnahme läuft. Entfernungen kann ich noch nicht messen.
 walk-recording-in-memory = Aufnahme nur im Speicher, weil die Datei nicht geschrieben werden kann: { $file }: { $why }.
 walk-already-recording = Die Aufnahme läuft schon.
@@ -218,7 +217,7 @@ walk-recorded = Aufnahme beendet, { distance }.
 walk-recorded-unmeasured = Aufnahme beendet.
 walk-nothing-recorded = Aufnahme beendet. Es wurde nichts aufgenommen.
 walk-file-incomplete = Aufnahme beendet, aber die Datei ist unvollständig: { $why }. Die Route bleibt im Speicher.
-walk-no-route = Es gibt noch keine Route. Erst eine aufnehmen oder laden.
+walk-no-route = Es gibt noch keine Route. Nehmen Sie erst eine auf, oder laden Sie eine.
 walk-no-saved-route = Es gibt keine aufgenommene Route zum Laden.
 walk-routes-none = Es gibt keine aufgenommene Route.
 walk-routes = { $count ->
@@ -243,40 +242,42 @@ walk-with-notes = { $count ->
     [one] mit einer Notiz
    *[other] mit { $count } Notizen
 }
-walk-route-lens-unknown = aufgenommen, bevor ich die Kamera kannte, Entfernungen können um ein Drittel falsch sein
+walk-route-lens-unknown = aufgenommen, bevor ich dieses Telefon kannte
 walk-route-loaded = { $route }. Geladen.
-walk-route-loaded-elsewhere = { $route }. Geladen, aber ich kann darauf nicht führen: { $why }.
+walk-route-loaded-elsewhere = { $route }. Geladen, aber ich kann Sie darauf nicht führen: { $why }.
 walk-why-other-map = sie wurde mit einer anderen Kamera oder auf einer anderen Karte aufgenommen
+walk-why-guessed = ich kannte dieses Telefon noch nicht, als sie aufgenommen wurde. Bitte nehmen Sie sie noch einmal auf
 walk-why-damaged = ihre Datei ist beschädigt
 walk-unknown-route = Es gibt keine Route { $number }.
-walk-no-route-at-hand = Es ist keine Route geladen. Bitte die Nummer sagen.
-walk-renamed = { $route }. Der Name ist gespeichert.
+walk-no-route-at-hand = Es ist keine Route geladen. Laden Sie erst eine.
+walk-renamed = Neuer Name: { $route }.
 walk-name-empty = Der Name ist leer.
 walk-name-long = Der Name ist zu lang.
 walk-name-unsayable = Der Name hat Zeichen, die man nicht sprechen kann.
 walk-rename-failed = Die Route lässt sich nicht benennen: { $why }.
-walk-ask-delete = Soll ich diese Route löschen? { $route }. Bitte mit Ja oder Nein antworten.
+walk-ask-delete = Soll ich diese Route löschen? { $route }. Antworten Sie mit Ja oder Nein.
 walk-deleted = { $route }: gelöscht.
 walk-delete-failed = Die Route lässt sich nicht löschen: { $why }.
 walk-nothing-deleted = Es wurde nichts gelöscht.
 walk-no-question = Es ist keine Frage offen.
-walk-being-recorded = Diese Route wird gerade aufgenommen. Bitte erst die Aufnahme beenden.
-walk-halt-first = Die Führung läuft. Bitte erst anhalten.
-walk-note-no-recording = Notizen gehören zu einer Route. Bitte erst die Aufnahme beginnen.
-walk-note-no-place = Ich weiß nicht, wo wir sind. Bitte die Notiz gleich noch einmal versuchen.
+walk-being-recorded = Diese Route wird gerade aufgenommen. Beenden Sie erst die Aufnahme.
+walk-stop-first = Ich nehme gerade auf. Beenden Sie erst die Aufnahme.
+walk-halt-first = Die Führung läuft. Beenden Sie sie zuerst.
+walk-note-no-recording = Notizen gehören zu einer Route. Beginnen Sie erst die Aufnahme.
+walk-note-no-place = Ich weiß nicht, wo wir sind. Versuchen Sie die Notiz gleich noch einmal.
 walk-note-too-many = Diese Route hat zu viele Notizen.
 walk-note-too-long = Diese Notiz ist zu lang.
-walk-marked = Der Ort ist gemerkt. Nun bitte sagen, was hier ist.
+walk-marked = Der Ort ist gemerkt. Schreiben Sie, was hier ist.
 walk-noted = Notiert: { $text }.
 walk-noted-side = Notiert: { $text } { $side ->
     [left] links
    *[right] rechts
 }.
 walk-landmark = Orientierungspunkt
-walk-searching = Diesen Ort erkenne ich noch nicht. Bitte langsam auf der Stelle drehen oder näher zur Route gehen.
+walk-searching = Diesen Ort erkenne ich noch nicht. Drehen Sie sich langsam auf der Stelle, oder gehen Sie näher zur Route.
 walk-map-not-saved = Die Karte lässt sich nicht speichern: { $why }. Die Routen von heute gelten, bis ich ausgeschaltet werde.
 walk-map-saved = Die Karte wird wieder gespeichert.
-walk-library-full = Aufnahme nur im Speicher, weil für weitere Routen kein Platz ist. Bitte erst einige löschen.
+walk-library-full = Aufnahme nur im Speicher, weil für weitere Routen kein Platz ist. Löschen Sie erst einige.
 walk-route-unreadable = Die Route ist nicht lesbar: { $why }.
 walk-route-empty = Diese Route ist leer.
 walk-other-map = Diese Route gehört zu einer Karte, die nicht geladen ist.
@@ -298,9 +299,11 @@ walk-way-other-map = Ich kenne den Weg zu { $place } nicht: Noch kein Weg hat de
 walk-way-far = Sie sind zu weit von den aufgezeichneten Wegen entfernt, um zu { $place } geführt zu werden.
 walk-way-not-joined = Ich kenne den Weg zu { $place } nicht: Kein aufgezeichneter Weg führt von hier dorthin.
 walk-way-there = Sie sind schon dort.
-walk-route-too-short = Ich kann nicht führen: Die Route ist zu kurz.
-walk-stairs-backwards = Ich kann nicht führen: Die Route hat Treppen und darf nicht rückwärts gegangen werden.
-walk-route-damaged = Ich kann nicht führen: Die Route ist beschädigt.
+walk-route-too-short = Ich kann Sie nicht führen: Die Route ist zu kurz.
+walk-stairs-backwards = Ich kann Sie nicht führen: Die Route hat Treppen, und die sind nichts zum Rückwärtsgehen.
+walk-route-guessed = Ich kann Sie nicht führen: Als diese Route aufgenommen wurde, kannte ich dieses Telefon noch nicht gut genug. Bitte nehmen Sie diese Route noch einmal auf.
+walk-route-damaged = Ich kann Sie nicht führen: Die Route ist beschädigt.
+walk-guidance-begins = Die Führung beginnt.
 walk-guidance-ended = Führung beendet.
 walk-not-guiding = Es läuft keine Führung.
 walk-goodbye = Auf Wiedersehen.
@@ -308,19 +311,23 @@ walk-nothing-to-repeat = Ich habe noch nichts gesagt.
 walk-in-memory = im Speicher
 walk-set = Erledigt.
 walk-picture-back = Das Bild ist wieder da.
-walk-no-picture = Von der Kamera kommt kein Bild. Bitte stehen bleiben.
-walk-mapping-failed = Halt. Die Karte ist ausgefallen. Die Aufnahme sichern und neu beginnen.
+walk-no-picture = Von der Kamera kommt kein Bild. Bleiben Sie stehen.
+walk-mapping-failed = Halt. Die Karte ist ausgefallen. Sichern Sie die Aufnahme, und beginnen Sie neu.
 walk-tracking-failed = Ein Fehler des Programms hat die Ortung beendet.
-walk-tracking-restarts = Die Ortung beginnt neu. Bitte stehen bleiben.
+walk-tracking-restarts = Die Ortung beginnt neu. Bleiben Sie stehen.
 walk-distances-known = Jetzt kann ich Entfernungen messen.
-walk-lens-unknown = Ich kenne die Kamera dieses Telefons noch nicht, Entfernungen können um ein Drittel falsch sein. Gehen Sie ein paar Schritte und drehen Sie sich langsam nach links und nach rechts. Ich sage Ihnen, wenn ich sie kenne.
-walk-lens-known = Ich kenne jetzt die Kamera dieses Telefons. Von hier an stimmen Drehungen und Entfernungen.
-walk-lens-known-later = Ich kenne jetzt die Kamera dieses Telefons. Ab dem nächsten Start stimmen Drehungen und Entfernungen.
+walk-distances-lost = Halt. Die Entfernungen stimmen nicht mehr, die Führung endet. Bitten Sie jemanden um Hilfe, oder gehen Sie zurück, woher Sie kamen.
+walk-learn = Ich muss dieses Telefon erst kennenlernen. Gehen Sie eine halbe Minute umher, und biegen Sie einmal links und einmal rechts ab. Ich sage Ihnen, wenn ich so weit bin.
+walk-learn-move = Gehen Sie erst ein paar Meter. Ich sage Ihnen, wenn ich so weit bin.
+walk-learn-again = Auf dieser Route stimmen die Entfernungen nicht: Ich kenne das Telefon jetzt besser. Bitte nehmen Sie diese Route noch einmal auf. Ich sage Ihnen, wenn ich so weit bin.
+walk-learn-no-motion = Ohne die Bewegungssensoren kann ich dieses Telefon nicht kennenlernen. Erlauben Sie sie im Browser, und laden Sie die Seite neu.
+walk-learning = Ich lerne dieses Telefon kennen. Gehen Sie umher, und biegen Sie links und rechts ab.
+walk-ready = Ich bin so weit. Sie können jetzt eine Route aufnehmen.
 walk-imu-failed = Die Bewegungssensoren antworten nicht. Ich richte mich nach dem Bild.
 walk-imu-back = Die Bewegungssensoren antworten wieder.
 walk-disk-full = Die Festplatte ist voll. Die Route bleibt im Speicher.
 walk-disk-again = Die Route ist wieder auf der Festplatte.
-walk-lost = Ich weiß nicht, wo wir sind. Bitte stehen bleiben oder ein Stück zurückdrehen. Die Aufnahme pausiert.
+walk-lost = Ich weiß nicht, wo wir sind. Bleiben Sie stehen, oder drehen Sie sich ein Stück zurück. Die Aufnahme pausiert.
 walk-age = Das Bild ist { $seconds } Sekunden alt.
 walk-age-too-old = Das Bild ist { $seconds } Sekunden alt, zu alt zum Führen.
 walk-age-unknown = Ich weiß nicht, wie alt das Bild ist.
@@ -335,23 +342,20 @@ phase-loading = Ich bereite mich vor.
 phase-first-image = Ich warte auf das erste Bild der Kamera.
 phase-no-image = Von der Kamera kommt kein Bild.
 phase-no-imu = Der Bewegungssensor antwortet nicht.
-phase-points = Ich fange an: { $have } von { $need } Punkten gefunden. Die Kamera seitwärts bewegen.
-phase-parallax = Ich fange an: genug Punkte gefunden. Die Kamera seitwärts bewegen.
-phase-unmeasured-move = Ich weiß, wo wir sind, aber nicht, wie weit alles weg ist: die Kamera vor und zurück sowie auf und ab bewegen.
-phase-unmeasured = Ich weiß, wo wir sind, kann aber noch keine Entfernungen messen.
-phase-tracking = Ich weiß, wo wir sind.
-phase-coasting = Ich folge nur dem Bewegungs- oder Tiefensensor.
-phase-coasting-since = Ich folge nur dem Bewegungs- oder Tiefensensor, seit { $seconds } s, auf { $metres } m genau.
-phase-rotation = Ich kann nur Drehungen der Kamera folgen, seit { $seconds } s. Weitergehen, damit ich weiß, wo wir sind.
+phase-points = Ich fange an. Bewegen Sie die Kamera seitwärts.
+phase-unmeasured-move = Ich sehe gut, aber nicht, wie weit alles weg ist. Bewegen Sie die Kamera vor und zurück sowie auf und ab.
+phase-unmeasured = Ich sehe gut, kann aber noch keine Entfernungen messen.
+phase-tracking = Ich sehe gut.
+phase-coasting = Ich sehe nicht gut und folge den anderen Sensoren.
+phase-rotation = Ich kann nur Drehungen der Kamera folgen. Gehen Sie weiter, damit ich weiß, wo wir sind.
 phase-lost = Ich weiß nicht, wo wir sind.
-phase-lost-matches = Ich weiß nicht, wo wir sind: { $have } von { $need } Treffern.
 phase-new-map = Ich wusste nicht, wo wir sind, und habe eine neue Karte begonnen. Die alte bleibt erhalten.
 phase-error = Etwas stimmt nicht.
 phase-error-why = Etwas stimmt nicht: { $why }.
 
 ## What is waited for
 
-wait-points = Punkte für den Anfang einer Karte ({ $have } von { $need })
+wait-points = mehr, was zu sehen ist, um eine Karte anzufangen
 wait-parallax = eine Seitwärtsbewegung der Kamera
 wait-imu = einen Messwert des Bewegungssensors
 wait-first-try = mehr Weg, um Entfernungen zu messen
@@ -361,7 +365,7 @@ wait-baseline = einen längeren Weg, um Entfernungen zu messen
 wait-precision = eine bessere Messung der Entfernungen
 wait-matches = etwas, das schon zu sehen war
 wait-translation = einen Schritt zur Seite oder nach vorn
-wait-place = einen Ort, den ich kenne ({ $have } von { $need } Treffern)
+wait-place = einen Ort, den ich kenne
 
 ## Keys and commands
 
@@ -373,12 +377,12 @@ key-delete = geladene Route löschen
 key-yes = ja
 key-no = nein
 key-load = die letzte Route laden
-key-guide = heimführen
+key-guide = nach Hause führen
 key-take-me = sagen, wohin ich geführt werden kann
 key-backwards = rückwärts führen
 key-halt = Führung beenden
 key-repeat = noch einmal sagen
-key-status = den Zustand sagen
+key-status = sagen, wo ich bin
 key-quit = beenden
 key-lines = als Zeilen auch: { $lines }
 
@@ -386,7 +390,7 @@ key-lines = als Zeilen auch: { $lines }
 
 page-skip = Zu den Befehlen
 page-now = Jetzt
-page-words = Zuletzt gesagt
+page-words = Was ich gesagt habe
 page-commands = Befehle
 page-state = Zustand
 page-pictures = Bilder
@@ -401,9 +405,9 @@ page-take-over = Steuerung übernehmen
 page-start-camera = Kamera einschalten
 page-record = Aufnehmen
 page-stop = Aufnahme beenden
-page-guide-home = Heimführen
-page-guide-back = Heimführen, Kamera nach hinten
-page-guide-backwards = Rückwärts gehen
+page-guide-home = Nach Hause führen
+page-guide-back = Nach Hause führen, Kamera nach hinten
+page-guide-backwards = Rückwärts führen
 page-halt = Führung beenden
 page-load = Die letzte Route laden
 page-guide-again = Vom Anfang zum Ende führen
@@ -425,7 +429,7 @@ page-notes-count = { $count ->
     [one] { $count } Notiz.
    *[other] { $count } Notizen.
 }
-page-why-not = Kann nicht gegangen werden: { $why }.
+page-why-not = Ich kann Sie darauf nicht führen: { $why }.
 page-wait-picture = Auf das Bild warten
 page-note = Orientierungspunkt notieren
 page-anew = Neue Route aufnehmen
@@ -445,29 +449,41 @@ page-delete-no = Nein, behalten
 page-delete-yes = Ja, löschen
 page-map-not-saved = { $map }; nicht gespeichert: { $why }
 page-repeat = Noch einmal sagen
-page-status = Den Zustand sagen
-page-done = Erledigt: { $text }
-page-not-done = Nicht erledigt: { $text }
-page-warning = Warnung: { $text }
-page-camera-refused = Die Kamera ist nicht verfügbar ({ $why }). Im Browser erlauben und noch einmal versuchen.
+page-status = Wo bin ich?
+page-camera-refused = Ich darf die Kamera nicht benutzen. Erlauben Sie sie für diese Seite in den Einstellungen des Browsers, und drücken Sie dann Kamera einschalten.
+page-camera-missing = Ich finde an diesem Gerät keine Kamera. Öffnen Sie die Seite auf einem Telefon.
+page-camera-busy = Ein anderes Programm benutzt die Kamera. Schließen Sie es, und drücken Sie dann Kamera einschalten.
+page-camera-failed = Die Kamera geht nicht an. Laden Sie die Seite neu, und drücken Sie dann Kamera einschalten.
+page-camera-off = Die Kamera ist aus. Drücken Sie Kamera einschalten.
 page-terminal-only = Das geht nur am Terminal.
 page-no-picture-yet = Es gibt noch kein Bild.
-page-wrong-key = Der Schlüssel ist falsch. Die Seite mit dem Code vom Terminal öffnen.
-page-missing-key = Der Schlüssel fehlt: Die Seite mit dem Code oder der Adresse vom Terminal öffnen.
+page-wrong-key = Der Schlüssel dieser Seite ist falsch. Öffnen Sie die Seite mit dem Code oder der Adresse, die der Computer zeigt.
+page-missing-key = Der Schlüssel dieser Seite fehlt. Öffnen Sie die Seite mit dem Code oder der Adresse, die der Computer zeigt.
 page-walk-ended = Die Sitzung ist beendet.
+
+## The page: what to mind, in five sentences for the ear
+
+page-before-title = Bevor Sie anfangen
+page-before-aid = Ich helfe neben Ihrem Stock oder Ihrem Hund, nicht an deren Stelle.
+page-before-streets = Ich bin nicht für Straßen gedacht.
+page-before-obstacles = Ohne Tiefenkamera sehe ich keine Hindernisse und keine Stufen, und ein Telefon hat hier keine.
+page-before-untried = Blinde Menschen haben mich noch nicht mit echten Telefonen ausprobiert.
+page-before-pictures = Ihre Bilder bleiben hier, auf Ihren eigenen Geräten.
+page-before-say = Noch einmal sagen
+page-before-heard = Ich habe das gehört
 
 ## The page: who holds the walk
 
-page-controls = Dieses Gerät steuert die Sitzung.
-page-controls-now = Dieses Gerät steuert jetzt die Sitzung.
-page-free-camera = Niemand steuert diese Sitzung. Zum Anfangen die Kamera einschalten.
-page-free = Niemand steuert diese Sitzung. Der erste Befehl übernimmt sie.
-page-away = Das Gerät, das diese Sitzung steuert, ist weg; die Sitzung wartet darauf.
-page-watching = Ein anderes Gerät steuert diese Sitzung; dieses schaut zu.
-page-other-holds = Ein anderes Gerät steuert diese Sitzung.
+page-controls = Dieses Gerät steuert.
+page-controls-now = Dieses Gerät steuert jetzt.
+page-free-camera = Bereit. Schalten Sie zum Anfangen die Kamera ein.
+page-free = Bereit. Der erste Befehl übernimmt die Steuerung.
+page-away = Das Gerät, das steuert, ist weg. Ich warte darauf.
+page-watching = Ein anderes Gerät steuert. Sie schauen zu.
+page-other-holds = Ein anderes Gerät steuert.
 page-taken-over = Halt. Ein anderes Gerät hat die Steuerung übernommen.
 page-ask-title = Steuerung übernehmen?
-page-ask = Ein anderes Gerät steuert sie. Nach dem Übernehmen führt jenes nicht mehr, und seine Kamera wird nicht mehr benutzt.
+page-ask = Ein anderes Gerät steuert. Wenn Sie übernehmen, führt es nicht mehr, und seine Kamera wird nicht mehr benutzt.
 page-leave = Nicht übernehmen
 page-over = Übernehmen
 
@@ -502,35 +518,15 @@ page-map-label = Karte
 page-time-label = Zeit
 page-not-started = noch nicht begonnen
 page-unknown-offline = ohne Verbindung nicht bekannt
-page-frames = { $tracked } von { $frames ->
-    [one] { $frames } Bild
-   *[other] { $frames } Bildern
-}; { $matches } Treffer.
 page-waits = { $phase }, wartet auf { $waits }
 page-not-used = nicht benutzt
-page-imu = { $readings ->
-    [one] { $readings } Messwert
-   *[other] { $readings } Messwerte
-} je Bild, { $interpolated } interpoliert, { $gaps ->
-    [one] { $gaps } Lücke
-   *[other] { $gaps } Lücken
-}
-page-imu-unaligned = Maßstab und Schwerkraft nicht bekannt, { page-imu }
-page-recorded = { $points ->
-    [one] { $points } Punkt
-   *[other] { $points } Punkte
-}, { $length } Meter, { $file }
-page-recorded-units = { $points ->
-    [one] { $points } Punkt
-   *[other] { $points } Punkte
-}, { $length } Einheiten, { $file }
+page-imu = arbeitet
+page-recorded = { $length } Meter, { $file }
+page-recorded-units = Länge nicht bekannt, { $file }
 page-not-on-disk = { $recorded }; nicht auf der Festplatte: { $why }
 page-no = nein
 page-none = keine
-page-route = { $file }, { $points ->
-    [one] { $points } Punkt
-   *[other] { $points } Punkte
-}
+page-route = { $file }
 page-route-elsewhere = { page-route }, von einer anderen Karte
 page-guiding = { $facing ->
     [home] vorwärts
@@ -557,18 +553,18 @@ page-map-size = { $places ->
    *[other] { $points } Landmarken
 }
 page-map-empty = leer
-page-time = { $clock }, { $ms } ms je Bild, { $dropped } ausgelassen
+page-time = { $clock }
 
 ## The page: pictures
 
 page-own-label = Was diese Kamera sieht
 page-own-caption = Diese Kamera.
-page-picture-label = Das Bild, nach dem geführt wird, mit den Merkmalen darin
-page-picture-caption = Das Bild, nach dem geführt wird; die Punkte sind Merkmale.
+page-picture-label = Was die führende Kamera sieht, mit Punkten auf dem, was ich wiedererkenne
+page-picture-caption = Was die führende Kamera sieht; die Punkte sind, was ich wiedererkenne.
 page-map-role = Karte in drei Dimensionen
 page-map-title = Karte und Route
 page-map-help = Pfeiltasten drehen die Ansicht, mit Umschalt verschieben sie sie; mit W, A, S und D geht man, mit Q und E ab- und aufwärts, Plus und Minus ändern ihre Größe, 0 zeigt alles.
-page-map-follow = Dem Gehenden folgen
+page-map-follow = Der Kamera folgen
 page-map-colour = Farben
 page-map-height = nach Höhe
 page-map-age = nach Alter
@@ -586,7 +582,7 @@ page-map-path = Weg der Kamera
 page-map-recorded = aufgenommene Route
 page-map-plan = bereinigte Route
 page-map-loops = wiedererkannte Orte
-page-map-eye = Gehender
+page-map-eye = Kamera
 page-map-bar = { $length } m
 page-map-bar-units = { $length }
 page-map-grid = Ein Quadrat des Gitters ist { $length } m breit.
@@ -661,13 +657,13 @@ page-trust-slow = Auf dem langsameren Weg verbunden: Der Browser verweigert den 
 page-trust-how = { page-trust-slow } Unten steht unter Diesem Computer vertrauen, was zu tun ist.
 page-trust-say = Diese Schritte vorlesen
 page-trust-ios = iPhone und iPad:
-page-trust-ios-get = Das Profil mit Safari laden und Zulassen wählen.
-page-trust-ios-install = Einstellungen öffnen, Profil geladen wählen und installieren.
-page-trust-ios-on = In den Einstellungen Allgemein, Info, Zertifikatsvertrauenseinstellungen öffnen und { $name } einschalten.
+page-trust-ios-get = Laden Sie das Profil mit Safari, und wählen Sie Zulassen.
+page-trust-ios-install = Öffnen Sie die Einstellungen, wählen Sie Profil geladen, und installieren Sie es.
+page-trust-ios-on = Öffnen Sie in den Einstellungen Allgemein, Info, Zertifikatsvertrauenseinstellungen, und schalten Sie { $name } ein.
 page-trust-android = Android:
-page-trust-android-get = Das Zertifikat laden.
-page-trust-android-install = Einstellungen öffnen, nach „CA-Zertifikat“ suchen, Trotzdem installieren wählen und die Datei wählen.
-page-trust-open = Die Seite noch einmal öffnen.
+page-trust-android-get = Laden Sie das Zertifikat.
+page-trust-android-install = Öffnen Sie die Einstellungen, suchen Sie nach „CA-Zertifikat“, wählen Sie Trotzdem installieren, und wählen Sie die Datei.
+page-trust-open = Öffnen Sie die Seite noch einmal.
 page-trust-profile = Profil laden
 page-trust-certificate = Zertifikat laden
 page-trust-compare = Vor dem Vertrauen vergleichen: Die Details von { $name } auf dem Telefon und das Terminal des Computers müssen denselben SHA-256-Fingerabdruck zeigen, { $fingerprint }.

@@ -87,13 +87,13 @@ guide-sentence = { CAPITAL($clause) }.
 guide-go = { CAPITAL($go) }, then { $next }{ $after }.
 guide-go-end = { CAPITAL($go) } to the end.
 guide-start = The route is { distance } long.
-guide-start-unmeasured = Guidance starts. I cannot measure distances.
+guide-start-unmeasured = I cannot measure distances.
 guide-start-back = The camera faces behind you.
 guide-start-backwards = Caution, you will move backwards. Go slowly and only on flat ground.
 guide-join = You are on the route, { distance } to go.
 guide-join-unmeasured = You are on the route. I cannot measure distances.
-guide-away = The route is { distance } away, { $place }. I do not know the ground between. Go there, and I will guide you.
-guide-away-unmeasured = The route is { $place }. I do not know the ground between. Go there, and I will guide you.
+guide-away = The route is { distance } away, { $place }. I do not know the ground between. Ask for help to reach it.
+guide-away-unmeasured = The route is { $place }. I do not know the ground between. Ask for help to reach it.
 guide-note = { CAPITAL($text) }.
 guide-note-at = { CAPITAL($text) } { $place ->
     [left] on your left
@@ -139,7 +139,7 @@ guide-off-path-place = Off the path. It is { distance } { $place }.
 guide-off-path-place-unmeasured = Off the path. It is { $place }.
 guide-wrong-way = Wrong way. { CAPITAL($turn) }.
 guide-on-path = You are on the path.
-guide-check-behind = Check behind you.
+guide-check-behind = Feel behind you with the cane.
 guide-step-aside = Stop. Step back and to your { $side ->
     [left] left
    *[right] right
@@ -167,15 +167,15 @@ stop-drop = The ground drops ahead.
 stop-unknown-ground = I cannot see the ground ahead.
 stop-no-way-past = I cannot find a way past it.
 stop-scale = I cannot judge distances here.{ $camera ->
-    [ahead] {" "}It helps to turn back and walk backwards, or to let the camera face back.
+    [ahead] {" "}It helps to turn back and move backwards, or to let the camera face back.
    *[back] {""}
 }
-stop-relocalise = I keep losing my place here and cannot guide you on.{ $camera ->
-    [ahead] {" "}It helps to walk backwards, or to let the camera face back.
+stop-relocalise = I keep losing my place here and cannot guide you on. Ask for help to get a few metres further.{ $camera ->
+    [ahead] {" "}It also helps to move backwards, or to let the camera face back.
    *[back] {""}
 }
-stop-to-and-fro = I keep leading you back and forth here and cannot guide you on.{ $camera ->
-    [ahead] {" "}It helps to walk backwards, or to let the camera face back.
+stop-to-and-fro = I keep leading you back and forth here and cannot guide you on. Ask for help to get a few metres further.{ $camera ->
+    [ahead] {" "}It also helps to move backwards, or to let the camera face back.
    *[back] {""}
 }
 stop-stage-died = Part of the guide has stopped working.
@@ -195,7 +195,6 @@ ready-camera-back = With the camera facing back, I should recognise it.
 ## Answers and news of a walk
 
 walk-recording = Recording.
-walk-recording-lens-unknown = Recording. I do not know the camera of this phone yet, so distances may be wrong by a third.
 walk-recording-unmeasured = Recording. I cannot measure distances yet.
 walk-recording-in-memory = Recording in memory only, because the file cannot be written: { $file }: { $why }.
 walk-already-recording = I am already recording.
@@ -229,14 +228,15 @@ walk-with-notes = { $count ->
     [one] with one note
    *[other] with { $count } notes
 }
-walk-route-lens-unknown = recorded before I knew the camera, so distances may be wrong by a third
+walk-route-lens-unknown = recorded before I knew this phone
 walk-route-loaded = { $route }. Loaded.
 walk-route-loaded-elsewhere = { $route }. Loaded, but I cannot guide along it: { $why }.
 walk-why-other-map = it was recorded with another camera or on another map
+walk-why-guessed = it was recorded before I knew this phone. Please record it again
 walk-why-damaged = its file is damaged
 walk-unknown-route = There is no route { $number }.
-walk-no-route-at-hand = No route is loaded. Say which number.
-walk-renamed = { $route }. The name is kept.
+walk-no-route-at-hand = No route is loaded. Load one first.
+walk-renamed = New name: { $route }.
 walk-name-empty = The name is empty.
 walk-name-long = The name is too long.
 walk-name-unsayable = The name has characters that cannot be spoken.
@@ -247,12 +247,13 @@ walk-delete-failed = The route cannot be deleted: { $why }.
 walk-nothing-deleted = Nothing was deleted.
 walk-no-question = There is no question to answer.
 walk-being-recorded = That route is being recorded. Stop the recording first.
+walk-stop-first = I am recording. Stop the recording first.
 walk-halt-first = Guidance is running. Stop it first.
 walk-note-no-recording = Notes belong to a route. Start recording first.
 walk-note-no-place = I do not know where I am. Try the note again in a moment.
 walk-note-too-many = This route has too many notes.
 walk-note-too-long = That note is too long.
-walk-marked = The place is marked. Now say what is here.
+walk-marked = The place is marked. Type what is here.
 walk-noted = Noted: { $text }.
 walk-noted-side = Noted: { $text } on the { $side ->
     [left] left
@@ -260,7 +261,7 @@ walk-noted-side = Noted: { $text } on the { $side ->
 }.
 walk-landmark = landmark
 walk-searching = I do not recognise this place yet. Turn slowly on the spot, or go nearer to the route.
-walk-map-not-saved = The map cannot be saved: { $why }. Today's routes can be walked until I am switched off.
+walk-map-not-saved = The map cannot be saved: { $why }. Today's routes can be used until I am switched off.
 walk-map-saved = The map is saved again.
 walk-library-full = Recording in memory only, because there is no room for more routes. Delete some first.
 walk-route-unreadable = The route cannot be read: { $why }.
@@ -280,13 +281,15 @@ walk-way-route = route { $number }
 walk-way-going = Going to { $place }, { distance }.
 walk-way-going-unmeasured = Going to { $place }.
 walk-way-ambiguous = I know more than one place called { $place }.
-walk-way-other-map = I do not know the way to { $place }: no walk has joined it to this map yet.
+walk-way-other-map = I do not know the way to { $place }: no recorded route joins it to this map yet.
 walk-way-far = You are too far from the recorded routes to be taken to { $place }.
 walk-way-not-joined = I do not know the way to { $place }: no recorded route leads there from here.
 walk-way-there = You are there already.
 walk-route-too-short = I cannot guide you: the route is too short.
-walk-stairs-backwards = I cannot guide you: the route has stairs, and must not be walked backwards.
+walk-stairs-backwards = I cannot guide you: the route has stairs, and they are not for going backwards.
+walk-route-guessed = I cannot guide you: I did not know this phone well enough when this route was recorded. Please record this route again.
 walk-route-damaged = I cannot guide you: the route is damaged.
+walk-guidance-begins = Guidance begins.
 walk-guidance-ended = Guidance has ended.
 walk-not-guiding = Guidance is not running.
 walk-goodbye = Goodbye.
@@ -299,9 +302,13 @@ walk-mapping-failed = Stop. Mapping has failed. Save the recording and start aga
 walk-tracking-failed = Tracking was stopped by an error of the program.
 walk-tracking-restarts = Tracking is starting again. Stand still.
 walk-distances-known = I can measure distances now.
-walk-lens-unknown = I do not know the camera of this phone yet, so distances may be wrong by a third. Walk a few steps, and turn slowly to the left and to the right. I will tell you when I know it.
-walk-lens-known = I know the camera of this phone now. From here on, turns and distances are right.
-walk-lens-known-later = I know the camera of this phone now. From the next start on, turns and distances are right.
+walk-distances-lost = Stop. I have lost the distances, and guidance ends. Ask someone for help, or go back the way you came.
+walk-learn = Let me learn this phone. Move about for half a minute, turn left once and right once. I tell you when I am ready.
+walk-learn-move = Move a few metres first. I tell you when I am ready.
+walk-learn-again = Distances are wrong on this route: I know this phone better now. Please record this route again. I tell you when I am ready.
+walk-learn-no-motion = I cannot learn this phone without its motion sensors. Allow them in the browser, and load the page again.
+walk-learning = I am learning this phone. Move about, and turn left and right.
+walk-ready = I am ready. You can record a route now.
 walk-imu-failed = The motion sensors do not answer. I go on by sight.
 walk-imu-back = The motion sensors answer again.
 walk-disk-full = The disk is full. The route is kept in memory.
@@ -321,23 +328,20 @@ phase-loading = Getting ready.
 phase-first-image = Waiting for the first camera image.
 phase-no-image = No image from the camera.
 phase-no-imu = The motion sensor is not responding.
-phase-points = Starting up: { $have } of { $need } points found. Move the camera sideways.
-phase-parallax = Starting up: enough points found. Move the camera sideways.
-phase-unmeasured-move = I know where we are, but not how far things are: move the camera back and forth, and up and down.
-phase-unmeasured = I know where we are, but I cannot measure distances yet.
-phase-tracking = I know where we are.
-phase-coasting = I follow by motion or depth sensor only.
-phase-coasting-since = I follow by motion or depth sensor only, for { $seconds } s, to within { $metres } m.
-phase-rotation = I can only follow turns of the camera, for { $seconds } s. Move on, so that I can tell where we are.
+phase-points = Starting up. Move the camera sideways.
+phase-unmeasured-move = I can see well, but not how far things are. Move the camera back and forth, and up and down.
+phase-unmeasured = I can see well, but I cannot measure distances yet.
+phase-tracking = I can see well.
+phase-coasting = I cannot see well, and follow by the other sensors.
+phase-rotation = I can only follow turns of the camera. Move on, so that I can tell where we are.
 phase-lost = I lost my place.
-phase-lost-matches = I lost my place: { $have } of { $need } matches.
 phase-new-map = I lost my place and started a new map. The old one is kept.
 phase-error = Something is wrong.
 phase-error-why = Something is wrong: { $why }.
 
 ## What is waited for, as a part of a list
 
-wait-points = points to start a map ({ $have } of { $need })
+wait-points = more to see, to start a map
 wait-parallax = sideways motion of the camera
 wait-imu = a reading of the motion sensor
 wait-first-try = more of the way, to measure distances
@@ -347,7 +351,7 @@ wait-baseline = a longer way, to measure distances
 wait-precision = a better measurement of distances
 wait-matches = something that was seen before
 wait-translation = a step to the side or forwards
-wait-place = a place that I know ({ $have } of { $need } matches)
+wait-place = a place that I know
 
 ## Keys and commands
 
@@ -364,7 +368,7 @@ key-take-me = say where I can be taken
 key-backwards = guide backwards
 key-halt = stop guidance
 key-repeat = say it again
-key-status = say the status
+key-status = say where I am
 key-quit = quit
 key-lines = with lines also: { $lines }
 
@@ -372,7 +376,7 @@ key-lines = with lines also: { $lines }
 
 page-skip = Skip to the commands
 page-now = Now
-page-words = Last words
+page-words = What I said
 page-commands = Commands
 page-state = State
 page-pictures = Pictures
@@ -383,13 +387,13 @@ page-nothing-said = Nothing has been said yet.
 ## The page: commands
 
 page-take = Take control
-page-take-over = Take over this walk
+page-take-over = Take over
 page-start-camera = Start the camera
 page-record = Record
 page-stop = Stop recording
 page-guide-home = Guide home
 page-guide-back = Guide home, camera facing back
-page-guide-backwards = Walk backwards
+page-guide-backwards = Guide backwards
 page-halt = Stop guidance
 page-load = Load the latest route
 page-guide-again = Guide from start to end
@@ -411,7 +415,7 @@ page-notes-count = { $count ->
     [one] { $count } note.
    *[other] { $count } notes.
 }
-page-why-not = Cannot be walked: { $why }.
+page-why-not = I cannot guide along it: { $why }.
 page-wait-picture = Wait for the picture
 page-note = Note a landmark
 page-anew = Record a new route
@@ -431,29 +435,41 @@ page-delete-no = No, keep it
 page-delete-yes = Yes, delete it
 page-map-not-saved = { $map }; not saved: { $why }
 page-repeat = Say it again
-page-status = Say the status
-page-done = Done: { $text }
-page-not-done = Not done: { $text }
-page-warning = Warning: { $text }
-page-camera-refused = The camera is not available ({ $why }). Allow it in the browser and try again.
+page-status = Where am I?
+page-camera-refused = I may not use the camera. Allow it for this page in the settings of the browser, then press Start the camera.
+page-camera-missing = I find no camera on this device. Open the page on a phone.
+page-camera-busy = Another program is using the camera. Close it, then press Start the camera.
+page-camera-failed = The camera does not start. Load the page again, then press Start the camera.
+page-camera-off = The camera is off. Press Start the camera.
 page-terminal-only = That can only be done at the terminal.
 page-no-picture-yet = There is no picture yet.
-page-wrong-key = The key is wrong. Open the page with the code on the terminal.
-page-missing-key = The key is missing: open the page with the code or the address shown on the terminal.
-page-walk-ended = The walk has ended.
+page-wrong-key = The key of this page is wrong. Open the page with the code or the address shown on the computer.
+page-missing-key = The key of this page is missing. Open the page with the code or the address shown on the computer.
+page-walk-ended = This session has ended.
+
+## The page: what to mind, in five sentences for the ear
+
+page-before-title = Before you start
+page-before-aid = I am an aid beside your cane or your dog, not instead of them.
+page-before-streets = I am not for streets.
+page-before-obstacles = Without a depth camera I see no obstacles and no steps, and a phone has none here.
+page-before-untried = Blind people have not yet tried me on real phones.
+page-before-pictures = Your pictures stay here, on your own devices.
+page-before-say = Say it again
+page-before-heard = I have heard this
 
 ## The page: who holds the walk
 
-page-controls = You control this walk.
-page-controls-now = You control this walk now.
-page-free-camera = Nobody controls this walk. Start the camera to begin.
-page-free = Nobody controls this walk. The first command takes it.
-page-away = The device that controls this walk is away; the walk waits for it.
-page-watching = Another device controls this walk; you watch.
-page-other-holds = Another device holds this walk.
-page-taken-over = Stop. Another device has taken over this walk.
-page-ask-title = Take over this walk?
-page-ask = Another device holds it. If you take it over, that device no longer guides, and its camera is not used any more.
+page-controls = You are in control.
+page-controls-now = You are in control now.
+page-free-camera = Ready. Start the camera to begin.
+page-free = Ready. The first command takes control.
+page-away = The device in control is away. I wait for it.
+page-watching = Another device is in control. You watch.
+page-other-holds = Another device is in control.
+page-taken-over = Stop. Another device has taken control.
+page-ask-title = Take control?
+page-ask = Another device is in control. If you take over, it guides no longer, and its camera is not used any more.
 page-leave = Leave it
 page-over = Take over
 
@@ -488,43 +504,20 @@ page-map-label = Map
 page-time-label = Time
 page-not-started = not started
 page-unknown-offline = not known without a connection
-page-frames = { $frames ->
-    [one] { $tracked } of { $frames } frame
-   *[other] { $tracked } of { $frames } frames
-}; { $matches ->
-    [one] { $matches } match
-   *[other] { $matches } matches
-}.
 page-waits = { $phase }, waits for { $waits }
 page-not-used = not used
-page-imu = { $readings ->
-    [one] { $readings } reading
-   *[other] { $readings } readings
-} a picture, { $interpolated } interpolated, { $gaps ->
-    [one] { $gaps } gap
-   *[other] { $gaps } gaps
-}
-page-imu-unaligned = scale and gravity not known, { page-imu }
-page-recorded = { $points ->
-    [one] { $points } point
-   *[other] { $points } points
-}, { $length } metres, { $file }
-page-recorded-units = { $points ->
-    [one] { $points } point
-   *[other] { $points } points
-}, { $length } units, { $file }
+page-imu = working
+page-recorded = { $length } metres, { $file }
+page-recorded-units = length not known, { $file }
 page-not-on-disk = { $recorded }; not on disk: { $why }
 page-no = no
 page-none = none
-page-route = { $file }, { $points ->
-    [one] { $points } point
-   *[other] { $points } points
-}
+page-route = { $file }
 page-route-elsewhere = { page-route }, of another map
 page-guiding = { $facing ->
     [home] facing home
     [back] camera facing back
-   *[backwards] walking backwards
+   *[backwards] going backwards
 }, { page-guide-state }, { $along } of { $length }
 page-guide-state = { $state ->
     [turning] turning
@@ -546,18 +539,18 @@ page-map-size = { $places ->
    *[other] { $points } landmarks
 }
 page-map-empty = empty
-page-time = { $clock }, { $ms } ms a picture, { $dropped } dropped
+page-time = { $clock }
 
 ## The page: pictures
 
 page-own-label = What this camera sees
 page-own-caption = This camera.
-page-picture-label = The image that guides the walk, with the features found in it
-page-picture-caption = The image that guides the walk; dots are features.
+page-picture-label = What the guiding camera sees, with dots on what I recognise
+page-picture-caption = What the guiding camera sees; dots are what I recognise.
 page-map-role = map in three dimensions
 page-map-title = Map and route
-page-map-help = Arrow keys turn the view, with Shift they move it; W, A, S and D walk, Q and E go down and up, plus and minus change its size, 0 shows all.
-page-map-follow = Follow the walker
+page-map-help = Arrow keys turn the view, with Shift they move it; W, A, S and D go through it, Q and E go down and up, plus and minus change its size, 0 shows all.
+page-map-follow = Follow the camera
 page-map-colour = Colours
 page-map-height = by height
 page-map-age = by age
@@ -575,7 +568,7 @@ page-map-path = path of the camera
 page-map-recorded = recorded route
 page-map-plan = cleaned route
 page-map-loops = places seen again
-page-map-eye = walker
+page-map-eye = camera
 page-map-bar = { $length } m
 page-map-bar-units = { $length }
 page-map-grid = A square of the grid is { $length } m wide.
@@ -596,7 +589,7 @@ page-map-route = The recorded route is { $metres ->
     [one] { $metres } metre
    *[other] { $metres } metres
 } long.
-page-map-walker = The walker is { $percent } percent along the route.
+page-map-walker = { $percent } percent of the route is done.
 
 ## The page: settings
 

@@ -81,7 +81,7 @@ guide-sentence = { CAPITAL($clause) }.
 guide-go = { CAPITAL($go) }, luego { $next }{ $after }.
 guide-go-end = { CAPITAL($go) } hasta el final.
 guide-start = La ruta mide { distance }.
-guide-start-unmeasured = Empieza la guía. No puedo medir distancias.
+guide-start-unmeasured = No puedo medir distancias.
 guide-start-back = La cámara mira hacia atrás.
 guide-start-backwards = Atención, va a caminar hacia atrás. Vaya despacio y solo por suelo llano.
 guide-join = Está en la ruta, { $distance ->
@@ -89,8 +89,8 @@ guide-join = Está en la ruta, { $distance ->
    *[other] faltan
 } { distance }.
 guide-join-unmeasured = Está en la ruta. No puedo medir distancias.
-guide-away = La ruta está a { distance }, { $place }. No conozco el suelo que hay en medio. Vaya hasta allí y le guiaré.
-guide-away-unmeasured = La ruta está { $place }. No conozco el suelo que hay en medio. Vaya hasta allí y le guiaré.
+guide-away = La ruta está a { distance }, { $place }. No conozco el suelo que hay en medio. Pida ayuda para llegar a ella.
+guide-away-unmeasured = La ruta está { $place }. No conozco el suelo que hay en medio. Pida ayuda para llegar a ella.
 guide-note = { CAPITAL($text) }.
 guide-note-at = { CAPITAL($text) } { $place ->
     [left] a su izquierda
@@ -142,7 +142,7 @@ guide-off-path-place = Fuera de la ruta. Está a { distance }, { $place }.
 guide-off-path-place-unmeasured = Fuera de la ruta. Está { $place }.
 guide-wrong-way = Dirección equivocada. { CAPITAL($turn) }.
 guide-on-path = Está en la ruta.
-guide-check-behind = Compruebe detrás de usted.
+guide-check-behind = Tantee detrás de usted con el bastón.
 guide-step-aside = Alto. Dé un paso atrás y a la { $side ->
     [left] izquierda
    *[right] derecha
@@ -173,12 +173,12 @@ stop-scale = Aquí no puedo calcular distancias.{ $camera ->
     [ahead] {" "}Ayuda volverse y caminar hacia atrás, o que la cámara mire hacia atrás.
    *[back] {""}
 }
-stop-relocalise = Aquí pierdo el lugar una y otra vez y no puedo seguir guiando.{ $camera ->
-    [ahead] {" "}Ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
+stop-relocalise = Aquí pierdo el lugar una y otra vez y no puedo seguir guiándole. Pida ayuda para avanzar unos metros.{ $camera ->
+    [ahead] {" "}También ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
    *[back] {""}
 }
-stop-to-and-fro = Aquí le llevo de un lado a otro y no puedo seguir guiando.{ $camera ->
-    [ahead] {" "}Ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
+stop-to-and-fro = Aquí le llevo de un lado a otro y no puedo seguir guiándole. Pida ayuda para avanzar unos metros.{ $camera ->
+    [ahead] {" "}También ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
    *[back] {""}
 }
 stop-stage-died = Una parte de la guía ha dejado de funcionar.
@@ -198,7 +198,6 @@ ready-camera-back = Con la cámara mirando hacia atrás debería reconocerla.
 ## Answers and news of a walk
 
 walk-recording = Grabando.
-walk-recording-lens-unknown = Grabando. Todavía no conozco la cámara de este teléfono, las distancias pueden fallar en un tercio.
 walk-recording-unmeasured = Grabando. Todavía no puedo medir distancias.
 walk-recording-in-memory = Grabo solo en la memoria, porque no se puede escribir el archivo: { $file }: { $why }.
 walk-already-recording = Ya estoy grabando.
@@ -232,14 +231,15 @@ walk-with-notes = { $count ->
     [one] con una nota
    *[other] con { $count } notas
 }
-walk-route-lens-unknown = grabada antes de que yo conociera la cámara, las distancias pueden fallar en un tercio
+walk-route-lens-unknown = grabada antes de que yo conociera este teléfono
 walk-route-loaded = { $route }. Cargada.
 walk-route-loaded-elsewhere = { $route }. Cargada, pero no puedo guiarle por ella: { $why }.
 walk-why-other-map = se grabó con otra cámara o en otro mapa
+walk-why-guessed = yo aún no conocía este teléfono cuando se grabó. Grábela otra vez
 walk-why-damaged = su archivo está dañado
 walk-unknown-route = No hay ninguna ruta { $number }.
-walk-no-route-at-hand = No hay ninguna ruta cargada. Diga qué número.
-walk-renamed = { $route }. Nombre guardado.
+walk-no-route-at-hand = No hay ninguna ruta cargada. Cargue antes una.
+walk-renamed = Nuevo nombre: { $route }.
 walk-name-empty = El nombre está vacío.
 walk-name-long = El nombre es demasiado largo.
 walk-name-unsayable = El nombre tiene signos que no se pueden decir.
@@ -250,12 +250,13 @@ walk-delete-failed = No se puede borrar la ruta: { $why }.
 walk-nothing-deleted = No se ha borrado nada.
 walk-no-question = No hay ninguna pregunta que responder.
 walk-being-recorded = Esa ruta se está grabando. Termine antes la grabación.
+walk-stop-first = Estoy grabando. Termine antes la grabación.
 walk-halt-first = La guía está en marcha. Deténgala antes.
 walk-note-no-recording = Las notas son de una ruta. Empiece antes a grabar.
 walk-note-no-place = No sé dónde estamos. Repita la nota dentro de un momento.
 walk-note-too-many = Esta ruta tiene demasiadas notas.
 walk-note-too-long = Esa nota es demasiado larga.
-walk-marked = Lugar marcado. Diga ahora qué hay aquí.
+walk-marked = Lugar marcado. Escriba qué hay aquí.
 walk-noted = Anotado: { $text }.
 walk-noted-side = Anotado: { $text } a la { $side ->
     [left] izquierda
@@ -283,13 +284,15 @@ walk-way-route = la ruta { $number }
 walk-way-going = Destino: { $place }, { distance }.
 walk-way-going-unmeasured = Destino: { $place }.
 walk-way-ambiguous = Conozco más de un lugar llamado { $place }.
-walk-way-other-map = No conozco el camino a { $place }: ningún recorrido lo ha unido aún a este mapa.
+walk-way-other-map = No conozco el camino a { $place }: ninguna ruta grabada lo une aún a este mapa.
 walk-way-far = Está demasiado lejos de las rutas grabadas para ir a { $place }.
 walk-way-not-joined = No conozco el camino a { $place }: ninguna ruta grabada lleva allí desde aquí.
 walk-way-there = Ya está allí.
 walk-route-too-short = No puedo guiarle: la ruta es demasiado corta.
-walk-stairs-backwards = No puedo guiarle: la ruta tiene escaleras y no se debe recorrer hacia atrás.
+walk-stairs-backwards = No puedo guiarle: la ruta tiene escaleras, que no son para ir hacia atrás.
+walk-route-guessed = No puedo guiarle: cuando se grabó esta ruta, yo aún no conocía bien este teléfono. Grabe esta ruta otra vez.
 walk-route-damaged = No puedo guiarle: la ruta está dañada.
+walk-guidance-begins = Empieza la guía.
 walk-guidance-ended = Fin de la guía.
 walk-not-guiding = La guía no está en marcha.
 walk-goodbye = Adiós.
@@ -302,9 +305,13 @@ walk-mapping-failed = Alto. El mapa ha fallado. Guarde la grabación y empiece d
 walk-tracking-failed = Un error del programa ha detenido el seguimiento.
 walk-tracking-restarts = El seguimiento se reinicia. No se mueva.
 walk-distances-known = Ya puedo medir distancias.
-walk-lens-unknown = Todavía no conozco la cámara de este teléfono, las distancias pueden fallar en un tercio. Camine unos pasos y gire despacio a la izquierda y a la derecha. Le diré cuándo la conozca.
-walk-lens-known = Ya conozco la cámara de este teléfono. Desde aquí, los giros y las distancias son correctos.
-walk-lens-known-later = Ya conozco la cámara de este teléfono. A partir del próximo inicio, los giros y las distancias serán correctos.
+walk-distances-lost = Alto. He perdido las distancias, y la guía termina. Pida ayuda a alguien, o vuelva por donde ha venido.
+walk-learn = Déjeme conocer este teléfono. Muévase durante medio minuto y gire una vez a la izquierda y otra a la derecha. Le avisaré cuando esté listo.
+walk-learn-move = Avance antes unos metros. Le avisaré cuando esté listo.
+walk-learn-again = Las distancias de esta ruta no son correctas: ahora conozco mejor este teléfono. Grabe esta ruta otra vez. Le avisaré cuando esté listo.
+walk-learn-no-motion = No puedo conocer este teléfono sin sus sensores de movimiento. Permítalos en el navegador y vuelva a cargar la página.
+walk-learning = Estoy conociendo este teléfono. Muévase y gire a la izquierda y a la derecha.
+walk-ready = Estoy listo. Ya puede grabar una ruta.
 walk-imu-failed = Los sensores de movimiento no responden. Sigo por la imagen.
 walk-imu-back = Los sensores de movimiento vuelven a responder.
 walk-disk-full = El disco está lleno. La ruta sigue en la memoria.
@@ -327,23 +334,20 @@ phase-loading = Preparando.
 phase-first-image = Esperando la primera imagen de la cámara.
 phase-no-image = No llega imagen de la cámara.
 phase-no-imu = El sensor de movimiento no responde.
-phase-points = Empezando: { $have } de { $need } puntos encontrados. Mueva la cámara hacia un lado.
-phase-parallax = Empezando: hay suficientes puntos. Mueva la cámara hacia un lado.
-phase-unmeasured-move = Sé dónde estamos, pero no a qué distancia está todo: mueva la cámara adelante y atrás, y arriba y abajo.
-phase-unmeasured = Sé dónde estamos, pero todavía no puedo medir distancias.
-phase-tracking = Sé dónde estamos.
-phase-coasting = Sigo solo con el sensor de movimiento o de profundidad.
-phase-coasting-since = Sigo solo con el sensor de movimiento o de profundidad, desde hace { $seconds } s, con { $metres } m de error.
-phase-rotation = Solo puedo seguir los giros de la cámara, desde hace { $seconds } s. Avance para que sepa dónde estamos.
+phase-points = Empezando. Mueva la cámara hacia un lado.
+phase-unmeasured-move = Veo bien, pero no a qué distancia está todo. Mueva la cámara adelante y atrás, y arriba y abajo.
+phase-unmeasured = Veo bien, pero todavía no puedo medir distancias.
+phase-tracking = Veo bien.
+phase-coasting = No veo bien, y sigo con los otros sensores.
+phase-rotation = Solo puedo seguir los giros de la cámara. Avance para que sepa dónde estamos.
 phase-lost = No sé dónde estamos.
-phase-lost-matches = No sé dónde estamos: { $have } de { $need } coincidencias.
 phase-new-map = No sabía dónde estábamos y he empezado un mapa nuevo. El anterior se conserva.
 phase-error = Algo va mal.
 phase-error-why = Algo va mal: { $why }.
 
 ## What is waited for
 
-wait-points = puntos para empezar un mapa ({ $have } de { $need })
+wait-points = más cosas a la vista, para empezar un mapa
 wait-parallax = movimiento lateral de la cámara
 wait-imu = una lectura del sensor de movimiento
 wait-first-try = más recorrido, para medir distancias
@@ -353,7 +357,7 @@ wait-baseline = un recorrido más largo, para medir distancias
 wait-precision = una medida mejor de las distancias
 wait-matches = algo que ya se haya visto
 wait-translation = un paso a un lado o adelante
-wait-place = un lugar que conozca ({ $have } de { $need } coincidencias)
+wait-place = un lugar que conozca
 
 ## Keys and commands
 
@@ -370,16 +374,16 @@ key-take-me = decir adónde se me puede llevar
 key-backwards = guiar hacia atrás
 key-halt = terminar la guía
 key-repeat = repetir
-key-status = decir el estado
+key-status = decir dónde estoy
 key-quit = salir
 key-lines = por líneas también: { $lines }
 
 ## The page: its parts
 
-page-skip = A las órdenes
+page-skip = Ir a las acciones
 page-now = Ahora
-page-words = Lo último que se dijo
-page-commands = Órdenes
+page-words = Lo que he dicho
+page-commands = Acciones
 page-state = Estado
 page-pictures = Imágenes
 page-settings = Ajustes
@@ -389,13 +393,13 @@ page-nothing-said = Todavía no se ha dicho nada.
 ## The page: commands
 
 page-take = Tomar el control
-page-take-over = Hacerse cargo de este recorrido
+page-take-over = Hacerse cargo
 page-start-camera = Encender la cámara
 page-record = Grabar
 page-stop = Terminar la grabación
 page-guide-home = Guiar de vuelta
 page-guide-back = Guiar de vuelta, cámara hacia atrás
-page-guide-backwards = Caminar hacia atrás
+page-guide-backwards = Guiar hacia atrás
 page-halt = Terminar la guía
 page-load = Cargar la última ruta
 page-guide-again = Guiar de principio a fin
@@ -417,11 +421,11 @@ page-notes-count = { $count ->
     [one] { $count } nota.
    *[other] { $count } notas.
 }
-page-why-not = No se puede recorrer: { $why }.
+page-why-not = No puedo guiarle por ella: { $why }.
 page-wait-picture = Espere la imagen
 page-note = Anotar un punto de referencia
 page-anew = Grabar una ruta nueva
-page-all-commands = Todas las órdenes
+page-all-commands = Todas las acciones
 page-say-routes = Decir las rutas
 page-note-title = ¿Qué hay aquí?
 page-note-text = Unas palabras, como puerta o fuente
@@ -437,29 +441,41 @@ page-delete-no = No, conservarla
 page-delete-yes = Sí, borrarla
 page-map-not-saved = { $map }; sin guardar: { $why }
 page-repeat = Repetir
-page-status = Decir el estado
-page-done = Hecho: { $text }
-page-not-done = No se ha hecho: { $text }
-page-warning = Aviso: { $text }
-page-camera-refused = La cámara no está disponible ({ $why }). Permítala en el navegador e inténtelo otra vez.
+page-status = ¿Dónde estoy?
+page-camera-refused = No puedo usar la cámara. Permítala para esta página en los ajustes del navegador y pulse Encender la cámara.
+page-camera-missing = No encuentro ninguna cámara en este dispositivo. Abra la página en un teléfono.
+page-camera-busy = Otro programa está usando la cámara. Ciérrelo y pulse Encender la cámara.
+page-camera-failed = La cámara no se enciende. Vuelva a cargar la página y pulse Encender la cámara.
+page-camera-off = La cámara está apagada. Pulse Encender la cámara.
 page-terminal-only = Eso solo se puede hacer en la terminal.
 page-no-picture-yet = Todavía no hay imagen.
-page-wrong-key = La clave no es correcta. Abra la página con el código de la terminal.
-page-missing-key = Falta la clave: abra la página con el código o la dirección de la terminal.
-page-walk-ended = El recorrido ha terminado.
+page-wrong-key = La clave de esta página no es correcta. Abra la página con el código o la dirección que muestra el ordenador.
+page-missing-key = Falta la clave de esta página. Abra la página con el código o la dirección que muestra el ordenador.
+page-walk-ended = La sesión ha terminado.
+
+## The page: what to mind, in five sentences for the ear
+
+page-before-title = Antes de empezar
+page-before-aid = Soy una ayuda junto a su bastón o su perro, no en su lugar.
+page-before-streets = No sirvo para calles con tráfico.
+page-before-obstacles = Sin cámara de profundidad no veo obstáculos ni escalones, y aquí un teléfono no la tiene.
+page-before-untried = Las personas ciegas todavía no me han probado con teléfonos reales.
+page-before-pictures = Sus imágenes se quedan aquí, en sus propios dispositivos.
+page-before-say = Repetir
+page-before-heard = Lo he oído
 
 ## The page: who holds the walk
 
-page-controls = Usted controla este recorrido.
-page-controls-now = Ahora usted controla este recorrido.
-page-free-camera = Nadie controla este recorrido. Encienda la cámara para empezar.
-page-free = Nadie controla este recorrido. La primera orden toma el control.
-page-away = El dispositivo que controla este recorrido no está; el recorrido le espera.
-page-watching = Otro dispositivo controla este recorrido; usted mira.
-page-other-holds = Otro dispositivo controla este recorrido.
-page-taken-over = Alto. Otro dispositivo se ha hecho cargo de este recorrido.
-page-ask-title = ¿Hacerse cargo de este recorrido?
-page-ask = Lo controla otro dispositivo. Si se hace cargo, ese dispositivo deja de guiar y su cámara ya no se usa.
+page-controls = Usted tiene el control.
+page-controls-now = Ahora usted tiene el control.
+page-free-camera = Listo. Encienda la cámara para empezar.
+page-free = Listo. La primera acción toma el control.
+page-away = El dispositivo que tiene el control no está. Lo espero.
+page-watching = Otro dispositivo tiene el control. Usted mira.
+page-other-holds = Otro dispositivo tiene el control.
+page-taken-over = Alto. Otro dispositivo ha tomado el control.
+page-ask-title = ¿Tomar el control?
+page-ask = Otro dispositivo tiene el control. Si usted lo toma, ese dispositivo deja de guiar y su cámara ya no se usa.
 page-leave = Dejarlo
 page-over = Hacerse cargo
 
@@ -494,38 +510,15 @@ page-map-label = Mapa
 page-time-label = Tiempo
 page-not-started = no ha empezado
 page-unknown-offline = sin conexión no se sabe
-page-frames = { $frames ->
-    [one] { $tracked } de { $frames } imagen
-   *[other] { $tracked } de { $frames } imágenes
-}; { $matches ->
-    [one] { $matches } coincidencia
-   *[other] { $matches } coincidencias
-}.
 page-waits = { $phase }, espera { $waits }
 page-not-used = no se usa
-page-imu = { $readings ->
-    [one] { $readings } lectura
-   *[other] { $readings } lecturas
-} por imagen, { $interpolated } interpoladas, { $gaps ->
-    [one] { $gaps } hueco
-   *[other] { $gaps } huecos
-}
-page-imu-unaligned = escala y gravedad desconocidas, { page-imu }
-page-recorded = { $points ->
-    [one] { $points } punto
-   *[other] { $points } puntos
-}, { $length } metros, { $file }
-page-recorded-units = { $points ->
-    [one] { $points } punto
-   *[other] { $points } puntos
-}, { $length } unidades, { $file }
+page-imu = funciona
+page-recorded = { $length } metros, { $file }
+page-recorded-units = longitud desconocida, { $file }
 page-not-on-disk = { $recorded }; no está en el disco: { $why }
 page-no = no
 page-none = ninguna
-page-route = { $file }, { $points ->
-    [one] { $points } punto
-   *[other] { $points } puntos
-}
+page-route = { $file }
 page-route-elsewhere = { page-route }, de otro mapa
 page-guiding = { $facing ->
     [home] de frente
@@ -552,18 +545,18 @@ page-map-size = { $places ->
    *[other] { $points } puntos de referencia
 }
 page-map-empty = vacío
-page-time = { $clock }, { $ms } ms por imagen, { $dropped } descartadas
+page-time = { $clock }
 
 ## The page: pictures
 
 page-own-label = Lo que ve esta cámara
 page-own-caption = Esta cámara.
-page-picture-label = La imagen que guía el recorrido, con los puntos encontrados en ella
-page-picture-caption = La imagen que guía el recorrido; los puntos son rasgos encontrados.
+page-picture-label = Lo que ve la cámara que guía, con puntos sobre lo que reconozco
+page-picture-caption = Lo que ve la cámara que guía; los puntos son lo que reconozco.
 page-map-role = mapa en tres dimensiones
 page-map-title = Mapa y ruta
 page-map-help = Las flechas giran la vista, con Mayúsculas la mueven; con W, A, S y D se camina, con Q y E se baja y se sube, más y menos cambian el tamaño, 0 lo muestra todo.
-page-map-follow = Seguir al caminante
+page-map-follow = Seguir a la cámara
 page-map-colour = Colores
 page-map-height = por altura
 page-map-age = por edad
@@ -581,7 +574,7 @@ page-map-path = camino de la cámara
 page-map-recorded = ruta grabada
 page-map-plan = ruta corregida
 page-map-loops = lugares vistos de nuevo
-page-map-eye = caminante
+page-map-eye = cámara
 page-map-bar = { $length } m
 page-map-bar-units = { $length }
 page-map-grid = Un cuadrado de la cuadrícula mide { $length } m de ancho.
@@ -602,7 +595,7 @@ page-map-route = La ruta grabada mide { $metres ->
     [one] { $metres } metro
    *[other] { $metres } metros
 }.
-page-map-walker = El caminante ha recorrido el { $percent } por ciento de la ruta.
+page-map-walker = Ha recorrido el { $percent } por ciento de la ruta.
 
 ## The page: settings
 
@@ -625,7 +618,7 @@ page-volume = Volumen
 page-sounds = Sonidos breves con las palabras
 page-media = Botones de los auriculares y de la pantalla de bloqueo: reproducir repite, parar termina la guía
 page-vibration = Vibración
-page-keys = Teclas sueltas dan órdenes: { $keys }
+page-keys = Las teclas sueltas dan órdenes: { $keys }
 page-dark = Oscurecer la pantalla
 page-dark-title = La pantalla está oscura para ahorrar batería. La guía continúa.
 page-light = Encender la pantalla
@@ -662,13 +655,13 @@ page-trust-slow = Conectado por la vía más lenta: el navegador rechaza la ráp
 page-trust-how = { page-trust-slow } Abajo, Confiar en este ordenador dice qué hacer.
 page-trust-say = Leer estos pasos en voz alta
 page-trust-ios = iPhone y iPad:
-page-trust-ios-get = Descargar el perfil con Safari y elegir Permitir.
-page-trust-ios-install = Abrir Ajustes, elegir Perfil descargado e instalarlo.
-page-trust-ios-on = En Ajustes, abrir General, Información, Ajustes de confianza de los certificados, y activar { $name }.
+page-trust-ios-get = Descargue el perfil con Safari y elija Permitir.
+page-trust-ios-install = Abra Ajustes, elija Perfil descargado e instálelo.
+page-trust-ios-on = En Ajustes, abra General, Información, Ajustes de confianza de los certificados, y active { $name }.
 page-trust-android = Android:
-page-trust-android-get = Descargar el certificado.
-page-trust-android-install = Abrir Ajustes, buscar «certificado CA», elegir Instalar de todos modos y elegir el archivo.
-page-trust-open = Abrir la página otra vez.
+page-trust-android-get = Descargue el certificado.
+page-trust-android-install = Abra Ajustes, busque «certificado CA», elija Instalar de todos modos y elija el archivo.
+page-trust-open = Abra la página otra vez.
 page-trust-profile = Descargar el perfil
 page-trust-certificate = Descargar el certificado
 page-trust-compare = Antes de confiar, comparar: los detalles de { $name } en el teléfono y el terminal del ordenador deben mostrar la misma huella SHA-256, { $fingerprint }.

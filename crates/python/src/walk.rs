@@ -52,7 +52,7 @@ impl Said {
 pub struct Sound {
     /// Seconds since the first frame.
     t_s: f64,
-    /// "on-course", "off-course", "turn", "waypoint", "arrival" or "stop".
+    /// "on-course", "off-course", "turn", "turning", "waypoint", "arrival" or "stop".
     name: &'static str,
     /// The direction it should be heard from, radians, positive to the left.
     bearing_rad: f64,

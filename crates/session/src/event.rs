@@ -83,6 +83,7 @@ pub fn earcon_name(earcon: Earcon) -> &'static str {
         Earcon::OnCourse => "on-course",
         Earcon::OffCourse => "off-course",
         Earcon::Turn => "turn",
+        Earcon::Turning => "turning",
         Earcon::Waypoint => "waypoint",
         Earcon::Arrival => "arrival",
         Earcon::Stop => "stop",
@@ -98,7 +99,7 @@ pub fn turn_of(cue: &Cue) -> Option<f64> {
     };
     match cue.kind {
         TurnNow { turn_rad, .. } | EndMissed { turn_rad, .. } => Some(turn_rad),
-        Rotate(a) | WrongWay(a) | Adjust(a) | LookRound(a) => Some(a),
+        Rotate(a) | Turning(a) | WrongWay(a) | Adjust(a) | LookRound(a) => Some(a),
         OffPath { turn_rad, bearing_rad, .. } => Some(if turn_rad == 0.0 { bearing_rad } else { turn_rad }),
         Start { first: First::Turn(a), .. }
         | Resume(First::Turn(a))

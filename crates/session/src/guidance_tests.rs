@@ -262,24 +262,47 @@ fn a_correction_of_one_metre_and_five_degrees_in_mid_corridor_contradicts_no_cue
     }
 }
 
+/// A place a metre along a route, in a segment of odometry whose unit has turned out to be this many metres.
+fn near_the_start(route: &Route, unit_m: f64, t_s: f64) -> Place {
+    let world_from_camera = camera_pose(1.0, 0.0, 0.0, 0.0);
+    let in_odom = Se3::new(world_from_camera.rotation, world_from_camera.translation / unit_m);
+    Place {
+        stamp: Stamp::from_seconds(t_s),
+        world_from_camera: Pose::new(world_from_camera),
+        odom_from_camera: Pose::new(in_odom),
+        world_from_odom: Similarity::new(Sim3::new(So3::identity(), Vec3::zeros(), unit_m)),
+        segment: 1,
+        anchor: route.points[0].anchor,
+        anchor_from_camera: Se3::identity(),
+    }
+}
+
+#[test]
+fn a_route_that_becomes_a_third_longer_under_guidance_has_lost_its_distances() {
+    let mut corridor = Corridor::new(Se3::identity());
+    let route = corridor.route.clone();
+    let begun = near_the_start(&route, 1.0, 1.0);
+    let (facing, config) = (Facing::Home, RouteConfig::default());
+    let map = corridor.atlas.latest();
+    let mut guiding =
+        Guiding::begin(map, &route, Travel::Again, facing, Some(&begun), begun.stamp, &config).unwrap();
+    // As the map settles, and as it does whose scale was wrong.
+    for (n, (longer, is_lost)) in [(1.0, false), (1.03, false), (1.3, true)].into_iter().enumerate() {
+        let snapshot: Snapshot = (**corridor.atlas.latest()).clone();
+        let scaled = |pose: &Se3| Se3::new(pose.rotation, pose.translation * longer);
+        let moves = snapshot.key_frames().map(|k| Change::MoveKeyFrame(k.id, scaled(&k.world_from_camera)));
+        assert_eq!(corridor.atlas.commit(moves.collect()).dropped, 0);
+        let now = near_the_start(&route, 1.0, 3.0 + 2.0 * n as f64);
+        guiding.step(corridor.atlas.latest(), &route, &now, Confidence::Good, None, now.stamp);
+        assert_eq!(guiding.has_lost_distances, is_lost, "{longer} times as long");
+    }
+}
+
 #[test]
 fn a_metric_route_stays_in_metres_when_a_map_with_a_guessed_unit_finds_its_scale() {
     let corridor = Corridor::new(Se3::identity());
     let (map, route) = (corridor.atlas.latest(), &corridor.route);
-    // A segment of odometry whose unit has turned out to be this many metres.
-    let place = |unit_m: f64, t_s: f64| {
-        let world_from_camera = camera_pose(1.0, 0.0, 0.0, 0.0);
-        let in_odom = Se3::new(world_from_camera.rotation, world_from_camera.translation / unit_m);
-        Place {
-            stamp: Stamp::from_seconds(t_s),
-            world_from_camera: Pose::new(world_from_camera),
-            odom_from_camera: Pose::new(in_odom),
-            world_from_odom: Similarity::new(Sim3::new(So3::identity(), Vec3::zeros(), unit_m)),
-            segment: 1,
-            anchor: route.points[0].anchor,
-            anchor_from_camera: Se3::identity(),
-        }
-    };
+    let place = |unit_m: f64, t_s: f64| near_the_start(route, unit_m, t_s);
     let (guessed, config) = (place(1.0, 1.0), RouteConfig::default());
     let mut path = ReferencePath::new(map, route, Travel::Again, Some(&guessed), guessed.stamp, &config);
     let before = path.plan().unwrap().length();

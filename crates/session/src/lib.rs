@@ -13,7 +13,7 @@ mod guidance;
 #[cfg(test)]
 mod guidance_tests;
 mod inbox;
-mod lens;
+mod learning;
 pub mod lens_watch;
 mod library;
 mod obstacles;
@@ -49,7 +49,7 @@ pub use drive::{Clock, Ended, Observer, drive};
 pub use event::{Event, Said, Sound, earcon_name, rank, turn_of};
 pub use file_config::FileConfig;
 pub use inbox::{Inbox, Item, feed};
-pub use lens::LensKnowledge;
+pub use learning::LensKnowledge;
 pub use library::{
     KeepError, Kept, LONGEST_NAME, LibraryCamera, LibraryError, MOST_KEY_FRAMES, MOST_ROUTES, MapKeeper,
     RouteEntry, RouteListed, RoutesLock, WallClock, WallTime, routes_in,

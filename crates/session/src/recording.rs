@@ -25,8 +25,6 @@ pub(crate) struct About<'a> {
     pub recorded_s: Option<i64>,
     /// The identity of the atlas, where it is kept.
     pub atlas: Option<String>,
-    /// Whether the images are read with a lens that is a guess.
-    pub lens_guessed: bool,
 }
 
 /// Why a note is not kept.
@@ -82,7 +80,6 @@ impl Recording {
         let header = RouteHeader {
             recorded_s: about.recorded_s,
             atlas: about.atlas,
-            lens_guessed: about.lens_guessed,
             ..RouteHeader::new(about.metric, &ground, about.source)
         };
         let recorder = Recorder::new(config, about.metric, &ground, about.source).with_header(header.clone());

@@ -128,6 +128,12 @@ impl ReferencePath {
         }
     }
 
+    /// The length of the route as recorded, by the present map, metres.
+    pub(crate) fn recorded_m(&self) -> f64 {
+        let at = |p: &PlacedPoint| p.frame_from_camera.translation;
+        self.points.windows(2).map(|w| (at(&w[1]) - at(&w[0])).norm()).sum()
+    }
+
     /// Metres per unit of the odometry.
     pub fn metres_per_unit(&self) -> f64 {
         self.frame.metres_per_unit

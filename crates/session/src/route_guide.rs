@@ -90,7 +90,8 @@ pub struct RouteGuide {
     now: Stamp,
     /// Whether there was a step, from which `now` is known.
     stepped: bool,
-    arrived: bool,
+    /// The walker has arrived, or the distances are lost.
+    has_ended: bool,
 }
 
 impl RouteGuide {
@@ -116,7 +117,7 @@ impl RouteGuide {
             began: None,
             now: Stamp::default(),
             stepped: false,
-            arrived: false,
+            has_ended: false,
         }
     }
 
@@ -154,7 +155,7 @@ impl RouteGuide {
         self.began.get_or_insert(now);
         // The clock of a source may begin anywhere, before zero too.
         self.now = if std::mem::replace(&mut self.stepped, true) { self.now.max(now) } else { now };
-        if let Some(place) = self.place.filter(|_| !self.arrived) {
+        if let Some(place) = self.place.filter(|_| !self.has_ended) {
             self.guide(map, &place, hazard)?;
         }
         let clock = self.clock();
@@ -189,7 +190,12 @@ impl RouteGuide {
             .then(|| guiding.note(map, &self.route, place, self.speech.language()))
             .flatten();
         if guiding.guide.state() == GuideState::Arrived {
-            self.arrived = true;
+            self.has_ended = true;
+        }
+        if guiding.has_lost_distances {
+            self.has_ended = true;
+            self.speech.say(&self.speech.text("walk-distances-lost"), Priority::Urgent, self.now);
+            return Ok(());
         }
         if let Some(cue) = cue {
             self.speech.cue(&cue, ahead, Some(*place), self.metric, self.clock());

@@ -36,7 +36,7 @@ impl RouteRecorder {
         config: RecorderConfig,
     ) -> (Self, Option<String>) {
         let metric = map.is_metric(camera);
-        let about = About { metric, source, recorded_s: None, atlas: None, lens_guessed: false };
+        let about = About { metric, source, recorded_s: None, atlas: None };
         let (recording, trouble) = Recording::begin(&OwnDisk, Some(path), map, None, about, config);
         (Self { recording, place: None }, trouble)
     }

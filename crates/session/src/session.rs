@@ -18,7 +18,7 @@ use crate::disk::{Disk, OwnDisk};
 use crate::dwell::{Dwell, Warnings};
 use crate::event::Event;
 use crate::guidance::Guiding;
-use crate::lens::{LensKnowledge, LensReport};
+use crate::learning::{Learning, LensKnowledge, Seen};
 use crate::library::{MapKeeper, RouteFolder, WallClock, WallTime};
 use crate::obstacles::ObstacleMonitor;
 use crate::place::Place;
@@ -27,7 +27,7 @@ use crate::route_metres::may_have_metres;
 use crate::slam::{NotTracked, Slam};
 use crate::speech::{Clock, Speech};
 use crate::status::SessionStatus;
-use cairn_engine::{Engine, ImuStatus, Output, Scale, record_input};
+use cairn_engine::{Engine, ImuStatus, Output, Scale, StatusEvent, record_input};
 use cairn_geometry::Vec3;
 use cairn_guide::{Confidence, Priority, Route};
 use cairn_phrases::Language;
@@ -126,7 +126,7 @@ pub struct Session<S = Engine> {
     warnings: Warnings,
     arrived: bool,
     dead: Option<String>,
-    lens: LensReport,
+    learning: Learning,
     status: SessionStatus,
 }
 
@@ -167,7 +167,7 @@ impl<S: Slam> Session<S> {
             warnings: Warnings::default(),
             arrived: false,
             dead: None,
-            lens: LensReport::default(),
+            learning: Learning::default(),
             status,
         }
     }
@@ -193,9 +193,9 @@ impl<S: Slam> Session<S> {
         self.ages.follow(live);
     }
 
-    /// Tells the walker what is known of a lens that nobody calibrated.
+    /// What is known of a lens that nobody calibrated: the walker is told what helps to learn it, and records no route before.
     pub fn knows_of_lens(&mut self, lens: LensKnowledge) {
-        self.lens.known = Some(lens);
+        self.learning.lens = Some(lens);
     }
 
     /// The engine.
@@ -261,7 +261,7 @@ impl<S: Slam> Session<S> {
             // The pose of the frame that initialises the scale is still in the previous unit.
             self.update_metric(pose.scale.metric && self.routes_may_have_metres());
         }
-        self.tell_lens();
+        self.learn(&output);
         self.tell_imu(output.status.imu.as_ref());
         self.record(&seen);
         self.observe_way(packet, tracked(&seen));
@@ -304,18 +304,21 @@ impl<S: Slam> Session<S> {
         self.speech.say(text, priority, self.now);
     }
 
-    /// Whether the images are read with a lens that is a guess, or is known to be another.
-    fn reads_with_guess(&self) -> bool {
-        matches!(self.lens.known, Some(LensKnowledge::Guessed | LensKnowledge::FoundForLater))
-    }
-
-    /// Says what is new of the lens, once nothing else is being said.
-    fn tell_lens(&mut self) {
-        if !self.speech.is_free(self.now) {
-            return;
+    /// Learns the phone from a frame, and says what is new, once nothing else is being said. It counts as said when it was spoken.
+    fn learn(&mut self, output: &Output) {
+        let is_contradicted =
+            output.status.events.iter().any(|e| matches!(e, StatusEvent::ScaleContradicted { .. }));
+        // Without motion sensors there is no metre to wait for.
+        let metric = output.pose.is_some_and(|pose| pose.scale.metric) || self.engine.status().imu.is_none();
+        let offset_s = self.engine.snapshot().imu_offset();
+        self.learning.see(Seen { now: self.now, metric, offset_s, is_contradicted });
+        let Some(news) = self.learning.news().filter(|_| self.speech.is_free(self.now)) else { return };
+        let words = self.speech.text(news);
+        self.say(&words, Priority::High);
+        self.speak();
+        if self.speech.last_words() == words {
+            self.learning.was_spoken(news);
         }
-        let Some(known) = self.lens.news() else { return };
-        self.say(&self.speech.text(known.id()), Priority::Normal);
     }
 
     /// Says that the readings of the IMU are not used any more, and when they are again.
@@ -451,7 +454,7 @@ mod tests {
         let refused = session.command(&Command::parse("guide").unwrap()).unwrap_err();
         assert_eq!(refused.id, "walk-no-route");
         let Some(Event::Said(said)) = session.events().pop() else { panic!("nothing was said") };
-        assert_eq!(said.text, "Es gibt noch keine Route. Erst eine aufnehmen oder laden.");
+        assert_eq!(said.text, "Es gibt noch keine Route. Nehmen Sie erst eine auf, oder laden Sie eine.");
         assert_eq!((said.text, said.language), (refused.words, Language::German));
         assert_eq!(session.status().words, "Ich warte auf das erste Bild der Kamera.");
     }

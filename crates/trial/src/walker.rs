@@ -402,7 +402,7 @@ mod tests {
 
     #[test]
     fn moves_backwards_slowly() {
-        let (walker, ..) = after(&[("Check behind you. Move back 10 metres.", 0.0)], 10.0);
+        let (walker, ..) = after(&[("Feel behind you with the cane. Move back 10 metres.", 0.0)], 10.0);
         assert!(walker.pose().0 < -0.5, "{:?}", walker.pose());
         let (walker, metres, _) = after(&[("Stop. Step back and to your left.", 0.0)], 10.0);
         let (x, y, _) = walker.pose();

@@ -23,12 +23,15 @@ fn notes(earcon: Earcon) -> &'static [Note] {
         Earcon::OnCourse => &[(880.0, 0.0, 0.05, 0.15)],
         Earcon::OffCourse => &[(330.0, 0.0, 0.12, 0.4), (262.0, 0.14, 0.16, 0.4)],
         Earcon::Turn => &[(660.0, 0.0, 0.09, 0.4), (880.0, 0.1, 0.09, 0.4)],
+        Earcon::Turning => &[(1047.0, 0.0, 0.07, 0.2)],
         Earcon::Waypoint => &[(988.0, 0.0, 0.12, 0.3)],
         Earcon::Arrival => &[(523.0, 0.0, 0.15, 0.4), (659.0, 0.16, 0.15, 0.4), (784.0, 0.32, 0.3, 0.4)],
         Earcon::Stop => &[(196.0, 0.0, 0.18, 0.6), (196.0, 0.25, 0.18, 0.6)],
     }
 }
 
+/// An earcon of a turn under way is deeper by so many octaves for each half turn that is left.
+const OCTAVES_LEFT: f64 = 1.5;
 /// Length of the fade at the start and end of a note, seconds.
 const SOFT_S: f64 = 0.008;
 /// Radius of a head over the speed of sound, seconds.
@@ -45,7 +48,12 @@ pub fn earcon(earcon: Earcon, bearing_rad: f64, rate: u32) -> Vec<[f32; 2]> {
     let notes = notes(earcon);
     let end = notes.iter().map(|n| n.1 + n.2).fold(0.0, f64::max) + late;
     let mut out = vec![[0.0; 2]; (end * rate).ceil() as usize + 1];
+    let pitch = match earcon {
+        Earcon::Turning => (-OCTAVES_LEFT * bearing_rad.abs().min(PI) / PI).exp2(),
+        _ => 1.0,
+    };
     for &(hertz, begin, length, loud) in notes {
+        let hertz = hertz * pitch;
         for ear in 0..2 {
             let first = ((begin + delays[ear]) * rate).ceil() as usize;
             let last = (((begin + delays[ear] + length) * rate) as usize).min(out.len() - 1);
@@ -64,8 +72,15 @@ pub fn earcon(earcon: Earcon, bearing_rad: f64, rate: u32) -> Vec<[f32; 2]> {
 mod tests {
     use super::*;
 
-    const ALL: [Earcon; 6] =
-        [Earcon::OnCourse, Earcon::OffCourse, Earcon::Turn, Earcon::Waypoint, Earcon::Arrival, Earcon::Stop];
+    const ALL: [Earcon; 7] = [
+        Earcon::OnCourse,
+        Earcon::OffCourse,
+        Earcon::Turn,
+        Earcon::Turning,
+        Earcon::Waypoint,
+        Earcon::Arrival,
+        Earcon::Stop,
+    ];
 
     fn power(sound: &[[f32; 2]], ear: Channel) -> f32 {
         sound.iter().map(|s| s[ear as usize].powi(2)).sum()
@@ -79,6 +94,17 @@ mod tests {
             assert!(sound.iter().flatten().all(|v| v.abs() <= 0.95), "{e:?}");
             assert!(sound[0].iter().chain(&sound[sound.len() - 1]).all(|v| v.abs() < 0.02), "{e:?}");
         }
+    }
+
+    #[test]
+    fn a_turn_under_way_rises() {
+        // Crossings of zero, each half a period of the pitch.
+        let pitch = |left_rad: f64| {
+            let sound = earcon(Earcon::Turning, left_rad, 48_000);
+            sound.windows(2).filter(|w| w[0][0].signum() != w[1][0].signum()).count()
+        };
+        let heard = [3.1, 2.0, 1.0, 0.3].map(pitch);
+        assert!(heard.windows(2).all(|w| w[0] < w[1]), "{heard:?}");
     }
 
     #[test]

@@ -17,8 +17,9 @@ macro_rules! files {
 }
 
 /// What the document loads, wherever the engine runs.
-pub(crate) const FILES: [(&str, &str); 26] = files![
+pub(crate) const FILES: [(&str, &str); 27] = files![
     "app.js",
+    "before.js",
     "beside.js",
     "buttons.js",
     "camera.js",

@@ -2,13 +2,14 @@
 
 use crate::config::{CameraSource, ServeConfig};
 use crate::hub::Hub;
-use crate::lens::{self, LensWatch};
+use crate::lens::{self, LensFound, LensWatch};
 use crate::start::Start;
 use crate::surface::SurfaceWork;
 use crate::survive::{Survives, SurvivesIn};
 use crate::wire::{self, ToPage};
 use cairn_dense::SubmapConfig;
 use cairn_engine::{Output, SensorMode};
+use cairn_phrases::Language;
 use cairn_sensor::{FramePacket, Source, SourceError};
 use cairn_session::{
     Clock, Command, Drawn, Event, LensKnowledge, LibraryError, MapKeeper, NotSaved, NotTracked, Observer,
@@ -86,15 +87,19 @@ fn begin(
         let listed = routes_in(folder, wall_of(hub)(), &serve.session.phrases);
         hub.routes.send_replace(ToPage::Routes(&listed).text().into());
     }
-    let (mut lens, mut guessed, mut config) = (None, false, serve.config);
+    let (mut lens, mut knowledge, mut config) = (None, None, serve.config);
     let (source, mode, has_imu): (Box<dyn Source>, SensorMode, bool) = match serve.camera {
         CameraSource::Page { rig } => {
             let is_given = rig.is_some();
             let mut phone = PhoneSource::open(&hub.port, rig.map(|r| *r))?;
             lens = (!is_given).then(|| lens_of(hub, serve.keep.clone(), &mut phone)).flatten();
-            guessed = !is_given && !lens.as_ref().is_some_and(LensWatch::is_certain);
             // A phone with motion data makes the map metric.
             let has_imu = phone.rig().imu.is_some();
+            knowledge = (!is_given).then(|| match has_imu {
+                _ if lens.as_ref().is_some_and(LensWatch::is_certain) => LensKnowledge::Found,
+                true => LensKnowledge::Guessed,
+                false => LensKnowledge::WithoutMotion,
+            });
             // Phones expose row after row, each type with a time of its own.
             config.tracker.estimate_readout |= has_imu;
             let to_pages = hub.clone();
@@ -124,7 +129,8 @@ fn begin(
             Session::new(slam, session_config)
         }
         Some(lock) => {
-            let camera = start.camera(!guessed);
+            let is_guessed = knowledge.is_some_and(|known| known != LensKnowledge::Found);
+            let camera = start.camera(!is_guessed);
             let kept = camera.and_then(|camera| {
                 MapKeeper::open_with(lock, before.atlas.clone(), &camera, |map| start.slam(map))
             });
@@ -135,8 +141,8 @@ fn begin(
         }
     };
     session.go_on(&before);
-    if guessed {
-        session.knows_of_lens(LensKnowledge::Guessed);
+    if let Some(known) = knowledge {
+        session.knows_of_lens(known);
     }
     feed(source, hub.inbox.clone()).map_err(|e| {
         SourceError::new(&name, format!("no thread to read it ({e})"), "close other programs")
@@ -188,10 +194,12 @@ struct PageObserver {
     picture: Option<Instant>,
     view: Option<Instant>,
     map: Option<Instant>,
-    /// The routes that the pages have: a version, and the route at hand.
-    routes: Option<(u64, Option<PathBuf>)>,
+    /// The routes that the pages have: a version, the route at hand, and the language that they are in.
+    routes: Option<(u64, Option<PathBuf>, Language)>,
     /// While the lens is a guess, or was kept and is not checked yet; and how to begin again with another.
     lens: Option<(LensWatch, Start)>,
+    /// A lens that was found, and is used once what hangs on the map has ended.
+    lens_due: Option<LensFound>,
     survives: Option<SurvivesIn>,
     /// Makes surfaces, where they are wanted.
     surface: Option<SurfaceWork>,
@@ -209,6 +217,7 @@ impl PageObserver {
             map: None,
             routes: None,
             lens: None,
+            lens_due: None,
             survives: None,
             surface: None,
             unsaved: Vec::new(),
@@ -240,31 +249,39 @@ impl PageObserver {
     /// The kept routes, where they have changed.
     fn send_routes(&mut self, session: &Walk) {
         let (version, held) = session.routes_version();
-        if self.routes.as_ref().is_some_and(|(v, h)| *v == version && h.as_deref() == held) {
+        let now = (version, held.map(Path::to_owned), session.language());
+        if self.routes.as_ref() == Some(&now) {
             return;
         }
-        self.routes = Some((version, held.map(Path::to_owned)));
+        self.routes = Some(now);
         self.hub.routes.send_replace(ToPage::Routes(&session.routes()).text().into());
     }
 
-    /// Estimates the lens while it is a guess, and checks a kept one; begins again with one that was found, where nothing hangs
-    /// on the map that was made without it.
+    /// Estimates the lens while it is a guess, and checks a kept one; begins again with one that was found, once nothing is in
+    /// progress on the map that was made without it.
     fn watch_lens(&mut self, session: &mut Walk) {
         let Some((watch, start)) = &mut self.lens else { return };
-        let Some(found) = watch.step(&**session.engine()) else { return };
-        let lens = found.lens;
-        if found.is_certain {
-            self.hub.broadcast(&ToPage::Lens { focal: lens.focal, radial: lens.radial, sigma: lens.sigma });
-        }
-        if let Some(why) = found.not_kept {
-            self.hub.broadcast(&ToPage::Doubt(&why));
-        }
-        let Some(next) = watch.with(lens).filter(|_| session.may_restart_slam()) else {
+        if self.lens_due.is_none()
+            && let Some(found) = watch.step(&**session.engine())
+        {
             if found.is_certain {
+                let lens = found.lens;
+                self.hub.broadcast(&ToPage::Lens {
+                    focal: lens.focal,
+                    radial: lens.radial,
+                    sigma: lens.sigma,
+                });
+            }
+            if let Some(why) = &found.not_kept {
+                self.hub.broadcast(&ToPage::Doubt(why));
+            }
+            if found.is_certain && !session.may_restart_slam() {
                 session.knows_of_lens(LensKnowledge::FoundForLater);
             }
-            return;
-        };
+            self.lens_due = Some(found);
+        }
+        let Some(found) = self.lens_due.take_if(|_| session.may_restart_slam()) else { return };
+        let Some(next) = watch.with(found.lens) else { return };
         start.rig.cameras[0].camera = next.camera();
         let camera = start.camera(found.is_certain);
         match camera.and_then(|camera| session.restart_slam(&camera, |map| start.slam(map))) {

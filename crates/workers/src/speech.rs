@@ -5,8 +5,15 @@ use cairn_sensor::Stamp;
 use cairn_session::{Event, Said, Sound};
 use serde::{Deserialize, Serialize};
 
-const EARCONS: [Earcon; 6] =
-    [Earcon::OnCourse, Earcon::OffCourse, Earcon::Turn, Earcon::Waypoint, Earcon::Arrival, Earcon::Stop];
+const EARCONS: [Earcon; 7] = [
+    Earcon::OnCourse,
+    Earcon::OffCourse,
+    Earcon::Turn,
+    Earcon::Turning,
+    Earcon::Waypoint,
+    Earcon::Arrival,
+    Earcon::Stop,
+];
 
 /// As [`Event`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -161,7 +161,7 @@ async fn record(served: &Served, phone: &mut Phone, meanwhile: impl FnOnce(&Serv
         assert!(Instant::now() < limit, "the phone does not get back: {:#?}", phone.heard_texts);
         phone.walk(Walk::To(phone.at as usize), Duration::from_millis(300)).await;
     }
-    phone.command("halt").await;
+    phone.command("stop").await;
     phone.walk(Walk::To(phone.at as usize), Duration::from_millis(600)).await;
 }
 

@@ -168,12 +168,9 @@ fn coasting_lost_and_relocalised() {
     let state = State::Coasting { since_s: 0.1, sigma: 0.02 };
     assert_eq!(after(&mut tracker, &FrameResult { state, ..gravity_aligned(0.1) }), Phase::Coasting);
     assert!(tracker.status().valid);
-    assert_eq!(
-        tracker.status().words(),
-        "I follow by motion or depth sensor only, for 0.1 s, to within 0.02 m."
-    );
+    assert_eq!(tracker.status().words(), "I cannot see well, and follow by the other sensors.");
     let german = tracker.status().words_in(cairn_phrases::Language::German);
-    assert_eq!(german, "Ich folge nur dem Bewegungs- oder Tiefensensor, seit 0,1 s, auf 0,02 m genau.");
+    assert_eq!(german, "Ich sehe nicht gut und folge den anderen Sensoren.");
     let lost = State::Lost { inliers: 7, need: 15 };
     assert_eq!(after(&mut tracker, &without_pose(0.2, &imu, lost)), Phase::Lost);
     assert_eq!(after(&mut tracker, &without_pose(0.3, &imu, lost)), Phase::Lost);

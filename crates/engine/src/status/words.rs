@@ -3,7 +3,7 @@
 
 use super::{ImuStatus, Phase, Status, StatusEvent, Wait};
 use cairn_inertial::GateKind;
-use cairn_phrases::{Arg, Language};
+use cairn_phrases::Language;
 use std::fmt;
 
 impl fmt::Display for Phase {
@@ -126,30 +126,18 @@ impl Status {
     /// The phase in a sentence or two, for the person holding the camera.
     pub fn words_in(&self, language: Language) -> String {
         let text = |id: &str| language.text(id);
-        let counted = |id: &str, have: usize, need: usize| {
-            language.say(id, &[("have", have.into()), ("need", need.into())])
-        };
         match (self.phase, self.waits.first()) {
             (Phase::LoadingVocab, _) => text("phase-loading"),
             (Phase::WaitFrames, _) if self.frames == 0 => text("phase-first-image"),
             (Phase::WaitFrames, _) => text("phase-no-image"),
             (Phase::WaitImu, _) => text("phase-no-imu"),
-            (Phase::WaitMotion | Phase::Initializing, Some(Wait::Points { have, need })) => {
-                counted("phase-points", *have, *need)
-            }
-            (Phase::WaitMotion, Some(Wait::Parallax { .. })) => text("phase-parallax"),
+            (Phase::WaitMotion | Phase::Initializing, Some(Wait::Points { .. }))
+            | (Phase::WaitMotion, Some(Wait::Parallax { .. })) => text("phase-points"),
             (Phase::WaitMotion, _) => text("phase-unmeasured-move"),
             (Phase::Initializing, _) => text("phase-unmeasured"),
             (Phase::Tracking, _) => text("phase-tracking"),
-            (Phase::Coasting, Some(Wait::VisualMatches { since_s, sigma })) => {
-                let args = [("seconds", Arg::Number(*since_s, 1)), ("metres", Arg::Number(*sigma, 2))];
-                language.say("phase-coasting-since", &args)
-            }
-            (Phase::Coasting, Some(Wait::Translation { since_s })) => {
-                language.say("phase-rotation", &[("seconds", Arg::Number(*since_s, 1))])
-            }
+            (Phase::Coasting, Some(Wait::Translation { .. })) => text("phase-rotation"),
             (Phase::Coasting, _) => text("phase-coasting"),
-            (Phase::Lost, Some(Wait::Place { have, need })) => counted("phase-lost-matches", *have, *need),
             (Phase::Lost, _) => text("phase-lost"),
             (Phase::Resetting, _) => text("phase-new-map"),
             (Phase::Error, _) => match &self.error {
@@ -163,23 +151,20 @@ impl Status {
 impl Wait {
     /// What is waited for, for the person holding the camera: a part of a sentence.
     pub fn words_in(&self, language: Language) -> String {
-        let counted = |id: &str, have: usize, need: usize| {
-            language.say(id, &[("have", have.into()), ("need", need.into())])
-        };
-        match self {
-            Self::Points { have, need } => counted("wait-points", *have, *need),
-            Self::Parallax { .. } => language.text("wait-parallax"),
-            Self::Reading { .. } => language.text("wait-imu"),
-            Self::FirstTry => language.text("wait-first-try"),
-            Self::Gate(gate) => language.text(match gate.kind {
+        language.text(match self {
+            Self::Points { .. } => "wait-points",
+            Self::Parallax { .. } => "wait-parallax",
+            Self::Reading { .. } => "wait-imu",
+            Self::FirstTry => "wait-first-try",
+            Self::Gate(gate) => match gate.kind {
                 GateKind::KeyFrames | GateKind::Seconds => "wait-time",
                 GateKind::Excitation => "wait-excitation",
                 GateKind::Baseline => "wait-baseline",
                 _ => "wait-precision",
-            }),
-            Self::VisualMatches { .. } => language.text("wait-matches"),
-            Self::Translation { .. } => language.text("wait-translation"),
-            Self::Place { have, need } => counted("wait-place", *have, *need),
-        }
+            },
+            Self::VisualMatches { .. } => "wait-matches",
+            Self::Translation { .. } => "wait-translation",
+            Self::Place { .. } => "wait-place",
+        })
     }
 }

@@ -169,14 +169,19 @@ impl Follower {
 
     /// What comes next from here.
     pub(crate) fn ahead(&self, now: &Now) -> UpcomingManeuver {
+        self.ahead_of(now.at.along_m)
+    }
+
+    /// What comes next from so many metres along the route.
+    pub(crate) fn ahead_of(&self, along_m: f64) -> UpcomingManeuver {
         let maneuvers = self.plan.maneuvers();
         let Some(m) = maneuvers.get(self.next) else {
-            let distance_m = (self.plan.length() - now.at.along_m).max(0.0);
+            let distance_m = (self.plan.length() - along_m).max(0.0);
             return UpcomingManeuver { distance_m, next: Next::End, then: None };
         };
         let then = maneuvers.get(self.next + 1).filter(|n| n.joined);
         UpcomingManeuver {
-            distance_m: (m.at_m - now.at.along_m).max(0.0),
+            distance_m: (m.at_m - along_m).max(0.0),
             next: as_next(m),
             then: then.map(|n| ((n.at_m - m.end_m).max(0.0), as_next(n))),
         }

@@ -29,6 +29,8 @@ pub(crate) struct Now {
 pub(crate) struct Turning {
     /// When the direction was given.
     pub said: Stamp,
+    /// The heading in which he stood then.
+    pub from: f64,
     /// The walker began to turn.
     pub began: bool,
     /// "Stop turning" was said, together with what comes next.
@@ -49,7 +51,15 @@ impl Turning {
 
     /// A turn whose direction is given now; `moving` when the walker will continue by himself after it.
     pub fn new(now: &Now, moving: bool) -> Self {
-        Self { said: now.stamp, began: false, stop_said: false, held: false, still_since: None, moving }
+        Self {
+            said: now.stamp,
+            from: now.walker.heading,
+            began: false,
+            stop_said: false,
+            held: false,
+            still_since: None,
+            moving,
+        }
     }
 }
 

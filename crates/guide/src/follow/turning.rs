@@ -1,12 +1,15 @@
 //! While the walker turns on the spot: say "stop turning" early and check the result.
 
 use super::steer::BEAR_DEG;
-use super::{Follower, Now, Phase, Turning};
+use super::{Follower, Now, Phase, Turning, since};
 use crate::cue::CueKind;
 use crate::facing::Facing;
+use crate::ground::wrap;
 
 /// Slower than this is not turning, rad/s.
 const STILL_RAD_S: f64 = 0.15;
+/// Whoever has turned by so much has begun, however slowly, radians.
+const TURNED_RAD: f64 = 0.35;
 /// Seconds within which a new direction cannot have been heard and followed.
 const REACTION_S: f64 = 1.0;
 /// Seconds without turning after which a turn has ended.
@@ -28,7 +31,8 @@ impl Follower {
         let rate = self.motion.turn_rate();
         let left = now.walker.turn_to(self.aim(now));
         // A small correction may still be in progress while the words are heard: that is not this turn.
-        turning.began |= now.stamp - turning.said > REACTION_S && rate.abs() > 2.0 * STILL_RAD_S;
+        let turned = wrap(now.walker.heading - turning.from).abs() > TURNED_RAD;
+        turning.began |= now.stamp - turning.said > REACTION_S && (rate.abs() > 2.0 * STILL_RAD_S || turned);
         if turning.began && !turning.stop_said && !turning.held && self.overtakes(left, rate) {
             if !self.may_end_anywhere(now) {
                 turning.held = true;
@@ -53,7 +57,12 @@ impl Follower {
         if !turning.began && waited > REPEAT_S {
             return self.turned(&turning, left, now);
         }
-        None
+        let is_told = turning.began && !turning.stop_said && !turning.held;
+        if !is_told || since(self.memory.ticked, now.stamp) < self.config.tick_s {
+            return None;
+        }
+        self.memory.ticked = Some(now.stamp);
+        Some(CueKind::Turning(left))
     }
 
     /// True when at this rate the walker will have turned far enough before he can stop.

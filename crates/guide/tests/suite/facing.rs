@@ -50,13 +50,13 @@ fn home_sides_and_first_words() {
     let north = [[0., 0., 1.], [0., 20., 1.]];
     // Facing east: the right hand points south.
     let (_, words) = first_words(&mut guide(&north, Facing::Home), pose([0., 0., 1.], SOUTH, EAST));
-    assert_eq!(words, "The route is 20 metres long. Turn left.");
+    assert_eq!(words, "Turn left. The route is 20 metres long.");
     let (_, words) = first_words(&mut guide(&north, Facing::Home), pose([0., 0., 1.], NORTH, WEST));
-    assert_eq!(words, "The route is 20 metres long. Turn right.");
+    assert_eq!(words, "Turn right. The route is 20 metres long.");
     let (_, words) = first_words(&mut guide(&north, Facing::Home), pose([0., 0., 1.], WEST, SOUTH));
-    assert_eq!(words, "The route is 20 metres long. Turn around.");
+    assert_eq!(words, "Turn around. The route is 20 metres long.");
     let (_, words) = first_words(&mut guide(&north, Facing::Home), pose([0., 0., 1.], EAST, NORTH));
-    assert_eq!(words, "The route is 20 metres long. Continue 20 metres to the end.");
+    assert_eq!(words, "Continue 20 metres to the end. The route is 20 metres long.");
 }
 
 #[test]
@@ -64,12 +64,12 @@ fn camera_back_uses_the_walkers_own_left() {
     let north = [[0., 0., 1.], [0., 20., 1.]];
     // The camera looks west, so the walker faces east; north is to the left.
     let (_, words) = first_words(&mut guide(&north, Facing::Back), pose([0., 0., 1.], NORTH, WEST));
-    assert_eq!(words, "The route is 20 metres long. The camera faces behind you. Turn left.");
+    assert_eq!(words, "Turn left. The route is 20 metres long. The camera faces behind you.");
     // The camera looks south: the walker faces north and moves on.
     let (_, words) = first_words(&mut guide(&north, Facing::Back), pose([0., 0., 1.], WEST, SOUTH));
     assert_eq!(
         words,
-        "The route is 20 metres long. The camera faces behind you. Continue 20 metres to the end."
+        "Continue 20 metres to the end. The route is 20 metres long. The camera faces behind you."
     );
 }
 
@@ -80,13 +80,13 @@ fn backwards_warning_and_rotation_side() {
     let (_, words) = first_words(&mut guide(&north, Facing::Backwards), pose([0., 0., 1.], WEST, SOUTH));
     assert_eq!(
         words,
-        "The route is 20 metres long. Caution, you will move backwards. Go slowly and only on flat ground. \
-         Check behind you. Move back 20 metres to the end."
+        "Caution, you will move backwards. Go slowly and only on flat ground. \
+         Feel behind you with the cane. Move back 20 metres to the end. The route is 20 metres long."
     );
     // Facing east, the back points west; it must point north. Turning right from east leads to south, and
     // then the back points north.
     let (kind, words) = first_words(&mut guide(&north, Facing::Backwards), pose([0., 0., 1.], SOUTH, EAST));
-    assert!(words.ends_with("Rotate right."), "{words}");
+    assert!(words.ends_with("Rotate right. The route is 20 metres long."), "{words}");
     let CueKind::Start { first: First::Turn(angle), .. } = kind else { panic!("{kind:?}") };
     assert!((angle + std::f64::consts::FRAC_PI_2).abs() < 1e-9, "turning left is positive: {angle}");
 }
@@ -141,6 +141,6 @@ fn camera_pitch_does_not_change_the_words() {
         let tilt = So3::exp(&Vec3::new(-pitch, 0.0, 0.0));
         let tilted = Se3::new(level.rotation * tilt, level.translation);
         let (_, words) = first_words(&mut guide(&north, Facing::Home), tilted);
-        assert_eq!(words, "The route is 20 metres long. Turn left.");
+        assert_eq!(words, "Turn left. The route is 20 metres long.");
     }
 }

@@ -19,7 +19,7 @@ pub struct RouteEntry {
     pub atlas: Option<String>,
     /// Metres as recorded; `None` where the scale is not known.
     pub length_m: Option<f64>,
-    /// It was recorded with a lens that was a guess: its length may be wrong by a third.
+    /// It was recorded with a lens that was a guess: its length may be wrong by a third, and nobody is guided along it.
     pub lens_guessed: bool,
     /// Number of points.
     pub points: usize,

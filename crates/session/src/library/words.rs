@@ -12,13 +12,15 @@ pub(crate) const SPOKEN: usize = 5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum RouteProblem {
     OtherMap,
+    /// The lens was a guess.
+    Guessed,
     Unreadable,
 }
 
-/// "Route 3, to the kitchen, 40 metres, yesterday"; and that its lengths are doubtful, where they are.
+/// "Route 3, to the kitchen, 40 metres, yesterday"; without a length that was a guess.
 pub(crate) fn route(entry: &RouteEntry, now: WallTime, phrases: &PhraseConfig) -> String {
     let mut parts = vec![short(entry, phrases.language)];
-    parts.extend(entry.length_m.map(|metres| phrases.distance(metres)));
+    parts.extend(entry.length_m.filter(|_| !entry.lens_guessed).map(|metres| phrases.distance(metres)));
     parts.extend(entry.recorded_s.map(|s| when(now.days_since(s), phrases.language)));
     parts.extend(entry.lens_guessed.then(|| phrases.language.text("walk-route-lens-unknown")));
     parts.join(", ")
@@ -83,6 +85,7 @@ pub(crate) fn loaded(route: &str, notes: usize, why_not: Option<RouteProblem>, l
 pub(crate) fn why_not(why: RouteProblem, language: Language) -> String {
     language.text(match why {
         RouteProblem::OtherMap => "walk-why-other-map",
+        RouteProblem::Guessed => "walk-why-guessed",
         RouteProblem::Unreadable => "walk-why-damaged",
     })
 }

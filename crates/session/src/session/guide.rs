@@ -52,30 +52,33 @@ impl<S: Slam> Session<S> {
 
     pub(super) fn begin_guiding(&mut self, facing: Facing, again: bool) -> Result<String, Refused> {
         if self.recording.is_some() {
-            self.end_recording()?;
+            return Err(self.speech.refuse("walk-stop-first"));
         }
         self.update_metric(self.status.metric);
         let held = self.route.as_ref().ok_or_else(|| self.speech.refuse("walk-no-route"))?;
         if !held.here {
             return Err(self.speech.refuse("walk-other-map"));
         }
+        if held.route.header.lens_guessed || self.learning.reads_with_guess() {
+            return Err(self.speech.refuse("walk-route-guessed"));
+        }
         let travel = if again { Travel::Again } else { Travel::Home };
         let (map, place) = (self.engine.snapshot(), self.place.as_ref());
-        let guiding = Guiding::begin(&map, &held.route, travel, facing, place, self.now, &self.config.route)
-            .map_err(|why| self.speech.refuse(why.id()))?;
-        // The guide's first words give the length and the first direction; before that, whether the map covers the
-        // route is said.
+        let mut guiding =
+            Guiding::begin(&map, &held.route, travel, facing, place, self.now, &self.config.route)
+                .map_err(|why| self.speech.refuse(why.id()))?;
+        // The first direction comes before all else; whether the map covers the route is said to those who ask.
         let camera = self.engine.camera();
         let ready = |facing| guiding.reference_path.readiness(&map, &held.route, camera, facing);
         let with_camera_back = (facing == Facing::Home).then(|| ready(Facing::Back));
         let phrases = self.speech.phrases_for(self.status.metric);
-        let words = match self.engine.is_visual() {
+        guiding.ready = match self.engine.is_visual() {
             true => ready_words(&ready(facing), with_camera_back.as_deref(), &phrases),
             false => self.speech.text("ready-all"),
         };
         self.guiding = Some(guiding);
         self.arrived = false;
-        Ok(words)
+        Ok(self.speech.text("walk-guidance-begins"))
     }
 
     /// Why the unit of length of the last pose rules out directions along the route, if it does: the pose is in
@@ -143,7 +146,8 @@ impl<S: Slam> Session<S> {
             .then(|| guiding.note(&map, &held.route, &place, self.speech.language()))
             .flatten();
         let arrived = guiding.guide.state() == GuideState::Arrived;
-        if let Some(cue) = cue {
+        let has_lost_distances = guiding.has_lost_distances;
+        if let Some(cue) = cue.filter(|_| !has_lost_distances) {
             self.cue(&cue, ahead);
         }
         if let Some(note) = note {
@@ -152,6 +156,9 @@ impl<S: Slam> Session<S> {
         if arrived {
             self.arrived = true;
             self.guiding = None;
+        } else if has_lost_distances {
+            self.guiding = None;
+            self.say(&self.speech.text("walk-distances-lost"), Priority::Urgent);
         }
     }
 
@@ -173,7 +180,7 @@ impl<S: Slam> Session<S> {
         }
         if let (Some(place), true) = (&here, was_elsewhere) {
             let travel = if guiding.again { Travel::Again } else { Travel::Home };
-            if let Ok(anew) = Guiding::begin(
+            if let Ok(mut anew) = Guiding::begin(
                 &map,
                 &held.route,
                 travel,
@@ -182,6 +189,7 @@ impl<S: Slam> Session<S> {
                 guiding.asked,
                 &self.config.route,
             ) {
+                anew.ready = std::mem::take(&mut guiding.ready);
                 *guiding = anew;
             }
         }

@@ -84,6 +84,9 @@ impl<S: Slam> Session<S> {
         match self.age() {
             Age::Unknown => (why(StopReason::AgeUnknown), true),
             age if age.is_stale() => (why(StopReason::PicturesLate), true),
+            _ if self.recording.is_none() && self.learning.what_helps().is_some() => {
+                (self.speech.text("walk-learning"), false)
+            }
             _ if self.recording.is_some() => {
                 (format!("{} {words}", self.speech.text("walk-recording")), false)
             }
@@ -137,7 +140,7 @@ impl<S: Slam> Session<S> {
         let s = self.status();
         let mut words = s.headline.clone();
         let mut add = |sentence: String| words = format!("{words} {sentence}");
-        s.age.words(s.language).into_iter().for_each(&mut add);
+        s.age.words(s.language).filter(|_| s.age.is_stale()).into_iter().for_each(&mut add);
         let phrases = self.speech.phrases_for(self.status.metric);
         if let Some(r) = &s.recording {
             let says_so = s.headline.starts_with(&self.speech.text("walk-recording"));
@@ -149,6 +152,15 @@ impl<S: Slam> Session<S> {
             let done = 100.0 * g.along_m / g.length_m.max(1e-9);
             let percent = [("percent", Arg::Number(done, 0))];
             add(phrases.measured(["walk-to-go", "walk-percent-done"], g.length_m - g.along_m, &percent));
+        }
+        if let Some(guiding) = self.guiding.as_ref().filter(|_| !s.alarm) {
+            let beside = self.place.as_ref().and_then(|place| guiding.beside(place));
+            if let Some((ahead, (away_m, bearing_rad))) = guiding.guide.ahead().zip(beside) {
+                add(phrases.where_words(&ahead, away_m, bearing_rad, guiding.facing));
+            }
+            add(guiding.ready.clone());
+        } else if self.recording.is_none() {
+            self.learning.what_helps().into_iter().for_each(|id| add(self.speech.text(id)));
         }
         words
     }

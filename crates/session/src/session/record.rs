@@ -1,8 +1,7 @@
 //! Recording: it begins, takes each pose and the notes that are given, and ends.
 
 use super::{NotSaved, RouteAtHand, Session};
-use crate::lens::LensKnowledge;
-use crate::library::words;
+use crate::library::{replace, words};
 use crate::place::Place;
 use crate::recording::{About, Recording};
 use crate::refused::Refused;
@@ -17,8 +16,6 @@ use std::path::{Path, PathBuf};
 const SHORT_POINTS: usize = 60;
 /// A marked place waits this long for its note, seconds.
 const MARKED_S: f64 = 120.0;
-/// So long a recording that begins by itself waits for a lens that is not known yet, seconds.
-const LENS_PATIENCE_S: f64 = 60.0;
 
 /// A recording that has ended.
 struct Finished {
@@ -50,11 +47,8 @@ impl<S: Slam> Session<S> {
 
     pub(super) fn record(&mut self, seen: &RecordInput) {
         let due = self.config.auto_record.is_some_and(|n| self.status.tracked >= n);
-        // What is recorded stays with the lens that it was recorded with.
-        let lens_may_come =
-            self.lens.known == Some(LensKnowledge::Guessed) && self.elapsed_s() < LENS_PATIENCE_S;
         if due
-            && !lens_may_come
+            && self.learning.what_helps().is_none()
             && !self.auto_recorded
             && self.recording.is_none()
             && self.guiding.is_none()
@@ -82,6 +76,10 @@ impl<S: Slam> Session<S> {
         if self.recording.is_some() {
             return Err(self.speech.refuse("walk-already-recording"));
         }
+        if let Some(helps) = self.learning.what_helps() {
+            self.learning.is_awaited();
+            return Err(self.speech.refuse(helps));
+        }
         (self.auto_recorded, self.is_auto) = (true, false);
         let named = path.or_else(|| self.config.record_to.take());
         if named.is_none() {
@@ -100,7 +98,6 @@ impl<S: Slam> Session<S> {
             source: &self.config.source,
             recorded_s: kept.map(|_| (self.wall)().unix_s),
             atlas: kept.map(|k| k.id().to_owned()),
-            lens_guessed: self.reads_with_guess(),
         };
         let (recording, trouble) =
             Recording::begin(&*self.disk, path.as_deref(), &map, place, about, self.config.route.recorder);
@@ -111,7 +108,6 @@ impl<S: Slam> Session<S> {
                 let args: [(&str, Arg); 2] = [("file", (&file).into()), ("why", (&why).into())];
                 self.speech.language().say("walk-recording-in-memory", &args)
             }
-            (None, _) if self.reads_with_guess() => self.speech.text("walk-recording-lens-unknown"),
             (None, _) if is_full => self.speech.text("walk-library-full"),
             (None, true) => self.speech.text("walk-recording"),
             (None, false) => self.speech.text("walk-recording-unmeasured"),
@@ -165,8 +161,12 @@ impl<S: Slam> Session<S> {
     /// Ends a recording; what went astray of it is placed.
     fn finish(&self, recording: Recording) -> Finished {
         let length = recording.length();
-        let (mut route, path, whole) = recording.finish();
+        let (mut route, path, mut whole) = recording.finish();
         let file = path.as_deref().filter(|_| whole.is_ok()).map(|path| (&*self.disk, path));
+        if self.learning.reads_with_guess() {
+            route.header.lens_guessed = true;
+            whole = file.map_or(whole, |(disk, path)| replace(disk, path, &route));
+        }
         let carried = settle_astray(&self.engine.snapshot(), self.engine.camera(), &mut route, file);
         match carried {
             Ok(carried) => Finished { route, path, whole, length: carried.unwrap_or(length) },

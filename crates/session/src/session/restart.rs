@@ -4,6 +4,7 @@
 //! dropped, and that is refused where anything hangs on it.
 
 use super::Session;
+use crate::learning::LensKnowledge;
 use crate::library::{LibraryCamera, LibraryError};
 use crate::slam::Slam;
 use cairn_atlas::store::MapFile;
@@ -11,15 +12,16 @@ use cairn_engine::OpenMapError;
 use cairn_guide::Confidence;
 
 impl<S: Slam> Session<S> {
-    /// Whether nothing hangs on the map of this session: no route, no recording, no guidance.
+    /// Whether nothing that can be guided along hangs on the map of this session: no route, no recording, no guidance. Routes
+    /// of a lens that is known to be another lead nobody.
     pub fn may_restart_slam(&self) -> bool {
         let has_route = self.route.as_ref().is_some_and(|held| held.here);
         let has_recorded = !self.recorded_here.is_empty() || !self.recorded.is_empty();
+        let routes_count = self.learning.lens != Some(LensKnowledge::FoundForLater);
         self.dead.is_none()
             && self.recording.is_none()
             && self.guiding.is_none()
-            && !has_recorded
-            && !has_route
+            && !(routes_count && (has_recorded || has_route))
     }
 
     /// Begins SLAM again with what `begin` begins for this camera: in an atlas of the folder that takes it, or in none. Returns what the user should
@@ -41,6 +43,11 @@ impl<S: Slam> Session<S> {
             self.dead = Some(self.speech.text("walk-tracking-failed"));
         })?;
         self.engine = engine;
+        self.learning.begins_again();
+        // What was recorded hangs on the map before.
+        self.recorded_here.clear();
+        self.recorded.iter_mut().for_each(|(_, route)| route.header.lens_guessed = true);
+        self.route.iter_mut().for_each(|held| held.here = false);
         (self.place, self.confidence, self.marked) = (None, Confidence::Lost, None);
         (self.scale, self.unsupported) = (None, None);
         self.status.metric = self.engine.is_metric();

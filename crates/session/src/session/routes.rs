@@ -33,6 +33,7 @@ impl<S: Slam> Session<S> {
     pub(super) fn why_not(&self, entry: &RouteEntry) -> Option<RouteProblem> {
         match &entry.damage {
             Some(_) => Some(RouteProblem::Unreadable),
+            None if entry.lens_guessed => Some(RouteProblem::Guessed),
             None => (!self.is_here(&entry.path, entry.atlas.as_deref())).then_some(RouteProblem::OtherMap),
         }
     }
@@ -94,7 +95,10 @@ impl<S: Slam> Session<S> {
             Some(entry) => words::route(entry, (self.wall)(), self.speech.phrases()),
             None => self.short_name(Some(&path), &route),
         };
-        let why_not = (!here).then_some(RouteProblem::OtherMap);
+        let why_not = match route.header.lens_guessed {
+            true => Some(RouteProblem::Guessed),
+            false => (!here).then_some(RouteProblem::OtherMap),
+        };
         let text = words::loaded(&named, route.notes.len(), why_not, self.speech.language());
         self.route = Some(RouteAtHand { route, path: Some(path), here });
         Ok(match ended {

@@ -33,8 +33,7 @@ enum RouteEnd {
 }
 
 impl<S: Slam> Session<S> {
-    /// Plans the way over the known routes from here to a place, and starts guidance along it. A recording in progress
-    /// belongs to them, and ends. Without a place: says which places there are.
+    /// Plans the way over the known routes from here to a place, and starts guidance along it. Without a place: says which places there are.
     pub(super) fn take_me(&mut self, to: &str) -> Result<String, Refused> {
         let to = said(to);
         let (known, language) = (self.known_routes(), self.speech.language());
@@ -70,9 +69,6 @@ impl<S: Slam> Session<S> {
         if planned.route.points.len() < 2 || planned.path.length_m < THERE_M {
             return Err(Refused::new(language, "walk-way-there", &[]));
         }
-        if self.recording.is_some() {
-            self.end_recording()?;
-        }
         let mut route = planned.route;
         route.header.name = Some(spoken.clone());
         let phrases = self.speech.phrases_for(route.header.metric);
@@ -80,7 +76,7 @@ impl<S: Slam> Session<S> {
         let going = phrases.measured(ids, planned.path.length_m, &[("place", (&spoken).into())]);
         let before = self.route.replace(RouteAtHand { route, path: None, here: true });
         match self.begin_guiding(self.config.facing, true) {
-            Ok(ready) => Ok(format!("{going} {ready}")),
+            Ok(_) => Ok(going),
             Err(why) => {
                 // Guidance that was in progress goes on along its own route.
                 self.route = before;
@@ -125,7 +121,7 @@ impl<S: Slam> Session<S> {
             let name = Some(named(held.path.as_deref(), &held.route));
             known.push(KnownRoute { number: None, name, route: held.route.clone() });
         }
-        known.retain(|k| k.route.points.len() >= 2);
+        known.retain(|k| k.route.points.len() >= 2 && !k.route.header.lens_guessed);
         known
     }
 }

@@ -167,7 +167,7 @@ fn routes_are_found_named_and_walked_after_a_restart() {
     let mut first = Walk::on_day(&folder, &clock);
     assert_eq!(first.ask("routes").unwrap(), "There is no recorded route.");
     record_both(&mut first);
-    assert_eq!(first.ask("rename 2 to the   kitchen").unwrap(), "Route 2, to the kitchen. The name is kept.");
+    assert_eq!(first.ask("rename 2 to the   kitchen").unwrap(), "New name: Route 2, to the kitchen.");
     assert!(first.ask(&format!("rename {}", "x".repeat(61))).is_err());
     // What is on disk is not held in memory as well.
     assert_eq!(first.session.recorded().count(), 0);

@@ -194,7 +194,7 @@ impl Judge {
         }
         self.outcome.seconds = now.seconds();
         if let Some(cue) = cue {
-            if matches!(cue.kind, CueKind::OnCourse | CueKind::Waypoint | CueKind::BackOnPath) {
+            if cue.kind.is_sound() {
                 self.outcome.sounds += 1;
             } else {
                 self.last_kind = Some(cue.kind);
@@ -285,7 +285,7 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::EndMissed { .. } => "end missed",
         CueKind::LookRound(_) => "look round",
         CueKind::Stop(_) => "stop",
-        CueKind::Waypoint | CueKind::OnCourse | CueKind::BackOnPath => "sound",
+        CueKind::Waypoint | CueKind::OnCourse | CueKind::Turning(_) | CueKind::BackOnPath => "sound",
     }
 }
 

@@ -1,6 +1,7 @@
 // The page: its messages, the status on the screen, and the commands.
 import { MediaButtons } from './buttons.js';
 import { InOrder } from './beside.js';
+import { Before } from './before.js';
 import { Camera } from './camera.js';
 import { gray, jpeg } from './coding.js';
 import { Files } from './files.js';
@@ -29,6 +30,11 @@ const STALE_MS = 500;
 const BACK_MS = 1000;
 // "Stop" is repeated while its reason lasts.
 const AGAIN_MS = 3000;
+// What helps where the camera does not start, by the browser's name of the reason.
+const NO_CAMERA = {
+  NotAllowedError: 'page-camera-refused', NotFoundError: 'page-camera-missing', OverconstrainedError: 'page-camera-missing',
+  NotReadableError: 'page-camera-busy', AbortError: 'page-camera-busy',
+};
 // The first byte of a map, of surface, of columns and of files; other bytes are images.
 const [MAP, SURFACE, COLUMNS, FILES] = [2, 3, 4, 5];
 
@@ -51,6 +57,7 @@ const noting = new Noting(command);
 const main = new MainButton(t);
 const trust = new Trust((text) => senses.say({ text, priority: 1 }), t);
 const media = new MediaButtons(command, t);
+const before = new Before(senses, t);
 // The newest status; null before the first picture, and while there is no connection.
 let latest = null;
 let me = null;
@@ -182,8 +189,9 @@ function hello({ id, camera: name }) {
   const how = link.bySocket ? null : trust.refused();
   if (how !== null) senses.say({ text: t(how), priority: 2 });
   if (lastStatus === null) {
-    $('state-now').dataset.text = 'page-no-picture-yet';
-    $('state-now').textContent = t('page-no-picture-yet');
+    const id = ownCamera && !camera.running ? 'page-camera-off' : 'page-no-picture-yet';
+    $('state-now').dataset.text = id;
+    $('state-now').textContent = t(id);
   }
   // The server's new connection does not know which messages this page found late.
   late = false;
@@ -265,12 +273,12 @@ function sound({ name, bearing_rad }) {
   senses.sound(name, bearing_rad);
 }
 
-function did({ ok, text }) {
-  $('answer').textContent = t(ok ? 'page-done' : 'page-not-done', { text });
+function did({ text }) {
+  $('answer').textContent = text;
 }
 
 function refused(text) {
-  did({ ok: false, text });
+  did({ text });
   senses.say({ text, priority: 1 });
 }
 
@@ -279,8 +287,9 @@ function trouble(text) {
   senses.say({ text, priority: 1, kind: 'trouble' });
 }
 
+// For whoever looks after the computer, where it is written too.
 function doubt(text) {
-  $('answer').textContent = t('page-warning', { text });
+  console.warn(text);
 }
 
 function status(s) {
@@ -290,6 +299,7 @@ function status(s) {
   routes.ask(s.question, controls);
   lastStatus = s;
   showState(s);
+  $('s-tracking').dataset.frames = s.frames;
   for (const [id, text] of Object.entries(table(s, words))) set(id, text);
   map.camera(s);
 }
@@ -383,6 +393,7 @@ function command(line) {
     refused(t('page-other-holds'));
     return;
   }
+  main.commanded();
   link.sendCopies({ command: line });
 }
 
@@ -423,7 +434,7 @@ $('camera').addEventListener('click', async () => {
   try {
     await camera.start();
   } catch (error) {
-    did({ ok: false, text: t('page-camera-refused', { why: error.name }) });
+    refused(t(NO_CAMERA[error.name] ?? 'page-camera-failed'));
     return;
   }
   link.sendCopies({ take: true });
@@ -526,5 +537,9 @@ document.addEventListener('visibilitychange', () => {
   if (here && guiding && document.visibilityState === 'hidden') becameLate();
 });
 
+if (!watchOnly) before.first();
 if (token || here) link.open();
-else showLink(['page-missing-key']);
+else {
+  showLink(['page-missing-key']);
+  senses.say({ text: t('page-missing-key'), priority: 1 });
+}

@@ -133,16 +133,25 @@ export class MainButton {
   constructor(t) {
     this.t = t;
     this.changed = -Infinity;
+    this.isCommanded = false;
     $('main').addEventListener('click', (event) => {
       if (performance.now() - this.changed < CHANGED_MS) event.stopPropagation();
     });
   }
 
-  // `status` is null before the first picture.
+  // The walker has given a command: the button may mean something else now.
+  commanded() {
+    this.isCommanded = true;
+  }
+
+  // `status` is null before the first picture. What ends by itself leaves the button as it is: a press that comes then ends nothing
+  // and begins nothing.
   show(status, shown) {
     const button = $('main');
-    const state = !status || status.frames === 0 ? 'wait' : status.recording ? 'stop' : status.guiding ? 'halt'
+    const next = !status || status.frames === 0 ? 'wait' : status.recording ? 'stop' : status.guiding ? 'halt'
       : status.route?.here ? (status.route.is_new ? 'home' : 'again') : 'record';
+    const stays = ['stop', 'halt'].includes(button.dataset.state) && next !== 'wait' && !this.isCommanded;
+    const state = stays ? button.dataset.state : next;
     const [command, label] = {
       wait: ['status', 'page-wait-picture'], record: ['record', 'page-record'], stop: ['stop', 'page-stop'],
       halt: ['halt', 'page-halt'], home: ['guide', 'page-guide-home'], again: ['guide again', 'page-guide-again'],
@@ -150,6 +159,7 @@ export class MainButton {
     button.hidden = !shown;
     if (button.dataset.state !== state) {
       this.changed = performance.now();
+      this.isCommanded = false;
       button.dataset.state = state;
       button.dataset.command = command;
     }

@@ -8,6 +8,8 @@ const SOUNDS = {
   'on-course': [[880, 0, 0.05, 0.15]],
   'off-course': [[330, 0, 0.12, 0.4], [262, 0.14, 0.16, 0.4]],
   turn: [[660, 0, 0.09, 0.4], [880, 0.1, 0.09, 0.4]],
+  // Deeper by 1.5 octaves for each half turn that is left.
+  turning: [[1047, 0, 0.07, 0.2]],
   waypoint: [[988, 0, 0.12, 0.3]],
   arrival: [[523, 0, 0.15, 0.4], [659, 0.16, 0.15, 0.4], [784, 0.32, 0.3, 0.4]],
   stop: [[196, 0, 0.18, 0.6], [196, 0.25, 0.18, 0.6]],
@@ -119,10 +121,11 @@ export class Senses {
     pan.pan.value = -Math.sin(bearing || 0);
     pan.connect(this.audio.destination);
     const now = this.audio.currentTime + 0.01;
+    const pitch = name === 'turning' ? 2 ** (-1.5 * Math.min(Math.abs(bearing), Math.PI) / Math.PI) : 1;
     for (const [frequency, begin, length, loud] of SOUNDS[name] ?? []) {
       const wave = this.audio.createOscillator();
       const gain = this.audio.createGain();
-      wave.frequency.value = frequency;
+      wave.frequency.value = frequency * pitch;
       gain.gain.setValueAtTime(0, now + begin);
       gain.gain.linearRampToValueAtTime(loud * this.volume, now + begin + 0.01);
       gain.gain.linearRampToValueAtTime(0, now + begin + length);

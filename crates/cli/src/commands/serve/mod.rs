@@ -114,7 +114,6 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     crate::outputs::folder_later(&routes)?;
     let session = SessionConfig {
         folder: routes.clone(),
-        auto_record: Some(100),
         facing: Facing::Home,
         phrases: a.speaking.phrases(),
         announcer: a.speaking.announcer(),

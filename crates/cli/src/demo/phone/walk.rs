@@ -36,8 +36,8 @@ const PARCEL: usize = 2;
 const ENCODING_S: f64 = 0.015;
 /// Longest wait for the server's first status and for answers, seconds.
 const PATIENCE_S: f64 = 20.0;
-/// The walker waits so long for the lens to be known, seconds.
-const MEET_S: f64 = 60.0;
+/// The walker waits so long for the phone to be known, seconds.
+const MEET_S: f64 = 90.0;
 /// Seconds it takes to turn the camera round on the chest.
 const TURN_CAMERA_S: f64 = 4.0;
 /// The walk ends when the walker has stood this long after arrival, ...
@@ -46,7 +46,7 @@ const STANDING_S: f64 = 2.0;
 const STOPPED_S: f64 = 30.0;
 
 /// Walks out and home. Where the server does not know the lens, the walker first goes along the way and back until he hears that
-/// it does, puts the phone away, and begins the walk at its start.
+/// it is ready, puts the phone away, and begins the walk at its start.
 ///
 /// # Errors
 /// When the server does not start or answer, or the connection breaks.
@@ -68,10 +68,12 @@ pub fn walk(
             phone.out = config.sim.walker.motion(&there_and_back);
             phone.begin().await?;
             let begin = phone.page.clock.seconds();
-            while phone.page.lens.is_none() && phone.page.clock.seconds() - begin < MEET_S {
+            let ready = config.speaking.phrases().language.text("walk-ready");
+            while !phone.page.heard.contains(&ready) && phone.page.clock.seconds() - begin < MEET_S {
                 phone.turn().await?;
+                let after_s = phone.page.clock.seconds() - begin;
+                lens = lens.or(phone.page.lens.map(|lens| (lens, after_s)));
             }
-            lens = phone.page.lens.map(|lens| (lens, phone.page.clock.seconds() - begin));
         }
         let mut phone = Phone::new(config, traits, page(config, &server, 1).await?)?;
         phone.out().await?;

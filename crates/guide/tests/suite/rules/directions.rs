@@ -8,7 +8,7 @@ fn words_of_a_route_with_one_turn() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
     walker.go(29.9, 1.0).stand(0.4).turn(90.0, 40.0).go(22.0, 1.0);
     let words = walker.words();
-    assert_eq!(words[0], "The route is 50 metres long. Continue 30 metres, then turn left.");
+    assert_eq!(words[0], "Continue 30 metres, then turn left. The route is 50 metres long.");
     let expected = [
         "Another 20 metres, then turn left.",
         "Another 10 metres, then turn left.",
@@ -60,6 +60,26 @@ fn stop_turning_leads_by_turn_rate() {
             "at {rate} degrees a second {left} degrees were left"
         );
     }
+}
+
+/// At 15 degrees a second a turn around takes twelve seconds: the walker hears by a sound that it goes on, and is not told to turn
+/// around again while they do.
+#[test]
+fn a_slow_turn_around_has_progress_and_is_told_once() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.heading = std::f64::consts::PI - 0.1;
+    walker.stand(0.2).turn(-160.0, 15.0).stand(1.0);
+    let told = walker.words().iter().filter(|words| words.starts_with("Turn around")).count();
+    assert_eq!(told, 1, "{:?}", walker.words());
+    let left: Vec<f64> = walker
+        .cues
+        .iter()
+        .filter_map(|(.., cue)| match cue.kind {
+            CueKind::Turning(left) => Some(left.abs()),
+            _ => None,
+        })
+        .collect();
+    assert!(left.len() > 15 && left.windows(2).all(|w| w[1] < w[0] + 1e-6), "{left:?}");
 }
 
 #[test]
@@ -172,7 +192,7 @@ fn backwards_legs_and_speed_limit() {
     walker.go(-5.0, -0.8);
     let words = walker.words();
     assert!(words[0].contains("Caution, you will move backwards"), "{words:?}");
-    let check = walker.find("Stop. Check behind you.");
+    let check = walker.find("Stop. Feel behind you with the cane.");
     assert!((check[0].1 - 12.0).abs() < 0.3, "{check:?}");
     assert!(words.contains(&"Move back 25 metres to the end.".to_owned()), "{words:?}");
     assert!(words.contains(&"Slow down.".to_owned()), "{words:?}");

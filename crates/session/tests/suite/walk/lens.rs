@@ -1,4 +1,4 @@
-//! A lens that is not known yet.
+//! A phone is learned before a route is recorded.
 
 use crate::walk::scripted::{RATE_HZ, Walk, engine, folder, out};
 use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
@@ -6,40 +6,11 @@ use cairn_sensor::Camera;
 use cairn_session::{LensKnowledge, LibraryCamera, Session, SessionConfig};
 use cairn_sim::{SimConfig, SimSensor, WorldKind};
 
-#[test]
-fn a_guessed_lens_is_told_until_it_is_found() {
-    let mut walk = Walk::named("lens");
-    walk.session.knows_of_lens(LensKnowledge::Guessed);
-    walk.see(&out()[..5]);
-    assert!(walk.when("I do not know the camera of this phone yet", 0.0).is_some(), "{}", walk.transcript());
-    assert!(walk.ask("record").unwrap().contains("may be wrong"));
-    assert!(!walk.session.may_restart_slam(), "what is recorded hangs on the map");
-    walk.session.knows_of_lens(LensKnowledge::FoundForLater);
-    walk.see(&out()[5..]);
-    // What is being said is said to its end.
-    walk.see(out().iter().rev());
-    walk.see(out());
-    assert!(walk.when("I know the camera of this phone now", 0.0).is_some(), "{}", walk.transcript());
-    let told = |words: &str| walk.said.iter().filter(|(_, said)| said.starts_with(words)).count();
-    assert_eq!((told("I do not know"), told("I know")), (1, 1), "{}", walk.transcript());
-    // The route says so of itself from then on.
-    walk.ask("stop").unwrap();
-    let loaded = walk.ask("load").unwrap();
-    assert!(loaded.contains("recorded before I knew the camera"), "{loaded}");
-    assert!(walk.session.route().unwrap().header.lens_guessed);
+const LEARN: &str = "Let me learn this phone.";
+const READY: &str = "I am ready.";
 
-    let mut walk = Walk::named("lens-known");
-    walk.see(&out()[..5]);
-    assert_eq!(walk.ask("record").unwrap(), "Recording.");
-    assert!(walk.when("I do not know", 0.0).is_none());
-    walk.see(&out()[5..]);
-    walk.ask("stop").unwrap();
-    let loaded = walk.ask("load").unwrap();
-    assert!(!loaded.contains("before I knew") && loaded.contains("metres"), "{loaded}");
-}
-
-#[test]
-fn a_lens_that_becomes_known_is_used_at_once_and_nothing_is_recorded_before() {
+/// The camera of the walks, as its folder of routes knows it, and an engine that reads their images with a wrong guess of it.
+fn guessed() -> (LibraryCamera, Engine) {
     let camera = Camera::pinhole(320, 240, 270.0, 270.0, 159.5, 119.5);
     let config =
         SimConfig { sensor: SimSensor::Rgbd, imu: None, camera, ..SimConfig::new(WorldKind::Demo, 3) };
@@ -47,36 +18,87 @@ fn a_lens_that_becomes_known_is_used_at_once_and_nothing_is_recorded_before() {
     let camera = LibraryCamera::of(&rig, SensorMode::Rgbd, &defaults, true).unwrap();
     let guess =
         Engine::new(&rig, SensorMode::Rgbd, RATE_HZ, Runner::Lockstep, &defaults, &Host::bare()).unwrap();
-    let config =
-        SessionConfig { folder: folder("begin-again"), auto_record: Some(5), ..SessionConfig::default() };
+    (camera, guess)
+}
+
+#[test]
+fn no_route_is_recorded_before_the_phone_is_known_and_ready_is_said() {
+    let (camera, guess) = guessed();
+    // Not by itself either.
+    let config = SessionConfig { folder: folder("learn"), auto_record: Some(5), ..SessionConfig::default() };
     let mut walk = Walk::new(Session::new(guess, config));
     walk.session.knows_of_lens(LensKnowledge::Guessed);
+    walk.see(&out()[..5]);
+    assert!(walk.when(LEARN, 0.0).is_some(), "{}", walk.transcript());
+    assert!(walk.session.status().headline.starts_with("I am learning this phone."));
+    let refused = walk.ask("record").unwrap_err();
+    assert!(refused.starts_with(LEARN) && refused.contains("I tell you when I am ready."), "{refused}");
+    walk.see(&out()[5..60]);
+    assert!(!walk.session.is_recording() && walk.session.may_restart_slam(), "{}", walk.transcript());
+    // Found: the map of the guess is gone, and the map of this lens has to prove itself first.
+    walk.session.restart_slam(&camera, |_| Ok((engine(), Vec::new()))).unwrap();
+    walk.session.knows_of_lens(LensKnowledge::Found);
+    assert_eq!(walk.session.engine().snapshot().key_frame_count(), 0);
+    assert!(walk.session.place().is_none());
+    let found = walk.now;
+    walk.see(&out()[..30]);
+    assert!(walk.ask("record").unwrap_err().starts_with("Move a few metres first."));
+    assert!(walk.when(READY, 0.0).is_none() && !walk.session.is_recording(), "{}", walk.transcript());
+    walk.see(&out()[30..]);
+    let ready = walk.when(READY, found).unwrap_or_else(|| panic!("{}", walk.transcript()));
+    assert!(ready - found < 9.0, "{}", walk.transcript());
+    assert_eq!(walk.said.iter().filter(|(_, said)| said.starts_with(READY)).count(), 1);
+    // This session records by itself; then eight metres and a turn are eight metres.
+    assert!(walk.session.is_recording(), "{}", walk.transcript());
+    walk.ask("stop").unwrap();
+    walk.see(out().iter().rev());
+    walk.ask("record").unwrap();
+    walk.see(out());
+    let ended = walk.ask("stop").unwrap();
+    assert!(ended.starts_with("Recording has ended, 1"), "{ended}");
+    assert!(!walk.session.route().unwrap().header.lens_guessed);
+    assert!(walk.ask("guide back").is_ok());
+}
+
+#[test]
+fn a_phone_that_stays_unknown_records_nothing() {
+    let config = SessionConfig { folder: folder("never"), auto_record: Some(5), ..SessionConfig::default() };
+    let mut walk = Walk::new(Session::new(engine(), config));
+    walk.session.knows_of_lens(LensKnowledge::WithoutMotion);
+    walk.see(out());
+    let refused = walk.ask("record").unwrap_err();
+    assert!(refused.contains("without its motion sensors") && !walk.session.is_recording(), "{refused}");
+    assert!(walk.when(READY, 0.0).is_none(), "{}", walk.transcript());
+}
+
+#[test]
+fn a_route_that_was_recorded_on_a_guess_guides_nobody() {
+    // The lens that was kept for this phone does not fit it, as turns out during a recording.
+    let (camera, guess) = guessed();
+    let config = SessionConfig { folder: folder("guess"), ..SessionConfig::default() };
+    let mut walk = Walk::new(Session::new(guess, config));
+    walk.session.knows_of_lens(LensKnowledge::Found);
     walk.see(&out()[..60]);
-    let guessed = walk.session.engine().snapshot().key_frame_count();
-    assert!(guessed > 0 && !walk.session.is_recording(), "{}", walk.transcript());
+    assert!(walk.when(LEARN, 0.0).is_none(), "{}", walk.transcript());
+    walk.ask("record").unwrap();
+    walk.see(&out()[60..100]);
+    assert!(!walk.session.may_restart_slam(), "what is recorded hangs on the map");
+    walk.session.knows_of_lens(LensKnowledge::FoundForLater);
+    walk.see(&out()[100..]);
+    assert!(walk.when("Distances are wrong on this route", 0.0).is_some(), "{}", walk.transcript());
+    walk.ask("stop").unwrap();
+    for line in ["guide home", "guide again"] {
+        let refused = walk.ask(line).unwrap_err();
+        assert!(refused.ends_with("Please record this route again."), "{refused}");
+    }
+    // The map of the wrong lens may go now, and the route says of itself why it leads nobody.
     assert!(walk.session.may_restart_slam());
     walk.session.restart_slam(&camera, |_| Ok((engine(), Vec::new()))).unwrap();
     walk.session.knows_of_lens(LensKnowledge::Found);
-    assert_eq!(walk.session.engine().snapshot().key_frame_count(), 0, "the map of the guess is gone");
-    assert!(walk.session.place().is_none());
-    walk.see(&out()[..60]);
-    assert!(walk.session.is_recording() && !walk.session.may_restart_slam(), "{}", walk.transcript());
-    walk.see(&out()[60..]);
-    let known = walk.when("I know the camera of this phone now. From here on", 0.0);
-    assert!(known.is_some(), "{}", walk.transcript());
-    // Eight metres and a turn, in true metres.
-    let ended = walk.ask("stop").unwrap();
-    assert!(ended.starts_with("Recording has ended, 1"), "{ended}");
-    // A lens that never becomes known does not cost the way home.
-    let config =
-        SessionConfig { folder: folder("never-known"), auto_record: Some(5), ..SessionConfig::default() };
-    let mut walk = Walk::new(Session::new(engine(), config));
-    walk.session.knows_of_lens(LensKnowledge::Guessed);
+    let loaded = walk.ask("load").unwrap();
+    assert!(loaded.contains("recorded before I knew this phone") && !loaded.contains("metres"), "{loaded}");
+    assert!(walk.ask("guide home").is_err() && walk.ask("take me to route 1 start").is_err());
     walk.see(out());
-    assert!(!walk.session.is_recording());
-    for _ in 0..2 {
-        walk.see(out().iter().rev());
-        walk.see(out());
-    }
-    assert!(walk.session.is_recording(), "{}", walk.transcript());
+    assert!(walk.when(READY, 0.0).is_some(), "{}", walk.transcript());
+    assert_eq!(walk.ask("record").unwrap(), "Recording.");
 }

@@ -17,15 +17,29 @@ fn record_stop_guide_back_arrives_with_the_route_on_disk() {
     let ended = walk.ask("stop").unwrap();
     assert!(ended.starts_with("Recording has ended, 1") && ended.ends_with("metres."), "{ended}");
     // Before leaving: how well the map covers the views to come. The camera never faced home on the way out.
-    assert!(walk.ask("guide home").unwrap().contains("from this direction"));
-    assert_eq!(walk.ask("guide backwards").unwrap(), "I should recognise this whole route.");
+    // Said to those who ask.
+    assert_eq!(walk.ask("guide home").unwrap(), "Guidance begins.");
+    assert!(walk.ask("status").unwrap().contains("from this direction"));
+    for line in ["guide backwards", "guide back"] {
+        walk.ask(line).unwrap();
+        assert!(walk.ask("status").unwrap().ends_with("I should recognise this whole route."));
+    }
+    walk.ask("guide back").unwrap();
     let told = walk.now;
-    assert_eq!(walk.ask("guide back").unwrap(), "I should recognise this whole route.");
-    walk.see(out().iter().rev());
+    let half = out().len() / 2;
+    walk.see(out()[half..].iter().rev());
+    let here = walk.ask("status").unwrap();
+    for words in ["Guiding, ", " metres to go.", "You are on the path."] {
+        assert!(here.contains(words), "{words}: {here}");
+    }
+    walk.see(out()[..half].iter().rev());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());
     let transcript = walk.transcript();
-    assert!(walk.when("I should recognise", told) < walk.when("The route is 1", told), "{transcript}");
-    for words in ["Recording.", "The route is 1", "Stop. You have arrived"] {
+    // What to do is said first, and at once.
+    let first = walk.said.iter().find(|(t, words)| *t >= told && words.contains("The route is 1"));
+    let (at, words) = first.unwrap_or_else(|| panic!("{transcript}"));
+    assert!(at - told < 2.0 && !words.starts_with("The route"), "{transcript}");
+    for words in ["Recording.", "Stop. You have arrived"] {
         assert!(walk.when(words, 0.0).is_some(), "\"{words}\" was not said:\n{transcript}");
     }
     assert!(walk.said.iter().any(|(_, words)| words.contains("Turn ")), "{transcript}");

@@ -29,6 +29,10 @@ pub struct Tab {
     session: String,
 }
 
+/// The walker of a page has heard what to mind.
+const HEARD: &str = "try { localStorage.getItem('cairn-settings') \
+                     ?? localStorage.setItem('cairn-settings', '{\"before\":true}'); } catch {}";
+
 impl Browser {
     /// Starts the browser; its camera shows the video. `None` where it is not installed.
     pub fn start(folder: &Path, video: &Path) -> Option<Self> {
@@ -97,7 +101,7 @@ impl Browser {
 
     /// Opens a page of the given size.
     pub fn open(&mut self, url: &str, size: [u32; 2]) -> Tab {
-        self.open_after(url, size, "")
+        self.open_after(url, size, HEARD)
     }
 
     /// Opens a page in which a script has run before its own.

@@ -4,6 +4,38 @@ use crate::browser::session::{accessible, route_out, started, wait};
 use cairn_session::SessionConfig;
 use cairn_web::{CameraSource, ServeConfig, Server};
 
+/// What to mind is there at the first start, is spoken, and is there no more once it was heard; then only for those who ask.
+#[test]
+#[ignore = "needs Chromium: see .ci/run"]
+fn page_says_what_to_mind_once_in_a_browser() {
+    let Some((folder, mut browser)) = started("browser-before", &route_out()[..2]) else { return };
+    let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
+    let server =
+        Server::start(ServeConfig { session, ..ServeConfig::new(CameraSource::Page { rig: None }) }).unwrap();
+    let url = server.invitation().urls[0].clone();
+    let is_open = "document.querySelector('#before').open";
+    let phone = browser.open_after(&url, [390, 844], "localStorage.removeItem('cairn-settings')");
+    wait(&mut browser, &phone, "Ready. ", "#control", 20.0);
+    assert!(browser.text(&phone, "#before").contains("beside your cane or your dog, not instead"));
+    assert_eq!(browser.eval(&phone, is_open), true);
+    accessible(&mut browser, &phone, "what to mind");
+    browser.picture(&phone, &folder.join("phone-mind.png"));
+    browser.eval(&phone, "speechSynthesis.speak = (u) => { if (u.text) document.title = u.text; }");
+    // A key is no command while it is open.
+    browser.key(&phone, "g");
+    browser.click(&phone, "#before-say");
+    wait(&mut browser, &phone, "I am not for streets.", "title", 5.0);
+    browser.click(&phone, "#before-heard");
+    assert_eq!(browser.eval(&phone, is_open), false);
+    assert_eq!(browser.text(&phone, "#answer"), "");
+    let again = browser.open(&url, [390, 844]);
+    wait(&mut browser, &again, "Ready. ", "#control", 20.0);
+    assert_eq!(browser.eval(&again, is_open), false);
+    browser.click(&again, "#before-again");
+    assert_eq!(browser.eval(&again, is_open), true);
+    assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
+}
+
 /// The page's own parts: speech that never floods and is given once and by one voice, settings that are stored.
 #[test]
 #[ignore = "needs Chromium: see .ci/run"]
@@ -14,7 +46,7 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     let server = Server::start(ServeConfig { session, ..ServeConfig::new(camera) }).unwrap();
     let url = server.invitation().urls[0].clone();
     let phone = browser.open(&url, [390, 844]);
-    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
+    wait(&mut browser, &phone, "Ready. ", "#control", 20.0);
     let spoken = browser.eval(
         &phone,
         r#"(async () => {
@@ -105,24 +137,24 @@ fn page_speaks_once_and_keeps_its_settings_in_a_browser() {
     let english = browser.text(&phone, "#commands");
     assert!(english.contains("Guide home G") && english.contains("Stop guidance H"), "{english}");
     browser.eval(&phone, &set("language", "de"));
-    wait(&mut browser, &phone, "Niemand steuert diese Sitzung", "#control", 5.0);
+    wait(&mut browser, &phone, "Bereit. ", "#control", 5.0);
     browser.picture(&phone, &folder.join("phone-german.png"));
     browser.reload(&phone);
-    wait(&mut browser, &phone, "Niemand steuert diese Sitzung", "#control", 20.0);
+    wait(&mut browser, &phone, "Bereit. ", "#control", 20.0);
     accessible(&mut browser, &phone, "in German");
     browser.eval(&phone, unfold);
     let german = browser.text(&phone, "#commands");
-    assert!(german.contains("Heimführen G") && german.contains("Führung beenden H"), "{german}");
+    assert!(german.contains("Nach Hause führen G") && german.contains("Führung beenden H"), "{german}");
     let formatted = browser.eval(
         &phone,
         r#"(async () => {
             const { Words } = await import('/words.js');
             const w = await Words.in('de');
-            const frames = (frames) => w.text('page-frames', { tracked: 1, frames, matches: 7 });
-            return [frames(1), frames(3), w.text('page-age', { seconds: w.number(2.5, 1) })].join(' | ');
+            const routes = (count) => w.text('page-routes-count', { count });
+            return [routes(1), routes(3), w.text('page-age', { seconds: w.number(2.5, 1) })].join(' | ');
         })()"#,
     );
-    assert_eq!(formatted, "1 von 1 Bild; 7 Treffer. | 1 von 3 Bildern; 7 Treffer. | Bild 2,5 s alt");
+    assert_eq!(formatted, "1 Route | 3 Routen | Bild 2,5 s alt");
     let kept = "[document.querySelector('[name=told]:checked').value, speed.value, unit.value, directions.value, sounds.checked, language.value, document.documentElement.lang].join()";
     assert_eq!(browser.eval(&phone, kept), "reader,240,steps,clock,false,de,de");
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");

@@ -14,7 +14,7 @@ fn page_keeps_routes_for_another_day_in_a_browser() {
     let url = server.invitation().urls[0].clone();
     let phone = browser.open(&url, [390, 844]);
     browser.scheme(&phone, "light");
-    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
+    wait(&mut browser, &phone, "Ready. ", "#control", 20.0);
     wait(&mut browser, &phone, "No route has been recorded yet.", "#routes-none", 5.0);
     browser.click(&phone, "#take");
     wait(&mut browser, &phone, "Record", "#main", 20.0);
@@ -57,7 +57,7 @@ fn page_keeps_routes_for_another_day_in_a_browser() {
     browser.scheme(&phone, "light");
     wait(&mut browser, &phone, "Route 1, to the kitchen, ", "#route-list", 10.0);
     browser.click(&phone, "#take");
-    wait(&mut browser, &phone, "You control this walk", "#control", 5.0);
+    wait(&mut browser, &phone, "You are in control", "#control", 5.0);
     wait(&mut browser, &phone, "Record", "#main", 10.0);
     browser.key(&phone, "1");
     wait(&mut browser, &phone, "with one note. Loaded.", "#log", 10.0);
@@ -68,7 +68,7 @@ fn page_keeps_routes_for_another_day_in_a_browser() {
     wait(&mut browser, &phone, "Guiding", "#state-now", 8.0);
     browser.picture(&phone, &folder.join("phone-guiding-light.png"));
     let desk = browser.open(&url, [1400, 900]);
-    wait(&mut browser, &desk, "you watch", "#control", 10.0);
+    wait(&mut browser, &desk, "You watch", "#control", 10.0);
     wait(&mut browser, &phone, "Glass door on your left.", "#log", 40.0);
     std::thread::sleep(Duration::from_millis(500));
     for scheme in ["light", "dark"] {

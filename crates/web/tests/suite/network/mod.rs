@@ -106,7 +106,7 @@ async fn judge(
         let mut heard = heard.lock().unwrap();
         match said["pose_ms"].as_f64() {
             Some(pose_ms) => heard.ages_ms.push(now_ms - pose_ms),
-            None if ["Turn", "Continue", "Bear", "Move", "Guidance starts", "I found my place. "]
+            None if ["Turn", "Continue", "Bear", "Move", "I found my place. "]
                 .iter()
                 .any(|w| text.starts_with(w)) =>
             {
@@ -139,6 +139,7 @@ async fn walker(album: Arc<Album>, seed: u64, trials: &[Trial], limit: Duration)
     phone.command("record").await;
     let out = phone.walk(Walk::Out, Duration::from_secs(30)).await;
     assert!(out.walked >= 1.0, "{out:?}");
+    phone.command("stop").await;
     let mut results = Vec::new();
     for trial in trials {
         proxy.set(Net::FAST);

@@ -17,7 +17,7 @@ fn map_is_drawn_in_three_dimensions_in_a_browser() {
     let flat = browser.open_after(&url, [390, 844], without);
     let phone = browser.open(&url, [390, 844]);
     browser.still(&phone);
-    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 20.0);
+    wait(&mut browser, &phone, "Ready. ", "#control", 20.0);
     browser.click(&phone, "#take");
     wait(&mut browser, &phone, "Record", "#main", 20.0);
     settle();

@@ -21,7 +21,7 @@ fn surface_grows_on_the_page_in_a_browser() {
     let url = server.invitation().urls[0].clone();
     let desk = browser.open(&url, [1400, 900]);
     browser.still(&desk);
-    wait(&mut browser, &desk, "Nobody controls this walk", "#control", 20.0);
+    wait(&mut browser, &desk, "Ready. ", "#control", 20.0);
     browser.eval(&desk, "document.getElementById('map').scrollIntoView()");
     wait(&mut browser, &desk, "The surface is about", "#map-words", 40.0);
     let area = |browser: &mut Browser| {
