@@ -1,9 +1,9 @@
 //! A bag of any format: read once from front to back to build its index, then message by message.
 
 use crate::area::{Area, InputFile};
-use crate::compression::{Compression, MAX_CHUNK, decompress};
+use crate::compression::{Compression, MAX_CHUNK, ZSTD_MAGIC, decompress};
 use crate::error::{BagError, Damage};
-use crate::index::{ChunkAt, Entry, Index, Place, Topic};
+use crate::index::{ChunkAt, Entry, Index, Place, Topic, clamped};
 use crate::sqlite::Database;
 use crate::{mcap, rosbag1, rosbag2, sqlite};
 use std::collections::VecDeque;
@@ -28,7 +28,7 @@ pub struct Bag {
     topics: Vec<Topic>,
     chunks: Vec<ChunkAt>,
     notes: Vec<String>,
-    /// How single messages are compressed.
+    /// How single messages are compressed, as the metadata states it.
     messages: Compression,
     /// Cached decompressed chunks by number, the newest last.
     kept: VecDeque<(u32, Vec<u8>)>,
@@ -89,9 +89,10 @@ impl Bag {
             })?;
             files.push(scan(path, number, &mut index)?);
         }
+        let is_compressed = messages != Compression::None || index.has_zstd_messages;
         let (topics, chunks, notes) = index.finish();
         let mut bag = Self { files, topics, chunks, notes, messages, kept: VecDeque::new() };
-        if messages != Compression::None {
+        if is_compressed {
             bag.stamp_compressed();
         }
         Ok(bag)
@@ -122,6 +123,19 @@ impl Bag {
         &self.topics
     }
 
+    /// Gives the messages of a topic other stamps, in nanoseconds: `stamp_of` maps each entry to its own, and entries without
+    /// one are left out.
+    pub fn restamp(&mut self, topic: usize, mut stamp_of: impl FnMut(&Entry) -> Option<i64>) {
+        let Some(topic) = self.topics.get_mut(topic) else { return };
+        topic.entries.retain_mut(|entry| match stamp_of(entry) {
+            Some(stamp_ns) => {
+                entry.stamp_ns = clamped(stamp_ns);
+                true
+            }
+            None => false,
+        });
+    }
+
     /// Problems of the bag, one sentence each: where it is damaged and how far it was read.
     pub fn notes(&self) -> &[String] {
         &self.notes
@@ -143,7 +157,11 @@ impl Bag {
         match storage {
             Storage::Rows(database) => {
                 let bytes = rosbag2::read(database, &place).map_err(|d| database.file.damaged(d))?;
-                self.unpacked(bytes, &place)
+                // The RealSense SDK compresses each message without stating it. CDR begins with a zero byte.
+                match bytes.starts_with(&ZSTD_MAGIC) {
+                    true => unpack(Compression::Zstd, &bytes, &place),
+                    false => self.unpacked(bytes, &place),
+                }
             }
             Storage::Flat(file) if place.chunk == Place::PLAIN => {
                 let bytes = file.read(place.offset, u64::from(place.length)).map_err(|d| file.damaged(d))?;
@@ -158,13 +176,18 @@ impl Bag {
     }
 
     fn unpacked(&self, bytes: Vec<u8>, place: &Place) -> Result<Vec<u8>, BagError> {
-        if self.messages == Compression::None {
-            return Ok(bytes);
+        match self.messages {
+            Compression::None => Ok(bytes),
+            kind => unpack(kind, &bytes, place),
         }
-        let (out, why) = decompress(self.messages, &bytes, MAX_CHUNK);
-        let path = "a compressed message".to_owned();
-        why.map_or(Ok(out), |why| Err(BagError::Damaged { path, at: place.offset, why }))
     }
+}
+
+/// A message that is compressed by itself.
+fn unpack(kind: Compression, bytes: &[u8], place: &Place) -> Result<Vec<u8>, BagError> {
+    let (out, why) = decompress(kind, bytes, MAX_CHUNK);
+    let path = "a compressed message".to_owned();
+    why.map_or(Ok(out), |why| Err(BagError::Damaged { path, at: place.offset, why }))
 }
 
 /// A copy of a message in a compressed chunk.

@@ -6,6 +6,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 /// Size of the largest chunk that is decompressed, bytes. Recorders write chunks of 0.75 to 4 MB.
 pub(crate) const MAX_CHUNK: u64 = 512 << 20;
 
+/// The first bytes of a Zstandard frame (RFC 8878, 3.1.1).
+pub(crate) const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+
 /// A compression that is not read, by its name.
 #[derive(Debug, thiserror::Error)]
 #[error("compression \"{0}\" is unknown, known are none, bz2, lz4 and zstd")]
