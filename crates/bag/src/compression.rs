@@ -57,6 +57,17 @@ pub(crate) fn decompress(kind: Compression, bytes: &[u8], limit: u64) -> (Vec<u8
     (out, why.map(|why| format!("{kind:?} data: {why}")))
 }
 
+/// The first bytes of a Zstandard frame, at most `most` of them: no more of it is decompressed than their block.
+pub(crate) fn zstd_head(bytes: &[u8], most: u64) -> (Vec<u8>, Option<String>) {
+    let mut out = Vec::new();
+    let ended = catch_unwind(AssertUnwindSafe(|| match ruzstd::decoding::StreamingDecoder::new(bytes) {
+        Ok(decoder) => drain(decoder.take(most), most, &mut out),
+        Err(e) => Some(e.to_string()),
+    }));
+    let why = ended.unwrap_or_else(|_| Some("the decoder failed".into()));
+    (out, why)
+}
+
 /// Reads to the end; memory grows with the actual data, never by a stated size.
 fn drain(mut from: impl Read, limit: u64, out: &mut Vec<u8>) -> Option<String> {
     let mut buffer = vec![0; 64 << 10];
