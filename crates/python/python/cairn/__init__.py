@@ -59,7 +59,6 @@ from cairn._cairn import (
 )
 from cairn._errors import (
     ConfigError,
-    DataWarning,
     DenseError,
     Error,
     FrameError,
@@ -85,7 +84,6 @@ __all__ = [
     "Coasting",
     "Config",
     "ConfigError",
-    "DataWarning",
     "DenseError",
     "DenseVolume",
     "Error",
@@ -134,10 +132,9 @@ __all__ = [
     "open",
 ]
 
-# The exceptions and the warning are shown, and pickled, as those of the package.
+# The exceptions are shown, and pickled, as those of the package.
 for _error in (
     ConfigError,
-    DataWarning,
     DenseError,
     Error,
     FrameError,
