@@ -1,9 +1,9 @@
 //! A bag of any format: read once from front to back to build its index, then message by message.
 
 use crate::area::{Area, InputFile};
-use crate::compression::{Compression, MAX_CHUNK, decompress};
+use crate::compression::{Compression, MAX_CHUNK, ZSTD_MAGIC, decompress, zstd_head};
 use crate::error::{BagError, Damage};
-use crate::index::{ChunkAt, Entry, Index, Place, Topic};
+use crate::index::{ChunkAt, Entry, Index, PREFIX, Place, Topic, clamped};
 use crate::sqlite::Database;
 use crate::{mcap, rosbag1, rosbag2, sqlite};
 use std::collections::VecDeque;
@@ -28,8 +28,8 @@ pub struct Bag {
     topics: Vec<Topic>,
     chunks: Vec<ChunkAt>,
     notes: Vec<String>,
-    /// How single messages are compressed.
-    messages: Compression,
+    /// Whether the metadata states that each message is compressed.
+    has_zstd_messages: bool,
     /// Cached decompressed chunks by number, the newest last.
     kept: VecDeque<(u32, Vec<u8>)>,
 }
@@ -71,10 +71,10 @@ impl Bag {
     /// and [`Bag::notes`] reports how far that is.
     pub fn open(path: &Path, wanted: &dyn Fn(&str, &str) -> usize) -> Result<Self, BagError> {
         let mut index = Index::new(wanted);
-        let mut messages = Compression::None;
+        let mut has_zstd_messages = false;
         let paths = if path.is_dir() {
             let folder = rosbag2::folder(path)?;
-            messages = folder.messages;
+            has_zstd_messages = folder.has_zstd_messages;
             index.notes.extend(folder.notes);
             folder.files
         } else {
@@ -89,9 +89,10 @@ impl Bag {
             })?;
             files.push(scan(path, number, &mut index)?);
         }
+        let is_compressed = has_zstd_messages || index.has_zstd_messages;
         let (topics, chunks, notes) = index.finish();
-        let mut bag = Self { files, topics, chunks, notes, messages, kept: VecDeque::new() };
-        if messages != Compression::None {
+        let mut bag = Self { files, topics, chunks, notes, has_zstd_messages, kept: VecDeque::new() };
+        if is_compressed {
             bag.stamp_compressed();
         }
         Ok(bag)
@@ -100,11 +101,11 @@ impl Bag {
     /// If single messages are compressed, their stamps are inside; messages that cannot be decompressed are left out.
     fn stamp_compressed(&mut self) {
         let mut topics = std::mem::take(&mut self.topics);
-        for topic in &mut topics {
-            let (before, format, has_header) = (topic.entries.len(), topic.format, topic.has_header);
-            topic.entries.retain_mut(|entry| match self.read(entry) {
+        for topic in topics.iter_mut().filter(|topic| topic.has_header) {
+            let (before, format) = (topic.entries.len(), topic.format);
+            topic.entries.retain_mut(|entry| match self.head(entry) {
                 Ok(bytes) => {
-                    entry.stamp_ns = Topic::stamp_ns(has_header, format, entry.log_ns, &bytes);
+                    entry.stamp_ns = Topic::stamp_ns(true, format, entry.log_ns, &bytes);
                     true
                 }
                 Err(_) => false,
@@ -122,6 +123,19 @@ impl Bag {
         &self.topics
     }
 
+    /// Gives the messages of a topic other stamps, in nanoseconds: `stamp_of` maps each entry to its own, and entries without
+    /// one are left out.
+    pub fn restamp(&mut self, topic: usize, mut stamp_of: impl FnMut(&Entry) -> Option<i64>) {
+        let Some(topic) = self.topics.get_mut(topic) else { return };
+        topic.entries.retain_mut(|entry| match stamp_of(entry) {
+            Some(stamp_ns) => {
+                entry.stamp_ns = clamped(stamp_ns);
+                true
+            }
+            None => false,
+        });
+    }
+
     /// Problems of the bag, one sentence each: where it is damaged and how far it was read.
     pub fn notes(&self) -> &[String] {
         &self.notes
@@ -132,6 +146,21 @@ impl Bag {
     /// # Errors
     /// When they can no longer be read, or a compressed message is damaged.
     pub fn read(&mut self, entry: &Entry) -> Result<Vec<u8>, BagError> {
+        let (bytes, is_zstd) = self.stored(entry)?;
+        match is_zstd {
+            true => unpacked(decompress(Compression::Zstd, &bytes, MAX_CHUNK), entry),
+            false => Ok(bytes),
+        }
+    }
+
+    /// The first bytes of a message, or all of it.
+    fn head(&mut self, entry: &Entry) -> Result<Vec<u8>, BagError> {
+        let (bytes, is_zstd) = self.stored(entry)?;
+        if is_zstd { unpacked(zstd_head(&bytes, PREFIX), entry) } else { Ok(bytes) }
+    }
+
+    /// The bytes of a message as they are stored, and whether they are a Zstandard frame of their own.
+    fn stored(&mut self, entry: &Entry) -> Result<(Vec<u8>, bool), BagError> {
         let place = entry.place;
         let Some(storage) = self.files.get_mut(usize::from(place.file)) else {
             return Err(BagError::Damaged {
@@ -143,28 +172,26 @@ impl Bag {
         match storage {
             Storage::Rows(database) => {
                 let bytes = rosbag2::read(database, &place).map_err(|d| database.file.damaged(d))?;
-                self.unpacked(bytes, &place)
+                // The RealSense SDK compresses messages without stating it. CDR begins with a zero byte.
+                let is_zstd = self.has_zstd_messages || bytes.starts_with(&ZSTD_MAGIC);
+                Ok((bytes, is_zstd))
             }
             Storage::Flat(file) if place.chunk == Place::PLAIN => {
                 let bytes = file.read(place.offset, u64::from(place.length)).map_err(|d| file.damaged(d))?;
-                self.unpacked(bytes, &place)
+                Ok((bytes, self.has_zstd_messages))
             }
             Storage::Flat(file) => {
                 let found = in_chunk(file, &self.chunks, &mut self.kept, &place);
-                let bytes = found.map_err(|d| file.damaged(d))?;
-                self.unpacked(bytes, &place)
+                Ok((found.map_err(|d| file.damaged(d))?, self.has_zstd_messages))
             }
         }
     }
+}
 
-    fn unpacked(&self, bytes: Vec<u8>, place: &Place) -> Result<Vec<u8>, BagError> {
-        if self.messages == Compression::None {
-            return Ok(bytes);
-        }
-        let (out, why) = decompress(self.messages, &bytes, MAX_CHUNK);
-        let path = "a compressed message".to_owned();
-        why.map_or(Ok(out), |why| Err(BagError::Damaged { path, at: place.offset, why }))
-    }
+/// A message that was compressed by itself, if all of it could be decompressed.
+fn unpacked((bytes, why): (Vec<u8>, Option<String>), entry: &Entry) -> Result<Vec<u8>, BagError> {
+    let path = "a compressed message".to_owned();
+    why.map_or(Ok(bytes), |why| Err(BagError::Damaged { path, at: entry.place.offset, why }))
 }
 
 /// A copy of a message in a compressed chunk.

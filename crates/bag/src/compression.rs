@@ -6,6 +6,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 /// Size of the largest chunk that is decompressed, bytes. Recorders write chunks of 0.75 to 4 MB.
 pub(crate) const MAX_CHUNK: u64 = 512 << 20;
 
+/// The first bytes of a Zstandard frame (RFC 8878, 3.1.1).
+pub(crate) const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
+
 /// A compression that is not read, by its name.
 #[derive(Debug, thiserror::Error)]
 #[error("compression \"{0}\" is unknown, known are none, bz2, lz4 and zstd")]
@@ -52,6 +55,17 @@ pub(crate) fn decompress(kind: Compression, bytes: &[u8], limit: u64) -> (Vec<u8
     }));
     let why = ended.unwrap_or_else(|_| Some("the decoder failed".into()));
     (out, why.map(|why| format!("{kind:?} data: {why}")))
+}
+
+/// The first bytes of a Zstandard frame, at most `most` of them: no more of it is decompressed than their block.
+pub(crate) fn zstd_head(bytes: &[u8], most: u64) -> (Vec<u8>, Option<String>) {
+    let mut out = Vec::new();
+    let ended = catch_unwind(AssertUnwindSafe(|| match ruzstd::decoding::StreamingDecoder::new(bytes) {
+        Ok(decoder) => drain(decoder.take(most), most, &mut out),
+        Err(e) => Some(e.to_string()),
+    }));
+    let why = ended.unwrap_or_else(|_| Some("the decoder failed".into()));
+    (out, why)
 }
 
 /// Reads to the end; memory grows with the actual data, never by a stated size.

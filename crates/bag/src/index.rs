@@ -1,7 +1,7 @@
 //! The index of a bag: its topics, and the positions of the wanted messages.
 
 use crate::area::InputFile;
-use crate::compression::{Compression, MAX_CHUNK, decompress};
+use crate::compression::{Compression, MAX_CHUNK, ZSTD_MAGIC, decompress};
 use crate::error::Damage;
 use crate::message::{MessageKind, is_foxglove};
 use crate::wire::{WireFormat, header_stamp};
@@ -13,6 +13,11 @@ pub(crate) const PREFIX: u64 = 20;
 /// Times are clamped to these bounds, nanoseconds, so that differences never overflow: up to the year 2109, which
 /// covers all stamps of ROS.
 const TIMES: [i64; 2] = [-4_400_000_000_000_000_000, 4_400_000_000_000_000_000];
+
+/// A time within these bounds.
+pub(crate) fn clamped(ns: i64) -> i64 {
+    ns.clamp(TIMES[0], TIMES[1])
+}
 
 /// Position of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,7 +101,7 @@ impl Topic {
     /// The stamp of a message, from its first bytes.
     pub(crate) fn stamp_ns(has_header: bool, format: WireFormat, log_ns: i64, prefix: &[u8]) -> i64 {
         let stamp = if has_header { header_stamp(format, prefix) } else { None };
-        stamp.filter(|s| *s != 0).unwrap_or(log_ns).clamp(TIMES[0], TIMES[1])
+        clamped(stamp.filter(|s| *s != 0).unwrap_or(log_ns))
     }
 }
 
@@ -114,6 +119,8 @@ pub(crate) struct Index<'a> {
     pub notes: Vec<String>,
     /// Number of messages of connections that were never declared.
     undeclared: usize,
+    /// Whether CDR messages were found that are Zstandard frames.
+    pub has_zstd_messages: bool,
     pub last_log_ns: Option<i64>,
 }
 
@@ -126,6 +133,7 @@ impl<'a> Index<'a> {
             connections: BTreeMap::new(),
             notes: Vec::new(),
             undeclared: 0,
+            has_zstd_messages: false,
             last_log_ns: None,
         }
     }
@@ -171,12 +179,13 @@ impl<'a> Index<'a> {
             return;
         };
         let topic = &mut self.topics[topic];
-        let log_ns = log_ns.clamp(TIMES[0], TIMES[1]);
+        let log_ns = clamped(log_ns);
         topic.count += 1;
         self.last_log_ns = self.last_log_ns.max(Some(log_ns));
         if topic.entries.len() >= topic.keep {
             return;
         }
+        self.has_zstd_messages |= topic.format == WireFormat::Cdr && prefix.starts_with(&ZSTD_MAGIC);
         let stamp_ns = Topic::stamp_ns(topic.has_header, topic.format, log_ns, prefix);
         topic.entries.push(Entry { stamp_ns, log_ns, place });
     }

@@ -21,6 +21,6 @@ pub use calibration::{CameraInfo, stereo_left_from_right};
 pub use error::{BagError, DecodeError};
 pub use index::{Entry, Topic};
 pub use message::{CompressedImage, ImageMessage, ImuMessage, MessageKind, TransformStamped};
-pub use message::{float32, key_value, stamped_pose, static_transforms, transform};
+pub use message::{float32, key_value, stamped_pose, static_transforms, string, transform};
 pub use wire::{Header, Wire, WireFormat};
 pub use write::{Channel, McapWriter, foxglove};

@@ -298,6 +298,14 @@ pub fn float32(format: WireFormat, bytes: &[u8]) -> Result<f32, DecodeError> {
     Wire::new(format, bytes)?.f32()
 }
 
+/// A `std_msgs/String`.
+///
+/// # Errors
+/// When the message is truncated or its encoding is not supported.
+pub fn string(format: WireFormat, bytes: &[u8]) -> Result<String, DecodeError> {
+    Wire::new(format, bytes)?.string()
+}
+
 /// A `diagnostic_msgs/KeyValue`.
 ///
 /// # Errors

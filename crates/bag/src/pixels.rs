@@ -56,7 +56,7 @@ impl ImageMessage<'_> {
                 self.rows(2)?.for_each(|row| out.extend(row.chunks_exact(2).map(|p| p[1])));
                 None
             }
-            "yuv422_yuy2" | "yuyv" => {
+            "yuv422_yuy2" | "yuyv" | "YUYV" => {
                 self.rows(2)?.for_each(|row| out.extend(row.chunks_exact(2).map(|p| p[0])));
                 None
             }

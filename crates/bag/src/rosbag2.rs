@@ -3,7 +3,6 @@
 //! If the metadata is missing (it is written when recording ends), the files of the folder are used in the order of
 //! their numbers. Source: github.com/ros2/rosbag2, `docs/` and the schema of its SQLite storage.
 
-use crate::compression::Compression;
 use crate::error::{BagError, Damage};
 use crate::index::{Index, PREFIX, Place};
 use crate::sqlite::{Database, Value};
@@ -11,10 +10,10 @@ use crate::wire::WireFormat;
 use cairn_files::yaml::{self, Node};
 use std::path::{Path, PathBuf};
 
-/// The files of a recording, and how single messages are compressed.
+/// The files of a recording, and whether each message is a Zstandard frame.
 pub(crate) struct Folder {
     pub files: Vec<PathBuf>,
-    pub messages: Compression,
+    pub has_zstd_messages: bool,
     pub notes: Vec<String>,
 }
 
@@ -32,7 +31,7 @@ pub(crate) fn folder(folder: &Path) -> Result<Folder, BagError> {
         why,
         cure: cure.into(),
     };
-    let mut out = Folder { files: Vec::new(), messages: Compression::None, notes: Vec::new() };
+    let mut out = Folder { files: Vec::new(), has_zstd_messages: false, notes: Vec::new() };
     let Ok(text) = std::fs::read_to_string(&metadata) else {
         out.files = listed(folder);
         out.notes.push(format!("{} is missing: all files of the folder are read", metadata.display()));
@@ -45,7 +44,7 @@ pub(crate) fn folder(folder: &Path) -> Result<Folder, BagError> {
     let (mode, format) = (value("compression_mode"), value("compression_format"));
     let of_files = mode == "file";
     match mode.as_str() {
-        "message" if format == "zstd" => out.messages = Compression::Zstd,
+        "message" if format == "zstd" => out.has_zstd_messages = true,
         "" | "none" | "file" => {}
         mode => {
             let why = format!("compression of \"{mode}\" by \"{format}\" is not read");

@@ -21,7 +21,7 @@ pub struct Slam {
     /// Named parts of the map file it was built with, kept when it is saved.
     pub(crate) attached: BTreeMap<String, Vec<u8>>,
     pub(crate) notes: Vec<String>,
-    /// Time of the last frame.
+    /// Time of the last frame that was processed.
     pub(crate) last: Option<Stamp>,
 }
 
@@ -30,12 +30,13 @@ impl Slam {
     ///
     /// # Errors
     /// [`Error::Frame`] when the images do not fit the rig, the frame is not later than the one before, or an IMU
-    /// sample is not finite or out of order; the next frame can be processed.
+    /// sample is not finite or out of order; the next frame can be processed, or this one again at the same time.
     pub fn track(&mut self, packet: &FramePacket) -> Result<Output, Error> {
         let refused = |why: FrameError| Error::Frame { stamp: packet.stamp, why };
         check(packet, self.last).map_err(refused)?;
+        let output = self.session.on_packet(packet).map_err(|why| refused(why.into()))?;
         self.last = Some(packet.stamp);
-        self.session.on_packet(packet).map_err(|why| refused(why.into()))
+        Ok(output)
     }
 
     /// Processes a frame given by its parts: one image per camera in the order of the rig, the depth image where there

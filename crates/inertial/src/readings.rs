@@ -14,6 +14,9 @@ const RATE_OFF: f64 = 0.1;
 const REST_OFF: f64 = 0.5;
 /// How far the median norm in motion may be off.
 const MOTION_OFF: f64 = 1.5;
+/// Below it the accelerometer's median norm may be a gyroscope's, m/s^2 or rad/s: hands turn by up to 3 rad/s, the test walks
+/// (two seconds at rest, eight of nodding and turning) by 1.
+const LEAST_FORCE: f64 = 4.0;
 /// How much farther than the direction of the specific force the gyroscope may turn. For a hand-held IMU it is about one; on a
 /// quadrotor the thrust turns along, which makes it 3 to 12; readings in degrees turn 57 times as far.
 const MOST_TURN_RATIO: f64 = 25.0;
@@ -69,6 +72,16 @@ pub enum Doubt {
         /// Greatest turn rate.
         fastest: f64,
     },
+    /// The gyroscope reads gravity.
+    #[error(
+        "the gyroscope reads {gyro:.2} rad/s in the middle, the accelerometer {accel:.2} m/s^2: are they exchanged?"
+    )]
+    Exchanged {
+        /// Median norm of the gyroscope, rad/s.
+        gyro: f64,
+        /// Median norm of the accelerometer, m/s^2.
+        accel: f64,
+    },
     /// The readings never change.
     #[error("the readings never change: the sensor is not running")]
     Frozen,
@@ -99,6 +112,8 @@ pub struct Readings {
     pub missing_percent: f64,
     /// Median norm of the accelerometer, m/s^2.
     pub norm: f64,
+    /// Median norm of the gyroscope, rad/s.
+    pub gyro_norm: f64,
     /// Seconds at rest.
     pub rest_s: f64,
     /// Mean norm of the accelerometer at rest, m/s^2; none where it never rests.
@@ -119,8 +134,6 @@ impl Readings {
         steps.sort_by(f64::total_cmp);
         let step = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
         let lost: f64 = steps.iter().map(|s| (s / step).round().max(1.0) - 1.0).sum();
-        let mut norms: Vec<f64> = samples.iter().map(|s| s.accel.norm()).collect();
-        norms.sort_by(f64::total_cmp);
         let (rest_s, rest_norm) = at_rest(samples, sensor);
         Self {
             samples: samples.len(),
@@ -128,7 +141,8 @@ impl Readings {
             rate_hz: if step > 0.0 { 1.0 / step } else { 0.0 },
             longest_s: steps.last().copied().unwrap_or(0.0),
             missing_percent: 100.0 * lost / (lost + samples.len() as f64),
-            norm: norms[norms.len() / 2],
+            norm: median(samples.iter().map(|s| s.accel.norm())),
+            gyro_norm: median(samples.iter().map(|s| s.gyro.norm())),
             rest_s,
             rest_norm,
             turn_ratio: turn_ratio(samples),
@@ -153,6 +167,10 @@ impl Readings {
         if self.missing_percent > 1.0 || self.longest_s > 0.1 {
             out.push(Doubt::Holes { missing: self.missing_percent, longest_s: self.longest_s });
         }
+        if (self.gyro_norm - GRAVITY_M_S2).abs() < MOTION_OFF && self.norm < LEAST_FORCE {
+            out.push(Doubt::Exchanged { gyro: self.gyro_norm, accel: self.norm });
+            return out;
+        }
         match self.rest_norm {
             Some(found) if (found - GRAVITY_M_S2).abs() > REST_OFF => out.push(Doubt::RestNorm { found }),
             None if (self.norm - GRAVITY_M_S2).abs() > MOTION_OFF => {
@@ -169,6 +187,13 @@ impl Readings {
         }
         out
     }
+}
+
+/// The middle of some numbers; 0 without any.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn pieces(samples: &[ImuSample]) -> impl Iterator<Item = &[ImuSample]> {
@@ -290,6 +315,11 @@ mod tests {
         let in_g = |s: &mut ImuSample| s.accel /= 9.81;
         let text = doubts(&samples(200.0, in_g)).iter().map(Doubt::to_string).collect::<String>();
         assert!(text.contains("is it in g?"), "{text}");
+        let exchanged = doubts(&samples(200.0, |s| (s.gyro, s.accel) = (s.accel, s.gyro)));
+        assert!(
+            matches!(exchanged[..], [Doubt::Exchanged { gyro, .. }] if (gyro - 9.81).abs() < 0.1),
+            "{exchanged:?}"
+        );
         let found = doubts(&samples(200.0, |s| s.accel *= 1.1));
         assert!(
             matches!(found[..], [Doubt::RestNorm { found }] if (found - 10.79).abs() < 0.02),

@@ -3,7 +3,7 @@
 use crate::decode::{self, ImageError};
 use cairn_bag::{
     Bag, BagError, CameraInfo, CompressedImage, DecodeError, Entry, ImageMessage, ImuMessage, MessageKind,
-    Topic,
+    Topic, string,
 };
 use cairn_geometry::Vec3;
 use cairn_sensor::{DepthImage, GrayImage, ImuSample, SkipKind, Skipped, Stamp};
@@ -93,6 +93,17 @@ impl BagReader {
         let entry = self.topics().get(topic).and_then(|t| t.entries.get(number)).copied();
         let entry = entry.ok_or(MessageError::NoMessage)?;
         Ok(self.0.read(&entry)?)
+    }
+
+    /// The text of a message of `std_msgs/String`.
+    pub fn text(&mut self, topic: usize, number: usize) -> Result<String, MessageError> {
+        let format = self.topics().get(topic).ok_or(MessageError::NoTopic)?.format;
+        Ok(string(format, &self.message(topic, number)?)?)
+    }
+
+    /// Gives the messages of a topic other stamps; those without one are left out.
+    pub fn restamp(&mut self, topic: usize, stamp_of: impl FnMut(&Entry) -> Option<i64>) {
+        self.0.restamp(topic, stamp_of);
     }
 
     fn picture<T>(

@@ -1,9 +1,9 @@
-//! Plausibility checks of a source while it is read: an assumed calibration, implausible IMU data, clocks
-//! that are not synchronised. Each doubt is reported once, as text with numbers.
+//! Plausibility checks of packets as they come: an assumed calibration, implausible IMU data, clocks that are not
+//! synchronised, depth that is missing or in another unit. Each doubt is reported once, as text with numbers.
 
 use cairn_inertial::Readings;
 use cairn_sensor::{
-    FramePacket, ImuSample, ImuSensor, Live, Rig, Skips, Source, SourceError, SourceInfo, Stamp,
+    DepthSensor, FramePacket, ImuSample, ImuSensor, Live, Rig, Skips, Source, SourceError, SourceInfo, Stamp,
 };
 use std::sync::Arc;
 
@@ -11,6 +11,11 @@ use std::sync::Arc;
 const MAX_AFTER_S: f64 = 0.05;
 /// Seconds of readings checked at the start.
 const CHECKED_S: f64 = 10.0;
+
+/// Seconds of depth images checked at the start.
+const DEPTH_CHECKED_S: f64 = 1.0;
+/// No depth camera measures only what is nearer, metres: the nearest that one measures at all is 0.07 m (D405).
+const FARTHEST_M: f64 = 0.05;
 
 /// Collects the IMU data of packets, to check it.
 #[derive(Clone, Debug, Default)]
@@ -92,37 +97,106 @@ pub fn doubts_of(info: &SourceInfo, rig: &Rig) -> Vec<String> {
     assumed.chain(rig.doubts()).collect()
 }
 
+/// Whether images have depth, and how far it goes.
+#[derive(Clone, Debug, Default)]
+struct DepthWatch {
+    first: Option<Stamp>,
+    images: usize,
+    farthest: u16,
+    any: bool,
+}
+
+impl DepthWatch {
+    /// Takes a packet; returns whether all is seen.
+    fn packet(&mut self, packet: &FramePacket) -> bool {
+        self.images += 1;
+        if let Some(depth) = &packet.depth {
+            self.any = true;
+            let farthest = depth.data().iter().copied().filter(|units| *units != u16::MAX).max();
+            self.farthest = self.farthest.max(farthest.unwrap_or(0));
+        }
+        packet.stamp - *self.first.get_or_insert(packet.stamp) >= DEPTH_CHECKED_S
+    }
+
+    fn doubt(&self, sensor: &DepthSensor) -> Option<String> {
+        let farthest_m = f64::from(self.farthest) * sensor.metres_per_unit;
+        match self.any {
+            _ if self.images == 0 => None,
+            false => Some("the rig has a depth sensor, but no image has depth".into()),
+            true if self.farthest > 0 && farthest_m < FARTHEST_M => Some(format!(
+                "the farthest depth is {} units of {} m, {farthest_m:.3} m: is it in metres?",
+                self.farthest, sensor.metres_per_unit
+            )),
+            true => None,
+        }
+    }
+}
+
+/// Checks packets as they come, wherever they come from; each doubt is returned once, as text with numbers.
+pub struct PacketValidator {
+    imu: Option<(ImuWatch, ImuSensor)>,
+    depth: Option<(DepthWatch, DepthSensor)>,
+    may_lack_imu: bool,
+}
+
+impl PacketValidator {
+    /// For packets of these sensors.
+    pub fn new(rig: &Rig) -> Self {
+        Self {
+            imu: rig.imu.clone().map(|sensor| (ImuWatch::default(), sensor)),
+            depth: rig.depth.clone().map(|sensor| (DepthWatch::default(), sensor)),
+            may_lack_imu: false,
+        }
+    }
+
+    /// Takes a packet. Depth is judged after a second, the IMU after ten.
+    pub fn packet(&mut self, packet: &FramePacket) -> Vec<String> {
+        let depth_is_seen = self.depth.as_mut().is_some_and(|(watch, _)| watch.packet(packet));
+        let imu_is_seen = self.imu.as_mut().is_some_and(|(watch, _)| watch.packet(packet) >= CHECKED_S);
+        let depth = if depth_is_seen { self.depth_doubt() } else { None };
+        depth.into_iter().chain(if imu_is_seen { self.imu_doubts() } else { Vec::new() }).collect()
+    }
+
+    /// No more packets come: what was not judged yet.
+    pub fn end(&mut self) -> Vec<String> {
+        self.depth_doubt().into_iter().chain(self.imu_doubts()).collect()
+    }
+
+    fn depth_doubt(&mut self) -> Option<String> {
+        self.depth.take().and_then(|(watch, sensor)| watch.doubt(&sensor))
+    }
+
+    fn imu_doubts(&mut self) -> Vec<String> {
+        let Some((watch, sensor)) = self.imu.take() else { return Vec::new() };
+        if self.may_lack_imu && watch.samples.is_empty() {
+            return Vec::new();
+        }
+        // Nor is it doubtful that the sensor starts later than the camera.
+        let watch = if self.may_lack_imu { ImuWatch { without: watch.gaps, ..watch } } else { watch };
+        watch.doubts(&sensor)
+    }
+}
+
 /// A source that reports doubts about its data.
 pub struct Validator {
     source: Box<dyn Source>,
-    watch: Option<ImuWatch>,
-    may_lack_imu: bool,
+    packets: PacketValidator,
     report: Box<dyn FnMut(&str) + Send>,
 }
 
 impl Validator {
-    /// Reports what is known before reading at once; doubts about the IMU data after ten seconds, or at the
-    /// end.
+    /// Reports what is known before reading at once; doubts about depth after a second and about the IMU data after ten, or
+    /// at the end.
     pub fn new(source: Box<dyn Source>, mut report: impl FnMut(&str) + Send + 'static) -> Self {
         doubts_of(source.info(), source.rig()).iter().for_each(|doubt| report(doubt));
-        let watch = source.rig().imu.is_some().then(ImuWatch::default);
-        Self { source, watch, may_lack_imu: false, report: Box::new(report) }
+        let packets = PacketValidator::new(source.rig());
+        Self { source, packets, report: Box::new(report) }
     }
 
     /// The rig's IMU was reckoned with rather than found, as with a browser's camera: none at all is not doubtful.
-    pub fn may_lack_imu(self) -> Self {
-        Self { may_lack_imu: true, ..self }
-    }
-
-    fn report_imu_doubts(&mut self) {
-        if let (Some(watch), Some(sensor)) = (self.watch.take(), &self.source.rig().imu) {
-            if self.may_lack_imu && watch.samples.is_empty() {
-                return;
-            }
-            // Nor is it doubtful that the sensor starts later than the camera.
-            let watch = if self.may_lack_imu { ImuWatch { without: watch.gaps, ..watch } } else { watch };
-            watch.doubts(sensor).iter().for_each(|doubt| (self.report)(doubt));
-        }
+    pub fn may_lack_imu(mut self) -> Self {
+        self.packets.may_lack_imu = true;
+        self
     }
 }
 
@@ -137,14 +211,11 @@ impl Source for Validator {
 
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         let packet = self.source.next_packet()?;
-        let checked = match (&packet, &mut self.watch) {
-            (Some(packet), Some(watch)) => watch.packet(packet) >= CHECKED_S,
-            (None, _) => true,
-            (Some(_), None) => false,
+        let doubts = match &packet {
+            Some(packet) => self.packets.packet(packet),
+            None => self.packets.end(),
         };
-        if checked {
-            self.report_imu_doubts();
-        }
+        doubts.iter().for_each(|doubt| (self.report)(doubt));
         Ok(packet)
     }
 
@@ -220,6 +291,44 @@ mod tests {
             matches!(&slow[..], [a, b] if a.contains("50 samples") && b.contains("rig says 50.0")),
             "{slow:?}"
         );
+    }
+
+    #[test]
+    fn exchanged_sensors_and_depth_in_another_unit_or_missing_are_named() {
+        let swap = |p: &mut FramePacket| {
+            p.imu.iter_mut().for_each(|s| (s.gyro, s.accel) = (s.accel, s.gyro));
+        };
+        let exchanged = doubts_about(swap, |_| {});
+        assert!(matches!(&exchanged[..], [one] if one.contains("are they exchanged?")), "{exchanged:?}");
+        let camera = cairn_sensor::Camera::pinhole(4, 2, 4.0, 4.0, 1.5, 0.5);
+        let body_from_depth = cairn_geometry::Se3::identity();
+        let sensor = DepthSensor { camera, body_from_depth, metres_per_unit: 0.001, registered: true };
+        let rig = Rig { depth: Some(sensor), ..Rig::mono(camera) };
+        let of = |units: Option<u16>| {
+            let mut checks = PacketValidator::new(&rig);
+            let doubts: Vec<String> = (0..20)
+                .flat_map(|k| {
+                    let depth = units
+                        .map(|v| Arc::new(cairn_sensor::DepthImage::from_vec(4, 2, vec![v; 8]).unwrap()));
+                    let stamp = Stamp::from_seconds(0.1 * f64::from(k));
+                    checks.packet(&FramePacket {
+                        stamp,
+                        images: Vec::new(),
+                        depth,
+                        imu: Vec::new(),
+                        decode_ms: 0.0,
+                    })
+                })
+                .collect();
+            assert!(checks.end().is_empty(), "each once");
+            doubts
+        };
+        assert_eq!(of(Some(1500)), [""; 0]);
+        assert_eq!(of(Some(0)), [""; 0], "nothing was near enough");
+        let metres = of(Some(4));
+        assert!(matches!(&metres[..], [one] if one.contains("0.004 m: is it in metres?")), "{metres:?}");
+        let none = of(None);
+        assert!(matches!(&none[..], [one] if one.contains("no image has depth")), "{none:?}");
     }
 
     /// A sensor that starts after the camera is no doubt where it was only reckoned with; one that pauses is.

@@ -44,13 +44,20 @@ pub fn index(path: &Path, mut given: Option<Rig>, named: &[NamedTopic]) -> Resul
     let bag = bag.map_err(source_error)?;
     let mut skipped = bag.notes().to_vec();
     let mut reader = BagReader::new(bag);
-    let recorder = realsense::Recorder::of(&reader);
+    let recorder = realsense::Recorder::of(&mut reader, &mut skipped);
     let mut chosen = match &recorder {
         Some(recorder) if named.iter().all(|n| n.role == TopicRole::Truth) => recorder.chosen(&mut reader),
         _ => topics::choose(&shown, &mut reader, named)?,
     };
     if let Some(rig) = &mut given {
         fit(&shown, rig, &mut chosen, &mut skipped)?;
+        let depth = chosen.depth.and_then(|topic| reader.topics().get(topic));
+        if let (Some(recorder), Some(depth)) = (&recorder, depth) {
+            recorder.check(&shown, rig, &depth.name)?;
+        }
+    }
+    if recorder.is_some() {
+        realsense::restamp(&mut reader, &chosen.sensors(), &mut skipped);
     }
     let (rig, assumed) = match given {
         Some(rig) => (rig, Vec::new()),
@@ -121,7 +128,11 @@ fn wanted(name: &str, kind: &str) -> usize {
     }
     match kind {
         "tf2_msgs/TFMessage" | "tf/tfMessage" if name.ends_with("tf_static") => 10_000,
-        "geometry_msgs/Transform" | "std_msgs/Float32" if name.starts_with("/device_") => 1,
+        // What the RealSense SDK writes: options that may change, extrinsics, and of the metadata in pairs the first frame's.
+        "std_msgs/Float32" if name.starts_with("/device_") => usize::MAX,
+        "geometry_msgs/Transform" if name.starts_with("/device_") => 1,
+        "diagnostic_msgs/KeyValue" if name.starts_with("/device_") => 20,
+        "std_msgs/String" if name.starts_with("/device_") && !name.ends_with("/description") => usize::MAX,
         _ => 0,
     }
 }

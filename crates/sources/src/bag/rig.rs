@@ -36,7 +36,7 @@ pub fn of(
         skipped.extend(scene.recorder.as_ref().and_then(|r| r.doubt()));
     }
     let depth = match chosen.depth {
-        Some(topic) => Some(scene.depth(shown, bag, &left, topic, chosen.info[2], &mut assumed)?),
+        Some(topic) => Some(scene.depth(shown, bag, &left, topic, chosen.info[2])?),
         None => None,
     };
     let mut rig = Rig { cameras, depth, imu: None };
@@ -92,8 +92,7 @@ struct Scene {
 
 impl Scene {
     fn of(bag: &mut BagReader, recorder: Option<Recorder>, skipped: &mut Vec<String>) -> Self {
-        if let Some(mut recorder) = recorder {
-            recorder.read(bag, skipped);
+        if let Some(recorder) = recorder {
             return Self { frames: recorder.frames.clone(), recorder: Some(recorder) };
         }
         let mut frames = Frames::default();
@@ -133,11 +132,12 @@ impl Scene {
         };
         let topic = topic.ok_or_else(|| fail("there are no images".into()))?;
         let first = bag.first_image(topic).map_err(|e| fail(e.to_string()))?;
-        let from = match info.or_else(|| self.info_of(bag, &name, &first.frame)) {
-            Some(from) => from,
-            None => return Err(fail("the bag has no camera_info for it".into())),
+        let of_recorder = self.recorder.as_ref().and_then(|r| r.intrinsics(stream(&name)));
+        let info = match (of_recorder, info.or_else(|| self.info_of(bag, &name, &first.frame))) {
+            (Some(info), _) => info.clone(),
+            (None, Some(from)) => bag.camera_info(from).map_err(|e| fail(e.to_string()))?,
+            (None, None) => return Err(fail("the bag has no camera_info for it".into())),
         };
-        let info = bag.camera_info(from).map_err(|e| fail(e.to_string()))?;
         // "image_rect" is rectified, "image_rect_raw" of RealSense's node is so by the device: K says the same there.
         let rectified = name.contains("image_rect") && info.p[0] != 0.0;
         let camera = info.camera(rectified).map_err(|e| fail(e.to_string()))?;
@@ -162,6 +162,9 @@ impl Scene {
             .collect();
         if let Some(i) = infos.iter().find(|i| bag.topics().get(**i).is_some_and(|t| t.name == path)) {
             return Some(*i);
+        }
+        if self.recorder.is_some() {
+            return None;
         }
         let mut of_frame = infos.into_iter().filter(|i| {
             let info = bag.camera_info(*i);
@@ -199,7 +202,6 @@ impl Scene {
         left: &Calibrated,
         topic: usize,
         info: Option<usize>,
-        assumed: &mut Vec<String>,
     ) -> Result<DepthSensor, SourceError> {
         let depth = self.camera(shown, bag, Some(topic), info)?;
         let place = match depth.frame == left.frame {
@@ -211,12 +213,7 @@ impl Scene {
             SourceError::new(shown, format!("{}: {why}", depth.name), GIVE_RIG)
         })?;
         let metres_per_unit = match &self.recorder {
-            Some(recorder) => {
-                if recorder.depth_unit.1 {
-                    assumed.push("a depth unit of 1 mm".into());
-                }
-                recorder.depth_unit.0
-            }
+            Some(recorder) => recorder.depth_unit(shown, &depth.name)?,
             // REP 118; metres become millimetres when they are read.
             None => 0.001,
         };

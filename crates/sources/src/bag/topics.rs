@@ -102,14 +102,19 @@ pub struct Chosen {
 }
 
 impl Chosen {
-    /// The names, for people.
-    pub fn text(&self, topics: &[Topic]) -> String {
+    /// The topics of all sensors.
+    pub fn sensors(&self) -> Vec<usize> {
         let imu = match self.imu {
             ImuTopics::None => vec![],
             ImuTopics::One(topic) => vec![topic],
             ImuTopics::Split { gyro, accel } => vec![gyro, accel],
         };
-        let all = self.cameras.iter().copied().chain(self.depth).chain(imu);
+        self.cameras.iter().copied().chain(self.depth).chain(imu).collect()
+    }
+
+    /// The names, for people.
+    pub fn text(&self, topics: &[Topic]) -> String {
+        let all = self.sensors().into_iter();
         let names: Vec<&str> = all.filter_map(|i| topics.get(i)).map(|t| t.name.as_str()).collect();
         names.join(", ")
     }

@@ -49,7 +49,11 @@ fn stereo(ros1: bool) -> Vec<Message> {
 type Played = (Box<dyn Source>, Vec<FramePacket>);
 
 fn play(file: &Temporary, options: OpenOptions) -> Result<Played, SourceError> {
-    let mut source = open(file.name(), options)?;
+    play_path(file.name(), options)
+}
+
+fn play_path(path: &str, options: OpenOptions) -> Result<Played, SourceError> {
+    let mut source = open(path, options)?;
     let mut packets = Vec::new();
     while let Some(packet) = source.next_packet()? {
         packets.push(packet);
