@@ -1,7 +1,8 @@
-//! Configurations of LARVIO: one camera with `resolution_width`, `T_cam_imu` as in Kalibr, and noise as VINS has it.
+//! Configurations of LARVIO: one camera with `resolution_width`, `T_cam_imu` as in Kalibr, and densities of noise.
 
 use super::document::Document;
 use cairn_files::yaml::Node;
+use cairn_geometry::Se3;
 use cairn_sensor::{ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
 
 /// True when a file has its keys.
@@ -9,7 +10,7 @@ pub fn is(root: &Node) -> bool {
     root.get("resolution_width").is_some() && root.get("distortion_model").is_some()
 }
 
-/// The camera and the IMU, which is the body. Its noise is that of one sample: a density is smaller by the root of the rate.
+/// The camera and the IMU, which is the body.
 pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
     let root = &doc.root;
     let need = |key: &str| doc.need_number(root, key);
@@ -26,17 +27,16 @@ pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
     let pinhole = of("intrinsics", ["fx", "fy", "cx", "cy"])?;
     let camera = doc.camera(kind.line, size, pinhole, distortion)?;
     let body_from_camera = doc.transform(doc.need(root, "T_cam_imu")?, "T_cam_imu")?.inverse();
-    let rate_hz = need("imu_rate")?;
-    let density = |key: &str| Ok::<f64, SourceError>(need(key)? / rate_hz.max(1.0).sqrt());
     let noise = ImuNoise {
-        gyro: density("noise_gyro")?,
-        gyro_walk: density("noise_gyro_bias")?,
-        accel: density("noise_acc")?,
-        accel_walk: density("noise_acc_bias")?,
+        gyro: need("noise_gyro")?,
+        gyro_walk: need("noise_gyro_bias")?,
+        accel: need("noise_acc")?,
+        accel_walk: need("noise_acc_bias")?,
     };
     // LARVIO: t_image + td = t_imu.
     let offset_s = -root.get("td").map_or(Ok(0.0), |n| doc.number(n))?;
-    let imu = ImuSensor { body_from_imu: cairn_geometry::Se3::identity(), rate_hz, noise, offset_s };
+    let rate_hz = need("imu_rate")?;
+    let imu = ImuSensor { body_from_imu: Se3::identity(), rate_hz, noise, offset_s };
     Ok(Rig {
         cameras: vec![RigCamera { name: "cam0".into(), camera, body_from_camera }],
         depth: None,

@@ -236,7 +236,7 @@ fn larvio_airslam_and_maplab_are_read() {
     is_placed(&rig, 0, Vec3::new(0.1, 0.2, 0.3));
     assert_eq!(rig.cameras[0].camera.distortion, Distortion::Equidistant([0.1, 0.2, 0.3, 0.4]));
     let imu = rig.imu.unwrap();
-    assert!((imu.noise.accel - 0.004).abs() < 1e-12 && imu.offset_s == -0.01 && imu.rate_hz == 400.0);
+    assert!(imu.noise.accel == 0.08 && imu.offset_s == -0.01 && imu.rate_hz == 400.0);
     let air = |t_type: u8, imu: u8| {
         let inverse = "[[0, 1, 0, -0.2], [-1, 0, 0, 0.1], [0, 0, 1, -0.3], [0, 0, 0, 1]]";
         let t = if t_type == 0 { PLACE } else { inverse };
