@@ -113,7 +113,7 @@ fn colon_of_key(line: &str) -> Option<usize> {
     let in_key = line[at + 1..]
         .split('#')
         .next()
-        .is_some_and(|rest| rest.contains(": ") && !rest.starts_with(['"', '\'']));
+        .is_some_and(|rest| rest.contains(": ") && !rest.starts_with(['"', '\'', '{', '[']));
     (named && !in_key && !next.is_whitespace() && !(next == ':' || next == '/' || next == '\\')).then_some(at)
 }
 
@@ -274,6 +274,14 @@ mod tests {
         assert_eq!(root.get("last").unwrap().text(), Some("5"));
         let separated = parse("%YAML:1.0\n---\na: 1\n---\nb: 2\n...\n").unwrap();
         assert_eq!(separated.get("b").unwrap().text(), Some("2"));
+    }
+
+    #[test]
+    fn a_colon_in_a_key_stays_in_it() {
+        let root = parse("Camera:nTimeOffset: 3\nT:{a: 1}\nlast:5 # why: so\n").unwrap();
+        assert_eq!(root.get("Camera:nTimeOffset").unwrap().text(), Some("3"));
+        assert_eq!(root.get("T").unwrap().get("a").unwrap().text(), Some("1"));
+        assert_eq!(root.get("last").unwrap().text(), Some("5"));
     }
 
     #[test]
