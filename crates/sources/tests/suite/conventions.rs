@@ -24,7 +24,7 @@ fn is_placed(rig: &Rig, i: usize, at: Vec3) {
 
 fn svo_of(place: &str, more: &str) -> String {
     format!(
-        "cameras:\n- camera:\n    distortion:\n      type: none\n    image_height: 480\n    image_width: 640\n    intrinsics: {{cols: 1, rows: 4, data: \
+        "cameras:\n- camera:\n    distortion:\n      parameters: {{cols: 1, rows: 0, data: []}}\n      type: none\n    image_height: 480\n    image_width: 640\n    intrinsics: {{cols: 1, rows: 4, data: \
          [500.0, 501.0, 320.0, 240.0]}}\n    {more}\n    type: pinhole\n  {place}\nimu_params:\n  delay_imu_cam: 0.008\n  sigma_omega_c: 2.0e-4\n  \
          sigma_acc_c: 2.0e-3\n  sigma_omega_bias_c: 2.0e-5\n  sigma_acc_bias_c: 3.0e-3\n  imu_rate: 200.0\n"
     )
