@@ -114,7 +114,8 @@ fn colon_of_key(line: &str) -> Option<usize> {
         .split('#')
         .next()
         .is_some_and(|rest| rest.contains(": ") && !rest.starts_with(['"', '\'', '{', '[']));
-    (named && !in_key && !next.is_whitespace() && !(next == ':' || next == '/' || next == '\\')).then_some(at)
+    let joined = !next.is_whitespace() && !":/\\".contains(next);
+    (named && joined && !in_key).then_some(at)
 }
 
 /// How many brackets are open after a line, outside of quotes and comments.

@@ -49,9 +49,9 @@ pub fn rig(path: &Path, text: &str) -> Result<Rig, SourceError> {
         "fov" if c[0] == 0.0 => Distortion::None,
         _ => lens(name, c).map_err(|e| wrong(e.to_string()))?,
     };
-    let [fx, fy, cx, cy] = match pinhole {
-        &[fx, fy, cx, cy] if cx < 1.0 && cy < 1.0 => [fx * w, fy * h, cx * w - 0.5, cy * h - 0.5],
-        &[fx, fy, cx, cy] => [fx, fy, cx, cy],
+    let [fx, fy, cx, cy] = match *pinhole {
+        [fx, fy, cx, cy] if cx < 1.0 && cy < 1.0 => [fx * w, fy * h, cx * w - 0.5, cy * h - 0.5],
+        [fx, fy, cx, cy] => [fx, fy, cx, cy],
         _ => return Err(wrong("needs fx, fy, cx and cy".into())),
     };
     let camera = Camera { width: w as usize, height: h as usize, fx, fy, cx, cy, distortion };
