@@ -109,7 +109,13 @@ fn colon_of_key(line: &str) -> Option<usize> {
     let named = key.starts_with(|c: char| c.is_alphabetic() || c == '_')
         && key.chars().all(|c| c.is_alphanumeric() || "_.-".contains(c));
     let next = line[at + 1..].chars().next()?;
-    (named && !next.is_whitespace() && !(next == ':' || next == '/' || next == '\\')).then_some(at)
+    // R-VIO has a key with a colon in it: `Camera:nTimeOffset: 0`.
+    let in_key = line[at + 1..]
+        .split('#')
+        .next()
+        .is_some_and(|rest| rest.contains(": ") && !rest.starts_with(['"', '\'', '{', '[']));
+    let joined = !next.is_whitespace() && !":/\\".contains(next);
+    (named && joined && !in_key).then_some(at)
 }
 
 /// How many brackets are open after a line, outside of quotes and comments.
@@ -141,6 +147,7 @@ impl<'a> Reader<'a> {
     fn next(&mut self) -> Result<(Event<'a>, Span), ParseError> {
         match self.events.next() {
             Some(Ok(event)) => Ok(event),
+            Some(Err(e)) if e.info().is_empty() => Err((e.marker().line(), "is no YAML".to_owned())),
             Some(Err(e)) => Err((e.marker().line(), e.info().to_owned())),
             None => Err((0, "it ends in the middle".to_owned())),
         }
@@ -268,6 +275,14 @@ mod tests {
         assert_eq!(root.get("last").unwrap().text(), Some("5"));
         let separated = parse("%YAML:1.0\n---\na: 1\n---\nb: 2\n...\n").unwrap();
         assert_eq!(separated.get("b").unwrap().text(), Some("2"));
+    }
+
+    #[test]
+    fn a_colon_in_a_key_stays_in_it() {
+        let root = parse("Camera:nTimeOffset: 3\nT:{a: 1}\nlast:5 # why: so\n").unwrap();
+        assert_eq!(root.get("Camera:nTimeOffset").unwrap().text(), Some("3"));
+        assert_eq!(root.get("T").unwrap().get("a").unwrap().text(), Some("1"));
+        assert_eq!(root.get("last").unwrap().text(), Some("5"));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What a rig takes where its file does not state it, or states it otherwise than it is used: for people.
 
 use super::document::Document;
-use super::{camodocal, kalibr, okvis};
+use super::{camodocal, kalibr, maplab, okvis, orbslam, unused};
 use crate::text::read_text;
 use cairn_files::yaml::{Node, Value};
 use std::path::Path;
@@ -23,6 +23,9 @@ pub fn assumed_in(path: impl AsRef<Path>) -> Option<String> {
         told.extend(rate(&doc.root));
         told.extend(has_negative_fy(&doc.root).then(negative_fy));
         told.extend(kalibr::imu_left_out(&doc));
+        told.extend(camodocal::imu_left_out(&doc.root));
+        told.extend(orbslam::imu_left_out(&doc.root));
+        told.extend(unused::unused(&doc));
     }
     (!told.is_empty()).then(|| told.join("; it "))
 }
@@ -34,7 +37,7 @@ fn rate(root: &Node) -> Option<String> {
         Some(format!(
             "{rate}: {hz} samples a second are taken, and its noise as that of one sample at this rate"
         ))
-    } else if okvis::is(root) && okvis::lacks_rate(root) {
+    } else if (okvis::is(root) && okvis::lacks_rate(root)) || maplab::has_imu(root) {
         Some(format!("{rate}: {} samples a second are taken", okvis::RATE_HZ))
     } else {
         None

@@ -65,6 +65,16 @@ fn camera(doc: &Document, node: &Node, size: [usize; 2]) -> Result<Camera, Sourc
     doc.camera(values.line, size, numbers, distortion)
 }
 
+/// How far scale and axes of its IMU are from ideal ones at most: `calib_accel_bias` and `calib_gyro_bias` have them after three
+/// numbers of bias.
+pub fn off_ideal(doc: &Document) -> f64 {
+    let of = |key: &str| {
+        let list = doc.root.get("value0").and_then(|n| n.get(key)).and_then(|n| doc.numbers(n).ok());
+        list.unwrap_or_default().iter().skip(3).fold(0.0, |most: f64, v| most.max(v.abs()))
+    };
+    of("calib_accel_bias").max(of("calib_gyro_bias"))
+}
+
 /// The IMU: densities for each axis, of which the largest is taken.
 fn imu(doc: &Document, root: &Node) -> Result<Option<ImuSensor>, SourceError> {
     let Some(rate) = root.get("imu_update_rate") else { return Ok(None) };

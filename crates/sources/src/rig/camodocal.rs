@@ -36,7 +36,11 @@ pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
         let path = folder.join(file);
         let camera = camera(&Document::parse(&path, &read_text(&path)?)?)?;
         let key = format!("body_T_{name}");
-        let body_from_camera = doc.transform(doc.need(&doc.root, &key)?, &key)?;
+        let placed = doc.root.get(&key).is_some() || used > 1.0;
+        let body_from_camera = match placed {
+            true => doc.transform(doc.need(&doc.root, &key)?, &key)?,
+            false => Se3::identity(),
+        };
         cameras.push(RigCamera { name, camera, body_from_camera });
     }
     Ok(Rig { cameras, depth: None, imu: imu(doc)? })
@@ -102,9 +106,27 @@ fn camera(doc: &Document) -> Result<Camera, SourceError> {
     doc.camera(projection.line, size, numbers, distortion)
 }
 
-/// True when it has an IMU, whose rate it never states.
-pub fn has_imu(root: &Node) -> bool {
+fn names_imu(root: &Node) -> bool {
     root.get("gyr_n").is_some() && root.get("imu").is_none_or(|n| n.text() != Some("0"))
+}
+
+/// True when the place of the camera on the IMU is to be found out by VINS, or is not stated.
+fn is_unplaced(root: &Node) -> bool {
+    let keys = ["extrinsicTranslation", "body_T_cam0"];
+    root.get("estimate_extrinsic").is_some_and(|n| n.text() == Some("2"))
+        || keys.iter().all(|key| root.get(key).is_none())
+}
+
+/// True when it has an IMU that can be used, whose rate it never states.
+pub fn has_imu(root: &Node) -> bool {
+    names_imu(root) && !is_unplaced(root)
+}
+
+/// Tells that an IMU is left out because nobody knows how the camera stands to it.
+pub fn imu_left_out(root: &Node) -> Option<String> {
+    (is(root) && names_imu(root) && is_unplaced(root)).then(|| {
+        "does not know how the camera stands to the IMU (estimate_extrinsic 2, or no extrinsics): the IMU is left out".into()
+    })
 }
 
 /// The IMU, when its noise is given.

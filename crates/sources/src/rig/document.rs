@@ -81,17 +81,22 @@ impl Document {
             .map_err(|_| self.error(node.line, format!("{what} needs {N} numbers, here are {count}")))
     }
 
-    /// A matrix in row order: `{rows, cols, data}` with matching counts, a list of rows, or a plain list.
+    /// A matrix in row order: `{rows, cols, data}` with matching counts, a list of rows, or a plain list; `data` may be rows too.
     pub fn matrix(&self, node: &Node, what: &str) -> Result<Vec<f64>, SourceError> {
         if let Value::Map(_) = node.value {
             let count = self.need_number(node, "rows")? * self.need_number(node, "cols")?;
-            let data = self.numbers(self.need(node, "data")?)?;
+            let data = self.rows(self.need(node, "data")?)?;
             if data.len() as f64 != count {
                 let why = format!("{what}: rows x cols is {count}, but data has {} numbers", data.len());
                 return Err(self.error(node.line, why));
             }
             return Ok(data);
         }
+        self.rows(node)
+    }
+
+    /// The numbers of a list, or of a list of rows.
+    fn rows(&self, node: &Node) -> Result<Vec<f64>, SourceError> {
         match node.list() {
             Some(rows) if rows.iter().all(|r| r.list().is_some()) => {
                 rows.iter().map(|row| self.numbers(row)).collect::<Result<Vec<_>, _>>().map(|r| r.concat())

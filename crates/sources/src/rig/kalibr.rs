@@ -67,10 +67,20 @@ pub fn imu_left_out(doc: &Document) -> Option<String> {
 
 /// The chain that a configuration of OpenVINS names.
 pub fn of_openvins(doc: &Document, chain_name: &Node) -> Result<Rig, SourceError> {
-    let beside = |name: &str| doc.path.parent().unwrap_or(Path::new("")).join(name);
-    let path = beside(chain_name.text().unwrap_or_default());
-    let imu = doc.root.get("relative_config_imu").and_then(Node::text).map(beside);
-    chain(&Document::parse(&path, &read_text(&path)?)?, imu)
+    let path = doc.path.parent().unwrap_or(Path::new("")).join(chain_name.text().unwrap_or_default());
+    let mut rig = chain(&Document::parse(&path, &read_text(&path)?)?, imu_path(doc))?;
+    if let Some(most) = doc.root.get("max_cameras") {
+        rig.cameras.truncate(doc.number(most)?.max(1.0) as usize);
+    }
+    Ok(rig)
+}
+
+/// The IMU file of a chain, or of a configuration of OpenVINS.
+pub fn imu_path(doc: &Document) -> Option<PathBuf> {
+    match doc.root.get("relative_config_imu").and_then(Node::text) {
+        Some(name) => Some(doc.path.parent().unwrap_or(Path::new("")).join(name)),
+        None => doc.root.get("cam0").and_then(|_| neighbouring_imu_file(&doc.path)),
+    }
 }
 
 /// One camera: `camera_model`, `intrinsics`, `distortion_model`, `distortion_coeffs` (EuRoC:

@@ -1,13 +1,17 @@
 //! Rig files of all kinds; the kind is detected.
 
+mod airslam;
 mod assumed;
 mod basalt;
 mod camodocal;
 mod colmap;
 mod document;
+mod dso;
 mod euroc;
 pub mod kalibr;
 pub mod kitti;
+mod larvio;
+mod maplab;
 mod named;
 mod nice_slam;
 mod okvis;
@@ -16,6 +20,7 @@ mod own;
 mod realsense;
 mod ros;
 mod stella;
+mod unused;
 mod vikit;
 
 pub use assumed::assumed_in;
@@ -30,7 +35,7 @@ use std::path::{Path, PathBuf};
 
 /// Reads a rig: Cairn's own `.toml`, an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file next to
 /// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info`, a KITTI `calib.txt` next to its images, what other systems are given (VINS-Fusion,
-/// OKVIS2, SVO, Basalt, Kimera, OpenVINS, NICE-SLAM, the `cameras.txt` of COLMAP), the factory calibration of a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
+/// OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, the `camera.txt` of DSO, the `cameras.txt` of COLMAP), the factory calibration of a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
 /// `FILE:infrared`, `FILE:848x480` choose other cameras and another size than colour with depth in 640x480), a folder that contains one of these, or a
 /// known name (see [`named_rig`]).
 ///
@@ -138,10 +143,13 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     if colmap::is(&text) {
         return colmap::rig(path, &text);
     }
+    if dso::is(&text) {
+        return dso::rig(path, &text);
+    }
     let unknown = |line_cure: &str| {
         SourceError::new(
             path.display().to_string(),
-            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, Basalt, Kimera, OpenVINS, NICE-SLAM, COLMAP cameras.txt, rs-enumerate-devices -c)",
+            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, DSO camera.txt, COLMAP cameras.txt, rs-enumerate-devices -c)",
             line_cure,
         )
     };
@@ -149,7 +157,9 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
         return Err(unknown("give one of these"));
     }
     let doc = Document::parse(path, &text)?;
-    if doc.root.get("cam0").is_some() {
+    if airslam::is(&doc.root) {
+        airslam::rig(&doc)
+    } else if doc.root.get("cam0").is_some() {
         kalibr::chain(&doc, None)
     } else if doc.root.get("T_BS").is_some() && doc.root.get("camera_model").is_some() {
         euroc::single(&doc)
@@ -157,6 +167,10 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
         kalibr::of_openvins(&doc, chain)
     } else if camodocal::is(&doc.root) {
         camodocal::rig(&doc)
+    } else if maplab::is(&doc.root) {
+        maplab::rig(&doc)
+    } else if larvio::is(&doc.root) {
+        larvio::rig(&doc)
     } else if okvis::is(&doc.root) {
         okvis::rig(&doc)
     } else if basalt::is(&doc.root) {

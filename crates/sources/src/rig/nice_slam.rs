@@ -10,6 +10,9 @@ use cairn_sensor::{DepthSensor, Distortion, Rig, SourceError};
 /// Files that inherit from each other at most.
 const MOST: usize = 8;
 
+/// What the depth of a metre is called.
+const SCALE: [&str; 2] = ["png_depth_scale", "scale"];
+
 /// True when a file has such a camera, or names the file that it inherits from.
 pub fn is(root: &Node) -> bool {
     camera(root).is_some() || root.get("inherit_from").is_some()
@@ -19,45 +22,52 @@ fn camera(root: &Node) -> Option<&Node> {
     ["cam", "camera"].into_iter().filter_map(|key| root.get(key)).find(|n| n.get("fx").is_some())
 }
 
-/// The camera with depth registered to it.
+/// The camera with depth registered to it. What the file does not state of it is that of the file that it inherits from.
 pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
-    match camera(&doc.root) {
-        Some(node) => of_node(doc, node),
-        None => inherited(doc, MOST),
-    }
+    let above = inherited(doc, MOST)?;
+    let all: Vec<&Document> = std::iter::once(doc).chain(&above).collect();
+    of_files(&all)
 }
 
-/// The camera of the file that this one inherits from: its path is that from a folder above.
-fn inherited(doc: &Document, most: usize) -> Result<Rig, SourceError> {
-    let named = doc.need(&doc.root, "inherit_from")?;
+/// The files that complete the camera of this one, the nearest first: a path is that from a folder above.
+fn inherited(doc: &Document, most: usize) -> Result<Vec<Document>, SourceError> {
+    let complete = camera(&doc.root).is_some_and(|node| SCALE.iter().any(|key| node.get(key).is_some()));
+    let Some(named) = doc.root.get("inherit_from").filter(|_| !complete) else { return Ok(Vec::new()) };
     let file = named.text().unwrap_or_default();
     let path = doc.path.ancestors().skip(1).map(|folder| folder.join(file)).find(|path| path.is_file());
     let path = path.filter(|_| most > 0).ok_or_else(|| {
-        let why = format!("has no camera, and what it inherits from, {file}, is in no folder above it");
+        let why = format!("has no whole camera, and what it inherits from, {file}, is in no folder above it");
         doc.error(named.line, why)
     })?;
     let above = Document::parse(&path, &read_text(&path)?)?;
-    match camera(&above.root) {
-        Some(node) => of_node(&above, node),
-        None => inherited(&above, most - 1),
-    }
+    let further = inherited(&above, most - 1)?;
+    Ok(std::iter::once(above).chain(further).collect())
 }
 
-fn of_node(doc: &Document, node: &Node) -> Result<Rig, SourceError> {
-    let either = |keys: [&str; 2]| {
-        let found = keys.iter().find_map(|key| node.get(key));
-        doc.number(found.ok_or_else(|| doc.error(node.line, format!("{} is missing", keys[0])))?)
+/// The camera of a file and those above it: each of its values is the nearest.
+fn of_files(all: &[&Document]) -> Result<Rig, SourceError> {
+    let doc = all[0];
+    let line = camera(&doc.root).map_or(0, |node| node.line);
+    let nearest = |keys: &[&str]| {
+        all.iter().find_map(|doc| {
+            let node = camera(&doc.root)?;
+            Some((*doc, keys.iter().find_map(|key| node.get(key))?))
+        })
     };
-    let size = doc.size(node.line, [either(["W", "w"])?, either(["H", "h"])?])?;
-    let [fx, fy, cx, cy] = ["fx", "fy", "cx", "cy"].map(|key| doc.need_number(node, key));
-    let distortion = match node.get("distortion") {
-        Some(c) => doc.distortion(c.line, "radtan", &doc.numbers(c)?)?,
+    let need = |keys: &[&str]| match nearest(keys) {
+        Some((doc, node)) => doc.number(node),
+        None => Err(doc.error(line, format!("{} is missing", keys[0]))),
+    };
+    let size = doc.size(line, [need(&["W", "w"])?, need(&["H", "h"])?])?;
+    let pinhole = [need(&["fx"])?, need(&["fy"])?, need(&["cx"])?, need(&["cy"])?];
+    let distortion = match nearest(&["distortion"]) {
+        Some((doc, c)) => doc.distortion(c.line, "radtan", &doc.numbers(c)?)?,
         None => Distortion::None,
     };
-    let camera = doc.camera(node.line, size, [fx?, fy?, cx?, cy?], distortion)?;
-    let scale = either(["png_depth_scale", "scale"])?;
+    let camera = doc.camera(line, size, pinhole, distortion)?;
+    let scale = need(&SCALE)?;
     if scale <= 0.0 {
-        return Err(doc.error(node.line, format!("png_depth_scale is {scale}")));
+        return Err(doc.error(line, format!("png_depth_scale is {scale}")));
     }
     let depth = DepthSensor {
         camera,

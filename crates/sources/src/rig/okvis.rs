@@ -17,8 +17,7 @@ pub const RATE_HZ: f64 = 200.0;
 
 /// True when it has an IMU and states no rate of it.
 pub fn lacks_rate(root: &Node) -> bool {
-    let imu = root.get("imu_parameters").or_else(|| root.get("imu_params"));
-    imu.is_some_and(|imu| imu.get("imu_rate").is_none())
+    imu_node(root).is_some_and(|imu| imu.get("imu_rate").is_none())
 }
 
 /// The first two cameras and the IMU.
@@ -32,7 +31,7 @@ pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
     Ok(Rig { cameras: cameras.collect::<Result<_, _>>()?, depth: None, imu: imu(doc)? })
 }
 
-/// `T_SC` (the body is the IMU's frame S), size, focal lengths and centre in lists of two.
+/// `T_SC` (S is the frame of the IMU, which `T_BS` places in the body), size, focal lengths and centre in lists of two.
 fn okvis_camera(doc: &Document, i: usize, node: &Node) -> Result<RigCamera, SourceError> {
     let two = |key: &str| doc.array::<2>(doc.need(node, key)?, key);
     let ([w, h], [fx, fy], [cx, cy]) =
@@ -41,12 +40,12 @@ fn okvis_camera(doc: &Document, i: usize, node: &Node) -> Result<RigCamera, Sour
     let kind = doc.need(node, "distortion_type")?;
     let distortion = doc.distortion(kind.line, kind.text().unwrap_or_default(), &c)?;
     let camera = doc.camera(node.line, doc.size(node.line, [w, h])?, [fx, fy, cx, cy], distortion)?;
-    let body_from_camera = doc.transform(doc.need(node, "T_SC")?, "T_SC")?;
+    let body_from_camera = body_from_imu(doc)? * doc.transform(doc.need(node, "T_SC")?, "T_SC")?;
     Ok(RigCamera { name: format!("cam{i}"), camera, body_from_camera })
 }
 
-/// `T_B_C` beside the camera, with matrices for intrinsics and distortion.
-fn svo_camera(doc: &Document, i: usize, node: &Node, camera: &Node) -> Result<RigCamera, SourceError> {
+/// `T_B_C`, or `T_C_B`, beside the camera, with matrices for intrinsics and distortion.
+pub fn svo_camera(doc: &Document, i: usize, node: &Node, camera: &Node) -> Result<RigCamera, SourceError> {
     let kind = doc.need(camera, "type")?;
     if kind.text() != Some("pinhole") {
         let name = kind.text().unwrap_or_default();
@@ -76,30 +75,41 @@ fn svo_camera(doc: &Document, i: usize, node: &Node, camera: &Node) -> Result<Ri
         None => Distortion::None,
     };
     let camera = doc.camera(intrinsics.line, size, [fx, fy, cx, cy], distortion)?;
-    let body_from_camera = node.get("T_B_C").map_or(Ok(Se3::identity()), |t| doc.transform(t, "T_B_C"))?;
+    let body_from_camera = match (node.get("T_B_C"), node.get("T_C_B")) {
+        (Some(t), _) => doc.transform(t, "T_B_C")?,
+        (None, Some(t)) => doc.transform(t, "T_C_B")?.inverse(),
+        (None, None) => Se3::identity(),
+    };
     Ok(RigCamera { name: format!("cam{i}"), camera, body_from_camera })
+}
+
+fn imu_node(root: &Node) -> Option<&Node> {
+    root.get("imu_parameters").or_else(|| root.get("imu_params"))
+}
+
+fn body_from_imu(doc: &Document) -> Result<Se3, SourceError> {
+    let t = imu_node(&doc.root).and_then(|imu| imu.get("T_BS"));
+    t.map_or(Ok(Se3::identity()), |t| doc.transform(t, "T_BS"))
 }
 
 /// The IMU by the names of each: OKVIS2 `imu_parameters` with `sigma_g_c`, OKVIS `imu_params`, SVO `imu_params` with
 /// `sigma_omega_c`.
 fn imu(doc: &Document) -> Result<Option<ImuSensor>, SourceError> {
     let root = &doc.root;
-    let Some(node) = root.get("imu_parameters").or_else(|| root.get("imu_params")) else { return Ok(None) };
+    let Some(node) = imu_node(root) else { return Ok(None) };
     let keys = match node.get("sigma_omega_c").is_some() {
         true => ["sigma_omega_c", "sigma_omega_bias_c", "sigma_acc_c", "sigma_acc_bias_c"],
         false => ["sigma_g_c", "sigma_gw_c", "sigma_a_c", "sigma_aw_c"],
     };
     let [gyro, gyro_walk, accel, accel_walk] = keys.map(|key| doc.need_number(node, key));
     let number = |node: Option<&Node>, or: f64| node.map_or(Ok(or), |n| doc.number(n));
-    // OKVIS: t_image - delay is the right time of an image; SVO: t_image = t_imu - delay.
-    let delay = number(root.get("camera_parameters").and_then(|n| n.get("image_delay")), 0.0)?
-        + number(root.get("camera_params").and_then(|n| n.get("image_delay")), 0.0)?;
-    let offset_s = match node.get("delay_imu_cam") {
-        Some(delay) => -doc.number(delay)?,
-        None => delay,
-    };
+    // t_image - delay is the time of the IMU: of OKVIS2, of OKVIS, of SVO.
+    let of_cameras =
+        ["camera_parameters", "camera_params"].iter().find_map(|key| root.get(key)?.get("image_delay"));
+    let delay = of_cameras.or_else(|| root.get("imageDelay")).or_else(|| node.get("delay_imu_cam"));
+    let offset_s = number(delay, 0.0)?;
     Ok(Some(ImuSensor {
-        body_from_imu: node.get("T_BS").map_or(Ok(Se3::identity()), |t| doc.transform(t, "T_BS"))?,
+        body_from_imu: body_from_imu(doc)?,
         rate_hz: number(node.get("imu_rate"), RATE_HZ)?,
         noise: ImuNoise { gyro: gyro?, gyro_walk: gyro_walk?, accel: accel?, accel_walk: accel_walk? },
         offset_s,

@@ -1,4 +1,5 @@
-//! ORB-SLAM settings files: OpenCV FileStorage with the key names of version 1.0 and earlier.
+//! ORB-SLAM settings files: OpenCV FileStorage with the key names of version 1.0 and earlier, also those of R-VIO (`Camera.T_BC0`,
+//! `Camera.Fisheye`, `IMU.sigma_g`) and of AirVO (`LEFT.K` with `image_width`).
 
 use super::document::Document;
 use cairn_files::yaml::Node;
@@ -13,7 +14,7 @@ use nalgebra::Matrix3;
 pub fn rig(doc: &Document, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     let reader = Reader { doc, size: resolution(doc, size)? };
     let first = reader.first_camera()?;
-    let body_from_first = match reader.any(&["IMU.T_b_c1", "Tbc"]) {
+    let body_from_first = match reader.placed() {
         Some(t) => doc.transform(t, "IMU.T_b_c1")?,
         None => Se3::identity(),
     };
@@ -40,11 +41,30 @@ pub fn rig(doc: &Document, size: Option<[usize; 2]>) -> Result<Rig, SourceError>
 
 /// True when a file has the keys of such settings.
 pub fn is_settings(root: &Node) -> bool {
-    ["Camera.type", "Camera1.fx", "Camera.fx"].iter().any(|key| root.get(key).is_some())
+    ["Camera.type", "Camera1.fx", "Camera.fx", "LEFT.K"].iter().any(|key| root.get(key).is_some())
 }
 
+/// Tells that an IMU has noise, but no place, so that it is left out.
+pub fn imu_left_out(root: &Node) -> Option<String> {
+    let has = |keys: &[&str]| keys.iter().any(|key| root.get(key).is_some());
+    (is_settings(root) && has(&["IMU.NoiseGyro", "IMU.sigma_g"]) && !has(&PLACED))
+        .then(|| "has the noise of an IMU, but not its place (IMU.T_b_c1): the IMU is left out".into())
+}
+
+/// Body from camera, by its names; the last two of R-VIO, whose `INI.UseGroundTruthCalib` says which of them.
+const PLACED: [&str; 4] = ["IMU.T_b_c1", "Tbc", "Camera.T_BC0", "Camera.T_BC0_GT"];
+
 fn resolution(doc: &Document, size: Option<[usize; 2]>) -> Result<[usize; 2], SourceError> {
-    match (doc.root.get("Camera.width"), doc.root.get("Camera.height"), size) {
+    // The raw images of a pair that is to be rectified can have another size than the rectified ones.
+    let any = |keys: [&str; 3]| keys.iter().find_map(|key| doc.root.get(key));
+    let (width, height) = match doc.root.get("LEFT.K") {
+        Some(_) => (
+            any(["LEFT.width", "Camera.width", "image_width"]),
+            any(["LEFT.height", "Camera.height", "image_height"]),
+        ),
+        None => (doc.root.get("Camera.width"), doc.root.get("Camera.height")),
+    };
+    match (width, height, size) {
         (Some(w), Some(h), _) => doc.size(w.line, [doc.number(w)?, doc.number(h)?]),
         (_, _, Some(size)) => Ok(size),
         _ => Err(SourceError::new(
@@ -63,6 +83,20 @@ struct Reader<'a> {
 impl<'a> Reader<'a> {
     fn any(&self, keys: &[&str]) -> Option<&'a Node> {
         keys.iter().find_map(|key| self.doc.root.get(key))
+    }
+
+    /// The place of the first camera on the IMU.
+    fn placed(&self) -> Option<&'a Node> {
+        self.any(if self.is_truth() { &["Camera.T_BC0_GT"] } else { &PLACED[..3] })
+    }
+
+    /// Of R-VIO's two calibrations the one called true is to be used.
+    fn is_truth(&self) -> bool {
+        self.is_set("INI.UseGroundTruthCalib") && self.doc.root.get("Camera.T_BC0_GT").is_some()
+    }
+
+    fn is_set(&self, key: &str) -> bool {
+        self.doc.root.get(key).and_then(Node::text).is_some_and(|text| text != "0")
     }
 
     fn optional(&self, key: &str) -> Result<Option<f64>, SourceError> {
@@ -85,7 +119,14 @@ impl<'a> Reader<'a> {
             Ok(self.optional(&format!("{prefix}.{name}"))?.unwrap_or(0.0))
         };
         let kind = self.doc.root.get("Camera.type");
-        let distortion = match kind.and_then(Node::text).unwrap_or("PinHole") {
+        let usual = if self.is_set("Camera.Fisheye") { "R-VIO's fisheye" } else { "PinHole" };
+        let distortion = match kind.and_then(Node::text).unwrap_or(usual) {
+            "R-VIO's fisheye" => Distortion::Equidistant([
+                coefficient("k1")?,
+                coefficient("k2")?,
+                coefficient("p1")?,
+                coefficient("p2")?,
+            ]),
             "Rectified" => Distortion::None,
             "KannalaBrandt8" => Distortion::Equidistant([
                 coefficient("k1")?,
@@ -154,7 +195,12 @@ impl<'a> Reader<'a> {
         }
         c[..d.len()].copy_from_slice(&d);
         let [width, height] = self.size;
-        let camera = Camera { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5], distortion: brown(c) };
+        // AirVO's.
+        let distortion = match self.doc.root.get("distortion_type").and_then(Node::text) {
+            Some("1") => Distortion::Equidistant([c[0], c[1], c[2], c[3]]),
+            _ => brown(c),
+        };
+        let camera = Camera { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5], distortion };
         camera.validate().map_err(|e| self.doc.error(node.line, format!("{side}: {e}")))?;
         Ok(camera)
     }
@@ -189,21 +235,27 @@ impl<'a> Reader<'a> {
     /// The IMU, when its pose and its noise are given.
     fn imu(&self) -> Result<Option<ImuSensor>, SourceError> {
         let doc = self.doc;
-        let placed = self.any(&["IMU.T_b_c1", "Tbc"]).is_some();
-        if !placed || doc.root.get("IMU.NoiseGyro").is_none() {
+        let of_rvio = doc.root.get("IMU.sigma_g").is_some();
+        if self.placed().is_none() || !(of_rvio || doc.root.get("IMU.NoiseGyro").is_some()) {
             return Ok(None);
         }
-        let need = |key: &str| doc.need_number(&doc.root, key);
+        let need = |key: [&str; 2]| doc.need_number(&doc.root, key[of_rvio as usize]);
+        let shift = match self.is_truth() {
+            true => self.optional("Camera.nTimeOffset_GT")?,
+            // One of its versions writes a colon for the dot.
+            false => self.optional("Camera.nTimeOffset")?.or(self.optional("Camera:nTimeOffset")?),
+        };
         Ok(Some(ImuSensor {
             body_from_imu: Se3::identity(),
-            rate_hz: need("IMU.Frequency")?,
+            rate_hz: need(["IMU.Frequency", "IMU.dps"])?,
             noise: ImuNoise {
-                gyro: need("IMU.NoiseGyro")?,
-                gyro_walk: need("IMU.GyroWalk")?,
-                accel: need("IMU.NoiseAcc")?,
-                accel_walk: need("IMU.AccWalk")?,
+                gyro: need(["IMU.NoiseGyro", "IMU.sigma_g"])?,
+                gyro_walk: need(["IMU.GyroWalk", "IMU.sigma_wg"])?,
+                accel: need(["IMU.NoiseAcc", "IMU.sigma_a"])?,
+                accel_walk: need(["IMU.AccWalk", "IMU.sigma_wa"])?,
             },
-            offset_s: 0.0,
+            // R-VIO: t_imu = t_image + shift.
+            offset_s: -shift.unwrap_or(0.0),
         }))
     }
 }

@@ -114,30 +114,41 @@ impl<'a> Reader<'a> {
             imu: None,
         };
         let along_x = Se3::new(So3::identity(), Vec3::new(baseline, 0.0, 0.0));
-        let Some(node) = self.doc.root.get("StereoRectifier") else {
+        if self.rectifier("K_left").is_none() {
             return Ok(pair(rectified, rectified, along_x));
-        };
+        }
         // x_rectified = R x; in the rectified frame the right camera is one baseline along x.
-        let [left, right] = ["left", "right"].map(|side| self.raw_camera(node, side, &rectified));
-        let [r_left, r_right] = ["R_left", "R_right"].map(|key| self.rotation(node, key));
+        let [left, right] = ["left", "right"].map(|side| self.raw_camera(side, &rectified));
+        let [r_left, r_right] = ["R_left", "R_right"].map(|key| self.rotation(key));
         let rect_from_left = Se3::new(r_left?, Vec3::zeros());
         let rect_from_right = Se3::new(r_right?, along_x.translation);
         Ok(pair(left?, right?, rect_from_left.inverse() * rect_from_right))
     }
 
-    fn raw_camera(&self, node: &Node, side: &str, like: &Camera) -> Result<Camera, SourceError> {
+    /// A key of the rectification, nested or flat.
+    fn rectifier(&self, key: &str) -> Option<&'a Node> {
+        let root = &self.doc.root;
+        let nested = root.get("StereoRectifier").and_then(|r| r.get(key));
+        nested.or_else(|| root.get(&format!("StereoRectifier.{key}")))
+    }
+
+    fn need_rectifier(&self, key: &str) -> Result<&'a Node, SourceError> {
+        self.rectifier(key).ok_or_else(|| self.doc.error(0, format!("StereoRectifier.{key} is missing")))
+    }
+
+    fn raw_camera(&self, side: &str, like: &Camera) -> Result<Camera, SourceError> {
         let doc = self.doc;
         let key = format!("K_{side}");
-        let k_node = doc.need(node, &key)?;
+        let k_node = self.need_rectifier(&key)?;
         let k = doc.matrix(k_node, &key)?;
-        let d = match node.get(&format!("D_{side}")) {
+        let d = match self.rectifier(&format!("D_{side}")) {
             Some(d) => doc.matrix(d, "D")?,
             None => Vec::new(),
         };
         if k.len() != 9 {
             return Err(doc.error(k_node.line, format!("{key} needs 3x3 numbers, here are {}", k.len())));
         }
-        let fisheye = node.get("model").and_then(Node::text) == Some("fisheye");
+        let fisheye = self.rectifier("model").and_then(Node::text) == Some("fisheye");
         let distortion = match (fisheye, d.as_slice()) {
             (_, []) => Distortion::None,
             (true, &[k1, k2, k3, k4, ..]) => Distortion::Equidistant([k1, k2, k3, k4]),
@@ -145,7 +156,7 @@ impl<'a> Reader<'a> {
             (false, &[k1, k2, p1, p2, k3]) => brown([k1, k2, p1, p2, k3]),
             _ => {
                 let why = format!("D_{side} has {} coefficients, 4 or 5 are needed", d.len());
-                return Err(doc.error(node.line, why));
+                return Err(doc.error(k_node.line, why));
             }
         };
         let camera = Camera { fx: k[0], fy: k[4], cx: k[2], cy: k[5], distortion, ..*like };
@@ -153,8 +164,8 @@ impl<'a> Reader<'a> {
         Ok(camera)
     }
 
-    fn rotation(&self, node: &Node, key: &str) -> Result<So3, SourceError> {
-        let r_node = self.doc.need(node, key)?;
+    fn rotation(&self, key: &str) -> Result<So3, SourceError> {
+        let r_node = self.need_rectifier(key)?;
         let r = self.doc.matrix(r_node, key)?;
         if r.len() != 9 {
             return Err(self

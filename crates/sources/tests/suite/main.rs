@@ -3,6 +3,7 @@
 mod bags;
 mod camera;
 mod common;
+mod conventions;
 mod elsewhere;
 mod layouts;
 mod other_systems;
