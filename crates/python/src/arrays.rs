@@ -206,6 +206,7 @@ pub fn depth(
     let units = match (array.dtype().kind(), array.dtype().itemsize()) {
         (b'u', 1 | 2) => {
             let array = typed::<u16>(&array, "uint16", "depth")?;
+            check_unit(&plane(array.as_array()), scale.unwrap_or(metres_per_unit))?;
             match scale.map(|s| s / metres_per_unit).filter(|factor| (factor - 1.0).abs() > 1e-9) {
                 None => copied(&plane(array.as_array())),
                 Some(factor) => converted(&plane(array.as_array()), |v| unit(f64::from(v) * factor)),
@@ -225,6 +226,19 @@ pub fn depth(
     };
     DepthImage::from_vec(camera.width, camera.height, units)
         .ok_or_else(|| FrameError::new_err("depth: rows are missing"))
+}
+
+/// Refuses integers that are metres: no depth camera measures only what is nearer than 0.05 m (D405: 0.07 m and more).
+fn check_unit(units: &ArrayViewD<'_, u16>, metres_per_unit: f64) -> PyResult<()> {
+    let farthest = units.iter().copied().filter(|v| *v != u16::MAX).max().unwrap_or(0);
+    let farthest_m = f64::from(farthest) * metres_per_unit;
+    if farthest == 0 || farthest_m >= 0.05 {
+        return Ok(());
+    }
+    Err(FrameError::new_err(format!(
+        "depth: the farthest is {farthest} units of {metres_per_unit} m, {farthest_m:.3} m; if it is in metres, give floats, else \
+         its unit as depth_scale"
+    )))
 }
 
 /// Whether the elements are floating-point numbers.

@@ -1,12 +1,14 @@
 //! The facade's errors as the exceptions of `cairn._errors`.
 
-use pyo3::PyErr;
+use pyo3::prelude::*;
+use std::ffi::CString;
 
 pyo3::import_exception!(cairn._errors, Error);
 pyo3::import_exception!(cairn._errors, SourceError);
 pyo3::import_exception!(cairn._errors, RigError);
 pyo3::import_exception!(cairn._errors, ConfigError);
 pyo3::import_exception!(cairn._errors, FrameError);
+pyo3::import_exception!(cairn._errors, DataWarning);
 pyo3::import_exception!(cairn._errors, MapError);
 pyo3::import_exception!(cairn._errors, RouteError);
 pyo3::import_exception!(cairn._errors, RefusedError);
@@ -29,6 +31,12 @@ pub fn raise(error: impl Into<cairn::Error>) -> PyErr {
         E::Trajectory(_) | E::Evaluation(_) => TrajectoryError::new_err(words),
         _ => Error::new_err(words),
     }
+}
+
+/// Issues each doubt as a `DataWarning` of the line that called; an error where the user's filters make it one.
+pub fn warn(py: Python<'_>, doubts: &[String]) -> PyResult<()> {
+    let category = py.get_type::<DataWarning>();
+    doubts.iter().try_for_each(|doubt| PyErr::warn(py, &category, &CString::new(doubt.as_str())?, 1))
 }
 
 /// The exception for a dense surface that refuses its input.

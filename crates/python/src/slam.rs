@@ -2,7 +2,7 @@
 
 use crate::arrays::{Channels, depth, from_seconds, gray, stamp};
 use crate::config::{Config, sensors};
-use crate::errors::{FrameError, MapError, raise};
+use crate::errors::{FrameError, MapError, raise, warn};
 use crate::events;
 use crate::imu::ImuBatch;
 use crate::interrupt::on_thread;
@@ -12,7 +12,8 @@ use crate::rig::Rig;
 use crate::source::{Frame, Source};
 use crate::trajectory::{Evaluation, Trajectory, pairs};
 use crate::walk::{self, Route};
-use cairn::{Builder, MapEvents};
+use cairn::sources::PacketValidator;
+use cairn::{Builder, MapEvents, SensorMode};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use std::path::PathBuf;
@@ -58,14 +59,23 @@ pub struct Slam {
 struct Inner {
     slam: cairn::Slam,
     events: MapEvents,
+    packets: PacketValidator,
+}
+
+/// What a frame gave, the milliseconds that it took, and what is doubtful about the frames so far.
+struct Tracked {
+    output: cairn::Output,
+    step_ms: f64,
+    doubts: Vec<String>,
 }
 
 impl Inner {
-    /// Processes a frame; with the milliseconds that it took.
-    fn step(&mut self, packet: &cairn::FramePacket) -> Result<(cairn::Output, f64), cairn::Error> {
+    /// Processes a frame.
+    fn step(&mut self, packet: &cairn::FramePacket) -> Result<Tracked, cairn::Error> {
         let start = Instant::now();
         let output = self.slam.track(packet)?;
-        Ok((output, start.elapsed().as_secs_f64() * 1e3))
+        let step_ms = start.elapsed().as_secs_f64() * 1e3;
+        Ok(Tracked { output, step_ms, doubts: self.packets.packet(packet) })
     }
 }
 
@@ -81,8 +91,11 @@ struct Choices<'a, 'py> {
 impl Slam {
     fn build(py: Python<'_>, rig: &cairn::Rig, builder: Builder, choices: Choices<'_, '_>) -> PyResult<Self> {
         let mut builder = builder;
+        let mut used = rig.clone();
         if let Some(name) = choices.sensor {
             let (mode, imu) = sensors(name, rig)?;
+            used.depth = used.depth.filter(|_| mode == SensorMode::Rgbd);
+            used.imu = used.imu.filter(|_| imu);
             builder = builder.sensor(mode);
             builder = if imu { builder } else { builder.without_imu() };
         }
@@ -112,7 +125,7 @@ impl Slam {
             };
             let mut slam = builder.build().map_err(raise)?;
             let events = slam.events().map_err(raise)?;
-            Ok(Inner { slam, events })
+            Ok(Inner { slam, events, packets: PacketValidator::new(&used) })
         })?;
         Ok(Self { rig: rig.clone(), inner: Some(Arc::new(Mutex::new(inner))), process: std::process::id() })
     }
@@ -258,9 +271,13 @@ impl Slam {
     /// Arrays may have any stride and may be read-only; each is copied once, and none is kept.
     ///
     /// Raises:
-    ///     FrameError: When the frame does not fit the rig or is not later than the one before, or an IMU reading is not
-    ///         finite or out of order. The next frame can be processed.
+    ///     FrameError: When the frame does not fit the rig or is not later than the one before, its uint16 depth is in
+    ///         metres, or an IMU reading is not finite or out of order. The next frame can be processed, or this one again.
     ///     TypeError: For an array of another dtype.
+    ///
+    /// Warns:
+    ///     DataWarning: Once, when the depth of the first second or the IMU of the first ten (or up to `finish`) is implausible:
+    ///         no depth, gyroscope and accelerometer exchanged, degrees, g, clocks apart.
     #[pyo3(signature = (image, depth=None, right=None, imu=None, *, stamp=None, stamp_ns=None, depth_scale=None, color="rgb"))]
     #[allow(clippy::too_many_arguments)]
     fn track(
@@ -292,17 +309,19 @@ impl Slam {
                 self.with(py, move |inner| inner.step(&packet))
             }
         };
-        let (output, step_ms) = tracked?.map_err(raise)?;
-        Ok(Output::new(output, step_ms))
+        let tracked = tracked?.map_err(raise)?;
+        warn(py, &tracked.doubts)?;
+        Ok(Output::new(tracked.output, tracked.step_ms))
     }
 
     /// Waits for mapping and adjusts the whole map a last time. Call it after the last frame, before `trajectory` and
     /// `save`. After Ctrl-C the adjustment goes on to its end, and the next call waits for it.
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
-        self.with_patience(py, |inner| {
+        let doubts = self.with_patience(py, |inner| {
             inner.slam.finish();
-            Ok(())
-        })
+            Ok(inner.packets.end())
+        })?;
+        warn(py, &doubts)
     }
 
     /// The latest map.

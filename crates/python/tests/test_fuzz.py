@@ -63,6 +63,7 @@ def tried(call: Any) -> Any:
         return None
 
 
+@pytest.mark.filterwarnings("ignore::cairn.DataWarning")
 @given(
     image=st.one_of(images, anything),
     depth=st.one_of(st.none(), images, anything),

@@ -59,6 +59,7 @@ from cairn._cairn import (
 )
 from cairn._errors import (
     ConfigError,
+    DataWarning,
     DenseError,
     Error,
     FrameError,
@@ -84,6 +85,7 @@ __all__ = [
     "Coasting",
     "Config",
     "ConfigError",
+    "DataWarning",
     "DenseError",
     "DenseVolume",
     "Error",
@@ -132,9 +134,10 @@ __all__ = [
     "open",
 ]
 
-# The exceptions are shown, and pickled, as those of the package.
+# The exceptions and the warning are shown, and pickled, as those of the package.
 for _error in (
     ConfigError,
+    DataWarning,
     DenseError,
     Error,
     FrameError,

@@ -25,6 +25,10 @@ class FrameError(Error, ValueError):
     """A frame was refused: its time, its images or its IMU samples do not fit. The next one can be processed."""
 
 
+class DataWarning(UserWarning):
+    """The data of frames are implausible: exchanged or wrongly scaled sensors, clocks apart, no depth. They are used as they are."""
+
+
 class MapError(Error):
     """A saved map could not be read, written or used with this camera."""
 
