@@ -93,7 +93,7 @@ fn page_walks_alone_without_a_network_in_a_browser() {
     drop(server);
     assert!(TcpStream::connect(url.trim_start_matches("http://").trim_end_matches('/')).is_err());
     browser.reload(&phone);
-    wait(&mut browser, &phone, "Nobody controls this walk", "#control", 60.0);
+    wait(&mut browser, &phone, "Ready. ", "#control", 60.0);
     accessible(&mut browser, &phone, "alone, before the walk");
     know_the_lens(&mut browser, &phone);
 
