@@ -162,7 +162,7 @@ fn take_in(name: &str, content: &str) -> String {
 fn record(browser: &mut Browser, phone: &Tab) {
     browser.click(phone, "#camera");
     let began = Instant::now();
-    wait(browser, phone, "You control this walk", "#control", 20.0);
+    wait(browser, phone, "You are in control", "#control", 20.0);
     wait(browser, phone, "frames", "#s-tracking", 30.0);
     browser.key(phone, "r");
     wait(browser, phone, "Recording", "#log", 10.0);
