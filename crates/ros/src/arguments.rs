@@ -154,7 +154,8 @@ impl Name {
 
     /// A rule without the name of the node that it is for; `None` if it is for another one.
     fn addressed(&self, rule: &str) -> Option<String> {
-        let (key, value) = rule.split_once(":=")?;
+        // A rule that is none is refused by who reads it.
+        let Some((key, value)) = rule.split_once(":=") else { return Some(rule.to_owned()) };
         match key.split_once(':') {
             Some((node, key)) => (self.0.last()? == node).then(|| format!("{key}:={value}")),
             None => Some(rule.to_owned()),
