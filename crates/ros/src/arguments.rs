@@ -3,28 +3,10 @@
 //! After the design of ROS 2 command line arguments (design.ros2.org, "ROS 2 Command Line Arguments") and the parameter files of rcl:
 //! remaps, parameters, log levels, an enclave; a name before a colon says which node is meant.
 
-use crate::faults::Severity;
-use crate::options::{Options, wrong};
+use crate::faults::{Log, Severity};
 use cairn_files::yaml::{self, Node, Value};
-use clap::{ArgAction, CommandFactory};
+use clap::{ArgAction, Command};
 use std::path::Path;
-
-/// Which lines the node says, and where.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Log {
-    /// Lines below this are not said.
-    pub least: Severity,
-    /// On the standard error output.
-    pub to_terminal: bool,
-    /// On /rosout.
-    pub to_rosout: bool,
-}
-
-impl Default for Log {
-    fn default() -> Self {
-        Self { least: Severity::Info, to_terminal: true, to_rosout: true }
-    }
-}
 
 /// What a command line says.
 #[derive(Debug, Default)]
@@ -36,11 +18,14 @@ pub(crate) struct Given {
     pub notes: Vec<String>,
 }
 
-/// The node's own flags, and what ROS says between `--ros-args` and `--`.
+/// The node's own flags, and what ROS says between `--ros-args` and `--`, where a parameter is a flag of `command`.
 ///
 /// # Errors
 /// An argument without its value, a parameter that is none, a parameter file that cannot be read.
-pub(crate) fn read(arguments: impl IntoIterator<Item = String>) -> Result<Given, clap::Error> {
+pub(crate) fn read(
+    arguments: impl IntoIterator<Item = String>,
+    command: &Command,
+) -> Result<Given, clap::Error> {
     let (mut own, mut ros) = (Vec::new(), Vec::new());
     let mut of_ros = false;
     for argument in arguments {
@@ -71,11 +56,11 @@ pub(crate) fn read(arguments: impl IntoIterator<Item = String>) -> Result<Given,
                         .split_once(":=")
                         .ok_or_else(|| wrong(format!("\"{parameter}\" is not of the form NAME:=VALUE")))?;
                     let value = yaml::parse(text).map_err(|(_, why)| wrong(format!("{key}: {why}")))?;
-                    let flag = flag(key, &value).map_err(wrong)?;
+                    let flag = flag(key, &value, command).map_err(wrong)?;
                     given.flags.extend(flag.ok_or_else(|| wrong(unknown(key)))?);
                 }
             }
-            "--params-file" => given.parameters(Path::new(&value()?), &name)?,
+            "--params-file" => given.parameters(Path::new(&value()?), &name, command)?,
             "--log-level" => {
                 let level = value()?;
                 match level.split_once(":=") {
@@ -108,14 +93,14 @@ pub(crate) fn read(arguments: impl IntoIterator<Item = String>) -> Result<Given,
 
 impl Given {
     /// Adds the parameters that a file has for this node.
-    fn parameters(&mut self, path: &Path, name: &Name) -> Result<(), clap::Error> {
+    fn parameters(&mut self, path: &Path, name: &Name, command: &Command) -> Result<(), clap::Error> {
         let about = |why: String| wrong(format!("{}: {why}", path.display()));
         let text = std::fs::read_to_string(path).map_err(|e| about(e.to_string()))?;
         let file = yaml::parse(&text).map_err(|(line, why)| about(format!("line {line}: {why}")))?;
         let mut found = Vec::new();
         parameters_of(&file, &mut Vec::new(), name, &mut found);
         for (key, value) in found {
-            match flag(key, value).map_err(|why| about(format!("line {}: {why}", value.line)))? {
+            match flag(key, value, command).map_err(|why| about(format!("line {}: {why}", value.line)))? {
                 Some(flag) => self.flags.extend(flag),
                 // One file serves many nodes.
                 None => self.notes.push(format!("{}: {} It is left out.", path.display(), unknown(key))),
@@ -203,9 +188,8 @@ fn parameters_of<'a>(
 }
 
 /// The flag with this value: a parameter has the name of its flag, with underscores. `None` where no flag has the name.
-fn flag(parameter: &str, value: &Node) -> Result<Option<Vec<String>>, String> {
+fn flag(parameter: &str, value: &Node, command: &Command) -> Result<Option<Vec<String>>, String> {
     let long = parameter.replace('_', "-");
-    let command = Options::command();
     let Some(argument) = command.get_arguments().find(|a| a.get_long() == Some(&long)) else {
         return Ok(None);
     };
@@ -222,6 +206,11 @@ fn flag(parameter: &str, value: &Node) -> Result<Option<Vec<String>>, String> {
     // An empty text is how a launch file leaves a parameter unset.
     let texts = texts.ok_or_else(|| format!("{parameter} is a value or a list of values"))?;
     Ok(Some(if texts.iter().all(String::is_empty) { Vec::new() } else { [vec![flag], texts].concat() }))
+}
+
+/// An error of usage, which prints itself.
+pub(crate) fn wrong(why: String) -> clap::Error {
+    clap::Error::raw(clap::error::ErrorKind::ValueValidation, why + "\n")
 }
 
 fn unknown(parameter: &str) -> String {
@@ -242,16 +231,25 @@ fn severity(level: &str) -> Result<Severity, clap::Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use clap::Arg;
+
+    fn given(line: &str) -> Result<Given, clap::Error> {
+        let values = ["image", "right", "depth", "imu", "map", "grid-range-m", "base-from-camera"];
+        let switches =
+            ["no-tf", "use-sim-time"].map(|name| Arg::new(name).long(name).action(ArgAction::SetTrue));
+        let command = Command::new("node").args(values.map(|name| Arg::new(name).long(name))).args(switches);
+        read(line.split_whitespace().map(String::from), &command)
+    }
 
     fn flags(line: &str) -> Result<String, clap::Error> {
-        Ok(read(line.split_whitespace().map(String::from))?.flags.join(" "))
+        Ok(given(line)?.flags.join(" "))
     }
 
     #[test]
     fn what_a_launch_file_gives_becomes_flags() {
         let line = "--image /a --ros-args -r __node:=eye -r __ns:=/robot -r odom:=/vo -p image:=/b -p no_tf:=true -p eye:depth:=/d \
                     -p other:imu:=/i --log-level eye:=warn -e / --disable-rosout-logs -- --right /r";
-        let given = read(line.split_whitespace().map(String::from)).unwrap();
+        let given = given(line).unwrap();
         assert_eq!(
             given.flags.join(" "),
             "--remap __node:=eye --remap __ns:=/robot --remap odom:=/vo --image /b --no-tf --depth /d --image /a --right /r"
@@ -282,7 +280,7 @@ mod tests {
 
     #[test]
     fn levels_of_other_loggers_are_theirs() {
-        let least = |line: &str| read(line.split_whitespace().map(String::from)).unwrap().log.least;
+        let least = |line: &str| given(line).unwrap().log.least;
         assert_eq!(least("--ros-args --log-level error"), Severity::Error);
         assert_eq!(least("--ros-args --log-level rcl:=debug --log-level cairn:=WARN"), Severity::Warn);
         assert_eq!(least("--ros-args -r __ns:=/a/b --log-level a.b.cairn:=fatal"), Severity::Error);

@@ -1,6 +1,5 @@
 //! What goes wrong, said once for each reason and counted from then on.
 
-use crate::arguments::Log;
 use cairn::sensor::{SkipKind, Skips};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -13,6 +12,23 @@ pub enum Severity {
     Warn,
     /// The node cannot do its work.
     Error,
+}
+
+/// Which lines the node says, and where.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Log {
+    /// Lines below this are not said.
+    pub least: Severity,
+    /// On the standard error output.
+    pub to_terminal: bool,
+    /// On /rosout.
+    pub to_rosout: bool,
+}
+
+impl Default for Log {
+    fn default() -> Self {
+        Self { least: Severity::Info, to_terminal: true, to_rosout: true }
+    }
 }
 
 type Sink = Box<dyn Fn(Severity, &str) + Send>;

@@ -1,9 +1,10 @@
 //! What the node is asked to do: its flags, and the words that ROS puts behind `--ros-args`.
 
-use crate::arguments::{self, Log};
+use crate::arguments::{self, wrong};
+use crate::faults::Log;
 use cairn::SensorMode;
 use cairn::geometry::{Se3, So3, Vec3};
-use clap::{Parser, ValueEnum};
+use clap::{CommandFactory, Parser, ValueEnum};
 use std::path::PathBuf;
 
 /// Topics of a usual driver.
@@ -175,7 +176,7 @@ impl Options {
     pub fn parse_arguments(arguments: impl IntoIterator<Item = String>) -> Result<Self, clap::Error> {
         let mut arguments = arguments.into_iter();
         let program = arguments.next().unwrap_or_default();
-        let given = arguments::read(arguments)?;
+        let given = arguments::read(arguments, &Self::command())?;
         let mut options = Self::try_parse_from([vec![program], given.flags].concat())?;
         (options.log, options.notes) = (given.log, given.notes);
         options.take_names()?;
@@ -321,10 +322,6 @@ pub fn transport(topic: &str) -> Option<&str> {
         .rsplit_once('/')
         .map(|(_, name)| name)
         .filter(|name| matches!(*name, "compressed" | "compressedDepth"))
-}
-
-pub(crate) fn wrong(why: String) -> clap::Error {
-    clap::Error::raw(clap::error::ErrorKind::ValueValidation, why + "\n")
 }
 
 fn pose_of(numbers: &[f64]) -> Option<Se3> {

@@ -285,7 +285,7 @@ fn walk_that_is_killed_goes_on_where_it_was() {
             signal("-KILL", &served.id("walk"));
         })
         .await;
-        assert_eq!(served.count("walk died"), 1);
+        assert_eq!(served.count("walk died: "), 1);
         phone.command("guide back").await;
         directed(&mut phone, 0).await;
         // In the middle of guidance.
@@ -297,7 +297,7 @@ fn walk_that_is_killed_goes_on_where_it_was() {
         assert!(phone.heard_texts.iter().any(|t| t.starts_with("Stop. You have arrived")), "{home:?}");
         assert!(home.connections >= 1, "the phone came back by itself");
     });
-    assert_eq!(served.count("walk died"), 2);
+    assert_eq!(served.count("walk died: "), 2);
     let routes: Vec<_> = std::fs::read_dir(served.data.join("routes"))
         .unwrap()
         .filter_map(|e| Some(e.ok()?.path()))
