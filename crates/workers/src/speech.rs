@@ -94,6 +94,6 @@ mod tests {
         for event in sounds.into_iter().chain([Event::Said(said)]) {
             assert_eq!(Speech::of(event.clone()).event(), Some(event));
         }
-        assert_eq!(Speech::Sound { t_s: 0.0, earcon: 6, bearing_rad: 0.0 }.event(), None);
+        assert_eq!(Speech::Sound { t_s: 0.0, earcon: EARCONS.len() as u8, bearing_rad: 0.0 }.event(), None);
     }
 }
