@@ -30,7 +30,7 @@ pub struct Tab {
 }
 
 /// The walker of a page has heard what to mind.
-const HEARD: &str = "try { localStorage.getItem('cairn-settings') \
+pub const HEARD: &str = "try { localStorage.getItem('cairn-settings') \
                      ?? localStorage.setItem('cairn-settings', '{\"before\":true}'); } catch {}";
 
 impl Browser {

@@ -1,6 +1,6 @@
 //! A walk out and home again, over web sockets and without.
 
-use crate::browser::cdp::Browser;
+use crate::browser::cdp::{Browser, HEARD};
 use crate::browser::session::{OUT_S, accessible, emptied, pictures, route_out, started, wait};
 use crate::walked::{RATE_HZ, camera};
 use cairn_engine::{Config, Engine, Host, Runner, SensorMode};
@@ -165,7 +165,7 @@ fn page_without_web_sockets_walks_in_a_browser() {
     })
     .unwrap();
     let url = server.invitation().urls[0].clone();
-    let phone = browser.open_after(&url, [390, 844], REFUSES);
+    let phone = browser.open_after(&url, [390, 844], &format!("{HEARD}{REFUSES}"));
     wait(&mut browser, &phone, "Ready. ", "#control", 20.0);
     wait(&mut browser, &phone, "Connected by the slower way", "#link", 5.0);
     let fingerprint = server.authority().unwrap().fingerprint();
