@@ -163,6 +163,7 @@ def test_it_starts_as_a_launch_file_starts_it(wire, node, euroc, tmp_path, monke
         "-p", "base_from_camera:=[0.0, 0.0, 1.0, -0.5, 0.5, -0.5, 0.5]", "--log-level", "info", "--enclave", "/",
     )  # fmt: skip
     begin(player, child)
+    player.play(40)
     assert until(lambda: len(poses) > 5, 20), child.lines
     assert child.said('no parameter "qos_overrides"') and child.said("DDS security"), child.lines
     assert child.end() == 0
