@@ -106,7 +106,7 @@ fn page_walks_alone_without_a_network_in_a_browser() {
     wait(&mut browser, &phone, "You have arrived", "#log", 3.0 * OUT_S + 15.0);
     println!("what the phone said:\n{}", browser.text(&phone, "#log"));
     println!("its state:\n{}", browser.text(&phone, "#state"));
-    assert!(browser.drawn(&phone, "#map"), "the map is empty");
+    wait(&mut browser, &phone, "A map of", "#map-words", 10.0);
     wait(&mut browser, &phone, "Route 1", "#route-list", 5.0);
 
     // Another day: the route is there before the camera, and is walked in its map.
