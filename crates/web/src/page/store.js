@@ -67,6 +67,22 @@ export class Store {
     return this.work;
   }
 
+  // Keeps files in place of all others, which go once these are there; whether they could be kept. Where not, the others stay.
+  replace(files) {
+    const given = new Set(files.map(([path]) => path));
+    const all = async () => {
+      for (const [path, bytes] of files) await this.keepOne(path, bytes);
+      for (const path of [...this.numbers.keys()]) if (!given.has(path)) await this.keepOne(path, null);
+      return true;
+    };
+    const done = this.work.then(all).catch((error) => {
+      this.failed(error);
+      return false;
+    });
+    this.work = done;
+    return done;
+  }
+
   async keepOne(path, bytes) {
     const before = this.numbers.get(path) ?? [];
     if (bytes) {

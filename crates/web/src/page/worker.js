@@ -24,7 +24,7 @@ const say = (kind, id, values) => postMessage({ kind, id, values });
 // The walk, from the hello on: what the page wants, what it set before the first image, and when things were last done.
 const walk = {
   engine: null, store: null, changed: new Map(), language: 'en', zone_min: 0, lines: [], want: {}, held: false,
-  size: null, first: null, moved: -Infinity, motion: [], imaged: -Infinity, told: '', step_ms: 0, viewed: 0, mapped: 0, hasMap: false,
+  size: null, first: null, moved: -Infinity, motion: [], imaged: -Infinity, told: '', step_ms: 0, viewed: 0, mapped: 0, hasMap: false, replaces: false,
 };
 
 function apply(kind, ...parts) {
@@ -92,6 +92,8 @@ async function hello({ language, zone_min, phone }) {
 
 // The first image says how large they are. Whether there is motion is known a moment later.
 function begin(ms, width, height) {
+  // No walk begins while the files that it would read are replaced.
+  if (walk.replaces) return;
   walk.first ??= ms;
   const moves = clockMs() - walk.moved < NO_MOTION_MS;
   if (!moves && ms - walk.first < NO_MOTION_MS) return;
@@ -190,11 +192,13 @@ async function put(given) {
   if (wrong || given.length === 0) return wrong && postMessage({ imported: { wrong: wrong.name } });
   end();
   const files = given.flatMap(inside).map(([name, bytes]) => [`${FOLDER}/${name.split('/').pop()}`, bytes]);
+  walk.replaces = true;
+  const isKept = await walk.store.replace(files);
+  walk.replaces = false;
+  if (!isKept) return undefined;
   const { wasi } = walk.engine;
-  const gone = [...wasi.files.keys()].map((path) => [path, null]);
   wasi.files.clear();
   for (const [path, bytes] of files) wasi.put(path, bytes);
-  await walk.store.keep([...gone, ...files]);
   showRoutes();
   return postMessage({ imported: { count: files.length } });
 }
