@@ -68,8 +68,7 @@ impl Phone {
         let library = &setup.library;
         let phrases = library.phrases().map_err(|e| fail(e.to_string()))?;
         let (start, lens) = Start::of(setup);
-        let is_kept = lens.as_ref().is_some_and(LensWatch::is_certain);
-        let is_known = setup.pinhole.is_some() || is_kept;
+        let is_known = setup.pinhole.is_some() || lens.as_ref().is_some_and(LensWatch::is_certain);
         let camera = start.camera(is_known).map_err(|e| fail(e.to_string()))?;
         let lock = RoutesLock::take(&library.folder).map_err(|e| fail(e.to_string()))?;
         let kept = MapKeeper::open_with(lock, None, &camera, |map| start.engine(map));
@@ -83,14 +82,9 @@ impl Phone {
         let clock = Arc::new(PageClock::default());
         let mut session = Session::new(kept.engine, config).keeping(kept.keeper.with_clock(library.clock()));
         session.follow(clock.clone());
-        let knowledge = match (setup.pinhole, setup.motion) {
-            (None, true) if is_kept => Some(LensKnowledge::Found),
-            (None, true) => Some(LensKnowledge::Guessed),
-            (None, false) if !is_kept => Some(LensKnowledge::WithoutMotion),
-            // One camera with its lens and without motion, as a calibrated one: lengths have no metres, which is said.
-            _ => None,
-        };
-        knowledge.into_iter().for_each(|known| session.knows_of_lens(known));
+        if setup.pinhole.is_none() {
+            session.knows_of_lens(LensKnowledge::of(is_known, setup.motion));
+        }
         let imu_period_s = start.rig().imu.as_ref().map(|imu| 1.0 / imu.rate_hz);
         let merge = MergeConfig { imu_period_s, wait_s: MOTION_WAIT_S, ..MergeConfig::default() };
         Ok(Self {
@@ -164,7 +158,7 @@ impl Phone {
         }
         *watch = next;
         if found.is_certain {
-            self.session.knows_of_lens(LensKnowledge::Found);
+            self.session.knows_of_lens(LensKnowledge::of(true, self.start.rig().imu.is_some()));
         }
     }
 

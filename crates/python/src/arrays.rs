@@ -7,6 +7,7 @@
 use crate::errors::FrameError;
 use cairn::geometry::{Mat3, Se3, Sim3, So3, Vec3};
 use cairn::sensor::{Camera, DepthImage, GrayImage, Image, check_rotation};
+use cairn::sources::NEAREST_DEPTH_M;
 use numpy::ndarray::{ArrayViewD, Axis, Ix2, Ix3};
 use numpy::{
     Element, PyArray1, PyArray2, PyArray3, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods,
@@ -228,11 +229,11 @@ pub fn depth(
         .ok_or_else(|| FrameError::new_err("depth: rows are missing"))
 }
 
-/// Refuses integers that are metres: no depth camera measures only what is nearer than 0.05 m (D405: 0.07 m and more).
+/// Refuses integers that are metres: no depth camera measures only what is so near.
 fn check_unit(units: &ArrayViewD<'_, u16>, metres_per_unit: f64) -> PyResult<()> {
     let farthest = units.iter().copied().filter(|v| *v != u16::MAX).max().unwrap_or(0);
     let farthest_m = f64::from(farthest) * metres_per_unit;
-    if farthest == 0 || farthest_m >= 0.05 {
+    if farthest == 0 || farthest_m >= NEAREST_DEPTH_M {
         return Ok(());
     }
     Err(FrameError::new_err(format!(

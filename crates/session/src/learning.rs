@@ -26,6 +26,19 @@ pub enum LensKnowledge {
     Found,
 }
 
+impl LensKnowledge {
+    /// What is known as images begin to be read with a lens. A lens that is certain needs no motion sensors: it is that of a calibrated
+    /// camera, there is nothing to be learned, and lengths without metres are told as such.
+    pub fn of(is_certain: bool, has_motion: bool) -> Option<Self> {
+        match (is_certain, has_motion) {
+            (true, true) => Some(Self::Found),
+            (true, false) => None,
+            (false, true) => Some(Self::Guessed),
+            (false, false) => Some(Self::WithoutMotion),
+        }
+    }
+}
+
 /// What a frame says about scale and clocks.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
@@ -115,6 +128,10 @@ mod tests {
     fn nothing_is_learned_of_a_calibrated_camera() {
         let learning = Learning::default();
         assert_eq!((learning.what_helps(), learning.news()), (None, None));
+        // Nor of a lens that was learned on another day, by a phone whose motion sensors were not allowed today: it would wait for
+        // metres that never come.
+        assert_eq!(LensKnowledge::of(true, false), None);
+        assert_eq!(LensKnowledge::of(false, false), Some(LensKnowledge::WithoutMotion));
     }
 
     #[test]

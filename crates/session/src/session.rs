@@ -194,8 +194,9 @@ impl<S: Slam> Session<S> {
     }
 
     /// What is known of a lens that nobody calibrated: the walker is told what helps to learn it, and records no route before.
-    pub fn knows_of_lens(&mut self, lens: LensKnowledge) {
-        self.learning.lens = Some(lens);
+    /// Nothing, where there is nothing to be learned.
+    pub fn knows_of_lens(&mut self, lens: impl Into<Option<LensKnowledge>>) {
+        self.learning.lens = lens.into();
     }
 
     /// The engine.

@@ -47,4 +47,4 @@ pub use paced::Paced;
 pub use picked::Picked;
 pub use rig::{NAMED_RIGS, NamedRig, assumed_in, named_rig, read_rig, read_rig_for, write_rig};
 pub use std_host::{background, std_host};
-pub use validator::{ImuWatch, PacketValidator, Validator, doubts_of};
+pub use validator::{ImuWatch, NEAREST_DEPTH_M, PacketValidator, Validator, doubts_of};

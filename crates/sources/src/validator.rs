@@ -15,7 +15,7 @@ const CHECKED_S: f64 = 10.0;
 /// Seconds of depth images checked at the start.
 const DEPTH_CHECKED_S: f64 = 1.0;
 /// No depth camera measures only what is nearer, metres: the nearest that one measures at all is 0.07 m (D405).
-const FARTHEST_M: f64 = 0.05;
+pub const NEAREST_DEPTH_M: f64 = 0.05;
 
 /// Collects the IMU data of packets, to check it.
 #[derive(Clone, Debug, Default)]
@@ -123,7 +123,7 @@ impl DepthWatch {
         match self.any {
             _ if self.images == 0 => None,
             false => Some("the rig has a depth sensor, but no image has depth".into()),
-            true if self.farthest > 0 && farthest_m < FARTHEST_M => Some(format!(
+            true if self.farthest > 0 && farthest_m < NEAREST_DEPTH_M => Some(format!(
                 "the farthest depth is {} units of {} m, {farthest_m:.3} m: is it in metres?",
                 self.farthest, sensor.metres_per_unit
             )),

@@ -95,11 +95,8 @@ fn begin(
             lens = (!is_given).then(|| lens_of(hub, serve.keep.clone(), &mut phone)).flatten();
             // A phone with motion data makes the map metric.
             let has_imu = phone.rig().imu.is_some();
-            knowledge = (!is_given).then(|| match has_imu {
-                _ if lens.as_ref().is_some_and(LensWatch::is_certain) => LensKnowledge::Found,
-                true => LensKnowledge::Guessed,
-                false => LensKnowledge::WithoutMotion,
-            });
+            let is_certain = is_given || lens.as_ref().is_some_and(LensWatch::is_certain);
+            knowledge = LensKnowledge::of(is_certain, has_imu).filter(|_| !is_given);
             // Phones expose row after row, each type with a time of its own.
             config.tracker.estimate_readout |= has_imu;
             let to_pages = hub.clone();
@@ -289,7 +286,7 @@ impl PageObserver {
                 notes.iter().for_each(|note| self.hub.broadcast(&ToPage::Doubt(note)));
                 *watch = next;
                 if found.is_certain {
-                    session.knows_of_lens(LensKnowledge::Found);
+                    session.knows_of_lens(LensKnowledge::of(true, start.has_imu));
                 }
             }
             Err(e) => self.hub.broadcast(&ToPage::Trouble(&e.to_string())),
