@@ -1,6 +1,6 @@
 //! Guides simulated walkers along random routes on poses, and prints the figures.
 //!
-//! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--show SEED ROW] [--docs FOLDER]`:
+//! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--from SEED] [--show SEED ROW] [--docs FOLDER]`:
 //! a table of all rows, the utterances by kind, and the worst seeds; `--show` prints one transcript instead (ROW
 //! counts from 0); `--docs` also writes the table into FOLDER/guide.md (docs/figures), between its marks, and the worst three
 //! transcripts beside it.
@@ -64,7 +64,7 @@ fn main() {
         print!("{}", trial(seed, (row as usize).min(2 * ROWS.len() - 1)).transcript());
         return;
     }
-    let routes = number("--ways", 1).unwrap_or(200);
+    let (first, routes) = (number("--from", 1).unwrap_or(0), number("--ways", 1).unwrap_or(200));
     let mut table = String::from(
         "| route | arrived within 1 m | error p50 / p95 / max | off the path per 50 m | wrong side | utterances per 100 m | of them corrections |\n\
          |---|---|---|---|---|---|---|\n",
@@ -73,7 +73,7 @@ fn main() {
     let mut worst: Vec<(f64, u64, usize)> = Vec::new();
     for row in 0..2 * ROWS.len() {
         let mut tally = Tally::default();
-        for seed in 0..routes {
+        for seed in first..first + routes {
             let o = trial(seed, row);
             tally.add(&o);
             worst.push((badness(&o), seed, row));

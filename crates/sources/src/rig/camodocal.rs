@@ -3,7 +3,7 @@
 //!
 //! VINS states noise for one sample, not as a density, and no rate: 200 samples a second are taken, as in its recordings.
 
-use super::document::Document;
+use super::document::{Document, SCARAMUZZA};
 use crate::text::read_text;
 use cairn_files::yaml::Node;
 use cairn_geometry::Se3;
@@ -95,6 +95,9 @@ fn camera(doc: &Document) -> Result<Camera, SourceError> {
         }
         "KANNALA_BRANDT" => {
             (of(["mu", "mv", "u0", "v0"])?, Distortion::Equidistant(of(["k2", "k3", "k4", "k5"])?))
+        }
+        name @ "SCARAMUZZA" => {
+            return Err(doc.error(model.line, format!("model_type {name}: {SCARAMUZZA}")));
         }
         other => {
             let why = format!(

@@ -7,6 +7,10 @@ use cairn_sensor::{Camera, Distortion, RigError, SourceError, check_rotation};
 use nalgebra::Matrix4;
 use std::path::{Path, PathBuf};
 
+/// Why a lens of the omnidirectional toolbox of Scaramuzza is refused, and the way out.
+pub const SCARAMUZZA: &str =
+    "a lens of Scaramuzza's polynomial is not read: calibrate it with Kalibr as omni-radtan or pinhole-equi";
+
 /// What is wrong with a calibration; whoever reads the file adds its name and the line.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]

@@ -3,6 +3,7 @@
 use super::document::Document;
 use super::kalibr;
 use crate::text::read_text;
+use cairn_files::yaml::Node;
 use cairn_sensor::{Rig, RigCamera, SourceError};
 use std::path::Path;
 
@@ -45,6 +46,45 @@ pub fn single(doc: &Document) -> Result<Rig, SourceError> {
         rig.imu = Some(imu);
     }
     Ok(rig)
+}
+
+/// True of Kimera's first form: both cameras and the IMU in one file, for MYNT EYE and RealSense.
+pub fn is_kimera_pair(root: &Node) -> bool {
+    root.get("left_camera_intrinsics").is_some()
+}
+
+/// That file's rig.
+pub fn kimera_pair(doc: &Document) -> Result<Rig, SourceError> {
+    let root = &doc.root;
+    let size = doc.need(root, "camera_resolution")?;
+    let size = doc.size(size.line, doc.array::<2>(size, "camera_resolution")?)?;
+    let kind = doc.need(root, "distortion_model")?;
+    let model = doc.need(root, "camera_model")?;
+    if model.text() != Some("pinhole") {
+        let name = model.text().unwrap_or_default();
+        return Err(doc.error(model.line, format!("camera model \"{name}\" is not known (pinhole is)")));
+    }
+    let to_body = doc.transform(doc.need(root, "calibration_to_body_frame")?, "calibration_to_body_frame")?;
+    let camera = |(i, side): (usize, &str)| {
+        let key = |what: &str| format!("{side}_camera_{what}");
+        let node = |what: &str| doc.need(root, &key(what));
+        let intrinsics = node("intrinsics")?;
+        let c = doc.numbers(node("distortion_coefficients")?)?;
+        let lens = doc.distortion(kind.line, kind.text().unwrap_or_default(), &c)?;
+        let pinhole = doc.array::<4>(intrinsics, &key("intrinsics"))?;
+        Ok(RigCamera {
+            name: format!("cam{i}"),
+            camera: doc.camera(intrinsics.line, size, pinhole, lens)?,
+            body_from_camera: to_body * doc.transform(node("extrinsics")?, &key("extrinsics"))?,
+        })
+    };
+    let cameras =
+        ["left", "right"].into_iter().enumerate().map(camera).collect::<Result<_, SourceError>>()?;
+    let mut imu = kalibr::imu(doc, root, "imu_rate_hz")?;
+    imu.body_from_imu = doc.transform(doc.need(root, "imu_extrinsics")?, "imu_extrinsics")?;
+    // As its comment says: t_imu = t_image + shift.
+    imu.offset_s = -doc.need_number(root, "imu_shift")?;
+    Ok(Rig { cameras, depth: None, imu: Some(imu) })
 }
 
 fn camera(doc: &Document, name: &str) -> Result<RigCamera, SourceError> {

@@ -146,6 +146,9 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     if dso::is(&text) {
         return dso::rig(path, &text);
     }
+    if let Some((why, cure)) = not_read(&name, &text) {
+        return Err(SourceError::new(path.display().to_string(), why, cure));
+    }
     let unknown = |line_cure: &str| {
         SourceError::new(
             path.display().to_string(),
@@ -159,6 +162,8 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     let doc = Document::parse(path, &text)?;
     if airslam::is(&doc.root) {
         airslam::rig(&doc)
+    } else if vikit::is(&doc.root) {
+        vikit::rig(&doc)
     } else if doc.root.get("cam0").is_some() {
         kalibr::chain(&doc, None)
     } else if doc.root.get("T_BS").is_some() && doc.root.get("camera_model").is_some() {
@@ -177,8 +182,8 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
         basalt::rig(&doc)
     } else if nice_slam::is(&doc.root) {
         nice_slam::rig(&doc)
-    } else if vikit::is(&doc.root) {
-        vikit::rig(&doc)
+    } else if euroc::is_kimera_pair(&doc.root) {
+        euroc::kimera_pair(&doc)
     } else if stella::is_config(&doc.root) {
         stella::rig(&doc, size)
     } else if ros::is_camera_info(&doc.root) {
@@ -189,6 +194,23 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
         Err(unknown("this is an IMU file: give the camera chain, the IMU file next to it is found"))
     } else {
         Err(unknown("give one of these"))
+    }
+}
+
+/// What a file of another system is whose calibration is not read, and the way out.
+fn not_read(name: &str, text: &str) -> Option<(&'static str, &'static str)> {
+    if text.contains("polynomial coefficients for the DIRECT mapping function") {
+        Some((
+            "is a calibration of OCamCalib, a lens of Scaramuzza's polynomial",
+            "calibrate it with Kalibr as omni-radtan or pinhole-equi",
+        ))
+    } else if name.ends_with(".info") && text.contains("CalibrationFile") {
+        Some((
+            "is a configuration of ROVIO",
+            "give the camera's file, which its CalibrationFile names; with the IMU write a rig.toml",
+        ))
+    } else {
+        None
     }
 }
 

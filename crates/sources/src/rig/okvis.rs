@@ -2,7 +2,7 @@
 //!
 //! OKVIS2 states no rate of the IMU: 200 samples a second are taken, which is told ([`super::assumed_in`]).
 
-use super::document::Document;
+use super::document::{Document, SCARAMUZZA};
 use cairn_files::yaml::Node;
 use cairn_geometry::Se3;
 use cairn_sensor::{Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
@@ -49,11 +49,8 @@ pub fn svo_camera(doc: &Document, i: usize, node: &Node, camera: &Node) -> Resul
     let kind = doc.need(camera, "type")?;
     if kind.text() != Some("pinhole") {
         let name = kind.text().unwrap_or_default();
-        let why = format!(
-            "camera type \"{name}\" is not known (pinhole is): calibrate a lens of Scaramuzza's polynomial with Kalibr as \
-             omni-radtan or pinhole-equi"
-        );
-        return Err(doc.error(kind.line, why));
+        let why = if name == "omni" { SCARAMUZZA } else { "only pinhole is known" };
+        return Err(doc.error(kind.line, format!("camera type \"{name}\": {why}")));
     }
     let size = [doc.need_number(camera, "image_width")?, doc.need_number(camera, "image_height")?];
     let size = doc.size(camera.line, size)?;

@@ -82,8 +82,15 @@ impl<'a> Reader<'a> {
                 let [k1, k2, k3, k4] = ["k1", "k2", "k3", "k4"].map(|key| self.or_zero(key));
                 Distortion::Equidistant([k1?, k2?, k3?, k4?])
             }
+            "radial_division" => Distortion::Division(self.need("distortion")?),
+            "equirectangular" => {
+                let why = "Camera.model \"equirectangular\" has no image plane: cut a perspective view out of the images";
+                return Err(self.doc.error(self.get("model").map_or(0, |n| n.line), why));
+            }
             other => {
-                let why = format!("Camera.model \"{other}\" is not supported (perspective and fisheye are)");
+                let why = format!(
+                    "Camera.model \"{other}\" is not known (perspective, fisheye and radial_division are)"
+                );
                 return Err(self.doc.error(self.get("model").map_or(0, |n| n.line), why));
             }
         };

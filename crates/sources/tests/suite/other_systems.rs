@@ -31,7 +31,117 @@ fn cameras_of_svos_first_version() {
         "camera.yaml",
         "cam_model: Ocam\ncam_width: 640\ncam_height: 480\ncam_fx: 1\ncam_fy: 1\ncam_cx: 1\ncam_cy: 1\n",
     );
-    assert!(ocam.contains("Ocam") && ocam.contains("Pinhole and ATAN are"), "{ocam}");
+    assert!(ocam.contains("Ocam") && ocam.contains("Scaramuzza") && ocam.contains("Kalibr"), "{ocam}");
+}
+
+#[test]
+fn cameras_of_vikit_under_their_names_with_places_in_both_directions() {
+    let folder = Folder::new();
+    let camera = |name: &str, model: &str, numbers: &str, place: &str| {
+        format!("{name}:\n  cam_model: {model}\n  cam_width: 752\n  cam_height: 480\n{numbers}{place}")
+    };
+    let numbers = "  cam_fx: 463\n  cam_fy: 462\n  cam_cx: 361\n  cam_cy: 231\n  cam_d0: 0.1\n  cam_d1: 0.2\n  cam_d2: 0.3\n  cam_d3: 0.4\n";
+    // Half a turn about z; the camera is 0.2 m along x of the IMU in both.
+    let imu_cam = "  T_imu_cam: {tx: 0.2, ty: 0, tz: 0.1, qx: 0, qy: 0, qz: 1, qw: 0}\n";
+    let cam_imu = "  T_cam_imu:\n    tx: 0.2\n    ty: 0.0\n    tz: -0.1\n    qx: 0.0\n    qy: 0.0\n    qz: 1.0\n    qw: 0.0\n";
+    let lens = Distortion::Equidistant([0.1, 0.2, 0.3, 0.4]);
+    for place in [imu_cam, cam_imu] {
+        let path = folder.write("vikit.yaml", camera("cam0", "PinholeEquidistant", numbers, place));
+        let rig = read_rig(&path).unwrap();
+        assert_eq!(
+            rig.cameras[0].camera,
+            Camera { distortion: lens, ..Camera::pinhole(752, 480, 463.0, 462.0, 361.0, 231.0) }
+        );
+        let off = rig.cameras[0].body_from_camera.translation - Vec3::new(0.2, 0.0, 0.1);
+        assert!(off.norm() < 1e-12, "{off}");
+        let along_x = rig.cameras[0].body_from_camera.rotation * Vec3::x();
+        assert!((along_x + Vec3::x()).norm() < 1e-12, "{along_x}");
+        assert!(assumed_in(&path).unwrap().contains("the IMU is left out"));
+    }
+    let atan = "  cam_fx: 0.5\n  cam_fy: 0.8\n  cam_cx: 0.5\n  cam_cy: 0.5\n  cam_d0: 0.93\n";
+    let two =
+        camera("cam0", "PinholeRadTan", numbers, imu_cam) + &camera("cam1", "PinholeAtan", atan, imu_cam);
+    let rig = read_rig(folder.write("two.yaml", &two)).unwrap();
+    assert_eq!(rig.cameras[0].camera.distortion, Distortion::RadialTangential([0.1, 0.2, 0.3, 0.4, 0.0]));
+    assert_eq!((rig.cameras[1].camera.fx, rig.cameras[1].camera.distortion), (376.0, Distortion::Fov(0.93)));
+    assert!(refused("two.yaml", &two.replacen(imu_cam, "", 1)).contains("T_imu_cam is missing"));
+    let alone = "cam_model: EquidistantCamera\ncam_width: 720\ncam_height: 540\nscale: 1.0\ncam_fx: 351\ncam_fy: 350\ncam_cx: 367\ncam_cy: 253\nk1: 0.1\nk2: 0.2\nk3: 0.3\nk4: 0.4\n";
+    let rig = read_rig(folder.write("alone.yaml", alone)).unwrap();
+    assert_eq!(rig.cameras[0].camera.distortion, lens);
+    folder.write(
+        "imu.yaml",
+        "accelerometer_noise_density: 0.02\naccelerometer_random_walk: 0.003\ngyroscope_noise_density: 0.002\ngyroscope_random_walk: 0.00002\nupdate_rate: 100\n",
+    );
+    let rig = read_rig(folder.write("vikit.yaml", camera("cam0", "Pinhole", numbers, imu_cam))).unwrap();
+    assert_eq!(rig.imu.unwrap().rate_hz, 100.0);
+}
+
+#[test]
+fn kimera_has_both_cameras_and_the_imu_in_one_file() {
+    let square = |x: f64| {
+        format!(
+            "[1.0, 0.0, 0.0, {x},\n   0.0, 1.0, 0.0, 0.0,\n   0.0, 0.0, 1.0, 0.0,\n   0.0, 0.0, 0.0, 1.0]"
+        )
+    };
+    let side = |side: &str, fx: f64, x: f64| {
+        format!(
+            "{side}_camera_intrinsics: [{fx},361.9,379.6,234.3] # fu, fv, cu, cv\n{side}_camera_distortion_coefficients: [0.1,-0.4,0.5,-0.2]\n\
+             {side}_camera_extrinsics: {}\n",
+            square(x)
+        )
+    };
+    let text = format!(
+        "# Calibration (Kalibr)\ncamera_hardware: MyntEye S - MIT\ncamera_rate_hz: 20\ncamera_model: pinhole\ndistortion_model: equidistant\n\
+         camera_resolution: [752,480] # width, height\n{}{}calibration_to_body_frame: {}\nimu_rate_hz: 200\nimu_shift: -0.004 # t_imu0 = t_cam0 + imu_shift\n\
+         gyroscope_noise_density: 0.009\ngyroscope_random_walk: 0.00005\naccelerometer_noise_density: 0.07\naccelerometer_random_walk: 0.05\nimu_extrinsics: {}\n",
+        side("left", 362.6, 0.01),
+        side("right", 367.0, 0.13),
+        square(0.5),
+        square(0.5)
+    );
+    let folder = Folder::new();
+    let rig = read_rig(folder.write("calibration_MIT_equidistant.yaml", &text)).unwrap();
+    let at = |i: usize| rig.cameras[i].body_from_camera.translation.x;
+    assert_eq!((at(0), at(1), rig.cameras[1].camera.fx), (0.51, 0.63, 367.0));
+    assert_eq!(rig.cameras[0].camera.distortion, Distortion::Equidistant([0.1, -0.4, 0.5, -0.2]));
+    let imu = rig.imu.unwrap();
+    assert_eq!((imu.rate_hz, imu.offset_s, imu.body_from_imu.translation.x), (200.0, 0.004, 0.5));
+    assert!(
+        refused("a.yaml", &text.replace("camera_model: pinhole", "camera_model: omni"))
+            .contains("\"omni\" is not known")
+    );
+    assert!(refused("a.yaml", &text.replace("imu_shift", "shift")).contains("imu_shift is missing"));
+}
+
+#[test]
+fn what_is_not_read_is_named_with_a_way_out() {
+    let stella = |model: &str, more: &str| {
+        format!(
+            "Camera:\n  name: \"a\"\n  setup: \"monocular\"\n  model: \"{model}\"\n  cols: 1920\n  rows: 960\n{more}"
+        )
+    };
+    let camodocal = "%YAML:1.0\n---\nmodel_type: SCARAMUZZA\ncamera_name: cam\nimage_width: 752\nimage_height: 480\n\
+        poly_parameters:\n   p0: -2.4e+02\nprojection_parameters:\n   cx: 376\n   cy: 240\n";
+    let ocam = "#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB). These are used by cam2world\n\n5 -2.38e+02 0 1.7e-03 0 1e-09\n";
+    let rovio = "Common\n{\n}\nCamera0\n{\n  CalibrationFile  cam0.yaml;\n  qCM_x 0.0;\n}\n";
+    for (name, text, what, way_out) in [
+        ("a.yaml", stella("equirectangular", ""), "equirectangular", "perspective view"),
+        ("a.yaml", camodocal.into(), "SCARAMUZZA", "Kalibr"),
+        ("calib_results.txt", ocam.into(), "OCamCalib", "Kalibr"),
+        ("rovio.info", rovio.into(), "a configuration of ROVIO", "CalibrationFile"),
+    ] {
+        let error = refused(name, &text);
+        assert!(error.contains(what) && error.contains(way_out), "{error}");
+    }
+    let folder = Folder::new();
+    let division =
+        stella("radial_division", "  fx: 900\n  fy: 901\n  cx: 960\n  cy: 480\n  distortion: -0.25\n");
+    let camera = read_rig(folder.write("division.yaml", division)).unwrap().cameras[0].camera;
+    assert_eq!((camera.fy, camera.distortion), (901.0, Distortion::Division(-0.25)));
+    // ROVIO's camera, which is that of ROS without a rectification.
+    let camera = "image_width: 752\nimage_height: 480\ncamera_name: cam0\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [458.6, 0.0, 367.2, 0.0, 457.2, 248.3, 0.0, 0.0, 1.0]\n\
+        distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data:  [-0.28, 0.07, 0.0002, 1.8e-05, 0.0]\n";
+    assert_eq!(read_rig(folder.write("euroc_cam0.yaml", camera)).unwrap().cameras[0].camera.fx, 458.6);
 }
 
 #[test]

@@ -81,13 +81,18 @@ pub fn conclude(
         failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
     }
     let text = |outcome: &Outcome| text::of(outcome, a.realtime || live);
-    // A live camera may well show nothing for long; a recording that is lost cannot be relied on. A try of a few frames ends
-    // before one camera has seen enough to begin.
-    let enough = r.frames >= 100 && !live && !outcome.interrupted;
-    if failures.is_empty() && enough && 2 * r.tracked < r.frames {
+    // A live camera may well show nothing for long; a recording that is lost cannot be relied on, however short it is. Only a try
+    // of a few frames (--frames) may end before one camera has seen enough to begin.
+    let whole = (a.frames.is_none() || r.frames >= 100) && !live && !outcome.interrupted;
+    if failures.is_empty() && whole && 2 * r.tracked < r.frames {
         output.text(&text(outcome))?;
         let why = format!("only {} of {} frames got a pose", r.tracked, r.frames);
-        failures.push(Failure::new(&a.source, why, NO_POSE));
+        let cure = match 2 * (r.dropped + r.skipped) > r.frames - r.tracked {
+            true if r.dropped > r.skipped => "leave out --realtime, or end what else runs here",
+            true => "mend what was skipped: the reasons are above",
+            false => NO_POSE,
+        };
+        failures.push(Failure::new(&a.source, why, cure));
     }
     Failure::all(failures)?;
     output.result(outcome, text)

@@ -152,6 +152,28 @@ fn run_skips_and_reports_a_damaged_image() {
 }
 
 #[test]
+fn a_recording_fails_when_under_half_of_its_frames_have_a_pose_however_short_it_is() {
+    let folder = folder("run-under-half");
+    let recording = folder.join("recording");
+    let out = recording.to_str().unwrap();
+    let written = cairn(&["sim", "demo?duration=1&resolution=160x120&sensor=stereo", "--out", out]);
+    assert_eq!(written.status.code(), Some(0), "{}", stderr(&written));
+    let images = recording.join("mav0/cam0/data");
+    let mut names: Vec<_> = std::fs::read_dir(&images).unwrap().map(|e| e.unwrap().path()).collect();
+    names.sort();
+    let damage =
+        |names: &[std::path::PathBuf]| names.iter().for_each(|name| std::fs::write(name, "").unwrap());
+    damage(&names[11..]);
+    let half = cairn(&["run", out, "--json"]);
+    assert_eq!((half.status.code(), &json(&half)["tracked"]), (Some(0), &11.into()), "{}", stderr(&half));
+    damage(&names[10..11]);
+    fails(&["run", out], &["only 10 of 21 frames got a pose", "mend what was skipped"]);
+    // A try of a few frames is one.
+    assert_eq!(cairn(&["run", out, "--frames", "10"]).status.code(), Some(0));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
 fn realtime_run_is_replayed_and_events_are_written() {
     let folder = folder("run-journal");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
