@@ -164,8 +164,9 @@ fn read_pairs(path: &Path, folder: &Path, skipped: &mut Vec<Skipped>) -> Result<
     Ok((colour, depth))
 }
 
-/// What is to be doubted of the unit: depth cameras see nothing nearer than 0.3 m, so where a twentieth of all depth is
-/// nearer by it, but not by millimetres, these are meant. (The nearest of the benchmark's recordings have 0.4 m.)
+/// What is to be doubted of the unit. Depth cameras see nothing nearer than 0.3 m, so where a twentieth of all depth is nearer by it,
+/// but not by millimetres, these are meant. (The nearest of the benchmark's recordings have 0.4 m.) A room is larger than 1.2 m, so
+/// where hardly any depth is farther by it, they are meant too: the depth of 7-Scenes' kitchen would end at 0.6 m.
 fn doubt_of_unit(depth: &[(Stamp, ImageAt)], metres_per_unit: f64) -> Option<String> {
     let step = depth.len().div_ceil(8).max(1);
     let mut values: Vec<u16> = Vec::new();
@@ -177,14 +178,20 @@ fn doubt_of_unit(depth: &[(Stamp, ImageAt)], metres_per_unit: f64) -> Option<Str
         }
     }
     let at = values.len() / 20;
-    let (_, near, _) = (values.len() >= 1000).then(|| values.select_nth_unstable(at))?;
-    let [by_unit, by_mm] = [metres_per_unit, 0.001].map(|unit| f64::from(*near) * unit);
-    (by_unit < 0.3 && by_mm >= 0.3).then(|| {
-        format!(
-            "5000 units of depth are taken for a metre, but then a twentieth of it is nearer than {by_unit:.2} m, and in \
-             millimetres {by_mm:.2} m: give a rig with metres_per_unit = 0.001 if distances are five times too small"
-        )
-    })
+    if values.len() < 1000 {
+        return None;
+    }
+    let [near, far] = [at, values.len() - 1 - at].map(|nth| f64::from(*values.select_nth_unstable(nth).1));
+    let (share, units) = match () {
+        () if near * metres_per_unit < 0.3 && near * 0.001 >= 0.3 => ("a twentieth", near),
+        () if far * metres_per_unit < 1.2 && far * 0.001 >= 1.2 => ("nearly all", far),
+        () => return None,
+    };
+    let [by_unit, by_mm] = [metres_per_unit, 0.001].map(|unit| units * unit);
+    Some(format!(
+        "5000 units of depth are taken for a metre, but then {share} of it is nearer than {by_unit:.2} m, and in \
+         millimetres {by_mm:.2} m: give a rig with metres_per_unit = 0.001 if distances are five times too small"
+    ))
 }
 
 /// ETH3D's `calibration.txt`: focal lengths and centre; the size is that of the images.

@@ -202,7 +202,7 @@ fn stella_vslam_configurations_are_read() {
     let rig = read_rig(folder.write("flat.yaml", flat)).unwrap();
     assert_eq!(rig.cameras[0].camera.distortion, Distortion::Equidistant([0.01, 0.02, 0.03, 0.04]));
     for (from, to, why) in [
-        ("perspective", "equirectangular", "is not supported"),
+        ("perspective", "equirectangular", "cut a perspective view out"),
         ("monocular", "quartet", "is not known"),
         ("fx: 458.654", "fx: far", "line 7"),
         ("  cols: 752\n", "", "Camera.cols"),
@@ -398,6 +398,10 @@ fn depth_in_millimetres_where_a_fifth_of_one_is_usual_is_told() {
     // 1.2 m in millimetres, and in units of a fifth of one.
     let (wrong, right) = (told(1200), told(6000));
     assert!(wrong.contains("nearer than 0.24 m") && wrong.contains("metres_per_unit = 0.001"), "{wrong}");
+    assert!(right.is_empty(), "{right}");
+    // A room of 2.5 m, whose nearest depth could be that of a camera in either unit.
+    let (wrong, right) = (told(2500), told(12500));
+    assert!(wrong.contains("nearly all of it is nearer than 0.50 m") && wrong.contains("2.50 m"), "{wrong}");
     assert!(right.is_empty(), "{right}");
 }
 

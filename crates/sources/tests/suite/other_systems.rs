@@ -59,8 +59,9 @@ fn cameras_of_vikit_under_their_names_with_places_in_both_directions() {
         assert!(assumed_in(&path).unwrap().contains("the IMU is left out"));
     }
     let atan = "  cam_fx: 0.5\n  cam_fy: 0.8\n  cam_cx: 0.5\n  cam_cy: 0.5\n  cam_d0: 0.93\n";
+    let beside = imu_cam.replace("tx: 0.2", "tx: 0.3");
     let two =
-        camera("cam0", "PinholeRadTan", numbers, imu_cam) + &camera("cam1", "PinholeAtan", atan, imu_cam);
+        camera("cam0", "PinholeRadTan", numbers, imu_cam) + &camera("cam1", "PinholeAtan", atan, &beside);
     let rig = read_rig(folder.write("two.yaml", &two)).unwrap();
     assert_eq!(rig.cameras[0].camera.distortion, Distortion::RadialTangential([0.1, 0.2, 0.3, 0.4, 0.0]));
     assert_eq!((rig.cameras[1].camera.fx, rig.cameras[1].camera.distortion), (376.0, Distortion::Fov(0.93)));
