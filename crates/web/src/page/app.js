@@ -233,7 +233,7 @@ function showControl(id) {
   const free = me !== null && !held;
   const other = me !== null && held && !controls;
   set('control', controls ? t('page-controls')
-    : me === null ? '' : free ? t(ownCamera ? 'page-free-camera' : 'page-free')
+    : me === null ? '' : free ? t(isDemo ? 'page-demo-off' : ownCamera ? 'page-free-camera' : 'page-free')
       : t(id === null ? 'page-away' : 'page-watching'));
   $('take').hidden = !(other || (free && (watchOnly || !ownCamera)));
   $('take').textContent = t(other ? 'page-take-over' : 'page-take');

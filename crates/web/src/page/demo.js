@@ -63,7 +63,7 @@ export class Demo {
     else if (this.phase === 'turns' && !recording) {
       this.worker.postMessage({ home: this.language() });
       this.next('home', 'guide', STANDS_MS);
-    } else if (this.phase === 'home' && guiding?.state.startsWith('arrived')) this.next('ends', null, 2 * STANDS_MS);
+    } else if (this.phase === 'home' && !guiding) this.next('ends', null, 2 * STANDS_MS);
     else if (this.phase === 'ends') {
       this.phase = 'ended';
       this.worker.postMessage({ where: true });

@@ -53,7 +53,8 @@ fn answer(mut stream: TcpStream, files: &[(String, Vec<u8>)]) -> std::io::Result
     lines.read_line(&mut line)?;
     let path = line.split(' ').nth(1).unwrap_or_default().trim_start_matches('/').to_owned();
     while lines.read_line(&mut line)? > 2 {}
-    let name = if path.is_empty() { "index.html" } else { &path };
+    let path = path.split('?').next().unwrap_or_default();
+    let name = if path.is_empty() { "index.html" } else { path };
     let found = files.iter().find(|(n, _)| n == name);
     let kind = match name.rsplit('.').next() {
         Some("html") => "text/html",
@@ -149,7 +150,7 @@ fn demo_is_walked_in_a_browser() {
     let page = browser.open(&server.url, [390, 844]);
     wait(&mut browser, &page, "Watch a demo", "#demo", 60.0);
     let demo = browser.open(&format!("{}?demo", server.url), [390, 844]);
-    wait(&mut browser, &demo, "Start the demo", "#camera", 60.0);
+    wait(&mut browser, &demo, "Press Start the demo", "#control", 60.0);
     accessible(&mut browser, &demo, "demo, before it starts");
     browser.click(&demo, "#camera");
     wait(&mut browser, &demo, "Recording", "#log", 60.0);
@@ -164,7 +165,7 @@ fn demo_is_walked_in_a_browser() {
     let metres: f64 = ended.split(' ').find_map(|word| word.parse().ok()).unwrap();
     assert!(browser.text(&demo, "#log").contains("You have arrived") && metres < 1.0, "{ended}");
     browser.reload(&demo);
-    wait(&mut browser, &demo, "Start the demo", "#camera", 60.0);
+    wait(&mut browser, &demo, "Press Start the demo", "#control", 60.0);
     assert!(!browser.text(&demo, "#route-list").contains("Route 1"));
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
