@@ -17,7 +17,7 @@ macro_rules! files {
 }
 
 /// What the document loads, wherever the engine runs.
-pub(crate) const FILES: [(&str, &str); 27] = files![
+pub(crate) const FILES: [(&str, &str); 28] = files![
     "app.js",
     "before.js",
     "beside.js",
@@ -25,6 +25,7 @@ pub(crate) const FILES: [(&str, &str); 27] = files![
     "camera.js",
     "coding.js",
     "columns.js",
+    "demo.js",
     "files.js",
     "here.js",
     "icon.svg",
@@ -48,8 +49,9 @@ pub(crate) const FILES: [(&str, &str); 27] = files![
 ];
 
 /// What an engine in the page needs beside its module.
-const HERE: [(&str, &str); 6] = [
+const HERE: [(&str, &str); 7] = [
     ("worker.js", include_str!("page/worker.js")),
+    ("walker.js", include_str!("page/walker.js")),
     ("store.js", include_str!("page/store.js")),
     ("tar.js", include_str!("page/tar.js")),
     ("manifest.webmanifest", include_str!("page/manifest.webmanifest")),
@@ -66,8 +68,9 @@ const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; 
                       img-src 'self'; connect-src 'self'; manifest-src 'self'; media-src 'self' blob: mediastream:; \
                       base-uri 'none'; form-action 'none'";
 
-/// How WebAssembly begins, and the name by which a page calls the engine.
-const MODULE: [&[u8]; 2] = [b"\0asm", b"cairn_apply"];
+/// How WebAssembly begins, and the names by which a page calls the engine and the walker of the demo.
+const MAGIC: &[u8] = b"\0asm";
+const CALLS: [&[u8]; 2] = [b"cairn_apply", b"walk_begin"];
 
 /// What a file is, by its name.
 pub(crate) fn kind(name: &str) -> &'static str {
@@ -78,22 +81,23 @@ pub(crate) fn kind(name: &str) -> &'static str {
     }
 }
 
-/// The bytes are no module of this engine.
+/// The bytes are no module of this engine, or of its demo.
 #[derive(Debug, thiserror::Error)]
 #[error("is no WebAssembly module of Cairn")]
 pub struct NoModule;
 
-/// The page with the engine in it, as names and contents of files for any server.
+/// The page with the engine in it, as names and contents of files for any server; with the demo where its walker is given.
 ///
 /// # Errors
 /// [`NoModule`].
-pub fn site(module: Vec<u8>) -> Result<Vec<(String, Vec<u8>)>, NoModule> {
-    let [magic, call] = MODULE;
-    if !module.starts_with(magic) || !module.windows(call.len()).any(|w| w == call) {
-        return Err(NoModule);
+pub fn site(module: Vec<u8>, walker: Option<Vec<u8>>) -> Result<Vec<(String, Vec<u8>)>, NoModule> {
+    for (module, call) in std::iter::once(&module).chain(&walker).zip(CALLS) {
+        if !module.starts_with(MAGIC) || !module.windows(call.len()).any(|w| w == call) {
+            return Err(NoModule);
+        }
     }
-    let mut files =
-        vec![("index.html".to_owned(), document().into_bytes()), ("cairn.wasm".to_owned(), module)];
+    let document = document(walker.is_some()).into_bytes();
+    let mut files = vec![("index.html".to_owned(), document), ("cairn.wasm".to_owned(), module)];
     files
         .extend(FILES.iter().chain(&HERE).map(|(name, text)| ((*name).to_owned(), text.as_bytes().to_vec())));
     for language in Language::ALL {
@@ -101,17 +105,20 @@ pub fn site(module: Vec<u8>) -> Result<Vec<(String, Vec<u8>)>, NoModule> {
         files.push((format!("words/{language}.json"), catalogue.into_bytes()));
     }
     files.push(("service.js".into(), service(&files).into_bytes()));
+    // Fetched when the demo is watched: who walks does not need it.
+    files.extend(walker.map(|walker| ("walker.wasm".to_owned(), walker)));
     Ok(files)
 }
 
-/// The document, which says where the engine runs.
-fn document() -> String {
+/// The document, which says where the engine runs, and whether there is a demo.
+fn document(has_demo: bool) -> String {
     let head = format!(
         "<meta charset=\"utf-8\">\n<meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
          <link rel=\"manifest\" href=\"manifest.webmanifest\">\n<link rel=\"apple-touch-icon\" href=\"icon.svg\">"
     );
     let html = words::document(DOCUMENT, Language::default());
-    html.replacen("<html ", "<html data-engine=\"here\" ", 1).replacen("<meta charset=\"utf-8\">", &head, 1)
+    let here = if has_demo { "<html data-engine=\"here\" data-demo " } else { "<html data-engine=\"here\" " };
+    html.replacen("<html ", here, 1).replacen("<meta charset=\"utf-8\">", &head, 1)
 }
 
 /// The script that keeps these files; it changes with any of them.
@@ -128,12 +135,12 @@ mod tests {
     use super::*;
 
     fn module(more: u8) -> Vec<u8> {
-        [b"\0asm\x01\0\0\0", MODULE[1], &[more]].concat()
+        [b"\0asm\x01\0\0\0", CALLS[0], &[more]].concat()
     }
 
     #[test]
     fn site_has_all_that_its_scripts_name() {
-        let files = site(module(0)).unwrap();
+        let files = site(module(0), None).unwrap();
         let text = |name: &str| {
             let (_, bytes) = files.iter().find(|(n, _)| n == name).unwrap();
             String::from_utf8_lossy(bytes).into_owned()
@@ -163,9 +170,20 @@ mod tests {
 
     #[test]
     fn another_module_is_another_version_and_other_bytes_are_none() {
-        let service = |more| site(module(more)).unwrap().pop().unwrap();
+        let service = |more| site(module(more), None).unwrap().pop().unwrap();
         assert_eq!(service(0), service(0));
         assert_ne!(service(0).1, service(1).1);
-        assert!(site(b"\0asm\x01\0\0\0".to_vec()).is_err() && site(MODULE[1].to_vec()).is_err());
+        let wrong = |module: &[u8]| site(module.to_vec(), None).is_err();
+        assert!(wrong(b"\0asm\x01\0\0\0") && wrong(CALLS[0]));
+    }
+
+    #[test]
+    fn demo_is_there_where_its_walker_is_and_is_not_fetched_by_who_walks() {
+        let walker = [MAGIC, CALLS[1]].concat();
+        let files = site(module(0), Some(walker.clone())).unwrap();
+        assert_eq!(files.last(), Some(&("walker.wasm".to_owned(), walker)));
+        let text = |nth: usize| String::from_utf8_lossy(&files[nth].1).into_owned();
+        assert!(text(0).contains(" data-demo ") && !text(files.len() - 2).contains("walker.wasm"));
+        assert!(site(module(0), Some(module(1))).is_err(), "the engine is no walker");
     }
 }

@@ -17,7 +17,7 @@ pub struct Arguments {
     /// The folder to write; files of an earlier page in it are replaced.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// The engine as a WebAssembly module.
+    /// The engine as a WebAssembly module; with the demo where its walker.wasm lies beside it.
     #[arg(long, value_name = "FILE")]
     module: Option<PathBuf>,
 }
@@ -37,7 +37,8 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let module = a.module.as_deref().ok_or_else(|| Failure::usage("--module", "is missing", BUILD))?;
     let named = |why: String| Failure::new(module.display().to_string(), why, BUILD);
     let bytes = std::fs::read(module).map_err(|e| named(e.to_string()))?;
-    let files = cairn_web::site(bytes).map_err(|e| named(e.to_string()))?;
+    let walker = std::fs::read(module.with_file_name("walker.wasm")).ok();
+    let files = cairn_web::site(bytes, walker).map_err(|e| named(e.to_string()))?;
     for (name, bytes) in &files {
         write(&a.out.join(name), bytes)?;
     }

@@ -55,10 +55,14 @@ impl DemoConfig {
 
     /// The walker, standing at a place (metres) with a heading (radians).
     pub fn body(&self, place: Vec2, heading: f64) -> Body {
-        let walker = cairn_trial::Walker::new(self.seed, (place.x, place.y, heading))
+        Body::new(self.walker((place.x, place.y, heading)), self.sim.walker.clone())
+    }
+
+    /// Who goes by words, at a place (metres) with a heading (radians).
+    pub fn walker(&self, at: (f64, f64, f64)) -> cairn_trial::Walker {
+        cairn_trial::Walker::new(self.seed, at)
             .with_language(self.speaking.language)
-            .with_speech_rate(self.speaking.announcer().rate);
-        Body::new(walker, self.sim.walker.clone())
+            .with_speech_rate(self.speaking.announcer().rate)
     }
 
     /// The name of the source, written into the route's file.

@@ -8,6 +8,7 @@ use cairn_geometry::{Se3, Vec2};
 use cairn_guide::{Ground, Route, RouteHeader};
 use cairn_sensor::Stamp;
 use cairn_session::Command;
+use cairn_trial::way::corners;
 
 /// Result of the outbound walk.
 pub struct WalkedOut {
@@ -21,22 +22,6 @@ pub struct WalkedOut {
     pub corners: Vec<Vec2>,
     /// True length walked in metres, without the sway of the gait.
     pub walked_m: f64,
-}
-
-/// The corners of a route, cut off after `metres`.
-pub fn corners(points: &[Vec2], metres: Option<f64>) -> Vec<Vec2> {
-    let mut left = metres.unwrap_or(f64::INFINITY);
-    let mut out: Vec<Vec2> = points.first().copied().into_iter().collect();
-    for leg in points.windows(2) {
-        let length = (leg[1] - leg[0]).norm();
-        if left <= length {
-            out.push(leg[0] + (leg[1] - leg[0]) * (left / length));
-            break;
-        }
-        out.push(leg[1]);
-        left -= length;
-    }
-    out
 }
 
 /// Walks out and records the route.

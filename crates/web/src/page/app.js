@@ -4,6 +4,7 @@ import { InOrder } from './beside.js';
 import { Before } from './before.js';
 import { Camera } from './camera.js';
 import { gray, jpeg } from './coding.js';
+import { Demo } from './demo.js';
 import { Files } from './files.js';
 import { Here, TurnPace } from './here.js';
 import { Pace } from './pace.js';
@@ -22,6 +23,8 @@ const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.hash.slice(1)).get('k') || '';
 // The engine runs in this device where the document says so, else on the server.
 const here = document.documentElement.dataset.engine === 'here';
+// A simulated walker in place of the camera.
+const isDemo = here && new URLSearchParams(location.search).has('demo');
 const watchOnly = new URLSearchParams(location.search).has('watch');
 // After this time without a message under guidance, the page says stop.
 const SILENT_MS = 1500;
@@ -79,22 +82,28 @@ let freshSince = null;
 // The page's clock: images are stamped with it, and pings answered.
 const clockMs = () => performance.timeOrigin + performance.now();
 
-const camera = new Camera($('video'), {
+const toEngine = {
   pace,
-  coding: here ? gray : jpeg,
-  picture: (stamp, bytes) => {
+  image: (stamp, bytes) => {
     if (!controls || !link.isOpen) return;
     link.sendOn(pace.sent(performance.now(), stamp, bytes.length), bytes);
   },
   motion: (samples) => controls && link.sendCopies({ motion: samples }),
-  clogged: () => link.isClogged,
-});
+};
+const camera = isDemo ? new Demo({
+  ...toEngine,
+  lens: (pinhole) => link.sendCopies({ lens: pinhole }),
+  picture: (width, height, pixels) => picture.gray(width, height, pixels),
+  command,
+  language: () => words.language,
+  ended: (metres) => refused(t('page-demo-ended', { metres: words.number(metres, 1) })),
+}) : new Camera($('video'), { ...toEngine, coding: here ? gray : jpeg, clogged: () => link.isClogged });
 
 const link = new (here ? Here : Link)({
   t,
   hello: () => JSON.stringify({
     hello: {
-      token, walk: !watchOnly, secret, origin: performance.timeOrigin, language: words.language, phone,
+      token, walk: !watchOnly, demo: isDemo, secret, origin: performance.timeOrigin, language: words.language, phone,
       zone_min: -new Date().getTimezoneOffset(),
     },
   }),
@@ -189,7 +198,7 @@ function hello({ id, camera: name }) {
   const how = link.bySocket ? null : trust.refused();
   if (how !== null) senses.say({ text: t(how), priority: 2 });
   if (lastStatus === null) {
-    const id = ownCamera && !camera.running ? 'page-camera-off' : 'page-no-picture-yet';
+    const id = !ownCamera || camera.running ? 'page-no-picture-yet' : isDemo ? 'page-demo-off' : 'page-camera-off';
     $('state-now').dataset.text = id;
     $('state-now').textContent = t(id);
   }
@@ -224,7 +233,7 @@ function showControl(id) {
   const free = me !== null && !held;
   const other = me !== null && held && !controls;
   set('control', controls ? t('page-controls')
-    : me === null ? '' : free ? t(ownCamera ? 'page-free-camera' : 'page-free')
+    : me === null ? '' : free ? t(isDemo ? 'page-demo-off' : ownCamera ? 'page-free-camera' : 'page-free')
       : t(id === null ? 'page-away' : 'page-watching'));
   $('take').hidden = !(other || (free && (watchOnly || !ownCamera)));
   $('take').textContent = t(other ? 'page-take-over' : 'page-take');
@@ -254,6 +263,7 @@ function said(words) {
   }
   senses.say(words);
   write(words);
+  camera.heard?.(words.text);
 }
 
 function write({ text, priority, t_s, language = words.language }) {
@@ -302,6 +312,7 @@ function status(s) {
   $('s-tracking').dataset.frames = s.frames;
   for (const [id, text] of Object.entries(table(s, words))) set(id, text);
   map.camera(s);
+  camera.status?.(s);
 }
 
 // Text is set only when it changes, so that a screen reader keeps its position.
@@ -434,12 +445,12 @@ $('camera').addEventListener('click', async () => {
   try {
     await camera.start();
   } catch (error) {
-    refused(t(NO_CAMERA[error.name] ?? 'page-camera-failed'));
+    refused(t(isDemo ? 'page-demo-failed' : NO_CAMERA[error.name] ?? 'page-camera-failed'));
     return;
   }
   link.sendCopies({ take: true });
-  $('own').hidden = false;
-  $('seen').hidden = true;
+  $('own').hidden = isDemo;
+  $('seen').hidden = !isDemo;
   $('camera').hidden = true;
   showMain();
   $('commands').focus();
@@ -537,7 +548,11 @@ document.addEventListener('visibilitychange', () => {
   if (here && guiding && document.visibilityState === 'hidden') becameLate();
 });
 
-if (!watchOnly) before.first();
+$('demo').hidden = !('demo' in document.documentElement.dataset) || isDemo;
+$('demo-leave').hidden = !isDemo;
+if (isDemo) $('camera').dataset.text = 'page-demo-start';
+words.show(document);
+if (!watchOnly && !isDemo) before.first();
 if (token || here) link.open();
 else {
   showLink(['page-missing-key']);

@@ -8,8 +8,8 @@ const KEPT = 120;
 export class Camera {
   // `pace` decides when and how an image is sent, `coding` makes bytes of it; `clogged` reports whether sent data still waits on
   // this side.
-  constructor(video, { picture, motion, pace, coding, clogged }) {
-    Object.assign(this, { video, picture, motion, pace, coder: coding, clogged, running: false, coding: false, parcel: [] });
+  constructor(video, { image, motion, pace, coding, clogged }) {
+    Object.assign(this, { video, image, motion, pace, coder: coding, clogged, running: false, coding: false, parcel: [] });
     this.canvas = document.createElement('canvas');
   }
 
@@ -58,7 +58,7 @@ export class Camera {
     const stamp = performance.timeOrigin + at;
     const bytes = await this.coder.code(this.canvas, stamp, this.pace.quality);
     this.coding = false;
-    if (bytes) this.picture(stamp, bytes);
+    if (bytes) this.image(stamp, bytes);
   }
 
   // The device's axes (W3C: x right, y up, z out of the screen) into the image axes: x right, y down, z into the

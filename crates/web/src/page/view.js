@@ -9,13 +9,7 @@ export class Picture {
     this.canvas = canvas;
   }
 
-  // Kind, width, height, count, a padding byte; pairs of coordinates; gray rows.
-  draw(buffer) {
-    const data = new DataView(buffer);
-    if (data.byteLength < 8 || data.getUint8(0) !== 1) return;
-    const [w, h, n] = [1, 3, 5].map((at) => data.getUint16(at, LITTLE));
-    const gray = new Uint8Array(buffer, 8 + 4 * n);
-    if (gray.length < w * h) return;
+  gray(w, h, gray) {
     const { canvas } = this;
     if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
     const ctx = canvas.getContext('2d', { alpha: false });
@@ -23,6 +17,17 @@ export class Picture {
     const px = new Uint32Array(image.data.buffer);
     for (let i = 0; i < w * h; i += 1) px[i] = 0xff000000 | (gray[i] * 0x010101);
     ctx.putImageData(image, 0, 0);
+    return ctx;
+  }
+
+  // Kind, width, height, count, a padding byte; pairs of coordinates; gray rows.
+  draw(buffer) {
+    const data = new DataView(buffer);
+    if (data.byteLength < 8 || data.getUint8(0) !== 1) return;
+    const [w, h, n] = [1, 3, 5].map((at) => data.getUint16(at, LITTLE));
+    const gray = new Uint8Array(buffer, 8 + 4 * n);
+    if (gray.length < w * h) return;
+    const ctx = this.gray(w, h, gray);
     ctx.fillStyle = '#7be0a0';
     for (let i = 0; i < n; i += 1) {
       ctx.fillRect(data.getUint16(8 + 4 * i, LITTLE) - 1, data.getUint16(10 + 4 * i, LITTLE) - 1, 2, 2);

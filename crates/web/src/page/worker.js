@@ -23,7 +23,7 @@ const say = (kind, id, values) => postMessage({ kind, id, values });
 
 // The walk, from the hello on: what the page wants, what it set before the first image, and when things were last done.
 const walk = {
-  engine: null, store: null, changed: new Map(), language: 'en', zone_min: 0, lines: [], want: {}, held: false,
+  engine: null, store: null, changed: new Map(), language: 'en', zone_min: 0, pinhole: null, lines: [], want: {}, held: false,
   size: null, first: null, moved: -Infinity, motion: [], imaged: -Infinity, told: '', step_ms: 0, viewed: 0, mapped: 0, hasMap: false, replaces: false,
 };
 
@@ -71,11 +71,12 @@ async function locked() {
   });
 }
 
-async function hello({ language, zone_min, phone }) {
+async function hello({ language, zone_min, phone, demo }) {
   Object.assign(walk, { language, zone_min, phone });
-  if (!(await locked())) return say('trouble', 'page-here-twice');
+  if (!demo && !(await locked())) return say('trouble', 'page-here-twice');
   try {
-    const [store, files] = await Store.open((error) => say('trouble', 'page-here-not-kept', { why: error.name }));
+    // What a demo records is not kept.
+    const [store, files] = demo ? [{ keep: async () => true }, []] : await Store.open((error) => say('trouble', 'page-here-not-kept', { why: error.name }));
     walk.store = store;
     const module = await WebAssembly.compile(await (await fetch('cairn.wasm')).arrayBuffer());
     walk.engine = await Engine.start(module, { print: (text) => console.warn(text), changed: (path) => walk.changed.set(path, true) });
@@ -98,7 +99,7 @@ function begin(ms, width, height) {
   const moves = clockMs() - walk.moved < NO_MOTION_MS;
   if (!moves && ms - walk.first < NO_MOTION_MS) return;
   const { language, zone_min } = walk;
-  const setup = { width, height, rate_hz: RATE_HZ, motion: moves, phone: walk.phone, library: { folder: FOLDER, language, zone_min } };
+  const setup = { width, height, rate_hz: RATE_HZ, motion: moves, phone: walk.phone, pinhole: walk.pinhole, library: { folder: FOLDER, language, zone_min } };
   const { error } = walk.engine.setup(setup);
   keep();
   if (error) return trouble(error);
@@ -225,6 +226,6 @@ onmessage = ({ data }) => {
   if (kind === 'want') walk.hasMap &&= value.map && walk.want.map;
   if (kind === 'want') walk.want = value;
   if (!walk.engine) return undefined;
-  const known = { motion, command, settings, give, take: () => control(true), takeover: () => control(true), late: (late) => walk.size && walk.engine.send('L', Uint8Array.of(late ? 1 : 0)) };
+  const known = { motion, command, settings, give, lens: (pinhole) => { walk.pinhole = pinhole; }, take: () => control(true), takeover: () => control(true), late: (late) => walk.size && walk.engine.send('L', Uint8Array.of(late ? 1 : 0)) };
   return known[kind]?.(value);
 };

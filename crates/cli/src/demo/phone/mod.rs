@@ -12,9 +12,9 @@ use cairn_eval::{Align, EvalOptions, evaluate, process};
 use cairn_geometry::{Se3, So3, Trajectory, Vec3};
 use cairn_sensor::Distortion;
 use cairn_sim::PhoneTraits;
+pub use cairn_trial::way::BODY_HZ;
 use serde::Serialize;
 use std::path::Path;
-pub use walk::BODY_HZ;
 use walk::walk;
 use walked::{Live, Walked};
 

@@ -4,30 +4,23 @@
 //! engine learns of the world comes over the socket, and everything that the walker hears too. Truth is only used to judge.
 
 use super::super::config::DemoConfig;
-use super::super::out::corners;
 use super::error::PhoneError;
 use super::page::Page;
 use super::walked::{Live, Spoken, Walked};
-use cairn_geometry::{Se3, Vec2, Vec3};
+use cairn_geometry::{Vec2, Vec3};
 use cairn_guide::Facing;
 use cairn_random::Random;
-use cairn_sensor::{ImuSensor, Rig, Stamp};
+use cairn_sensor::{ImuSensor, Rig};
 use cairn_session::SessionConfig;
-use cairn_sim::{
-    ContinuousTrajectory, Effects, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, World,
-};
-use cairn_trial::way::{Body, Obstacles};
+use cairn_sim::{PhoneTraits, RollingCamera};
+use cairn_trial::way::{CarriedPhone, TURN_CAMERA_S};
 use cairn_trial::{LEVELS, PageClock, encoded, smaller};
 use cairn_web::{CameraSource, ServeConfig, Server};
 use serde_json::json;
-use std::f64::consts::PI;
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinHandle;
 
-/// Steps a second of the body.
-pub const BODY_HZ: f64 = 50.0;
 /// How often the phone looks at its sensors.
 const TICK: Duration = Duration::from_millis(4);
 /// Motion is sent in batches of this many readings, as by the page.
@@ -38,8 +31,6 @@ const ENCODING_S: f64 = 0.015;
 const PATIENCE_S: f64 = 20.0;
 /// The walker waits so long for the phone to be known, seconds.
 const MEET_S: f64 = 90.0;
-/// Seconds it takes to turn the camera round on the chest.
-const TURN_CAMERA_S: f64 = 4.0;
 /// The walk ends when the walker has stood this long after arrival, ...
 const STANDING_S: f64 = 2.0;
 /// ... or because the guide gives no directions any more.
@@ -63,10 +54,8 @@ pub fn walk(
         let mut lens = None;
         if !known_lens {
             let mut phone = Phone::new(config, traits, page(config, &server, 0).await?)?;
-            let back = phone.result.corners.iter().rev().skip(1);
-            let there_and_back: Vec<Vec2> = phone.result.corners.iter().chain(back).copied().collect();
-            phone.out = config.sim.walker.motion(&there_and_back);
             phone.begin().await?;
+            phone.carried.set_out_and_return(phone.began_s);
             let begin = phone.page.clock.seconds();
             let ready = config.speaking.phrases().language.text("walk-ready");
             while !phone.page.heard.contains(&ready) && phone.page.clock.seconds() - begin < MEET_S {
@@ -78,6 +67,7 @@ pub fn walk(
         let mut phone = Phone::new(config, traits, page(config, &server, 1).await?)?;
         phone.out().await?;
         phone.home().await?;
+        phone.result.path = std::mem::take(&mut phone.carried.path);
         phone.result.lens = lens;
         phone.result.withheld = phone.page.withheld;
         phone.result.broken = phone.page.broken;
@@ -125,24 +115,12 @@ type Shot = (RollingCamera, f64, Vec<u8>);
 /// The phone and its walker.
 struct Phone<'a> {
     config: &'a DemoConfig,
-    traits: PhoneTraits,
     page: Page,
-    world: Arc<World>,
-    obstacles: Obstacles,
-    /// The walk out, and when it began by the phone's clock; before that the walker stands.
-    out: ContinuousTrajectory,
-    began_s: Option<f64>,
-    /// The body of the return.
-    body: Option<Body>,
-    /// Since when the camera is being turned round.
-    turning: Option<f64>,
-    motion: PhoneMotion,
-    sensors: MotionSensors,
+    carried: CarriedPhone,
+    /// When the walk out began by the phone's clock.
+    began_s: f64,
     parcel: Vec<[f64; 7]>,
     camera: Option<RollingCamera>,
-    times: Vec<f64>,
-    /// The camera takes a picture at multiples of its period; the next one.
-    next_picture: u64,
     shot: Option<JoinHandle<Shot>>,
     random: Random,
     /// Pictures that were not used, and frames with a pose, before this page was opened.
@@ -152,32 +130,18 @@ struct Phone<'a> {
 
 impl<'a> Phone<'a> {
     fn new(config: &'a DemoConfig, traits: &PhoneTraits, page: Page) -> Result<Self, PhoneError> {
-        let world = Arc::new(World::build(config.sim.world, config.seed, &config.sim.options));
-        let points = world.routes().first().map_or(&[][..], |r| &r.points);
-        let corners = corners(points, config.metres);
-        let out = config.sim.walker.motion(&corners);
-        let effects = Effects { noise: 3.0, ..config.sim.effects };
-        let camera = RollingCamera::new(&world, &traits.camera, traits.readout_s, effects, config.seed)?;
+        let (carried, camera) = CarriedPhone::new(&config.sim, traits, config.seed, config.metres)?;
         Ok(Self {
             config,
-            traits: *traits,
             page,
-            obstacles: Obstacles::default(),
-            motion: PhoneMotion::new(1.0 / BODY_HZ, &out.pose(0.0)),
-            out,
-            began_s: None,
-            body: None,
-            turning: None,
-            sensors: MotionSensors::new(traits, config.seed),
+            result: Walked { corners: carried.corners.clone(), ..Walked::default() },
+            carried,
+            began_s: 0.0,
             parcel: Vec::new(),
-            times: camera.times(),
             camera: Some(camera),
-            next_picture: 1,
             shot: None,
             random: Random::stream(config.seed, 0x57A4),
-            world,
             before: [0; 2],
-            result: Walked { corners, ..Walked::default() },
         })
     }
 
@@ -189,16 +153,17 @@ impl<'a> Phone<'a> {
         let before = frames(self);
         self.before = ["dropped", "tracked"].map(|key| self.page.status[key].as_u64().unwrap_or(0));
         self.until(PATIENCE_S, "the server took no picture", |p| frames(p) > before).await?;
-        self.began_s = Some(self.page.clock.seconds());
+        self.began_s = self.page.clock.seconds();
         Ok(())
     }
 
     /// Records the walk out.
     async fn out(&mut self) -> Result<(), PhoneError> {
         self.begin().await?;
+        self.carried.set_out(self.began_s);
         self.command("record").await?;
-        let begin = self.began_s.unwrap_or_default();
-        let end_s = self.out.end() + 1.0;
+        let begin = self.began_s;
+        let end_s = self.carried.out_s() + 1.0;
         while self.page.clock.seconds() - begin < end_s {
             self.turn().await?;
             if self.result.metric_after_s.is_none() && self.page.status["metric"] == true {
@@ -212,14 +177,13 @@ impl<'a> Phone<'a> {
 
     /// Is guided home.
     async fn home(&mut self) -> Result<(), PhoneError> {
-        let (place, heading) = match self.result.corners.as_slice() {
-            [.., a, b] => (*b, (b - a).y.atan2((b - a).x)),
-            _ => return Err(PhoneError::NoRoute),
-        };
-        self.body = Some(self.config.body(place, heading));
+        self.carried.follow_words(|at| self.config.walker(at));
+        if self.carried.walker().is_none() {
+            return Err(PhoneError::NoRoute);
+        }
         let facing = self.config.facing;
         if facing == Facing::Back {
-            self.turning = Some(self.motion.end_s());
+            self.carried.turn_camera();
             let until = self.page.clock.seconds() + TURN_CAMERA_S + 0.5;
             while self.page.clock.seconds() < until {
                 self.turn().await?;
@@ -235,7 +199,7 @@ impl<'a> Phone<'a> {
         while self.page.clock.seconds() - begin < limit_s {
             self.turn().await?;
             let now = self.page.clock.seconds();
-            let stands = self.body.as_ref().is_some_and(|b| b.walker.is_standing());
+            let stands = self.carried.walker().is_some_and(cairn_trial::Walker::is_standing);
             let state = self.page.status["guiding"]["state"].as_str().unwrap_or_default();
             self.result.told_arrival |= self.page.arrived;
             let since = |held: bool, since: &mut Option<f64>| match held {
@@ -310,7 +274,7 @@ impl<'a> Phone<'a> {
                 None => self.page.camera = before,
             }
         }
-        self.move_body();
+        self.carried.move_until(self.page.clock.seconds());
         self.hear();
         self.send_motion().await?;
         self.take_picture().await
@@ -319,8 +283,8 @@ impl<'a> Phone<'a> {
     /// Where the camera is said to be, and where it was when the picture before that was taken.
     fn compare(&mut self, said: Vec3) {
         let Some(ms) = self.page.frame_ms else { return };
-        let at = (self.page.clock.seconds_of(ms) - self.traits.stamp_delay_s).max(0.0);
-        let truth = self.motion.motion().pose(at.min(self.motion.settled_s())).translation;
+        let at = (self.page.clock.seconds_of(ms) - self.carried.traits.stamp_delay_s).max(0.0);
+        let truth = self.carried.pose(at.min(self.carried.settled_s())).translation;
         let s = &self.page.status;
         let state = format!(
             "{} {} {} {} {} {}",
@@ -334,40 +298,17 @@ impl<'a> Phone<'a> {
         self.result.live.push(Live { t_s: at, said, truth, state });
     }
 
-    /// Steps of the body until now and two ahead.
-    fn move_body(&mut self) {
-        let dt = 1.0 / BODY_HZ;
-        while self.motion.end_s() < self.page.clock.seconds() + 2.0 * dt {
-            let now = self.motion.end_s() + dt;
-            let pose = match (&mut self.body, self.began_s) {
-                (Some(body), _) => {
-                    if let Some(since) = self.turning {
-                        let share = ((now - since) / TURN_CAMERA_S).clamp(0.0, 1.0);
-                        body.mount = PI * 0.5 * (1.0 - (PI * share).cos());
-                    }
-                    let pose = body.step(&self.world, &self.obstacles, dt, Stamp::from_seconds(now));
-                    self.result.path.push(body.place());
-                    pose
-                }
-                (None, began) => self.out.pose(began.map_or(0.0, |began| (now - began).max(0.0))),
-            };
-            self.motion.step(&pose);
-        }
-    }
-
     /// The walker hears what the page says.
     fn hear(&mut self) {
-        let Some(body) = &mut self.body else { return };
-        let now = self.motion.end_s();
+        let Some((x, y, _)) = self.carried.walker().map(cairn_trial::Walker::pose) else { return };
         for words in self.page.heard.drain(..) {
-            body.walker.hear(&words, Stamp::from_seconds(now));
-            self.result.said.push(Spoken { t_s: now, words, at: body.place() });
+            self.carried.hear(&words);
+            self.result.said.push(Spoken { t_s: self.carried.end_s(), words, at: Vec2::new(x, y) });
         }
     }
 
     async fn send_motion(&mut self) -> Result<(), PhoneError> {
-        let until = self.motion.settled_s().min(self.page.clock.seconds());
-        for r in self.sensors.until(self.motion.motion(), until) {
+        for r in self.carried.readings(self.page.clock.seconds()) {
             let ms = self.page.clock.ms_at(r.stamp.seconds());
             self.parcel.push([ms, r.gyro.x, r.gyro.y, r.gyro.z, r.accel.x, r.accel.y, r.accel.z]);
         }
@@ -389,25 +330,13 @@ impl<'a> Phone<'a> {
             self.page.picture(ms, &jpeg).await?;
         }
         let now = self.page.clock.seconds();
-        let exposed = |nth: u64| nth as f64 / self.traits.camera_hz;
-        let ready = |nth: u64| exposed(nth) + 0.5 * self.traits.readout_s;
-        // Pictures that nobody took are gone.
-        while ready(self.next_picture + 1) < now {
-            self.next_picture += 1;
-        }
-        let at = exposed(self.next_picture);
-        if ready(self.next_picture) > now.min(self.motion.settled_s()) {
-            return Ok(());
-        }
-        self.next_picture += 1;
+        let Some(at) = self.carried.exposure(now) else { return Ok(()) };
         if !self.page.controls || !self.page.pace.may_shoot(std::time::Instant::now()) {
             return Ok(());
         }
         let Some(mut camera) = self.camera.take() else { return Ok(()) };
-        let poses: Vec<Se3> =
-            self.times.iter().map(|dt| self.motion.motion().pose((at + dt).max(0.0))).collect();
-        let stamp_s =
-            at + self.traits.stamp_delay_s + self.traits.stamp_jitter_s * self.random.standard_normal();
+        let (poses, traits) = (self.carried.poses(at), &self.carried.traits);
+        let stamp_s = at + traits.stamp_delay_s + traits.stamp_jitter_s * self.random.standard_normal();
         let ms = self.page.clock.ms_at(stamp_s.min(now));
         let (side, quality, _) = LEVELS[self.page.pace.level];
         self.shot = Some(tokio::task::spawn_blocking(move || {

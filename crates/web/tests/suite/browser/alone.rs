@@ -53,7 +53,8 @@ fn answer(mut stream: TcpStream, files: &[(String, Vec<u8>)]) -> std::io::Result
     lines.read_line(&mut line)?;
     let path = line.split(' ').nth(1).unwrap_or_default().trim_start_matches('/').to_owned();
     while lines.read_line(&mut line)? > 2 {}
-    let name = if path.is_empty() { "index.html" } else { &path };
+    let path = path.split('?').next().unwrap_or_default();
+    let name = if path.is_empty() { "index.html" } else { path };
     let found = files.iter().find(|(n, _)| n == name);
     let kind = match name.rsplit('.').next() {
         Some("html") => "text/html",
@@ -68,23 +69,24 @@ fn answer(mut stream: TcpStream, files: &[(String, Vec<u8>)]) -> std::io::Result
     stream.write_all(bytes)
 }
 
-/// The module, where it was built; "skipped" is said where it was not.
-fn module() -> Option<Vec<u8>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/wasm/cairn.wasm");
-    let module = std::fs::read(path).ok();
-    if module.is_none() {
-        println!("skipped: the module is not built (tools/build_wasm)");
+/// The modules of the engine and of the demo's walker, where they were built; "skipped" is said where they were not.
+fn modules() -> Option<[Vec<u8>; 2]> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/wasm");
+    let module = |name: &str| std::fs::read(folder.join(name)).ok();
+    let modules = module("cairn.wasm").zip(module("walker.wasm"));
+    if modules.is_none() {
+        println!("skipped: the modules are not built (tools/build_wasm)");
     }
-    module
+    modules.map(Into::into)
 }
 
 /// Opened, stored, the network cut: records, guides, is closed and killed, goes on; what it gives out are files of Cairn.
 #[test]
 #[ignore = "needs Chromium and the module of tools/build_wasm, and two minutes: see .ci/run"]
 fn page_walks_alone_without_a_network_in_a_browser() {
-    let Some(module) = module() else { return };
+    let Some([module, _]) = modules() else { return };
     let Some((folder, mut browser)) = started("browser-alone", &route_out()) else { return };
-    let server = Files::serve(cairn_web::site(module).unwrap());
+    let server = Files::serve(cairn_web::site(module, None).unwrap());
     let url = server.url.clone();
     let phone = browser.open(&url, [390, 844]);
     wait(&mut browser, &phone, "no picture leaves it", "#link", 60.0);
@@ -135,6 +137,36 @@ fn page_walks_alone_without_a_network_in_a_browser() {
     browser.reload(&phone);
     wait(&mut browser, &phone, "Route 1", "#route-list", 60.0);
     give_out_and_take_in(&mut browser, &phone, &folder);
+    assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
+}
+
+/// One press, and a simulated walker goes out and comes back by the words; nothing of it is kept, nor in the way of a walk.
+#[test]
+#[ignore = "needs Chromium and the modules of tools/build_wasm, and two minutes: see .ci/run"]
+fn demo_is_walked_in_a_browser() {
+    let Some([module, walker]) = modules() else { return };
+    let Some((folder, mut browser)) = started("browser-demo", &route_out()) else { return };
+    let server = Files::serve(cairn_web::site(module, Some(walker)).unwrap());
+    let page = browser.open(&server.url, [390, 844]);
+    wait(&mut browser, &page, "Watch a demo", "#demo", 60.0);
+    let demo = browser.open(&format!("{}?demo", server.url), [390, 844]);
+    wait(&mut browser, &demo, "Press Start the demo", "#control", 60.0);
+    accessible(&mut browser, &demo, "demo, before it starts");
+    browser.click(&demo, "#camera");
+    wait(&mut browser, &demo, "Recording", "#log", 60.0);
+    wait(&mut browser, &demo, "Recording has ended", "#log", 60.0);
+    wait(&mut browser, &demo, "Turn ", "#log", 30.0);
+    pictures(&mut browser, &demo, &folder.join("demo-guiding"));
+    accessible(&mut browser, &demo, "demo, under guidance");
+    wait(&mut browser, &demo, "The demo has ended", "#answer", 240.0);
+    println!("what the demo said:\n{}", browser.text(&demo, "#log"));
+    println!("its state:\n{}", browser.text(&demo, "#state"));
+    let ended = browser.text(&demo, "#answer");
+    let metres: f64 = ended.split(' ').find_map(|word| word.parse().ok()).unwrap();
+    assert!(browser.text(&demo, "#log").contains("You have arrived") && metres < 1.0, "{ended}");
+    browser.reload(&demo);
+    wait(&mut browser, &demo, "Press Start the demo", "#control", 60.0);
+    assert!(!browser.text(&demo, "#route-list").contains("Route 1"));
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }
 
