@@ -49,7 +49,7 @@
 //! | 4 | [`atlas`] | key frames, landmarks, maps, change sets, map files |
 //! | 4 | [`filter`] | EKF-SLAM in the plane from odometry, ranges and bearings; robust smoothing of a log |
 //! | 5 | [`adjust`] | windows of a map, and the factors that are added to them |
-//! | 5 | [`dense`] | TSDF and occupancy submaps, meshes, dense tracking, ground and hazards |
+//! | 5 | [`dense`] | TSDF and occupancy submaps, meshes, dense tracking, columns and obstacles |
 //! | 5 | [`plan`] | occupancy grids, distance fields, costmaps, path search, path following |
 //! | 5 | [`guide`] | route recorder, cleaning, maneuvers, cues, phrases |
 //! | 7 | [`team`] | several robots, one pose graph: distributed optimisation, rejection of false loops, messages |

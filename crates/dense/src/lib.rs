@@ -30,7 +30,7 @@ pub use backend::Backend;
 pub use block::BlockKey;
 pub use colour_image::ColourImage;
 pub use error::DenseError;
-pub use export::{PointCloud, write_glb, write_heights, write_obj, write_pcd, write_ply, write_ply_points};
+pub use export::{write_glb, write_heights, write_obj, write_ply};
 pub use frame::DepthFrame;
 pub use mesh::{Mesh, MeshConfig, Mesher, draw, overview};
 pub use noise::DepthNoise;

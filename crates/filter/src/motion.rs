@@ -1,12 +1,12 @@
 //! Motion models: they convert a control and its noise, in control space, to a relative motion with its covariance.
 //!
-//! Source: Thrun, Burgard, Fox, "Probabilistic robotics" (2005), 5.3 (velocity) and 5.4 (odometry); Siegwart,
+//! Source: Thrun, Burgard, Fox, "Probabilistic robotics" (2005), 5.3 (velocity); Siegwart,
 //! Nourbakhsh, Scaramuzza, "Introduction to autonomous mobile robots" (2011), 5.2.4 (differential drive). Each model's
 //! covariance is `V M V^T`, where `M` is the covariance of the control and `V` the derivative of the motion with
 //! respect to the control.
 
 use cairn_geometry::Se2;
-use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 
 /// A relative motion, with the covariance of its coordinates (x, y in metres, angle in radians) in the frame before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,41 +78,6 @@ impl VelocityModel {
     }
 }
 
-/// Odometry as a turn, a straight line and a second turn, each with noise (Thrun et al., 2005, table 5.6).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OdometryModel {
-    /// Standard deviation of a turn for each radian turned.
-    pub turn_by_turn: f64,
-    /// Standard deviation of a turn in radians for each metre.
-    pub turn_by_way: f64,
-    /// Standard deviation of the distance for each metre.
-    pub way_by_way: f64,
-    /// Standard deviation of the distance in metres for each radian turned.
-    pub way_by_turn: f64,
-}
-
-impl OdometryModel {
-    /// Motion from the first turn (rad), the distance (m) and the second turn (rad).
-    pub fn motion(&self, turn1_rad: f64, way_m: f64, turn2_rad: f64) -> Motion {
-        let square = |v: f64| v * v;
-        let turn = |angle: f64| square(self.turn_by_turn * angle) + square(self.turn_by_way * way_m);
-        let way = square(self.way_by_way * way_m)
-            + square(self.way_by_turn) * (square(turn1_rad) + square(turn2_rad));
-        let control = Matrix3::from_diagonal(&Vector3::new(turn(turn1_rad), way, turn(turn2_rad)));
-        let v = Self::jacobian(turn1_rad, way_m);
-        let (s, c) = turn1_rad.sin_cos();
-        Motion {
-            before_from_after: Se2::from_xy_angle(way_m * c, way_m * s, turn1_rad + turn2_rad),
-            covariance: v * control * v.transpose(),
-        }
-    }
-
-    fn jacobian(turn1: f64, way: f64) -> Matrix3<f64> {
-        let (s, c) = turn1.sin_cos();
-        Matrix3::new(-way * s, c, 0.0, way * c, s, 0.0, 1.0, 0.0, 1.0)
-    }
-}
-
 /// Differential drive: the variance of each wheel's travel grows with the distance that it rolled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DifferentialDrive {
@@ -164,6 +129,7 @@ fn arc_jacobian(way: f64, t: f64) -> Matrix3x2<f64> {
 mod tests {
     use super::*;
     use crate::angle::wrap;
+    use nalgebra::Vector3;
 
     fn coordinates(m: &Se2) -> Vector3<f64> {
         Vector3::new(m.translation.x, m.translation.y, m.rotation.log())
@@ -186,21 +152,6 @@ mod tests {
             let by_turn = difference(&at(way, turn + h), &at(way, turn - h), h);
             assert!((v.column(0) - by_way).norm() < 1e-7, "{way} {turn}");
             assert!((v.column(1) - by_turn).norm() < 1e-7, "{way} {turn}");
-        }
-    }
-
-    #[test]
-    fn odometry_has_the_derivative_of_differences() {
-        let (model, h) =
-            (OdometryModel { turn_by_turn: 0.0, turn_by_way: 0.0, way_by_way: 0.0, way_by_turn: 0.0 }, 1e-6);
-        let at = |u: [f64; 3]| model.motion(u[0], u[1], u[2]).before_from_after;
-        let u = [0.4, 1.3, -2.0];
-        let v = OdometryModel::jacobian(u[0], u[1]);
-        for k in 0..3 {
-            let (mut up, mut down) = (u, u);
-            up[k] += h;
-            down[k] -= h;
-            assert!((v.column(k) - difference(&at(up), &at(down), h)).norm() < 1e-7);
         }
     }
 

@@ -77,7 +77,6 @@ fn time<G: LieGroup<D>, const D: usize>(name: &str, graph: &PoseGraph<G, D>) {
     let rows = graph.values().len() - 1;
     repeat("analysis", || drop(Analysis::new(rows, D, pairs())));
     let analysis = Arc::new(Analysis::new(rows, D, pairs()));
-    println!("    {} numbers in the factor, {:.1} Mflop", analysis.factor_len(), analysis.flops() * 1e-6);
     let off = vec![0.1; analysis.pairs().len() * D * D];
     let mut diagonal = vec![0.0; rows * D * D];
     for block in diagonal.chunks_exact_mut(D * D) {

@@ -30,10 +30,7 @@ pub use pnp::{PnpConfig, PnpRejected, PnpResult, pnp_ransac};
 pub use rectify::{RectifiedPair, Rectifier, rectify_pair};
 pub use search::{Found, Target, consistent_rotation, search};
 pub use stereo::StereoConfig;
-pub use triangulate::{
-    NotTriangulated, TriangulateGate, Triangulated, correct, essential, midpoint, triangulate_checked,
-    triangulate_views,
-};
+pub use triangulate::{correct, essential, midpoint, triangulate_views};
 pub use two_view::{
     TwoView, TwoViewConfig, TwoViewModel, TwoViewReason, TwoViewRejected, Verified, essential_motions,
     five_point, four_point, homography_motions, two_view, verify_two_views,

@@ -1,6 +1,5 @@
-//! Closed-form triangulation from two and from many views, and the checks that a triangulated point must pass.
+//! Closed-form triangulation from two and from many views.
 
-use crate::RectifiedCamera;
 use cairn_geometry::{Mat3, Se3, Vec2, Vec3, hat};
 
 /// The essential matrix of a motion: `second_ray' * E * first_ray = 0` (Longuet-Higgins 1981), `E = [t]x R`.
@@ -11,7 +10,7 @@ pub fn essential(second_from_first: &Se3) -> Mat3 {
 /// Midpoint triangulation: the point, in the first camera's frame, halfway between the nearest points of two rays.
 ///
 /// Rays are directions of any length in their own camera's frame. `None` when they are parallel up to rounding. The
-/// point may lie behind the cameras: see [`triangulate_checked`].
+/// point may lie behind the cameras.
 pub fn midpoint(second_from_first: &Se3, first_ray: &Vec3, second_ray: &Vec3) -> Option<Vec3> {
     let inverse = second_from_first.rotation.inverse();
     let (a, b) = (*first_ray, inverse * *second_ray);
@@ -54,83 +53,6 @@ pub fn correct(essential: &Mat3, first: &Vec2, second: &Vec2) -> [Vec2; 2] {
     [first - n1 * lambda, second - n2 * lambda]
 }
 
-/// Thresholds for a triangulated point.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TriangulateGate {
-    /// Minimum angle between the rays in degrees.
-    pub min_parallax_deg: f64,
-    /// Maximum squared reprojection error in each view over its variance (5.99: 95 % with two degrees of freedom).
-    pub max_chi2: f64,
-    /// Minimum depth in both views, in units of the translation.
-    pub min_depth: f64,
-}
-
-impl Default for TriangulateGate {
-    fn default() -> Self {
-        Self { min_parallax_deg: 1.0, max_chi2: 5.99, min_depth: 1e-3 }
-    }
-}
-
-/// A point that passed all checks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Triangulated {
-    /// Position in the first camera's frame.
-    pub point: Vec3,
-    /// Angle between the rays in degrees.
-    pub parallax_deg: f64,
-    /// Squared reprojection error over its variance in the first and second view.
-    pub chi2: [f64; 2],
-}
-
-/// Why a point was rejected, with the value that failed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum NotTriangulated {
-    /// The parallax is too low (degrees).
-    LowParallax(f64),
-    /// The point is behind or too close to a camera (the smaller of both depths).
-    Behind(f64),
-    /// The reprojection error is too large (the larger of both squared errors over their variance).
-    FarFromRays(f64),
-}
-
-/// Triangulates one match of rectified pixels with minimal reprojection error and checks it; `sigma` is the standard
-/// deviation of the two pixels (the scale of their levels).
-///
-/// # Errors
-/// When the point fails a threshold of `gate`.
-pub fn triangulate_checked(
-    camera: &RectifiedCamera,
-    second_from_first: &Se3,
-    first: [f32; 2],
-    second: [f32; 2],
-    sigma: [f64; 2],
-    gate: &TriangulateGate,
-) -> Result<Triangulated, NotTriangulated> {
-    let (mut a, mut b) = (camera.unproject(first, 1.0), camera.unproject(second, 1.0));
-    let in_first = second_from_first.rotation.inverse() * b;
-    let parallax_deg = a.cross(&in_first).norm().atan2(a.dot(&in_first)).to_degrees();
-    if !(parallax_deg >= gate.min_parallax_deg) {
-        return Err(NotTriangulated::LowParallax(parallax_deg));
-    }
-    let [pa, pb] = correct(&essential(second_from_first), &a.xy(), &b.xy());
-    (a, b) = (pa.push(1.0), pb.push(1.0));
-    let point = midpoint(second_from_first, &a, &b).ok_or(NotTriangulated::LowParallax(parallax_deg))?;
-    let there = *second_from_first * point;
-    let depth = point.z.min(there.z);
-    if !(depth >= gate.min_depth) {
-        return Err(NotTriangulated::Behind(depth));
-    }
-    let chi2 = [(point, first, sigma[0]), (there, second, sigma[1])].map(|(p, px, sigma)| {
-        let [u, v, _] = camera.project(&p).unwrap_or([f64::INFINITY; 3]);
-        ((u - px[0] as f64).powi(2) + (v - px[1] as f64).powi(2)) / (sigma * sigma)
-    });
-    let worst = chi2[0].max(chi2[1]);
-    if !(worst <= gate.max_chi2) {
-        return Err(NotTriangulated::FarFromRays(worst));
-    }
-    Ok(Triangulated { point, parallax_deg, chi2 })
-}
-
 /// The point with the smallest sum of squared distances to many rays: `views` are poses `camera_from_world` and unit
 /// rays in the camera frame. `None` for fewer than two views or when all rays are parallel.
 pub fn triangulate_views(views: &[(Se3, Vec3)]) -> Option<Vec3> {
@@ -156,19 +78,6 @@ mod tests {
     use super::*;
     use cairn_geometry::So3;
     use cairn_random::Random;
-
-    fn camera() -> RectifiedCamera {
-        RectifiedCamera {
-            fx: 450.0,
-            fy: 450.0,
-            cx: 320.0,
-            cy: 240.0,
-            baseline_fx: 0.0,
-            bounds: [0.0, 0.0, 640.0, 480.0],
-            close_depth: 0.0,
-            body_from_camera: Se3::identity(),
-        }
-    }
 
     fn motion(rng: &mut Random) -> Se3 {
         let small = |rng: &mut Random, s: f64| {
@@ -227,22 +136,10 @@ mod tests {
     }
 
     #[test]
-    fn gates_report_the_reason() {
-        let gate = TriangulateGate::default();
+    fn one_view_and_parallel_rays_give_no_point() {
         let t = Se3::new(So3::identity(), Vec3::new(-0.3, 0.0, 0.0));
-        let px = |p: Vec3| camera().project(&p).map(|[u, v, _]| [u as f32, v as f32]).unwrap();
-        let check = |a, b| triangulate_checked(&camera(), &t, a, b, [1.0; 2], &gate);
-        let p = Vec3::new(0.2, 0.1, 3.0);
-        let good = check(px(p), px(t * p)).unwrap();
-        assert!((good.point - p).norm() < 1e-4 && good.chi2[0] < 1e-4);
-        assert!((good.parallax_deg - 5.7).abs() < 0.1);
-        let far = Vec3::new(2.0, 1.0, 30.0);
-        assert!(matches!(check(px(far), px(t * far)), Err(NotTriangulated::LowParallax(_))));
-        let [u, v] = px(t * p);
-        assert!(matches!(check(px(p), [u, v + 9.0]), Err(NotTriangulated::FarFromRays(_))));
-        assert!(matches!(check(px(t * p), px(p)), Err(NotTriangulated::Behind(_))));
-        assert!(check([f32::NAN; 2], px(p)).is_err());
         assert!(triangulate_views(&[(Se3::identity(), Vec3::z())]).is_none());
         assert!(triangulate_views(&[(Se3::identity(), Vec3::z()), (t, Vec3::z())]).is_none());
+        assert!(midpoint(&t, &Vec3::z(), &Vec3::z()).is_none());
     }
 }

@@ -1,4 +1,4 @@
-//! Where a depth image was taken, and how two maps lie to each other, by the shape of their surfaces alone.
+//! Where a depth image was taken, by the shape of the surfaces alone.
 //!
 //! In: submaps as they are at one moment ([`DenseMap::places`]), which share their volumes with the map, so that a search may run
 //! on another thread while the map goes on; depth images. Out: poses that are believed or refused, with the numbers.
@@ -39,7 +39,7 @@ pub struct Place {
 pub struct Located {
     /// The place it was found in, as a number in the list that was searched.
     pub place: usize,
-    /// The pose in the map looked in: of the depth camera, or of the other map.
+    /// The pose of the depth camera in the map looked in.
     pub world_from_source: Se3,
     /// The numbers, and whether it is believed; its pose is in the frame of the submap.
     pub registration: Registration,
@@ -132,30 +132,6 @@ impl Locator {
             found.push(Located { place, world_from_source, registration });
         }
         Ok(self.best(places, found))
-    }
-
-    /// Looks for the pose of one map in another by all pairs of their places, as [`Self::locate`] does; nothing is moved.
-    ///
-    /// # Errors
-    /// A direction that is none.
-    pub fn register_maps(
-        &mut self,
-        target: &[Place],
-        source: &[Place],
-    ) -> Result<Option<Located>, DenseError> {
-        self.describe(target)?;
-        self.describe(source)?;
-        let mut found = Vec::new();
-        for (other, moving) in self.surfaces(source) {
-            let source_from_submap = source[other].world_from_submap;
-            for (place, fixed) in self.surfaces(target) {
-                let registration = register(&fixed, &moving, &self.config)?;
-                let world_from_submap = target[place].world_from_submap * registration.target_from_source;
-                let world_from_source = world_from_submap * source_from_submap.inverse();
-                found.push(Located { place, world_from_source, registration });
-            }
-        }
-        Ok(self.best(target, found))
     }
 
     /// Aligns a depth image with the surface of a place, near a guess of the camera's pose in the submap; `None` where it cannot

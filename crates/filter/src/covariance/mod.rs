@@ -1,24 +1,10 @@
-//! The covariance of a state that grows and shrinks, in one of two forms: the matrix itself, updated in Joseph form, or
-//! its triangular square root.
-
-mod joseph;
-mod root;
-
-pub use joseph::Joseph;
-pub use root::SquareRoot;
+//! The covariance of a state that grows and shrinks, updated in Joseph form (Bucy and Joseph, 1968).
+//!
+//! `(I - K H) P (I - K H)^T + K R K^T` keeps a covariance positive definite under rounding, and is correct for every
+//! gain. `H` touches few variables, so it is computed as `A = P - K (P H^T)^T`, then `A + (K R - A H^T) K^T`: both
+//! updates have rank one to three.
 
 use nalgebra::Matrix3;
-
-/// The form in which the covariance is stored.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Form {
-    /// The matrix, updated as `(I - K H) P (I - K H)^T + K R K^T` (Bucy and Joseph, 1968).
-    #[default]
-    Joseph,
-    /// A lower triangular `S` with `P = S S^T`: rounding costs half as many digits (Bierman, "Factorization methods",
-    /// 1977).
-    SquareRoot,
-}
 
 /// Up to three rows of a measurement's Jacobian: a few 3-column blocks, each with its position in the state. Rows past
 /// `rows`, and columns past the width of a block, are zero.
@@ -40,49 +26,23 @@ impl Rows {
     }
 }
 
-/// A covariance in one of the forms.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Covariance {
-    /// The matrix itself.
-    Joseph(Joseph),
-    /// Its square root.
-    SquareRoot(SquareRoot),
-}
-
-macro_rules! both {
-    ($self:ident, $inner:ident => $call:expr) => {
-        match $self {
-            Covariance::Joseph($inner) => $call,
-            Covariance::SquareRoot($inner) => $call,
-        }
-    };
+/// A symmetric matrix, with both triangles stored.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Covariance {
+    n: usize,
+    /// In column-major order.
+    p: Vec<f64>,
 }
 
 impl Covariance {
-    /// The covariance of an empty state.
-    pub fn new(form: Form) -> Self {
-        match form {
-            Form::Joseph => Self::Joseph(Joseph::default()),
-            Form::SquareRoot => Self::SquareRoot(SquareRoot::default()),
-        }
-    }
-
     /// From a symmetric positive semi-definite matrix of `n` rows, in column-major order.
-    pub fn from_matrix(form: Form, n: usize, matrix: Vec<f64>) -> Self {
-        match form {
-            Form::Joseph => Self::Joseph(Joseph::from_matrix(n, matrix)),
-            Form::SquareRoot => Self::SquareRoot(SquareRoot::from_matrix(n, matrix)),
-        }
-    }
-
-    /// Size of the state.
-    pub fn size(&self) -> usize {
-        both!(self, c => c.size())
+    pub fn from_matrix(n: usize, p: Vec<f64>) -> Self {
+        Self { n, p }
     }
 
     /// One entry.
     pub fn at(&self, row: usize, column: usize) -> f64 {
-        both!(self, c => c.at(row, column))
+        self.p[column * self.n + row]
     }
 
     /// The block of this height and width, at most 3, at a row and a column; entries beyond are zero.
@@ -91,67 +51,137 @@ impl Covariance {
     }
 
     /// The whole matrix in column-major order.
-    pub fn matrix(&self) -> Vec<f64> {
-        let n = self.size();
-        let mut values = Vec::with_capacity(n * n);
-        for column in 0..n {
-            values.extend((0..n).map(|row| self.at(row, column)));
-        }
-        values
+    pub fn matrix(&self) -> &[f64] {
+        &self.p
     }
 
     /// `P H^T`, in column-major order.
     pub fn cross(&self, h: &Rows) -> Vec<f64> {
-        both!(self, c => c.cross(h))
+        cross_of(&self.p, self.n, h)
     }
 
     /// Propagates the pose at `at`: `P = F P F^T + Q`, where `f` and `q` are the blocks of the pose; elsewhere `F` is
     /// the identity and `Q` is zero. `F` is upper triangular.
     pub fn predict(&mut self, at: usize, f: &Matrix3<f64>, q: &Matrix3<f64>) {
-        both!(self, c => c.predict(at, f, q));
+        let n = self.n;
+        let rows: [Vec<f64>; 3] = std::array::from_fn(|i| {
+            let mut row = vec![0.0; n];
+            for k in 0..3 {
+                let source = &self.p[(at + k) * n..][..n];
+                row.iter_mut().zip(source).for_each(|(r, s)| *r += f[(i, k)] * s);
+            }
+            row
+        });
+        let own = Matrix3::from_fn(|i, j| rows[i][at + j]) * f.transpose() + q;
+        for (i, row) in rows.iter().enumerate() {
+            self.p[(at + i) * n..][..n].copy_from_slice(row);
+            for (column, v) in row.iter().enumerate() {
+                self.p[column * n + at + i] = *v;
+            }
+        }
+        for i in 0..3 {
+            for j in 0..3 {
+                self.p[(at + j) * n + at + i] = 0.5 * (own[(i, j)] + own[(j, i)]);
+            }
+        }
     }
 
     /// Updates by a measurement: `gain` and `cross` (`P H^T`) in column-major order, `noise` its covariance.
     pub fn update(&mut self, h: &Rows, cross: &[f64], gain: &[f64], noise: &Matrix3<f64>) {
-        match self {
-            Self::Joseph(c) => c.update(h, cross, gain, noise),
-            Self::SquareRoot(c) => c.update(h, noise),
+        let n = self.n;
+        add_product(&mut self.p, n, gain, cross, -1.0);
+        let mut left = cross_of(&self.p, n, h);
+        for (r, column) in left.chunks_exact_mut(n).enumerate() {
+            column.iter_mut().for_each(|v| *v = -*v);
+            for (k, gain) in gain.chunks_exact(n).enumerate() {
+                column.iter_mut().zip(gain).for_each(|(v, g)| *v += g * noise[(k, r)]);
+            }
         }
+        add_product(&mut self.p, n, &left, gain, 1.0);
+        self.symmetrise();
     }
 
     /// Adds `d` times the variable at `at` to all: `P = (I + d e^T) P (I + d e^T)^T`, where `d` is zero at `at` itself.
-    ///
-    /// In the square-root form `at` must be the third variable: the heading of the first pose.
     pub fn shear(&mut self, d: &[f64], at: usize) {
-        both!(self, c => c.shear(d, at));
+        let n = self.n;
+        let own = self.p[at * n..(at + 1) * n].to_vec();
+        let variance = own[at];
+        for (j, column) in self.p.chunks_exact_mut(n).enumerate() {
+            let (by_d, by_own) = (own[j] + variance * d[j], d[j]);
+            column.iter_mut().zip(d).zip(&own).for_each(|((v, d), o)| *v += by_d * d + by_own * o);
+        }
     }
 
     /// Appends as many variables (2 or 3) as `g` has rows: `G` times the present state, plus independent noise.
     pub fn augment(&mut self, g: &Rows, noise: &Matrix3<f64>) {
-        both!(self, c => c.augment(g, noise));
+        let (n, m) = (self.n, self.n + g.rows);
+        let cross = self.cross(g);
+        let mut p = vec![0.0; m * m];
+        for column in 0..n {
+            p[column * m..][..n].copy_from_slice(&self.p[column * n..][..n]);
+            for i in 0..g.rows {
+                p[column * m + n + i] = cross[i * n + column];
+                p[(n + i) * m + column] = cross[i * n + column];
+            }
+        }
+        for i in 0..g.rows {
+            for j in 0..=i {
+                let own = 0.5 * (g.row_times(i, &cross[j * n..][..n]) + g.row_times(j, &cross[i * n..][..n]));
+                p[(n + j) * m + n + i] = own + noise[(i, j)];
+                p[(n + i) * m + n + j] = own + noise[(i, j)];
+            }
+        }
+        (self.n, self.p) = (m, p);
     }
 
     /// Removes `size` variables from `at` on.
     pub fn remove(&mut self, at: usize, size: usize) {
-        both!(self, c => c.remove(at, size));
+        let n = self.n;
+        let kept = |k: &usize| *k < at || *k >= at + size;
+        let mut p = Vec::with_capacity((n - size) * (n - size));
+        for column in (0..n).filter(kept) {
+            let from = &self.p[column * n..][..n];
+            p.extend_from_slice(&from[..at]);
+            p.extend_from_slice(&from[at + size..]);
+        }
+        (self.n, self.p) = (n - size, p);
+    }
+
+    fn symmetrise(&mut self) {
+        let n = self.n;
+        for column in 0..n {
+            for row in column + 1..n {
+                let v = 0.5 * (self.p[column * n + row] + self.p[row * n + column]);
+                self.p[column * n + row] = v;
+                self.p[row * n + column] = v;
+            }
+        }
     }
 }
 
-/// A lower triangular root of a symmetric positive semi-definite matrix; directions without variance give zero columns.
-fn root3(m: &Matrix3<f64>) -> Matrix3<f64> {
-    let mut l = Matrix3::zeros();
-    for j in 0..3 {
-        let d = m[(j, j)] - (0..j).map(|k| l[(j, k)] * l[(j, k)]).sum::<f64>();
-        if d <= 1e-14 * m[(j, j)].abs() {
-            continue;
-        }
-        l[(j, j)] = d.sqrt();
-        for i in j + 1..3 {
-            let v = m[(i, j)] - (0..j).map(|k| l[(i, k)] * l[(j, k)]).sum::<f64>();
-            l[(i, j)] = v / l[(j, j)];
+/// `M H^T` for a square matrix in column-major order.
+fn cross_of(m: &[f64], n: usize, h: &Rows) -> Vec<f64> {
+    let mut cross = vec![0.0; n * h.rows];
+    for (offset, width, values) in &h.blocks {
+        for k in 0..*width {
+            let column = &m[(offset + k) * n..][..n];
+            for (r, to) in cross.chunks_exact_mut(n).enumerate() {
+                let by = values[(r, k)];
+                to.iter_mut().zip(column).for_each(|(t, c)| *t += by * c);
+            }
         }
     }
-    l
+    cross
+}
+
+/// `M += sign * A B^T`, where `A` and `B` have `n` rows and equally many columns.
+fn add_product(m: &mut [f64], n: usize, a: &[f64], b: &[f64], sign: f64) {
+    for (j, column) in m.chunks_exact_mut(n).enumerate() {
+        for (a, b) in a.chunks_exact(n).zip(b.chunks_exact(n)) {
+            let by = sign * b[j];
+            column.iter_mut().zip(a).for_each(|(v, a)| *v += by * a);
+        }
+    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 use super::config::Linearisation;
 use super::deferred::{Deferred, HEADING};
 use crate::angle::wrap;
-use crate::covariance::{Covariance, Form, Rows};
+use crate::covariance::{Covariance, Rows};
 use crate::measure::{Measurement, jacobians};
 use crate::motion::Motion;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -63,12 +63,11 @@ pub(crate) struct Active {
 }
 
 impl Active {
-    pub fn new(form: Form, linearisation: Linearisation) -> Self {
-        let covariance = Covariance::new(form);
+    pub fn new(linearisation: Linearisation) -> Self {
         Self {
             x: Vec::new(),
             first: Vec::new(),
-            covariance,
+            covariance: Covariance::default(),
             deferred: None,
             linearisation,
             angles: Vec::new(),
@@ -106,11 +105,7 @@ impl Active {
         let place = Place { at: self.size(), size: 3 };
         // The row is zero times the first pose, which may not exist yet.
         if self.x.is_empty() {
-            let form = match self.covariance {
-                Covariance::Joseph(_) => Form::Joseph,
-                Covariance::SquareRoot(_) => Form::SquareRoot,
-            };
-            self.covariance = Covariance::from_matrix(form, 3, covariance.as_slice().to_vec());
+            self.covariance = Covariance::from_matrix(3, covariance.as_slice().to_vec());
         } else {
             self.grow(&Rows { rows: 3, blocks: Vec::new() }, covariance);
         }

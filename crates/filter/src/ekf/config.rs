@@ -1,7 +1,6 @@
 //! Configuration of the filter.
 
 use crate::chi2;
-use crate::covariance::Form;
 
 /// A sighting beyond this part of the right ones speaks against the pose, or is an outlier.
 pub(super) const FAR: f64 = 0.999;
@@ -39,8 +38,6 @@ pub enum Linearisation {
 /// Configuration of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EkfConfig {
-    /// Form of the covariance.
-    pub form: Form,
     /// Where Jacobians are evaluated; [`super::Hypotheses`] without labels: those of the map. Its associations use first
     /// estimates.
     pub linearisation: Linearisation,
@@ -69,7 +66,6 @@ pub struct EkfConfig {
 impl Default for EkfConfig {
     fn default() -> Self {
         Self {
-            form: Form::Joseph,
             linearisation: Linearisation::Invariant,
             association: Association::Known,
             gate_probability: 0.999,

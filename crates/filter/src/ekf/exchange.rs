@@ -75,7 +75,7 @@ impl EkfSlam {
         let landmarks = self.landmarks.iter().zip(near).filter(|(_, near)| **near);
         let wanted: Vec<(usize, usize)> =
             robots.chain(landmarks.filter_map(|(r, _)| Some((r.store?, 2)))).collect();
-        let mut places = passive.open(&mut self.active, self.config.form, &wanted).into_iter();
+        let mut places = passive.open(&mut self.active, &wanted).into_iter();
         for (robot, place) in self.robots.iter_mut().zip(&mut places) {
             robot.place = place;
         }

@@ -26,7 +26,6 @@ mod tiles;
 mod upkeep;
 mod views;
 
-pub use crate::covariance::Form;
 pub use config::{Association, EkfConfig, Linearisation};
 pub use hypotheses::Hypotheses;
 pub use landmark::{FilterError, Landmark, LandmarkId, Verdict};
@@ -54,7 +53,7 @@ impl EkfSlam {
     /// A filter with an empty state.
     pub fn new(config: EkfConfig) -> Self {
         Self {
-            active: Active::new(config.form, config.linearisation),
+            active: Active::new(config.linearisation),
             robots: Vec::new(),
             landmarks: Vec::new(),
             by_label: BTreeMap::new(),

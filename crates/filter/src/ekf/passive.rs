@@ -13,7 +13,7 @@
 use super::active::{Active, Place};
 use super::deferred::{Deferred, HEADING};
 use super::tiles::Tiles;
-use crate::covariance::{Covariance, Form};
+use crate::covariance::Covariance;
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use std::collections::BTreeSet;
 
@@ -100,7 +100,7 @@ impl Passive {
     }
 
     /// Makes these variables the active ones, in this order; returns their places.
-    pub fn open(&mut self, active: &mut Active, form: Form, members: &[(usize, usize)]) -> Vec<Place> {
+    pub fn open(&mut self, active: &mut Active, members: &[(usize, usize)]) -> Vec<Place> {
         let mut places = Vec::with_capacity(members.len());
         let mut numbers = Vec::new();
         for &(store, size) in members {
@@ -113,7 +113,7 @@ impl Passive {
         for column in 0..n {
             matrix.extend(numbers.iter().map(|row| self.cross[(*row, column)]));
         }
-        active.covariance = Covariance::from_matrix(form, n, matrix);
+        active.covariance = Covariance::from_matrix(n, matrix);
         active.x = numbers.iter().map(|k| self.x[*k]).collect();
         active.angles = places.iter().flat_map(|p| (0..p.size).map(|k| k == 2)).collect();
         active.first = numbers.iter().map(|k| self.first[*k]).collect();

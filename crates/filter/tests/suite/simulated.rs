@@ -3,9 +3,7 @@
 
 use cairn_filter::angle::wrap;
 use cairn_filter::chi2;
-use cairn_filter::ekf::{
-    Association, EkfConfig, EkfSlam, FilterError, Form, Hypotheses, Linearisation, Verdict,
-};
+use cairn_filter::ekf::{Association, EkfConfig, EkfSlam, FilterError, Hypotheses, Linearisation, Verdict};
 use cairn_filter::log::{Sighting, Target, parse_csv};
 use cairn_filter::measure::{Kind, Measurement, expected};
 use cairn_filter::motion::Motion;
@@ -49,30 +47,16 @@ fn difference(a: &EkfSlam, b: &EkfSlam) -> f64 {
 }
 
 #[test]
-fn both_forms_of_the_covariance_give_one_estimate() {
-    let simulated = world(40, 150.0).drive(3);
-    for linearisation in [Linearisation::Latest, Linearisation::First, Linearisation::Invariant] {
-        let config = EkfConfig { linearisation, ..EkfConfig::default() };
-        let joseph = driven(&simulated, config);
-        let root = driven(&simulated, EkfConfig { form: Form::SquareRoot, ..config });
-        let d = difference(&joseph, &root);
-        assert!(d < 1e-7, "{linearisation:?}: {d:e}");
-    }
-}
-
-#[test]
 fn local_updates_are_those_of_the_whole_filter() {
     // Two laps: landmarks become passive and active again, and the loop closes over passive ones.
     let simulated = world(60, 200.0).drive(5);
     for linearisation in [Linearisation::Latest, Linearisation::First, Linearisation::Invariant] {
         let config = EkfConfig { linearisation, gate_probability: 1.0, ..EkfConfig::default() };
         let whole = driven(&simulated, config);
-        for form in [Form::Joseph, Form::SquareRoot] {
-            let local = driven(&simulated, EkfConfig { local_radius_m: Some(16.0), form, ..config });
-            assert!(local.active_size() < whole.active_size() / 2 + 40, "{}", local.active_size());
-            let d = difference(&whole, &local);
-            assert!(d < 1e-6, "{linearisation:?} {form:?}: {d:e}");
-        }
+        let local = driven(&simulated, EkfConfig { local_radius_m: Some(16.0), ..config });
+        assert!(local.active_size() < whole.active_size() / 2 + 40, "{}", local.active_size());
+        let d = difference(&whole, &local);
+        assert!(d < 1e-6, "{linearisation:?}: {d:e}");
     }
 }
 

@@ -113,21 +113,6 @@ impl Analysis {
         self.pairs.binary_search(&(a.max(b) as u32, a.min(b) as u32)).ok()
     }
 
-    /// Numbers that the factor holds.
-    pub fn factor_len(&self) -> usize {
-        self.supernodes.iter().map(|s| s.height() * s.columns()).sum()
-    }
-
-    /// Multiplications and additions of one factorisation.
-    pub fn flops(&self) -> f64 {
-        let column = |m: usize| (m * m) as f64;
-        let of = |s: &Supernode| -> f64 {
-            let (m, width) = (s.height(), s.columns());
-            (0..width).map(|j| column(m - j)).sum()
-        };
-        self.supernodes.iter().map(of).sum()
-    }
-
     fn place_blocks(&mut self, order: &[u32]) {
         let mut home = vec![0u32; order.len()];
         for (k, s) in self.supernodes.iter_mut().enumerate() {

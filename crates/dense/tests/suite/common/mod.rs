@@ -1,10 +1,8 @@
 //! The kitchen recording, read without the other crates of the project.
 
-use cairn_dense::ColourImage;
 use cairn_geometry::Se3;
-use cairn_sensor::{Camera, DepthImage, Image};
+use cairn_sensor::{Camera, DepthImage};
 use std::path::{Path, PathBuf};
-use zune_jpeg::zune_core::bytestream::ZCursor;
 
 /// Folder of the kitchen recording; `None`, with a message, where it is missing.
 pub fn kitchen() -> Option<PathBuf> {
@@ -35,15 +33,4 @@ pub fn frame(folder: &Path, number: usize) -> (DepthImage, Se3) {
     let text = std::fs::read_to_string(folder.join(format!("{stem}.pose.txt"))).expect("a pose");
     let numbers: Vec<f64> = text.split_whitespace().map(|v| v.parse().expect("a number")).collect();
     (depth, Se3::from_matrix(&nalgebra::Matrix4::from_row_slice(&numbers)))
-}
-
-/// Colours of a frame.
-#[allow(dead_code)]
-pub fn colour(folder: &Path, number: usize) -> ColourImage {
-    let bytes = std::fs::read(folder.join(format!("frame-{number:06}.color.jpg"))).expect("a colour image");
-    let mut decoder = zune_jpeg::JpegDecoder::new(ZCursor::new(bytes.as_slice()));
-    let pixels = decoder.decode().expect("a JPEG");
-    let (w, h) = decoder.dimensions().expect("a size");
-    let data = pixels.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-    ColourImage::from_rgb(&Image::from_vec(w, h, data).expect("three channels"))
 }
