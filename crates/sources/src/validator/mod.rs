@@ -1,10 +1,15 @@
 //! Plausibility checks of packets as they come: an assumed calibration, implausible IMU data, clocks that are not
-//! synchronised, depth that is missing or in another unit. Each doubt is reported once, as text with numbers.
+//! synchronised, depth that is missing or in another unit, a pair that is not the calibrated one. Each
+//! doubt is reported once, as text with numbers.
+
+mod pair;
 
 use cairn_inertial::Readings;
 use cairn_sensor::{
-    DepthSensor, FramePacket, ImuSample, ImuSensor, Live, Rig, Skips, Source, SourceError, SourceInfo, Stamp,
+    DepthSensor, FramePacket, ImuSample, ImuSensor, Live, Rig, SkipKind, Skips, Source, SourceError,
+    SourceInfo, Stamp,
 };
+use pair::PairWatch;
 use std::sync::Arc;
 
 /// Longest plausible time in seconds from an image to the IMU sample after it.
@@ -136,6 +141,7 @@ impl DepthWatch {
 pub struct PacketValidator {
     imu: Option<(ImuWatch, ImuSensor)>,
     depth: Option<(DepthWatch, DepthSensor)>,
+    pair: Option<PairWatch>,
     may_lack_imu: bool,
 }
 
@@ -145,16 +151,20 @@ impl PacketValidator {
         Self {
             imu: rig.imu.clone().map(|sensor| (ImuWatch::default(), sensor)),
             depth: rig.depth.clone().map(|sensor| (DepthWatch::default(), sensor)),
+            pair: PairWatch::new(rig),
             may_lack_imu: false,
         }
     }
 
-    /// Takes a packet. Depth is judged after a second, the IMU after ten.
+    /// Takes a packet. Depth is judged after a second, the IMU after ten, a pair at any time.
     pub fn packet(&mut self, packet: &FramePacket) -> Vec<String> {
         let depth_is_seen = self.depth.as_mut().is_some_and(|(watch, _)| watch.packet(packet));
         let imu_is_seen = self.imu.as_mut().is_some_and(|(watch, _)| watch.packet(packet) >= CHECKED_S);
         let depth = if depth_is_seen { self.depth_doubt() } else { None };
-        depth.into_iter().chain(if imu_is_seen { self.imu_doubts() } else { Vec::new() }).collect()
+        let mut doubts: Vec<String> = depth.into_iter().collect();
+        doubts.extend(self.pair.as_mut().and_then(|watch| watch.packet(packet)));
+        doubts.extend(if imu_is_seen { self.imu_doubts() } else { Vec::new() });
+        doubts
     }
 
     /// No more packets come: what was not judged yet.
@@ -182,6 +192,8 @@ pub struct Validator {
     source: Box<dyn Source>,
     packets: PacketValidator,
     report: Box<dyn FnMut(&str) + Send>,
+    /// What was reported about packets, for the report of a run.
+    skips: Skips,
 }
 
 impl Validator {
@@ -190,7 +202,7 @@ impl Validator {
     pub fn new(source: Box<dyn Source>, mut report: impl FnMut(&str) + Send + 'static) -> Self {
         doubts_of(source.info(), source.rig()).iter().for_each(|doubt| report(doubt));
         let packets = PacketValidator::new(source.rig());
-        Self { source, packets, report: Box::new(report) }
+        Self { source, packets, report: Box::new(report), skips: Skips::default() }
     }
 
     /// The rig's IMU was reckoned with rather than found, as with a browser's camera: none at all is not doubtful.
@@ -215,7 +227,10 @@ impl Source for Validator {
             Some(packet) => self.packets.packet(packet),
             None => self.packets.end(),
         };
-        doubts.iter().for_each(|doubt| (self.report)(doubt));
+        for doubt in &doubts {
+            (self.report)(doubt);
+            self.skips.add_many(SkipKind::Other, doubt, 1, doubt);
+        }
         Ok(packet)
     }
 
@@ -228,7 +243,9 @@ impl Source for Validator {
     }
 
     fn skips(&self) -> Skips {
-        self.source.skips()
+        let mut all = self.source.skips();
+        all.add_all(&self.skips);
+        all
     }
 }
 

@@ -1,0 +1,79 @@
+//! Sensors that fail in silence, and what the validator says of them; sound recordings have no doubt.
+
+use crate::common;
+
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{FramePacket, GrayImage, Rig};
+use cairn_sources::{OpenOptions, PacketValidator, open};
+use common::data;
+use std::sync::Arc;
+
+/// The doubts about the first seconds of a source whose rig and packets are changed.
+fn doubts(
+    name: &str,
+    rig: impl Fn(&mut Rig),
+    mut change: impl FnMut(usize, &mut FramePacket),
+) -> Vec<String> {
+    let mut source = open(name, OpenOptions::default()).unwrap();
+    let mut changed = source.rig().clone();
+    rig(&mut changed);
+    let mut checks = PacketValidator::new(&changed);
+    let mut found = Vec::new();
+    for k in 0..200 {
+        let Some(mut packet) = source.next_packet().unwrap() else { break };
+        change(k, &mut packet);
+        found.extend(checks.packet(&packet));
+    }
+    found
+}
+
+fn as_it_is(_: &mut Rig) {}
+
+/// A simulated world, and the recordings of the data folder that are there.
+fn sources(simulated: &str, recorded: &[&str]) -> Vec<String> {
+    let recorded = recorded.iter().filter_map(|name| data(name));
+    let recorded = recorded.map(|path| path.to_str().unwrap().to_owned());
+    std::iter::once(simulated.to_owned()).chain(recorded).collect()
+}
+
+fn stereo() -> Vec<String> {
+    sources("sim:office?sensor=stereo&duration=4&rate=10", &["euroc-mh01", "kitti-a"])
+}
+
+#[test]
+fn sound_recordings_have_no_doubt() {
+    for name in
+        sources("sim:office?duration=4", &["euroc-mh01", "kitti-a", "7scenes-kitchen", "atrium", "house"])
+    {
+        let found = doubts(&name, as_it_is, |_, _| {});
+        assert!(found.is_empty(), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn a_right_image_that_is_one_frame_late_is_doubted() {
+    for name in stereo() {
+        let mut before: Option<Arc<GrayImage>> = None;
+        let found = doubts(&name, as_it_is, |_, packet| {
+            let now = packet.images[1].clone();
+            packet.images[1] = before.replace(now.clone()).unwrap_or(now);
+        });
+        assert!(matches!(&found[..], [one] if one.contains("not of one time")), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn a_second_camera_that_is_turned_is_doubted_with_its_angle() {
+    for name in stereo() {
+        for (axis, degrees, told) in [(Vec3::x(), 0.5, ["0.5", "0.4"]), (Vec3::y(), 3.0, ["3.", "2."])] {
+            let turned = |rig: &mut Rig| {
+                let turn = Se3::new(So3::exp(&(axis * f64::to_radians(degrees))), Vec3::zeros());
+                rig.cameras[1].body_from_camera = rig.cameras[1].body_from_camera * turn;
+            };
+            let found = doubts(&name, turned, |_, _| {});
+            let [one] = &found[..] else { panic!("{name}: {degrees} {found:?}") };
+            let is_named = told.iter().any(|angle| one.contains(&format!(" -{angle}")));
+            assert!(is_named, "{name}: {degrees} {one}");
+        }
+    }
+}
