@@ -3,6 +3,7 @@
 //! doubt is reported once, as text with numbers.
 
 mod pair;
+mod unit;
 
 use cairn_inertial::Readings;
 use cairn_sensor::{
@@ -11,6 +12,7 @@ use cairn_sensor::{
 };
 use pair::PairWatch;
 use std::sync::Arc;
+use unit::UnitWatch;
 
 /// Longest plausible time in seconds from an image to the IMU sample after it.
 const MAX_AFTER_S: f64 = 0.05;
@@ -141,6 +143,7 @@ impl DepthWatch {
 pub struct PacketValidator {
     imu: Option<(ImuWatch, ImuSensor)>,
     depth: Option<(DepthWatch, DepthSensor)>,
+    unit: UnitWatch,
     pair: Option<PairWatch>,
     may_lack_imu: bool,
 }
@@ -151,17 +154,19 @@ impl PacketValidator {
         Self {
             imu: rig.imu.clone().map(|sensor| (ImuWatch::default(), sensor)),
             depth: rig.depth.clone().map(|sensor| (DepthWatch::default(), sensor)),
+            unit: UnitWatch::default(),
             pair: PairWatch::new(rig),
             may_lack_imu: false,
         }
     }
 
-    /// Takes a packet. Depth is judged after a second, the IMU after ten, a pair at any time.
+    /// Takes a packet. Depth is judged after a second, the IMU after ten, a pair and the unit of depth at any time.
     pub fn packet(&mut self, packet: &FramePacket) -> Vec<String> {
         let depth_is_seen = self.depth.as_mut().is_some_and(|(watch, _)| watch.packet(packet));
         let imu_is_seen = self.imu.as_mut().is_some_and(|(watch, _)| watch.packet(packet) >= CHECKED_S);
         let depth = if depth_is_seen { self.depth_doubt() } else { None };
         let mut doubts: Vec<String> = depth.into_iter().collect();
+        doubts.extend(self.unit.packet(packet));
         doubts.extend(self.pair.as_mut().and_then(|watch| watch.packet(packet)));
         doubts.extend(if imu_is_seen { self.imu_doubts() } else { Vec::new() });
         doubts

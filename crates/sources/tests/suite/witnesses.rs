@@ -3,7 +3,7 @@
 use crate::common;
 
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::{FramePacket, GrayImage, Rig};
+use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig};
 use cairn_sources::{OpenOptions, PacketValidator, open};
 use common::data;
 use std::sync::Arc;
@@ -75,5 +75,34 @@ fn a_second_camera_that_is_turned_is_doubted_with_its_angle() {
             let is_named = told.iter().any(|angle| one.contains(&format!(" -{angle}")));
             assert!(is_named, "{name}: {degrees} {one}");
         }
+    }
+}
+
+#[test]
+fn depth_that_changes_its_unit_is_doubted_and_a_hand_before_the_camera_is_not() {
+    for name in sources("sim:office?sensor=rgbd&duration=3&rate=20", &["7scenes-kitchen"]) {
+        let with = |of: &dyn Fn(usize, u16) -> u16| {
+            doubts(&name, as_it_is, |k, packet| {
+                let depth = packet.depth.as_ref().filter(|_| k >= 30);
+                if let Some(depth) = depth {
+                    let data = depth.data().iter().enumerate().map(|(at, units)| match units {
+                        0 | &u16::MAX => 0,
+                        units => of(at, *units),
+                    });
+                    packet.depth =
+                        DepthImage::from_vec(depth.width(), depth.height(), data.collect()).map(Arc::new);
+                }
+            })
+        };
+        for factor in [5.0, 0.2, 2.0, 0.1] {
+            let found = with(&|_, units| (f64::from(units) * factor).min(65534.0) as u16);
+            let [one] = &found[..] else { panic!("{name}: {factor} {found:?}") };
+            let told =
+                one.split_once("depth is ").and_then(|(_, rest)| rest.split(' ').next()?.parse::<f64>().ok());
+            assert!(told.is_some_and(|told| (told / factor - 1.0).abs() < 0.05), "{name}: {factor} {one}");
+        }
+        // Most of the picture is nearer than the sensor measures or as near as a hand, all at once.
+        let hand = with(&|at, units| if at % 640 < 450 { 400 + (at % 640 / 10) as u16 } else { units });
+        assert!(hand.is_empty(), "{name}: {hand:?}");
     }
 }
