@@ -3,8 +3,10 @@
 use crate::common;
 
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig};
-use cairn_sources::{OpenOptions, PacketValidator, open};
+use cairn_sensor::{
+    DepthImage, FramePacket, GrayImage, Rig, SkipKind, Source, SourceError, SourceInfo, Stamp,
+};
+use cairn_sources::{OpenOptions, PacketValidator, Validator, open};
 use common::data;
 use std::sync::Arc;
 
@@ -79,6 +81,31 @@ fn a_second_camera_that_is_turned_is_doubted_with_its_angle() {
 }
 
 #[test]
+fn pictures_that_repeat_are_doubted_while_the_imu_turns_or_after_a_second() {
+    for name in sources("sim:corridor?sensor=mono-imu&duration=6&rate=10&start=14", &["euroc-mh01"]) {
+        let mut held: Option<Arc<GrayImage>> = None;
+        let frozen = |seconds: f64, turns: f64| {
+            let mut first = None;
+            held = None;
+            doubts(&name, as_it_is, |_, packet| {
+                let t = packet.stamp - *first.get_or_insert(packet.stamp);
+                packet.imu.iter_mut().for_each(|sample| sample.gyro *= turns);
+                if (0.5..0.5 + seconds).contains(&t) {
+                    packet.images[0] = held.get_or_insert(packet.images[0].clone()).clone();
+                }
+            })
+        };
+        let mut frozen = frozen;
+        let turning = frozen(0.8, 1.0);
+        assert!(turning.iter().any(|d| d.contains("while the IMU turns by 0.")), "{name}: {turning:?}");
+        let still = frozen(0.8, 0.0);
+        assert!(!still.iter().any(|d| d.contains("bit by bit")), "{name}: {still:?}");
+        let long = frozen(1.5, 0.0);
+        assert!(long.iter().any(|d| d.contains("bit by bit for 1.")), "{name}: {long:?}");
+    }
+}
+
+#[test]
 fn depth_that_changes_its_unit_is_doubted_and_a_hand_before_the_camera_is_not() {
     for name in sources("sim:office?sensor=rgbd&duration=3&rate=20", &["7scenes-kitchen"]) {
         let with = |of: &dyn Fn(usize, u16) -> u16| {
@@ -105,4 +132,57 @@ fn depth_that_changes_its_unit_is_doubted_and_a_hand_before_the_camera_is_not() 
         let hand = with(&|at, units| if at % 640 < 450 { 400 + (at % 640 / 10) as u16 } else { units });
         assert!(hand.is_empty(), "{name}: {hand:?}");
     }
+}
+
+/// A source that delivers its picture of 1 s again for a second.
+struct Frozen {
+    source: Box<dyn Source>,
+    first: Option<Stamp>,
+    held: Option<Arc<GrayImage>>,
+}
+
+impl Source for Frozen {
+    fn info(&self) -> &SourceInfo {
+        self.source.info()
+    }
+
+    fn rig(&self) -> &Rig {
+        self.source.rig()
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        let mut packet = self.source.next_packet()?;
+        if let Some(packet) = &mut packet {
+            let t = packet.stamp - *self.first.get_or_insert(packet.stamp);
+            if (0.99..2.0).contains(&t) {
+                packet.images[0] = self.held.get_or_insert(packet.images[0].clone()).clone();
+            }
+        }
+        Ok(packet)
+    }
+
+    fn skipped(&self) -> &[String] {
+        &[]
+    }
+}
+
+#[test]
+fn repeated_pictures_are_left_out_while_the_imu_turns_and_no_reading_is() {
+    let name = "sim:corridor?sensor=mono-imu&duration=3&rate=10&start=14&resolution=64x48&detail=0.05";
+    let all = |validated: bool| {
+        let source = open(name, OpenOptions::default()).unwrap();
+        let frozen: Box<dyn Source> = Box::new(Frozen { source, first: None, held: None });
+        let mut source = if validated { Box::new(Validator::new(frozen, |_| {})) } else { frozen };
+        let packets: Vec<FramePacket> = std::iter::from_fn(|| source.next_packet().unwrap()).collect();
+        (packets, source.skips())
+    };
+    let readings = |packets: &[FramePacket]| {
+        let all = packets.iter().flat_map(|p| &p.imu).filter(|s| !s.is_synthesised());
+        all.map(|s| s.stamp).collect::<Vec<_>>()
+    };
+    let ((before, _), (after, skips)) = (all(false), all(true));
+    assert_eq!(before.len() - after.len(), skips.count(SkipKind::Frame));
+    assert!(skips.count(SkipKind::Frame) >= 8, "{skips:?}");
+    assert_eq!(readings(&before), readings(&after));
+    assert!(skips.iter().any(|s| s.kind == SkipKind::Other && s.first.contains("bit by bit")), "{skips:?}");
 }
