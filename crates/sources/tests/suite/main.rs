@@ -12,3 +12,4 @@ mod refusals;
 mod rigs;
 mod simulated;
 mod video;
+mod witnesses;

@@ -51,7 +51,7 @@ pub fn of(ended: &Outcome, realtime: bool) -> String {
             s.taken
         );
     }
-    for s in &r.skips {
+    for s in r.skips.iter().filter(|s| s.what != "other") {
         let _ = writeln!(text, "skipped   {} {}: {}", s.count, plural(&s.what, s.count), s.reason);
     }
     if let Some(ms) = &r.ms {

@@ -1,11 +1,20 @@
 //! Plausibility checks of packets as they come: an assumed calibration, implausible IMU data, clocks that are not
-//! synchronised, depth that is missing or in another unit. Each doubt is reported once, as text with numbers.
+//! synchronised, depth that is missing or in another unit, pictures that do not change, a pair that is not the calibrated one. Each
+//! doubt is reported once, as text with numbers.
+
+mod frozen;
+mod pair;
+mod unit;
 
 use cairn_inertial::Readings;
 use cairn_sensor::{
-    DepthSensor, FramePacket, ImuSample, ImuSensor, Live, Rig, Skips, Source, SourceError, SourceInfo, Stamp,
+    DepthSensor, FramePacket, ImuSample, ImuSensor, Live, Rig, SkipKind, Skipped, Skips, Source, SourceError,
+    SourceInfo, Stamp,
 };
+use frozen::FrozenWatch;
+use pair::PairWatch;
 use std::sync::Arc;
+use unit::UnitWatch;
 
 /// Longest plausible time in seconds from an image to the IMU sample after it.
 const MAX_AFTER_S: f64 = 0.05;
@@ -16,6 +25,9 @@ const CHECKED_S: f64 = 10.0;
 const DEPTH_CHECKED_S: f64 = 1.0;
 /// No depth camera measures only what is nearer, metres: the nearest that one measures at all is 0.07 m (D405).
 pub const NEAREST_DEPTH_M: f64 = 0.05;
+
+/// Readings that are kept while pictures repeat: a minute and a half at 200 a second.
+const MOST_READINGS: usize = 20_000;
 
 /// Collects the IMU data of packets, to check it.
 #[derive(Clone, Debug, Default)]
@@ -136,6 +148,9 @@ impl DepthWatch {
 pub struct PacketValidator {
     imu: Option<(ImuWatch, ImuSensor)>,
     depth: Option<(DepthWatch, DepthSensor)>,
+    frozen: Vec<FrozenWatch>,
+    unit: UnitWatch,
+    pair: Option<PairWatch>,
     may_lack_imu: bool,
 }
 
@@ -145,21 +160,34 @@ impl PacketValidator {
         Self {
             imu: rig.imu.clone().map(|sensor| (ImuWatch::default(), sensor)),
             depth: rig.depth.clone().map(|sensor| (DepthWatch::default(), sensor)),
+            frozen: rig.cameras.iter().enumerate().map(|(k, c)| FrozenWatch::new(k, &c.name)).collect(),
+            unit: UnitWatch::default(),
+            pair: PairWatch::new(rig),
             may_lack_imu: false,
         }
     }
 
-    /// Takes a packet. Depth is judged after a second, the IMU after ten.
+    /// Takes a packet. Depth is judged after a second, the IMU after ten; the pictures, a pair and the unit of depth at any time.
     pub fn packet(&mut self, packet: &FramePacket) -> Vec<String> {
         let depth_is_seen = self.depth.as_mut().is_some_and(|(watch, _)| watch.packet(packet));
         let imu_is_seen = self.imu.as_mut().is_some_and(|(watch, _)| watch.packet(packet) >= CHECKED_S);
         let depth = if depth_is_seen { self.depth_doubt() } else { None };
-        depth.into_iter().chain(if imu_is_seen { self.imu_doubts() } else { Vec::new() }).collect()
+        let mut doubts: Vec<String> = depth.into_iter().collect();
+        doubts.extend(self.frozen.iter_mut().filter_map(|watch| watch.packet(packet)));
+        doubts.extend(self.unit.packet(packet));
+        doubts.extend(self.pair.as_mut().and_then(|watch| watch.packet(packet)));
+        doubts.extend(if imu_is_seen { self.imu_doubts() } else { Vec::new() });
+        doubts
     }
 
     /// No more packets come: what was not judged yet.
     pub fn end(&mut self) -> Vec<String> {
         self.depth_doubt().into_iter().chain(self.imu_doubts()).collect()
+    }
+
+    /// Whether all pictures of the last packet repeat those of the one before although the IMU turns.
+    fn is_stale(&self) -> bool {
+        !self.frozen.is_empty() && self.frozen.iter().all(|watch| watch.is_stale)
     }
 
     fn depth_doubt(&mut self) -> Option<String> {
@@ -177,11 +205,16 @@ impl PacketValidator {
     }
 }
 
-/// A source that reports doubts about its data.
+/// A source that reports doubts about its data, and leaves out packets whose pictures repeat those before while the IMU turns: they
+/// would show vision a camera that rests.
 pub struct Validator {
     source: Box<dyn Source>,
     packets: PacketValidator,
     report: Box<dyn FnMut(&str) + Send>,
+    /// What was reported about packets and what was left out, for the report of a run.
+    skips: Skips,
+    /// Readings of packets that were left out, for the next.
+    readings: Vec<ImuSample>,
 }
 
 impl Validator {
@@ -190,7 +223,7 @@ impl Validator {
     pub fn new(source: Box<dyn Source>, mut report: impl FnMut(&str) + Send + 'static) -> Self {
         doubts_of(source.info(), source.rig()).iter().for_each(|doubt| report(doubt));
         let packets = PacketValidator::new(source.rig());
-        Self { source, packets, report: Box::new(report) }
+        Self { source, packets, report: Box::new(report), skips: Skips::default(), readings: Vec::new() }
     }
 
     /// The rig's IMU was reckoned with rather than found, as with a browser's camera: none at all is not doubtful.
@@ -210,13 +243,27 @@ impl Source for Validator {
     }
 
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
-        let packet = self.source.next_packet()?;
-        let doubts = match &packet {
-            Some(packet) => self.packets.packet(packet),
-            None => self.packets.end(),
-        };
-        doubts.iter().for_each(|doubt| (self.report)(doubt));
-        Ok(packet)
+        loop {
+            let packet = self.source.next_packet()?;
+            let doubts = match &packet {
+                Some(packet) => self.packets.packet(packet),
+                None => self.packets.end(),
+            };
+            for doubt in &doubts {
+                (self.report)(doubt);
+                self.skips.add_many(SkipKind::Other, doubt, 1, doubt);
+            }
+            let Some(mut packet) = packet else { return Ok(None) };
+            if !self.packets.is_stale() {
+                packet.imu.splice(0..0, self.readings.drain(..));
+                return Ok(Some(packet));
+            }
+            self.readings.extend(packet.imu.into_iter().filter(|sample| !sample.is_synthesised()));
+            self.readings.drain(..self.readings.len().saturating_sub(MOST_READINGS));
+            let at = format!("at {:.3} s of the source's clock", packet.stamp.seconds());
+            let why = "the picture repeats the one before bit by bit, while the IMU turns";
+            self.skips.add(&Skipped::new(SkipKind::Frame, why, at).at(packet.stamp));
+        }
     }
 
     fn skipped(&self) -> &[String] {
@@ -228,7 +275,9 @@ impl Source for Validator {
     }
 
     fn skips(&self) -> Skips {
-        self.source.skips()
+        let mut all = self.source.skips();
+        all.add_all(&self.skips);
+        all
     }
 }
 

@@ -1,0 +1,188 @@
+//! Sensors that fail in silence, and what the validator says of them; sound recordings have no doubt.
+
+use crate::common;
+
+use cairn_geometry::{Se3, So3, Vec3};
+use cairn_sensor::{
+    DepthImage, FramePacket, GrayImage, Rig, SkipKind, Source, SourceError, SourceInfo, Stamp,
+};
+use cairn_sources::{OpenOptions, PacketValidator, Validator, open};
+use common::data;
+use std::sync::Arc;
+
+/// The doubts about the first seconds of a source whose rig and packets are changed.
+fn doubts(
+    name: &str,
+    rig: impl Fn(&mut Rig),
+    mut change: impl FnMut(usize, &mut FramePacket),
+) -> Vec<String> {
+    let mut source = open(name, OpenOptions::default()).unwrap();
+    let mut changed = source.rig().clone();
+    rig(&mut changed);
+    let mut checks = PacketValidator::new(&changed);
+    let mut found = Vec::new();
+    for k in 0..200 {
+        let Some(mut packet) = source.next_packet().unwrap() else { break };
+        change(k, &mut packet);
+        found.extend(checks.packet(&packet));
+    }
+    found
+}
+
+fn as_it_is(_: &mut Rig) {}
+
+/// A simulated world, and the recordings of the data folder that are there.
+fn sources(simulated: &str, recorded: &[&str]) -> Vec<String> {
+    let recorded = recorded.iter().filter_map(|name| data(name));
+    let recorded = recorded.map(|path| path.to_str().unwrap().to_owned());
+    std::iter::once(simulated.to_owned()).chain(recorded).collect()
+}
+
+fn stereo() -> Vec<String> {
+    sources("sim:office?sensor=stereo&duration=4&rate=10", &["euroc-mh01", "kitti-a"])
+}
+
+#[test]
+fn sound_recordings_have_no_doubt() {
+    for name in
+        sources("sim:office?duration=4", &["euroc-mh01", "kitti-a", "7scenes-kitchen", "atrium", "house"])
+    {
+        let found = doubts(&name, as_it_is, |_, _| {});
+        assert!(found.is_empty(), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn a_right_image_that_is_one_frame_late_is_doubted() {
+    for name in stereo() {
+        let mut before: Option<Arc<GrayImage>> = None;
+        let found = doubts(&name, as_it_is, |_, packet| {
+            let now = packet.images[1].clone();
+            packet.images[1] = before.replace(now.clone()).unwrap_or(now);
+        });
+        assert!(matches!(&found[..], [one] if one.contains("not of one time")), "{name}: {found:?}");
+    }
+}
+
+#[test]
+fn a_second_camera_that_is_turned_is_doubted_with_its_angle() {
+    for name in stereo() {
+        for (axis, degrees, told) in [(Vec3::x(), 0.5, ["0.5", "0.4"]), (Vec3::y(), 3.0, ["3.", "2."])] {
+            let turned = |rig: &mut Rig| {
+                let turn = Se3::new(So3::exp(&(axis * f64::to_radians(degrees))), Vec3::zeros());
+                rig.cameras[1].body_from_camera = rig.cameras[1].body_from_camera * turn;
+            };
+            let found = doubts(&name, turned, |_, _| {});
+            let [one] = &found[..] else { panic!("{name}: {degrees} {found:?}") };
+            let is_named = told.iter().any(|angle| one.contains(&format!(" -{angle}")));
+            assert!(is_named, "{name}: {degrees} {one}");
+        }
+    }
+}
+
+#[test]
+fn pictures_that_repeat_are_doubted_while_the_imu_turns_or_after_a_second() {
+    for name in sources("sim:corridor?sensor=mono-imu&duration=6&rate=10&start=14", &["euroc-mh01"]) {
+        let mut held: Option<Arc<GrayImage>> = None;
+        let frozen = |seconds: f64, turns: f64| {
+            let mut first = None;
+            held = None;
+            doubts(&name, as_it_is, |_, packet| {
+                let t = packet.stamp - *first.get_or_insert(packet.stamp);
+                packet.imu.iter_mut().for_each(|sample| sample.gyro *= turns);
+                if (0.5..0.5 + seconds).contains(&t) {
+                    packet.images[0] = held.get_or_insert(packet.images[0].clone()).clone();
+                }
+            })
+        };
+        let mut frozen = frozen;
+        let turning = frozen(0.8, 1.0);
+        assert!(turning.iter().any(|d| d.contains("while the IMU turns by 0.")), "{name}: {turning:?}");
+        let still = frozen(0.8, 0.0);
+        assert!(!still.iter().any(|d| d.contains("bit by bit")), "{name}: {still:?}");
+        let long = frozen(1.5, 0.0);
+        assert!(long.iter().any(|d| d.contains("bit by bit for 1.")), "{name}: {long:?}");
+    }
+}
+
+#[test]
+fn depth_that_changes_its_unit_is_doubted_and_a_hand_before_the_camera_is_not() {
+    for name in sources("sim:office?sensor=rgbd&duration=3&rate=20", &["7scenes-kitchen"]) {
+        let with = |of: &dyn Fn(usize, u16) -> u16| {
+            doubts(&name, as_it_is, |k, packet| {
+                let depth = packet.depth.as_ref().filter(|_| k >= 30);
+                if let Some(depth) = depth {
+                    let data = depth.data().iter().enumerate().map(|(at, units)| match units {
+                        0 | &u16::MAX => 0,
+                        units => of(at, *units),
+                    });
+                    packet.depth =
+                        DepthImage::from_vec(depth.width(), depth.height(), data.collect()).map(Arc::new);
+                }
+            })
+        };
+        for factor in [5.0, 0.2, 2.0, 0.1] {
+            let found = with(&|_, units| (f64::from(units) * factor).min(65534.0) as u16);
+            let [one] = &found[..] else { panic!("{name}: {factor} {found:?}") };
+            let told =
+                one.split_once("depth is ").and_then(|(_, rest)| rest.split(' ').next()?.parse::<f64>().ok());
+            assert!(told.is_some_and(|told| (told / factor - 1.0).abs() < 0.05), "{name}: {factor} {one}");
+        }
+        // Most of the picture is nearer than the sensor measures or as near as a hand, all at once.
+        let hand = with(&|at, units| if at % 640 < 450 { 400 + (at % 640 / 10) as u16 } else { units });
+        assert!(hand.is_empty(), "{name}: {hand:?}");
+    }
+}
+
+/// A source that delivers its picture of 1 s again for a second.
+struct Frozen {
+    source: Box<dyn Source>,
+    first: Option<Stamp>,
+    held: Option<Arc<GrayImage>>,
+}
+
+impl Source for Frozen {
+    fn info(&self) -> &SourceInfo {
+        self.source.info()
+    }
+
+    fn rig(&self) -> &Rig {
+        self.source.rig()
+    }
+
+    fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
+        let mut packet = self.source.next_packet()?;
+        if let Some(packet) = &mut packet {
+            let t = packet.stamp - *self.first.get_or_insert(packet.stamp);
+            if (0.99..2.0).contains(&t) {
+                packet.images[0] = self.held.get_or_insert(packet.images[0].clone()).clone();
+            }
+        }
+        Ok(packet)
+    }
+
+    fn skipped(&self) -> &[String] {
+        &[]
+    }
+}
+
+#[test]
+fn repeated_pictures_are_left_out_while_the_imu_turns_and_no_reading_is() {
+    let name = "sim:corridor?sensor=mono-imu&duration=3&rate=10&start=14&resolution=64x48&detail=0.05";
+    let all = |validated: bool| {
+        let source = open(name, OpenOptions::default()).unwrap();
+        let frozen: Box<dyn Source> = Box::new(Frozen { source, first: None, held: None });
+        let mut source = if validated { Box::new(Validator::new(frozen, |_| {})) } else { frozen };
+        let packets: Vec<FramePacket> = std::iter::from_fn(|| source.next_packet().unwrap()).collect();
+        (packets, source.skips())
+    };
+    let readings = |packets: &[FramePacket]| {
+        let all = packets.iter().flat_map(|p| &p.imu).filter(|s| !s.is_synthesised());
+        all.map(|s| s.stamp).collect::<Vec<_>>()
+    };
+    let ((before, _), (after, skips)) = (all(false), all(true));
+    assert_eq!(before.len() - after.len(), skips.count(SkipKind::Frame));
+    assert!(skips.count(SkipKind::Frame) >= 8, "{skips:?}");
+    assert_eq!(readings(&before), readings(&after));
+    assert!(skips.iter().any(|s| s.kind == SkipKind::Other && s.first.contains("bit by bit")), "{skips:?}");
+}
