@@ -105,7 +105,11 @@ impl Follower {
             return (aim_deg <= s.wrong_way_deg).then_some(aim);
         }
         let edge = s.edge_share * s.off_m;
-        let leaves = course.after(s.adjust_ahead_m).abs() > edge && !(outside && returns(&course));
+        // Whoever returns to the route from outside is not turned away from it before they are inside.
+        if outside && returns(&course) {
+            return None;
+        }
+        let leaves = course.after(s.adjust_ahead_m).abs() > edge;
         let misses = last && course.end().abs() > s.end_miss_m;
         if !leaves && !misses {
             return None;

@@ -82,6 +82,17 @@ fn a_slow_turn_around_has_progress_and_is_told_once() {
     assert!(left.len() > 15 && left.windows(2).all(|w| w[1] < w[0] + 1e-6), "{left:?}");
 }
 
+/// A correction to the same side is still being made while "turn left now" is said: it is not the turn, and the walker hears
+/// when to stop turning.
+#[test]
+fn a_correction_under_way_is_not_taken_for_the_turn() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(27.8, 1.0).turn(35.0, 40.0).stand(1.0).turn(60.0, 40.0).stand(1.0);
+    let words = walker.words();
+    let told = words.iter().position(|w| w == "Turn left now.").unwrap();
+    assert_eq!(words[told + 1..], ["Stop turning. Continue 20 metres to the end."], "{words:?}");
+}
+
 #[test]
 fn ignored_turn_is_repeated() {
     let mut walker = ScriptedWalker::on_test_route(default_config());
