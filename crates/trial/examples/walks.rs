@@ -41,11 +41,12 @@ fn name(row: usize) -> String {
     format!("{}, {} poses", ROWS[row / 2].0, if row.is_multiple_of(2) { "exact" } else { "noisy" })
 }
 
-/// How bad a trial was: not arrived first, then wrong sides, leaving the path, number of utterances.
+/// How bad a trial was: not arrived first, then wrong sides and broken rules, leaving the path, number of utterances.
 fn badness(o: &Outcome) -> f64 {
     let missed = if o.arrived && o.error_m <= 1.0 { 0.0 } else { 1000.0 };
     let talk = o.said.len() as f64 / o.length_m.max(1.0);
-    missed + 100.0 * o.wrong_side as f64 + 10.0 * o.off_path as f64 + o.error_m + talk
+    let broken = o.broken.values().sum::<usize>();
+    missed + 100.0 * (o.wrong_side + broken) as f64 + 10.0 * o.off_path as f64 + o.error_m + talk
 }
 
 fn percentile(sorted: &[f64], share: f64) -> f64 {
@@ -72,10 +73,13 @@ fn main() {
     let mut kinds = String::new();
     let mut worst: Vec<(f64, u64, usize)> = Vec::new();
     for row in 0..2 * ROWS.len() {
-        let mut tally = Tally::default();
+        let (mut tally, mut broken) = (Tally::default(), Vec::new());
         for seed in first..first + routes {
             let o = trial(seed, row);
             tally.add(&o);
+            if !o.broken.is_empty() {
+                broken.push((seed, o.broken.clone()));
+            }
             worst.push((badness(&o), seed, row));
         }
         let mut errors = tally.errors_m.clone();
@@ -101,6 +105,7 @@ fn main() {
         let list: Vec<String> = tally.kinds.iter().map(|(k, n)| format!("{k} {:.1}", per_100(*n))).collect();
         println!("    per 100 m: {}", list.join(", "));
         let _ = writeln!(kinds, "| {} | {} |", name(row), list.join(", "));
+        println!("    broken rules: {:?}, first by seed: {:?}", tally.broken, &broken[..broken.len().min(6)]);
         worst.sort_by(|a, b| b.0.total_cmp(&a.0));
         let here = worst.iter().filter(|w| w.2 == row).take(5);
         println!("    worst seeds: {:?}", here.map(|w| w.1).collect::<Vec<_>>());

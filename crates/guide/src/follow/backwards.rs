@@ -38,7 +38,11 @@ impl Follower {
         // After a turn the first step is off by the overshoot; the line is judged once the walker moves along it.
         let rested = since(self.memory.last_direction, now.stamp) >= 2.0;
         let off = self.off_line(now);
-        if !self.backwards() || !rested || off.abs() <= self.config.backwards_off_m {
+        if !self.backwards()
+            || !rested
+            || off.abs() <= self.config.backwards_off_m
+            || self.corner_here(now).is_some()
+        {
             return None;
         }
         // Beyond a corner or the end the line is not beside the walker.
@@ -99,7 +103,7 @@ impl Follower {
         if let Some(kind) = self.turn_now(now) {
             return Some(kind);
         }
-        if self.off_line(now).abs() > 0.6 * self.config.backwards_off_m {
+        if self.off_line(now).abs() > 0.6 * self.config.backwards_off_m && self.corner_here(now).is_none() {
             return self.aside(now);
         }
         self.go_or_rotate(now)

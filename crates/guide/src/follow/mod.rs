@@ -143,7 +143,18 @@ impl Follower {
             Some(_) => 0.8,
             None => 0.5,
         };
-        if to.norm() < least { now.at.heading } else { heading_of(&to) }
+        if to.norm() < least { self.leg_heading(now) } else { heading_of(&to) }
+    }
+
+    /// The corner with several bends in which the walker is, once they were told to turn there.
+    pub(crate) fn corner_here(&self, now: &Now) -> Option<&Maneuver> {
+        let told = self.plan.maneuvers().get(self.next.checked_sub(1)?)?;
+        (told.at_m..told.end_m).contains(&now.at.along_m).then_some(told)
+    }
+
+    /// The heading of the leg that the walker is on: within a corner that of the leg after it, not of the piece between its bends.
+    pub(crate) fn leg_heading(&self, now: &Now) -> f64 {
+        self.corner_here(now).map_or(now.at.heading, |corner| corner.exit_heading)
     }
 
     /// Whether a walker may walk on in the heading that he has.

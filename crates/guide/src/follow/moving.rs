@@ -71,7 +71,7 @@ impl Follower {
         let off_deg = aim.abs().to_degrees();
         let returns = now.walker.turn_to(now.at.heading) * now.at.cross_m > 0.0;
         let directed = since(self.memory.last_direction, now.stamp) < self.config.adjust_again_s;
-        if directed || returns && off_deg < self.config.adjust_deg {
+        if directed || returns && off_deg < self.config.adjust_deg || self.turns_away(now, aim) {
             return None;
         }
         let first = self.next == 0;

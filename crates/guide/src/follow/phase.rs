@@ -29,7 +29,7 @@ pub(crate) struct Now {
 pub(crate) struct Turning {
     /// When the direction was given.
     pub said: Stamp,
-    /// The heading in which he stood then.
+    /// The heading that they had when the words had been heard.
     pub from: f64,
     /// The walker began to turn.
     pub began: bool,

@@ -53,7 +53,7 @@ const AGAINST_DEG: f64 = 8.0;
 impl Follower {
     /// A small correction before the walker leaves the corridor.
     pub(crate) fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        let turn = self.wanted(now, aim);
+        let turn = self.wanted(now, aim).filter(|turn| !self.turns_away(now, *turn));
         let Some(turn) = turn.filter(|_| now.speed >= self.config.motion.standing_m_s) else {
             self.memory.aim_off_since = None;
             return None;
@@ -77,13 +77,22 @@ impl Follower {
         Some(CueKind::Adjust(turn))
     }
 
+    /// Whether a turn leads whoever returns to the route from outside away from it. They are directed along it once they are inside,
+    /// unless they come far too steeply.
+    pub(crate) fn turns_away(&self, now: &Now, turn: f64) -> bool {
+        let s = &self.config;
+        let outside = now.at.cross_m.abs() > if self.backwards() { s.backwards_off_m } else { s.off_m };
+        let returns = now.walker.turn_to(now.at.heading) * now.at.cross_m > 0.0;
+        outside && returns && turn * now.at.cross_m > 0.0 && turn.abs().to_degrees() <= s.adjust_far_deg
+    }
+
     /// The turn that is wanted now, if any.
     fn wanted(&self, now: &Now, aim: f64) -> Option<f64> {
         let s = &self.config;
         let last = self.next_maneuver().is_none();
         let course = Course {
             cross_m: now.at.cross_m,
-            off_rad: -now.walker.turn_to(now.at.heading),
+            off_rad: -now.walker.turn_to(self.leg_heading(now)),
             rest_m: (self.next_at_m() - now.at.along_m).max(0.0),
         };
         let off_deg = course.off_rad.abs().to_degrees();

@@ -30,9 +30,13 @@ impl Follower {
     pub(crate) fn turning(&mut self, mut turning: Turning, now: &Now) -> Option<CueKind> {
         let rate = self.motion.turn_rate();
         let left = now.walker.turn_to(self.aim(now));
-        // A small correction may still be in progress while the words are heard: that is not this turn.
-        let turned = wrap(now.walker.heading - turning.from).abs() > TURNED_RAD;
-        turning.began |= now.stamp - turning.said > REACTION_S && (rate.abs() > 2.0 * STILL_RAD_S || turned);
+        // A correction may still be in progress while the words are heard: that is not this turn, and no part of it.
+        if now.stamp - turning.said <= REACTION_S {
+            turning.from = now.walker.heading;
+        } else {
+            let turned = wrap(now.walker.heading - turning.from).abs() > TURNED_RAD;
+            turning.began |= rate.abs() > 2.0 * STILL_RAD_S || turned;
+        }
         if turning.began && !turning.stop_said && !turning.held && self.overtakes(left, rate) {
             if !self.may_end_anywhere(now) {
                 turning.held = true;

@@ -50,6 +50,8 @@ pub struct Outcome {
     pub kinds: BTreeMap<&'static str, usize>,
     /// On-course ticks and other sounds.
     pub sounds: usize,
+    /// How often a rule was broken that holds at every moment, by its name.
+    pub broken: BTreeMap<&'static str, usize>,
 }
 
 impl Outcome {
@@ -82,6 +84,8 @@ pub struct Tally {
     pub errors_m: Vec<f64>,
     /// Utterances by kind.
     pub kinds: BTreeMap<&'static str, usize>,
+    /// How often each rule was broken that holds at every moment.
+    pub broken: BTreeMap<&'static str, usize>,
 }
 
 impl Tally {
@@ -94,8 +98,8 @@ impl Tally {
         self.said += o.said.len();
         self.metres += o.length_m;
         self.errors_m.push(o.error_m);
-        for (kind, n) in &o.kinds {
-            *self.kinds.entry(kind).or_default() += n;
+        for (sum, counts) in [(&mut self.kinds, &o.kinds), (&mut self.broken, &o.broken)] {
+            counts.iter().for_each(|(name, n)| *sum.entry(name).or_default() += n);
         }
     }
 
@@ -168,13 +172,17 @@ impl Judge {
     fn pass_hairpin(&mut self, truth: &Heading) {
         let Some(at) = self.at else { return };
         let away = |along_m: f64| (self.plan.point_at(along_m) - truth.position).norm();
-        let is_taken = |m: &&cairn_guide::Maneuver| {
+        let maneuvers = self.plan.maneuvers();
+        let is_taken = |k: &usize| {
+            let m = maneuvers[*k];
             let is_hairpin = m.turn_rad.abs() > PI / 2.0 && (m.at_m - at.along_m).abs() <= HAIRPIN_M;
             let faces = truth.turn_to(m.exit_heading).abs() < PI / 4.0;
-            let after = (0..=(HAIRPIN_M / 0.1) as usize).map(|k| away(m.end_m + 0.1 * k as f64));
+            // Not farther than that leg goes: the one after it may cross the leg that the walker is on.
+            let leg_m = maneuvers.get(k + 1).map_or(self.plan.length(), |next| next.at_m) - m.end_m;
+            let after = (0..=(HAIRPIN_M.min(leg_m) / 0.1) as usize).map(|k| away(m.end_m + 0.1 * k as f64));
             is_hairpin && faces && after.fold(f64::INFINITY, f64::min) < away(at.along_m)
         };
-        let taken = self.plan.maneuvers().iter().find(is_taken).map(|m| m.end_m);
+        let taken = (0..maneuvers.len()).find(is_taken).map(|k| maneuvers[k].end_m);
         taken.into_iter().for_each(|end_m| self.matcher.pass(end_m));
     }
 
@@ -296,6 +304,30 @@ mod tests {
     use cairn_geometry::Vec3;
     use cairn_guide::Priority;
     use cairn_guide::{Ground, ManeuverPlanConfig};
+
+    /// The leg after the next one crosses the leg that the walker is on: being near to it is not being past a hairpin before it.
+    #[test]
+    fn a_walker_near_a_crossing_is_not_past_the_hairpin_before_it() {
+        let corners = [[-0.9, 7.2], [-2.7, 9.1], [-4.5, 7.2], [-5.2, 9.3], [-2.5, 10.7], [-3.4, -3.0]];
+        let line: Vec<Vec3> = corners.iter().map(|c| Vec3::new(c[0], c[1], 0.0)).collect();
+        let plan = ManeuverPlan::new(&line, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
+        let config = TrialConfig {
+            facing: Facing::Home,
+            travel: cairn_guide::Travel::Again,
+            noise: Noise::None,
+            corridor_m: 3.0,
+            cut_detours: false,
+            phrases: cairn_guide::PhraseConfig::default(),
+            seed: 0,
+        };
+        let mut judge = Judge::new(plan, &config);
+        let walker = Walker::new(0, (-2.2, 7.7, 2.06));
+        for k in 0..3 {
+            judge.see(&walker, None, None, Stamp::from_seconds(k as f64 * STEP_S));
+        }
+        let along_m = judge.at.unwrap().along_m;
+        assert!((0.9..1.6).contains(&along_m), "{along_m}");
+    }
 
     #[test]
     fn judge_counts_wrong_sides_and_off_path_events() {

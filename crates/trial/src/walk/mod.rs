@@ -5,6 +5,7 @@ mod config;
 mod judge;
 mod noise;
 mod routes;
+mod rules;
 
 pub use config::{STEP_S, TrialConfig, guide_config};
 pub use judge::{Outcome, Said, Tally};
@@ -19,6 +20,7 @@ use cairn_guide::{
 };
 use cairn_sensor::Stamp;
 use judge::Judge;
+use rules::Rules;
 
 /// Walks `line` out, records and cleans it, and guides a walker along it. Metres on the ground plane.
 pub fn run(line: &[Vec2], config: &TrialConfig) -> Outcome {
@@ -59,7 +61,7 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
 
     let mut told_from_world = Se3::identity();
     let limit_s = 90.0 + judge.length() / if config.facing == Facing::Backwards { 0.08 } else { 0.2 };
-    let mut stood_s = 0.0;
+    let (mut rules, mut stood_s) = (Rules::default(), 0.0);
     for tick in 0..(limit_s / STEP_S) as i64 {
         let now = Stamp::from_seconds(tick as f64 * STEP_S);
         let (x, y, heading) = walker.step(STEP_S, now);
@@ -86,7 +88,9 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
             voice.push(words.0, words.1, now);
         }
         judge.see(&walker, cue.as_ref(), guide.place().map(|m| m.along_m), now);
-        if let Some(said) = voice.poll(now) {
+        let said = voice.poll(now);
+        rules.see(cue.as_ref(), guide.state(), reading.stamp, said.as_ref(), phrases.language, now);
+        if let Some(said) = said {
             walker.hear(&said.text, now);
             judge.hear(&said, &walker, now);
         }
@@ -96,5 +100,7 @@ fn walk(route: &Route, cleaned: &CleanedRoute, config: &TrialConfig) -> Outcome 
             break;
         }
     }
-    judge.finish(&walker, guide.state() == cairn_guide::GuideState::Arrived)
+    let mut outcome = judge.finish(&walker, guide.state() == cairn_guide::GuideState::Arrived);
+    rules.finish(&mut outcome);
+    outcome
 }

@@ -82,6 +82,33 @@ fn a_slow_turn_around_has_progress_and_is_told_once() {
     assert!(left.len() > 15 && left.windows(2).all(|w| w[1] < w[0] + 1e-6), "{left:?}");
 }
 
+/// A correction to the same side is still being made while "turn left now" is said: it is not the turn, and the walker hears
+/// when to stop turning.
+#[test]
+fn a_correction_under_way_is_not_taken_for_the_turn() {
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.go(27.8, 1.0).turn(35.0, 40.0).stand(1.0).turn(60.0, 40.0).stand(1.0);
+    let words = walker.words();
+    let told = words.iter().position(|w| w == "Turn left now.").unwrap();
+    assert_eq!(words[told + 1..], ["Stop turning. Continue 20 metres to the end."], "{words:?}");
+}
+
+/// A corner of two bends, with the next turn a metre after it: who stands between the bends is turned to the leg after the corner,
+/// not to the piece between them.
+#[test]
+fn a_turn_between_two_bends_ends_at_the_leg_after_them() {
+    let corners = [[0., 0., 0.], [20., 0., 0.], [21.4, 1.4, 0.], [21.23, 2.4, 0.], [40., 2.4, 0.]];
+    let mut walker = ScriptedWalker::new(&corners, default_config());
+    walker.go(19.0, 1.0);
+    (walker.x, walker.y) = (20.9, 0.9);
+    walker.stand(1.5);
+    let began = walker.t;
+    walker.turn(100.0, 40.0).stand(1.0);
+    let stop = walker.cues.iter().find(|c| matches!(c.2.kind, CueKind::StopTurning(_))).unwrap();
+    let turned = 40.0 * (stop.0 - began);
+    assert!((45.0..65.0).contains(&turned), "{turned} degrees: {:?}", walker.words());
+}
+
 #[test]
 fn ignored_turn_is_repeated() {
     let mut walker = ScriptedWalker::on_test_route(default_config());

@@ -52,6 +52,20 @@ fn off_path_hysteresis_and_short_excursions() {
     assert_eq!(walker.count(|k| *k == CueKind::BackOnPath), 1);
 }
 
+/// Whoever comes back to the last leg from beside it would pass the end: they are turned to it once they are inside, not while the
+/// route still lies to the other side.
+#[test]
+fn a_walker_who_returns_is_not_turned_away_from_the_route_outside_of_it() {
+    let mut walker = ScriptedWalker::new(&[[0., 0., 0.], [30., 0., 0.]], default_config());
+    (walker.x, walker.y, walker.heading) = (14.0, -4.2, 0.5);
+    while walker.y < -1.55 {
+        walker.go(0.06, 1.2);
+    }
+    assert_eq!(walker.count(|k| matches!(k, CueKind::Adjust(_))), 0, "{:?}", walker.words());
+    walker.go(4.0, 1.2);
+    assert!(!walker.find("Bear right").is_empty(), "{:?}", walker.words());
+}
+
 #[test]
 fn wrong_way_after_two_metres() {
     let mut walker = ScriptedWalker::on_test_route(default_config());

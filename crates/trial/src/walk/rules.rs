@@ -1,0 +1,158 @@
+//! Rules that hold at every moment of a walk, whatever fails: how often each is broken.
+
+use super::judge::Outcome;
+use crate::walker::side_of;
+use cairn_guide::{Cue, CueKind, GuideState, Side, Utterance};
+use cairn_phrases::Language;
+use cairn_sensor::Stamp;
+use std::collections::BTreeMap;
+
+/// Nobody who is stopped or waits hears nothing for longer, seconds.
+const SILENT_S: f64 = 3.0;
+/// No sentence contradicts the one before it sooner than this, seconds.
+const CONTRADICTION_S: f64 = 3.0;
+/// Nobody who was sent on is stopped again sooner, seconds.
+const STOP_AND_GO_S: f64 = 1.0;
+/// No direction comes from an older pose, seconds.
+const POSE_S: f64 = 0.5;
+/// Whoever is said to have arrived stands within this of the true end, metres.
+const ARRIVED_M: f64 = 1.5;
+
+/// Watches one walk.
+#[derive(Debug, Default)]
+pub(crate) struct Rules {
+    /// Until when the voice speaks; moved on where silence was counted.
+    quiet_since: Stamp,
+    halted: bool,
+    went_on: Option<Stamp>,
+    side: Option<(Stamp, Side)>,
+    cue: Option<CueKind>,
+    broken: BTreeMap<&'static str, usize>,
+}
+
+impl Rules {
+    /// A step of the guide from a pose of this time, and what is said now.
+    pub(crate) fn see(
+        &mut self,
+        cue: Option<&Cue>,
+        state: GuideState,
+        pose: Stamp,
+        said: Option<&Utterance>,
+        language: Language,
+        now: Stamp,
+    ) {
+        let halted = matches!(state, GuideState::Stopped(_));
+        if halted && !self.halted && self.went_on.is_some_and(|at| now - at < STOP_AND_GO_S) {
+            self.count("stop and go");
+        }
+        if self.halted && !halted {
+            self.went_on = Some(now);
+        }
+        self.halted = halted;
+        if cue.is_some_and(|cue| cue.is_direction() && now - pose > POSE_S) {
+            self.count("direction from an old pose");
+        }
+        self.cue = cue.filter(|cue| !cue.kind.is_sound()).map(|cue| cue.kind).or(self.cue);
+        if let Some(said) = said {
+            self.hear(said, language, now);
+        }
+        let waits = halted || state == GuideState::Waiting;
+        if waits && now - self.quiet_since > SILENT_S {
+            self.count("silent while stopped");
+            self.quiet_since = now;
+        }
+        if !waits {
+            self.quiet_since = self.quiet_since.max(now);
+        }
+    }
+
+    fn hear(&mut self, said: &Utterance, language: Language, now: Stamp) {
+        let side = side_of(&said.text, language);
+        // A corner of the route turns to the side that it turns to, whatever correction came before it.
+        let corner = matches!(self.cue, Some(CueKind::TurnNow { .. }));
+        let against =
+            |(at, before): (Stamp, Side)| now - at < CONTRADICTION_S && side.is_some_and(|s| s != before);
+        if !corner && self.side.is_some_and(against) {
+            self.count("contradiction");
+        }
+        self.side = side.map(|side| (now, side));
+        self.quiet_since = now.plus_seconds(said.duration_s);
+    }
+
+    fn count(&mut self, rule: &'static str) {
+        *self.broken.entry(rule).or_default() += 1;
+    }
+
+    /// The walk has ended.
+    pub(crate) fn finish(mut self, outcome: &mut Outcome) {
+        if outcome.arrived && outcome.error_m > ARRIVED_M {
+            self.count("arrived elsewhere");
+        }
+        outcome.broken = self.broken;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_guide::{Facing, First, Priority, StopReason};
+
+    fn said(text: &str) -> Utterance {
+        let text = text.to_owned();
+        Utterance { text, priority: Priority::High, stamp: Stamp(0), duration_s: 1.0, interrupts: false }
+    }
+
+    fn broken(steps: &[(f64, GuideState, Option<CueKind>, f64, &str)]) -> Vec<&'static str> {
+        let mut rules = Rules::default();
+        for (t, state, kind, pose_s, text) in steps {
+            let now = Stamp::from_seconds(*t);
+            let cue = kind.map(|kind| Cue { stamp: now, facing: Facing::Home, kind });
+            let said = (!text.is_empty()).then(|| said(text));
+            let pose = Stamp::from_seconds(*pose_s);
+            rules.see(cue.as_ref(), *state, pose, said.as_ref(), Language::English, now);
+        }
+        let mut outcome = Outcome { arrived: true, error_m: 1.4, ..Outcome::default() };
+        rules.finish(&mut outcome);
+        outcome.broken.into_keys().collect()
+    }
+
+    #[test]
+    fn each_rule_is_broken_by_its_own_walk_and_none_by_a_good_one() {
+        let stopped = GuideState::Stopped(StopReason::TrackingLost);
+        let moving = GuideState::Moving;
+        let bear = Some(CueKind::Adjust(0.3));
+        let turn = Some(CueKind::TurnNow { turn_rad: -1.5, stairs: None });
+        let go = Some(CueKind::Resume(First::Turn(0.1)));
+        assert_eq!(
+            broken(&[(0.0, moving, bear, 0.0, "Bear left."), (2.0, moving, bear, 2.0, "Bear right.")]),
+            ["contradiction"]
+        );
+        assert_eq!(
+            broken(&[(0.0, stopped, None, 0.0, "Stop."), (4.5, stopped, None, 4.5, "")]),
+            ["silent while stopped"]
+        );
+        let to_and_fro = [
+            (0.0, stopped, None, 0.0, "Stop."),
+            (2.0, moving, go, 2.0, ""),
+            (2.5, stopped, None, 2.5, "Stop."),
+        ];
+        assert_eq!(broken(&to_and_fro), ["stop and go"]);
+        assert_eq!(broken(&[(1.0, moving, bear, 0.4, "Bear left.")]), ["direction from an old pose"]);
+        let good = [
+            (0.0, moving, bear, 0.0, "Bear left."),
+            (2.0, moving, turn, 1.6, "Turn right now."),
+            (5.5, stopped, None, 4.0, "Stop."),
+            (8.5, stopped, None, 4.0, "Stop."),
+            (11.0, moving, go, 11.0, "Turn left."),
+            (12.5, stopped, None, 11.0, "Stop."),
+        ];
+        assert!(broken(&good).is_empty(), "{:?}", broken(&good));
+    }
+
+    #[test]
+    fn nobody_arrives_elsewhere() {
+        let mut outcome = Outcome { arrived: true, error_m: 1.6, ..Outcome::default() };
+        Rules::default().finish(&mut outcome);
+        assert_eq!(outcome.broken.into_keys().collect::<Vec<_>>(), ["arrived elsewhere"]);
+    }
+}
