@@ -1,8 +1,10 @@
 //! Dense kernels of a front: factor its columns, and take their product from what is left.
 //!
 //! One source, compiled for what the processor has. Every sum runs in the same order with fused multiply-add whatever the
-//! vectors' width, so that the bits are the same on every machine; a processor without the instruction is only slower.
+//! vectors' width, so that the bits are the same on every machine; where there is no such instruction, by [`fused`].
 //! Matrices are column-major slices with a leading dimension.
+
+use super::fused::{fits, fused};
 
 /// Columns factored one by one before the next ones are updated by a product.
 const BLOCK: usize = 12;
@@ -22,7 +24,12 @@ pub fn factor_front(panel: &mut [f64], rest: &mut [f64], m: usize, k: usize) -> 
             return wide::avx2(panel, rest, m, k);
         }
     }
-    factor_with::<8>(panel, rest, m, k)
+    // Every 64-bit ARM processor has the instruction, WebAssembly has none.
+    if cfg!(target_arch = "aarch64") {
+        factor_with::<8, true>(panel, rest, m, k)
+    } else {
+        factor_with::<2, false>(panel, rest, m, k)
+    }
 }
 
 /// The same code with wider instructions.
@@ -35,7 +42,7 @@ mod wide {
     pub fn avx512(panel: &mut [f64], rest: &mut [f64], m: usize, k: usize) -> bool {
         #[target_feature(enable = "avx512f")]
         fn inner(panel: &mut [f64], rest: &mut [f64], m: usize, k: usize) -> bool {
-            factor_with::<16>(panel, rest, m, k)
+            factor_with::<16, true>(panel, rest, m, k)
         }
         assert!(is_x86_feature_detected!("avx512f"));
         // SAFETY: the processor has the feature; the function itself is safe code.
@@ -47,7 +54,7 @@ mod wide {
     pub fn avx2(panel: &mut [f64], rest: &mut [f64], m: usize, k: usize) -> bool {
         #[target_feature(enable = "avx2,fma")]
         fn inner(panel: &mut [f64], rest: &mut [f64], m: usize, k: usize) -> bool {
-            factor_with::<8>(panel, rest, m, k)
+            factor_with::<8, true>(panel, rest, m, k)
         }
         assert!(is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"));
         // SAFETY: the processor has the features; the function itself is safe code.
@@ -56,13 +63,18 @@ mod wide {
 }
 
 #[inline(always)]
-fn factor_with<const ROWS: usize>(panel: &mut [f64], rest: &mut [f64], m: usize, k: usize) -> bool {
+fn factor_with<const ROWS: usize, const HAS_FMA: bool>(
+    panel: &mut [f64],
+    rest: &mut [f64],
+    m: usize,
+    k: usize,
+) -> bool {
     let mut from = 0;
     while from < k {
         let width = BLOCK.min(k - from);
         let (done, now) = panel.split_at_mut(from * m);
         // Contributions of the columns before.
-        subtract_product::<ROWS>(
+        subtract_product::<ROWS, HAS_FMA>(
             &mut now[from..],
             m,
             &done[from.min(done.len())..],
@@ -71,29 +83,31 @@ fn factor_with<const ROWS: usize>(panel: &mut [f64], rest: &mut [f64], m: usize,
             width,
             from,
         );
-        if !factor_columns(now, m, from, width) {
+        if !factor_columns::<HAS_FMA>(now, m, from, width) {
             return false;
         }
         from += width;
     }
     let below = m - k;
     if below > 0 {
-        subtract_product::<ROWS>(rest, below, &panel[k..], m, below, below, k);
+        subtract_product::<ROWS, HAS_FMA>(rest, below, &panel[k..], m, below, below, k);
     }
     true
 }
 
 /// Factors `width` columns whose first diagonal entry stands at row `from`.
 #[inline(always)]
-fn factor_columns(columns: &mut [f64], ld: usize, from: usize, width: usize) -> bool {
+fn factor_columns<const HAS_FMA: bool>(columns: &mut [f64], ld: usize, from: usize, width: usize) -> bool {
     for j in 0..width {
         let (before, column) = columns.split_at_mut(j * ld);
         let column = &mut column[from + j..ld];
         for p in 0..j {
             let left = &before[p * ld + from + j..(p + 1) * ld];
             let factor = -left[0];
-            for (c, l) in column.iter_mut().zip(left) {
-                *c = l.mul_add(factor, *c);
+            if HAS_FMA || !all_fit(left) {
+                column.iter_mut().zip(left).for_each(|(c, l)| *c = l.mul_add(factor, *c));
+            } else {
+                column.iter_mut().zip(left).for_each(|(c, l)| *c = fused(*l, factor, *c));
             }
         }
         let pivot = column[0];
@@ -112,7 +126,7 @@ fn factor_columns(columns: &mut [f64], ld: usize, from: usize, width: usize) -> 
 /// `c -= a * a[..n]^T`: `c` has `m` rows and `n` columns, `a` has `m` rows and `depth` columns. Only what is on and below
 /// the diagonal is sure to be computed.
 #[inline(always)]
-fn subtract_product<const ROWS: usize>(
+fn subtract_product<const ROWS: usize, const HAS_FMA: bool>(
     c: &mut [f64],
     ldc: usize,
     a: &[f64],
@@ -124,26 +138,43 @@ fn subtract_product<const ROWS: usize>(
     if depth == 0 {
         return;
     }
+    if !HAS_FMA && !(0..depth).all(|p| all_fit(&a[p * lda..p * lda + m])) {
+        return subtract_slowly(c, ldc, a, lda, m, n, depth);
+    }
     let mut column = 0;
     while column < n {
         let width = COLUMNS.min(n - column);
         let (c, b) = (&mut c[column * ldc..], &a[column..]);
         match width {
-            6 => strip::<ROWS, 6>(c, ldc, a, b, lda, column, m, depth),
-            5 => strip::<ROWS, 5>(c, ldc, a, b, lda, column, m, depth),
-            4 => strip::<ROWS, 4>(c, ldc, a, b, lda, column, m, depth),
-            3 => strip::<ROWS, 3>(c, ldc, a, b, lda, column, m, depth),
-            2 => strip::<ROWS, 2>(c, ldc, a, b, lda, column, m, depth),
-            _ => strip::<ROWS, 1>(c, ldc, a, b, lda, column, m, depth),
+            6 => strip::<ROWS, 6, HAS_FMA>(c, ldc, a, b, lda, column, m, depth),
+            5 => strip::<ROWS, 5, HAS_FMA>(c, ldc, a, b, lda, column, m, depth),
+            4 => strip::<ROWS, 4, HAS_FMA>(c, ldc, a, b, lda, column, m, depth),
+            3 => strip::<ROWS, 3, HAS_FMA>(c, ldc, a, b, lda, column, m, depth),
+            2 => strip::<ROWS, 2, HAS_FMA>(c, ldc, a, b, lda, column, m, depth),
+            _ => strip::<ROWS, 1, HAS_FMA>(c, ldc, a, b, lda, column, m, depth),
         }
         column += width;
     }
 }
 
+/// [`subtract_product`] for numbers of any size.
+fn subtract_slowly(c: &mut [f64], ldc: usize, a: &[f64], lda: usize, m: usize, n: usize, depth: usize) {
+    for j in 0..n {
+        for i in j..m {
+            let sum = (0..depth).fold(0.0, |sum, p| a[p * lda + i].mul_add(a[p * lda + j], sum));
+            c[j * ldc + i] -= sum;
+        }
+    }
+}
+
+fn all_fit(numbers: &[f64]) -> bool {
+    numbers.iter().fold(true, |all, &v| all & fits(v))
+}
+
 /// `N` columns of the product, rows `from..m`.
 #[inline(always)]
 #[allow(clippy::too_many_arguments)]
-fn strip<const ROWS: usize, const N: usize>(
+fn strip<const ROWS: usize, const N: usize, const HAS_FMA: bool>(
     c: &mut [f64],
     ldc: usize,
     a: &[f64],
@@ -155,29 +186,29 @@ fn strip<const ROWS: usize, const N: usize>(
 ) {
     let mut row = from;
     while row + ROWS <= m {
-        tile::<ROWS, N>(&mut c[row..], ldc, &a[row..], b, lda, depth);
+        tile::<ROWS, N, HAS_FMA>(&mut c[row..], ldc, &a[row..], b, lda, depth);
         row += ROWS;
     }
     if ROWS > 8 && row + 8 <= m {
-        tile::<8, N>(&mut c[row..], ldc, &a[row..], b, lda, depth);
+        tile::<8, N, HAS_FMA>(&mut c[row..], ldc, &a[row..], b, lda, depth);
         row += 8;
     }
     if row + 4 <= m {
-        tile::<4, N>(&mut c[row..], ldc, &a[row..], b, lda, depth);
+        tile::<4, N, HAS_FMA>(&mut c[row..], ldc, &a[row..], b, lda, depth);
         row += 4;
     }
     if row + 2 <= m {
-        tile::<2, N>(&mut c[row..], ldc, &a[row..], b, lda, depth);
+        tile::<2, N, HAS_FMA>(&mut c[row..], ldc, &a[row..], b, lda, depth);
         row += 2;
     }
     if row < m {
-        tile::<1, N>(&mut c[row..], ldc, &a[row..], b, lda, depth);
+        tile::<1, N, HAS_FMA>(&mut c[row..], ldc, &a[row..], b, lda, depth);
     }
 }
 
 /// `M` rows and `N` columns of the product, held in registers.
 #[inline(always)]
-fn tile<const M: usize, const N: usize>(
+fn tile<const M: usize, const N: usize, const HAS_FMA: bool>(
     c: &mut [f64],
     ldc: usize,
     a: &[f64],
@@ -197,7 +228,8 @@ fn tile<const M: usize, const N: usize>(
         };
         for j in 0..N {
             for i in 0..M {
-                sum[j][i] = a[i].mul_add(b[j], sum[j][i]);
+                sum[j][i] =
+                    if HAS_FMA { a[i].mul_add(b[j], sum[j][i]) } else { fused(a[i], b[j], sum[j][i]) };
             }
         }
     }
@@ -245,11 +277,16 @@ mod tests {
     #[test]
     fn bits_do_not_depend_on_the_instructions() {
         let (m, k) = (71, 38);
-        let ((mut a, mut ra), (mut b, mut rb)) = (front(m, k), front(m, k));
-        assert!(factor_front(&mut a, &mut ra, m, k) && factor_with::<8>(&mut b, &mut rb, m, k));
-        let lower = |j: usize, ld: usize| j * ld + j..(j + 1) * ld;
-        assert!((0..k).all(|j| a[lower(j, m)] == b[lower(j, m)]));
-        assert!((0..m - k).all(|j| ra[lower(j, m - k)] == rb[lower(j, m - k)]));
+        // Products of the second matrix have errors that underflow.
+        for scale in [1.0, 1e-280] {
+            let (mut a, mut ra) = front(m, k);
+            a.iter_mut().chain(&mut ra).for_each(|v| *v *= scale);
+            let (mut b, mut rb) = (a.clone(), ra.clone());
+            assert!(factor_front(&mut a, &mut ra, m, k) && factor_with::<2, false>(&mut b, &mut rb, m, k));
+            let lower = |j: usize, ld: usize| j * ld + j..(j + 1) * ld;
+            assert!((0..k).all(|j| a[lower(j, m)] == b[lower(j, m)]));
+            assert!((0..m - k).all(|j| ra[lower(j, m - k)] == rb[lower(j, m - k)]));
+        }
     }
 
     #[test]

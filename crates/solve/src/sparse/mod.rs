@@ -5,6 +5,7 @@
 
 mod dense;
 mod factor;
+mod fused;
 mod order;
 mod symbolic;
 

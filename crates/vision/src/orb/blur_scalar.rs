@@ -5,23 +5,24 @@ pub(super) const KERNEL: [u8; 4] = [9, 17, 24, 28];
 
 /// Vertical pass, from column `from` on.
 pub(super) fn columns(rows: [&[u8]; 7], out: &mut [u8], from: usize) {
-    for x in from..rows[0].len() {
-        out[x] = weighted_sum(rows.map(|r| r[x]));
-    }
+    let n = rows[0].len();
+    weighted_sums(rows.map(|r| &r[from..]), &mut out[from..n]);
 }
 
 /// Horizontal pass: output pixel `x` is computed from scratch pixels `x` to `x + 6`.
 pub(super) fn row(scratch: &[u8], out: &mut [u8]) {
-    for (out, p) in out.iter_mut().zip(scratch.windows(7)) {
-        *out = weighted_sum(std::array::from_fn(|k| p[k]));
-    }
+    weighted_sums(std::array::from_fn(|k| &scratch[k..]), out);
 }
 
-fn weighted_sum(p: [u8; 7]) -> u8 {
-    let p = p.map(|v| v as u32);
-    let k = KERNEL.map(|v| v as u32);
-    let sum = (p[0] + p[6]) * k[0] + (p[1] + p[5]) * k[1] + (p[2] + p[4]) * k[2] + p[3] * k[3];
-    ((sum + 64) >> 7) as u8
+/// Each row is at least as long as `out`. Sums fit sixteen bits, so that compilers compute eight or more at once.
+fn weighted_sums(rows: [&[u8]; 7], out: &mut [u8]) {
+    let rows = rows.map(|r| &r[..out.len()]);
+    let k = KERNEL.map(|v| v as u16);
+    for x in 0..out.len() {
+        let p = rows.map(|r| r[x] as u16);
+        let sum = (p[0] + p[6]) * k[0] + (p[1] + p[5]) * k[1] + (p[2] + p[4]) * k[2] + p[3] * k[3];
+        out[x] = ((sum + 64) >> 7) as u8;
+    }
 }
 
 #[cfg(test)]

@@ -34,22 +34,44 @@ pub(super) fn describe(
         Backend::Scalar => {}
     }
     let _ = backend;
-    let value = |x: i8, y: i8| data[centre.wrapping_add_signed(offset([x, y], direction, stride))];
-    let mut out = [0u8; 32];
-    for (byte, tests) in out.iter_mut().zip(PATTERN.chunks_exact(8)) {
-        for (bit, &[x0, y0, x1, y1]) in tests.iter().enumerate() {
-            *byte |= ((value(x0, y0) < value(x1, y1)) as u8) << bit;
+    // Apart from the look-up, so that compilers compute four or more at once.
+    let mut offsets = [0; 2 * TESTS];
+    for (offset, (x, y)) in offsets.iter_mut().zip(POINTS[0].iter().zip(&POINTS[1])) {
+        *offset = rotated([*x, *y], direction, stride as i32);
+    }
+    let value = |k: usize| data[centre.wrapping_add_signed(offsets[k] as isize)];
+    let mut out = [0u8; TESTS / 8];
+    for (byte, first) in out.iter_mut().zip((0..TESTS).step_by(8)) {
+        for bit in 0..8 {
+            *byte |= ((value(first + bit) < value(TESTS + first + bit)) as u8) << bit;
         }
     }
     out
 }
 
+const TESTS: usize = PATTERN.len();
+
+/// x and y of the first points of all tests, then of the second ones.
+static POINTS: [[i16; 2 * TESTS]; 2] = {
+    let mut out = [[0; 2 * TESTS]; 2];
+    let mut i = 0;
+    while i < TESTS {
+        let mut k = 0;
+        while k < 4 {
+            out[k % 2][k / 2 * TESTS + i] = PATTERN[i][k] as i16;
+            k += 1;
+        }
+        i += 1;
+    }
+    out
+};
+
 /// Offset in the image data of a rotated pattern point.
-fn offset([x, y]: [i8; 2], [c, s]: [i16; 2], stride: usize) -> isize {
+fn rotated([x, y]: [i16; 2], [c, s]: [i16; 2], stride: i32) -> i32 {
     let (x, y, c, s) = (x as i32, y as i32, c as i32, s as i32);
     let rotated_x = (x * c - y * s + 8192) >> 14;
     let rotated_y = (x * s + y * c + 8192) >> 14;
-    rotated_y as isize * stride as isize + rotated_x as isize
+    rotated_y * stride + rotated_x
 }
 
 #[cfg(test)]
@@ -68,8 +90,8 @@ mod tests {
 
     #[test]
     fn rotation_by_right_angles_is_exact() {
-        assert_eq!(offset([3, -5], [16384, 0], 100), -5 * 100 + 3);
-        assert_eq!(offset([3, -5], [0, 16384], 100), 3 * 100 + 5);
-        assert_eq!(offset([3, -5], [-16384, 0], 100), 5 * 100 - 3);
+        assert_eq!(rotated([3, -5], [16384, 0], 100), -5 * 100 + 3);
+        assert_eq!(rotated([3, -5], [0, 16384], 100), 3 * 100 + 5);
+        assert_eq!(rotated([3, -5], [-16384, 0], 100), 5 * 100 - 3);
     }
 }

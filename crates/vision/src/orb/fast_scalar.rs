@@ -57,15 +57,18 @@ pub(super) fn five_scores(image: &GrayImage, x: usize, y: usize) -> [u8; 5] {
 /// See `peaks` in [`super::fast`].
 pub(super) fn peaks(rows: [&[u8]; 3], y: usize, x0: usize, x1: usize, out: &mut Vec<Corner>) {
     let [above, here, below] = rows;
-    for x in x0..x1 {
-        let s = here[x];
-        if s == 0 {
+    for start in (x0..x1).step_by(LANES) {
+        // Nearly all pixels are no corners.
+        if here[start..start + LANES].iter().fold(0, |any, &s| any | s) == 0 {
             continue;
         }
-        let before = above[x - 1].max(above[x]).max(above[x + 1]).max(here[x - 1]);
-        let after = below[x - 1].max(below[x]).max(below[x + 1]).max(here[x + 1]);
-        if s > before && s >= after {
-            out.push(Corner { x: x as u16, y: y as u16, score: s });
+        for x in start..(start + LANES).min(x1) {
+            let s = here[x];
+            let before = above[x - 1].max(above[x]).max(above[x + 1]).max(here[x - 1]);
+            let after = below[x - 1].max(below[x]).max(below[x + 1]).max(here[x + 1]);
+            if s > before && s >= after {
+                out.push(Corner { x: x as u16, y: y as u16, score: s });
+            }
         }
     }
 }
@@ -99,7 +102,7 @@ impl Lanes {
 
     #[inline(always)]
     fn any_above(self, threshold: u8) -> bool {
-        self.0.iter().fold(0, |m, &v| m.max(v)) > threshold
+        self.0.iter().fold(false, |any, &v| any | (v > threshold))
     }
 }
 
@@ -107,9 +110,11 @@ impl Lanes {
 fn score_block(image: &GrayImage, x: usize, y: usize, threshold: u8) -> Lanes {
     let (w, data) = (image.width() as isize, image.data());
     let at = |dx: isize, dy: isize| {
-        let start = (y * image.width() + x).wrapping_add_signed(dy * w + dx);
+        // As much as any point of the circle needs of its row: one check of the bounds for each row.
+        let start = (y * image.width() + x - 3).wrapping_add_signed(dy * w);
+        let row = &data[start..start + LANES + 6];
         let mut lanes = [0; LANES];
-        lanes.copy_from_slice(&data[start..start + LANES]);
+        lanes.copy_from_slice(&row[3usize.wrapping_add_signed(dx)..][..LANES]);
         Lanes(lanes)
     };
     let ring = |k: usize| at(CIRCLE[k][0], CIRCLE[k][1]);

@@ -6,8 +6,8 @@
 //! (sub-pixel refinement), `orientation` (intensity centroid), `blur` and `descriptor` (steered
 //! BRIEF; both after Rublee et al., "ORB: an efficient alternative to SIFT or SURF", ICCV 2011).
 //!
-//! Every hot loop exists twice: portable Rust, and AVX2 selected at run time; those that gain most by it a third time, for
-//! AVX-512. All are bit-identical.
+//! Every hot loop exists twice: portable Rust, written such that compilers vectorise it for other processors and for
+//! WebAssembly, and AVX2 selected at run time; those that gain most by it a third time, for AVX-512. All are bit-identical.
 
 mod backend;
 mod blur;
@@ -46,6 +46,8 @@ mod resize;
 #[cfg(target_arch = "x86_64")]
 mod resize_avx2;
 mod resize_scalar;
+#[cfg(target_feature = "simd128")]
+mod resize_simd128;
 mod subpixel;
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::Backend;
 use cairn_sensor::GrayImage;
 
-/// First moments `[m10, m01]` of the disc around a pixel at least [`RADIUS`](super::orientation_scalar::RADIUS) from the edge (at least 16 for AVX2).
+/// First moments `[m10, m01]` of the disc around a pixel at least 16 from the edge.
 pub(super) fn moments(image: &GrayImage, x: usize, y: usize, backend: Backend) -> [i32; 2] {
     #[cfg(target_arch = "x86_64")]
     match backend {

@@ -1,26 +1,9 @@
 //! AVX2 version of [`super::orientation`], identical results.
 #![allow(unsafe_code)]
 
-use super::orientation_scalar::{HALF_WIDTH, RADIUS};
+use super::orientation_scalar::{MASK, RADIUS};
 use cairn_sensor::GrayImage;
 use std::arch::x86_64::*;
-
-/// For each distance from the middle row: all ones for pixels in the disc, of the 32 starting 16 left of the centre.
-static MASK: [[u8; 32]; RADIUS + 1] = masks();
-
-const fn masks() -> [[u8; 32]; RADIUS + 1] {
-    let mut out = [[0; 32]; RADIUS + 1];
-    let mut dy = 0;
-    while dy <= RADIUS {
-        let mut i = 16 - HALF_WIDTH[dy];
-        while i <= 16 + HALF_WIDTH[dy] {
-            out[dy][i] = 255;
-            i += 1;
-        }
-        dy += 1;
-    }
-    out
-}
 
 /// Distance of each of the 32 pixels from the centre column.
 static WEIGHT: [i8; 32] = {

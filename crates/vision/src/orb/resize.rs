@@ -19,6 +19,8 @@ pub(super) struct Resize {
     scratch: Vec<u8>,
     #[cfg(target_arch = "x86_64")]
     blocks: Option<Vec<super::resize_avx2::Block>>,
+    #[cfg(target_feature = "simd128")]
+    blocks: Option<Vec<super::resize_simd128::Block>>,
 }
 
 impl Resize {
@@ -31,6 +33,8 @@ impl Resize {
             source,
             #[cfg(target_arch = "x86_64")]
             blocks: super::resize_avx2::plan(&columns),
+            #[cfg(target_feature = "simd128")]
+            blocks: super::resize_simd128::plan(&columns),
             columns,
             rows,
             scratch: vec![0; source[0] + SLACK],
@@ -55,6 +59,11 @@ impl Resize {
             }
             let _ = backend;
             combine_rows(rows, tap.weights, &mut self.scratch, 0);
+            #[cfg(target_feature = "simd128")]
+            if let Some(blocks) = &self.blocks {
+                super::resize_simd128::combine_columns(&self.scratch, blocks, &self.columns, out.row_mut(y));
+                continue;
+            }
             combine_columns(&self.scratch, &self.columns, out.row_mut(y), 0);
         }
     }
