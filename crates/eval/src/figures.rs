@@ -3,9 +3,8 @@
 use crate::chart::{Labels, Mark, Series, histogram, line_chart};
 use crate::evaluate::Evaluation;
 use crate::percentiles::Percentiles;
-use crate::plan::{Marker, Plan, PlanLine};
-use crate::svg::{Figure, Tone};
-use cairn_geometry::{Vec2, Vec3};
+use crate::svg::Figure;
+use cairn_geometry::Vec3;
 
 /// The axes of a top view: the two with the largest extent of the points, in the order x, y, z.
 pub fn widest_axes(points: impl IntoIterator<Item = Vec3>) -> (usize, usize) {
@@ -26,58 +25,6 @@ pub fn widest_axes(points: impl IntoIterator<Item = Vec3>) -> (usize, usize) {
         1 => (0, 2),
         _ => (1, 2),
     }
-}
-
-/// Estimate and ground truth, projected along the axis with the smallest extent. Gaps of more than a second are not
-/// connected.
-pub fn trajectory_view(title: &str, evaluation: &Evaluation) -> Figure {
-    let (i, j) = widest_axes(evaluation.errors.iter().map(|e| e.reference));
-    let name = |axis: usize| ["x", "y", "z"][axis].to_owned();
-    let with_gaps = |of: fn(&crate::PairError) -> Vec3| {
-        let mut points: Vec<Vec2> = Vec::with_capacity(evaluation.errors.len());
-        let mut last_ns: Option<i64> = None;
-        for e in &evaluation.errors {
-            if last_ns.is_some_and(|l| e.stamp_ns.abs_diff(l) > 1_000_000_000) {
-                points.push(Vec2::repeat(f64::NAN));
-            }
-            last_ns = Some(e.stamp_ns);
-            let p = of(e);
-            points.push(Vec2::new(p[i], p[j]));
-        }
-        points
-    };
-    let truth = with_gaps(|e| e.reference);
-    let start = truth.first().copied();
-    let lines = vec![
-        PlanLine {
-            label: "ground truth".into(),
-            points: truth,
-            tone: Tone::Truth,
-            broad: true,
-            ..PlanLine::default()
-        },
-        PlanLine {
-            label: "estimate, aligned".into(),
-            points: with_gaps(|e| e.estimate),
-            tone: Tone::First,
-            ..PlanLine::default()
-        },
-    ];
-    let plan = Plan {
-        title: title.to_owned(),
-        description: format!(
-            "Estimated trajectory and ground truth, {:.1} m of path, {} pairs; the RMSE of the distance is {:.4} m.",
-            evaluation.path_m, evaluation.pairs, evaluation.ate_m.rmse
-        ),
-        axes: (name(i), name(j)),
-        lines,
-        markers: start
-            .map(|at| Marker { label: "start".into(), at, tone: Tone::Third })
-            .into_iter()
-            .collect(),
-        ..Plan::default()
-    };
-    plan.figure()
 }
 
 /// Distance to the ground truth over time.
@@ -159,12 +106,6 @@ mod tests {
             }
         }
         let result = evaluate(&truth, &estimate, &EvalOptions::default()).unwrap();
-        let view = trajectory_view("view", &result).standalone();
-        assert_eq!(
-            (view.matches("stroke-width=\"2.2\"").count(), view.matches("stroke-width=\"6\"").count()),
-            (2, 3)
-        );
-        assert!(view.contains("x to the right, z up"));
         let over_time = error_over_time("error", &result).standalone();
         assert_eq!(over_time.matches("line sa").count(), 2);
     }

@@ -30,7 +30,7 @@ pub use evaluate::{
     Align, Association, EvalOptions, Evaluation, PairError, evaluate, evaluate_files, reference_for,
     tracked_fraction,
 };
-pub use figures::{error_over_time, times_histogram, times_over_frames, trajectory_view, widest_axes};
+pub use figures::{error_over_time, times_histogram, times_over_frames, widest_axes};
 pub use header::TrajectoryHeader;
 pub use html::{Page, Said};
 pub use load::load_trajectory;

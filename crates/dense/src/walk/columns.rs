@@ -92,11 +92,6 @@ impl Columns {
         self.side
     }
 
-    /// The window that was sampled.
-    pub fn window(&self) -> &Window {
-        &self.window
-    }
-
     /// Spans of a cell from below; none outside the window.
     pub fn spans(&self, x: usize, y: usize) -> &[Span] {
         if x >= self.side || y >= self.side {
@@ -109,11 +104,5 @@ impl Columns {
     /// Centre of a cell in the level frame, in metres.
     pub fn centre_m(&self, x: usize, y: usize) -> [f64; 2] {
         [x, y].map(|v| (v as f64 + 0.5) * self.window.cell_m - self.window.half_m)
-    }
-
-    /// The cell that contains a point of the level frame.
-    pub fn cell(&self, x_m: f64, y_m: f64) -> Option<[usize; 2]> {
-        let at = [x_m, y_m].map(|v| ((v + self.window.half_m) / self.window.cell_m).floor());
-        at.iter().all(|&v| v >= 0.0 && v < self.side as f64).then(|| at.map(|v| v as usize))
     }
 }

@@ -39,11 +39,6 @@ impl Texture {
         }
         Self { levels }
     }
-
-    /// Bytes held.
-    pub fn bytes(&self) -> usize {
-        self.levels.iter().map(|l| l.texels.len()).sum()
-    }
 }
 
 impl Level {

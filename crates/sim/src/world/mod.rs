@@ -135,14 +135,4 @@ impl World {
         }
         best
     }
-
-    /// Number of flat faces.
-    pub fn face_count(&self) -> usize {
-        self.faces.len()
-    }
-
-    /// Bytes of textures held.
-    pub fn texture_bytes(&self) -> usize {
-        self.textures.iter().map(Texture::bytes).sum()
-    }
 }
