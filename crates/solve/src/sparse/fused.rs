@@ -61,7 +61,7 @@ mod tests {
     fn equals_the_instruction() {
         let mut random = Random::new(44);
         // Mantissas of few bits too, for ties.
-        let mut number = |exponents: f64, random: &mut Random| {
+        let number = |exponents: f64, random: &mut Random| {
             let exponent = random.uniform(-exponents, exponents) as i32;
             let mantissa = match random.below(5) {
                 0 => 0.0,
