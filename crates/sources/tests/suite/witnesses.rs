@@ -186,3 +186,22 @@ fn repeated_pictures_are_left_out_while_the_imu_turns_and_no_reading_is() {
     assert_eq!(readings(&before), readings(&after));
     assert!(skips.iter().any(|s| s.kind == SkipKind::Other && s.first.contains("bit by bit")), "{skips:?}");
 }
+
+#[test]
+fn a_part_of_the_picture_that_stays_the_same_while_the_rest_moves_is_doubted() {
+    let simulated = "sim:office?sensor=mono&duration=6&rate=10";
+    for name in sources(simulated, &["euroc-mh01", "kitti-a", "atrium"]) {
+        let found = doubts(&name, as_it_is, |_, packet| {
+            // A logo of 96x64 pixels whose letters are 8 pixels wide.
+            let mut image = GrayImage::clone(&packet.images[0]);
+            let bottom = image.height() - 80;
+            for y in 0..64 {
+                let letters = (0..96).map(|x| 40 + 170 * u8::from((x / 8 * 7 + y / 8 * 5) % 4 < 2));
+                image.row_mut(bottom + y)[32..128].iter_mut().zip(letters).for_each(|(px, v)| *px = v);
+            }
+            packet.images[0] = Arc::new(image);
+        });
+        let found: Vec<&String> = found.iter().filter(|d| d.contains("stay the same")).collect();
+        assert!(matches!(&found[..], [one] if one.contains("parts of 16x16 pixels")), "{name}: {found:?}");
+    }
+}
