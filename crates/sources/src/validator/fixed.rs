@@ -12,7 +12,7 @@ const SIDE: usize = 16;
 /// Seconds between two looks, and looks at one first picture: four seconds.
 const APART_S: f64 = 0.5;
 const LOOKS: usize = 8;
-/// Standard deviation of a block that shows something, grey levels: a plain wall with the noise of a sensor has 2 to 4, and two pictures differ by it.
+/// Standard deviation of a block that shows something, grey levels: well above the noise of a sensor, by which two pictures differ.
 const LEAST_CONTRAST: f64 = 15.0;
 /// A block is the same while it differs by less, and another from more on, in standard deviations of what it showed at first.
 const SAME: f64 = 0.3;
