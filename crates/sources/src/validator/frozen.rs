@@ -8,8 +8,7 @@ use std::sync::Arc;
 const REPEATED: usize = 3;
 /// For so long without an IMU that turns meanwhile, seconds.
 const STILL_S: f64 = 1.0;
-/// What an IMU turns meanwhile, radians and rad/s: the bias of a phone's gyroscope is half of that, and EuRoC MH_01 is shaken by ten
-/// times as much.
+/// What an IMU turns meanwhile, radians and rad/s: more than the bias of a gyroscope makes of rest.
 const TURNED_RAD: f64 = 0.05;
 const TURNING_RAD_S: f64 = 0.05;
 

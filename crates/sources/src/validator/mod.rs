@@ -2,6 +2,7 @@
 //! synchronised, depth that is missing or in another unit, pictures that do not change, a pair that is not the calibrated one. Each
 //! doubt is reported once, as text with numbers.
 
+mod fixed;
 mod frozen;
 mod pair;
 mod unit;
@@ -11,6 +12,7 @@ use cairn_sensor::{
     DepthSensor, FramePacket, ImuSample, ImuSensor, Live, Rig, SkipKind, Skipped, Skips, Source, SourceError,
     SourceInfo, Stamp,
 };
+use fixed::FixedWatch;
 use frozen::FrozenWatch;
 use pair::PairWatch;
 use std::sync::Arc;
@@ -149,6 +151,7 @@ pub struct PacketValidator {
     imu: Option<(ImuWatch, ImuSensor)>,
     depth: Option<(DepthWatch, DepthSensor)>,
     frozen: Vec<FrozenWatch>,
+    fixed: FixedWatch,
     unit: UnitWatch,
     pair: Option<PairWatch>,
     may_lack_imu: bool,
@@ -161,6 +164,7 @@ impl PacketValidator {
             imu: rig.imu.clone().map(|sensor| (ImuWatch::default(), sensor)),
             depth: rig.depth.clone().map(|sensor| (DepthWatch::default(), sensor)),
             frozen: rig.cameras.iter().enumerate().map(|(k, c)| FrozenWatch::new(k, &c.name)).collect(),
+            fixed: FixedWatch::new(rig.cameras.first().map_or("", |c| &c.name)),
             unit: UnitWatch::default(),
             pair: PairWatch::new(rig),
             may_lack_imu: false,
@@ -174,6 +178,7 @@ impl PacketValidator {
         let depth = if depth_is_seen { self.depth_doubt() } else { None };
         let mut doubts: Vec<String> = depth.into_iter().collect();
         doubts.extend(self.frozen.iter_mut().filter_map(|watch| watch.packet(packet)));
+        doubts.extend(self.fixed.packet(packet));
         doubts.extend(self.unit.packet(packet));
         doubts.extend(self.pair.as_mut().and_then(|watch| watch.packet(packet)));
         doubts.extend(if imu_is_seen { self.imu_doubts() } else { Vec::new() });

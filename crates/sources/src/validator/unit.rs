@@ -9,7 +9,7 @@ const STEP: usize = 8;
 const MOST_APART_S: f64 = 0.5;
 /// The part of the compared pixels that has to have depth in both.
 const LEAST_PART: f64 = 0.1;
-/// Factors nearer to one are those of motion: 1.06 is the largest of 300 images of a Kinect in the hand.
+/// Factors nearer to one may be those of motion; no image of 7-Scenes' kitchen is doubted (300 of a Kinect in the hand).
 const LEAST_FACTOR: f64 = 1.25;
 /// How far the depths of an image are spread at least, in logarithms between their quartiles: before a wall anything that covers the
 /// camera looks like another unit.
