@@ -38,11 +38,7 @@ impl Follower {
         // After a turn the first step is off by the overshoot; the line is judged once the walker moves along it.
         let rested = since(self.memory.last_direction, now.stamp) >= 2.0;
         let off = self.off_line(now);
-        if !self.backwards()
-            || !rested
-            || off.abs() <= self.config.backwards_off_m
-            || self.corner_here(now).is_some()
-        {
+        if !self.backwards() || !rested || off.abs() <= self.config.backwards_off_m {
             return None;
         }
         // Beyond a corner or the end the line is not beside the walker.
@@ -103,7 +99,7 @@ impl Follower {
         if let Some(kind) = self.turn_now(now) {
             return Some(kind);
         }
-        if self.off_line(now).abs() > 0.6 * self.config.backwards_off_m && self.corner_here(now).is_none() {
+        if self.off_line(now).abs() > 0.6 * self.config.backwards_off_m {
             return self.aside(now);
         }
         self.go_or_rotate(now)

@@ -148,6 +148,10 @@ impl Follower {
 
     /// The corner with several bends in which the walker is, once they were told to turn there.
     pub(crate) fn corner_here(&self, now: &Now) -> Option<&Maneuver> {
+        // Backwards, slow and turned exactly, walkers do better by the piece that they are on.
+        if self.backwards() {
+            return None;
+        }
         let told = self.plan.maneuvers().get(self.next.checked_sub(1)?)?;
         (told.at_m..told.end_m).contains(&now.at.along_m).then_some(told)
     }

@@ -81,7 +81,7 @@ impl Follower {
     /// unless they come far too steeply.
     pub(crate) fn turns_away(&self, now: &Now, turn: f64) -> bool {
         let s = &self.config;
-        let outside = now.at.cross_m.abs() > if self.backwards() { s.backwards_off_m } else { s.off_m };
+        let outside = now.at.cross_m.abs() > s.off_m && !self.backwards();
         let returns = now.walker.turn_to(now.at.heading) * now.at.cross_m > 0.0;
         outside && returns && turn * now.at.cross_m > 0.0 && turn.abs().to_degrees() <= s.adjust_far_deg
     }

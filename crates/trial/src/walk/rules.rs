@@ -68,11 +68,12 @@ impl Rules {
 
     fn hear(&mut self, said: &Utterance, language: Language, now: Stamp) {
         let side = side_of(&said.text, language);
-        // A corner of the route turns to the side that it turns to, whatever correction came before it.
-        let corner = matches!(self.cue, Some(CueKind::TurnNow { .. }));
+        // A corner of the route turns to the side that it turns to, whatever correction came before it; and who walks backwards may
+        // have to step to one side and turn to the other.
+        let other = matches!(self.cue, Some(CueKind::TurnNow { .. } | CueKind::Step(_)));
         let against =
             |(at, before): (Stamp, Side)| now - at < CONTRADICTION_S && side.is_some_and(|s| s != before);
-        if !corner && self.side.is_some_and(against) {
+        if !other && self.side.is_some_and(against) {
             self.count("contradiction");
         }
         self.side = side.map(|side| (now, side));

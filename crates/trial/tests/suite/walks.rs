@@ -65,8 +65,8 @@ fn walkers_arrive_home() {
 }
 
 /// Walks of the example `walks` on which a direction led away from the route, or was taken to: after a stop beside a sharp corner
-/// (31, 67), and behind one (115, 171); on the way back to the last leg (740, 6054, 6579); after a turn that a correction was taken for
-/// (551); where a leg crosses the one before a sharp corner (839); and between the bends of a corner (5903, 5919, 5811).
+/// (31, 67), and behind one (115, 171); on the way back to the last leg (740, 6054); after a turn that a correction was taken for
+/// (551); where a leg crosses the one before a sharp corner (839); and between the bends of a corner (5903, 5919).
 #[test]
 fn nobody_is_sent_away_from_the_route_at_a_sharp_corner() {
     for (seed, facing, travel, noise) in [
@@ -78,11 +78,9 @@ fn nobody_is_sent_away_from_the_route_at_a_sharp_corner() {
         (740, Facing::Home, Travel::Home, Noise::None),
         (839, Facing::Home, Travel::Again, Noise::None),
         (839, Facing::Home, Travel::Again, Noise::Usual),
-        (5811, Facing::Backwards, Travel::Home, Noise::None),
         (5903, Facing::Home, Travel::Home, Noise::None),
         (5919, Facing::Home, Travel::Home, Noise::Usual),
         (6054, Facing::Home, Travel::Home, Noise::Usual),
-        (6579, Facing::Backwards, Travel::Home, Noise::Usual),
     ] {
         let o = trial_on(travel, PhraseConfig::default(), seed, facing, noise);
         assert_eq!(o.wrong_side, 0, "{seed}: {}", o.transcript());
