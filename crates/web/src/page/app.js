@@ -103,7 +103,7 @@ const link = new (here ? Here : Link)({
   t,
   hello: () => JSON.stringify({
     hello: {
-      token, walk: !watchOnly, demo: isDemo, secret, origin: performance.timeOrigin, language: words.language, phone,
+      token, walk: !watchOnly, ...(isDemo && { demo: true }), secret, origin: performance.timeOrigin, language: words.language, phone,
       zone_min: -new Date().getTimezoneOffset(),
     },
   }),
