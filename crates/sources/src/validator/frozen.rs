@@ -45,8 +45,8 @@ impl FrozenWatch {
     /// Takes a packet; the doubt, once.
     pub fn packet(&mut self, packet: &FramePacket) -> Option<String> {
         let image = packet.images.get(self.camera)?;
-        // Two pictures that differ do so within their first pixels.
-        if self.last.as_ref().is_none_or(|last| **last != **image) {
+        // Two pictures that differ do so within their first pixels. Plain ones are those of a covered lens: they say nothing.
+        if self.last.as_ref().is_none_or(|last| **last != **image) || is_plain(image) {
             self.last = Some(image.clone());
             (self.since, self.repeated, self.turned_rad, self.is_stale) = (packet.stamp, 0, 0.0, false);
             return None;
@@ -70,4 +70,9 @@ impl FrozenWatch {
             self.name
         ))
     }
+}
+
+/// Whether all pixels have one value.
+fn is_plain(image: &GrayImage) -> bool {
+    image.data().iter().all(|value| Some(value) == image.data().first())
 }

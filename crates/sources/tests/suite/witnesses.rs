@@ -110,6 +110,14 @@ fn pictures_that_repeat_are_doubted_while_the_imu_turns_or_after_a_second() {
         assert!(!still.iter().any(|d| d.contains("bit by bit")), "{name}: {still:?}");
         let long = frozen(1.5, 0.0);
         assert!(long.iter().any(|d| d.contains("bit by bit for 1.")), "{name}: {long:?}");
+        // A covered lens.
+        let dark = doubts(&name, as_it_is, |k, packet| {
+            let [width, height] = [packet.images[0].width(), packet.images[0].height()];
+            if k > 5 {
+                packet.images[0] = Arc::new(GrayImage::new(width, height));
+            }
+        });
+        assert!(!dark.iter().any(|d| d.contains("bit by bit")), "{name}: {dark:?}");
     }
 }
 
