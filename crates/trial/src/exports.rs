@@ -77,16 +77,13 @@ pub extern "C" fn walk_set_out(now_s: f64) {
     STATE.with_borrow_mut(|state| state.phone().into_iter().for_each(|phone| phone.set_out(now_s)));
 }
 
-/// At the end of the way out: goes by words from now on, in the language of the text; the camera is turned to the back where wanted.
+/// At the end of the way out: goes by words from now on, in the language of the text.
 #[unsafe(no_mangle)]
-pub extern "C" fn walk_follow_words(camera_turns: bool) {
+pub extern "C" fn walk_follow_words() {
     STATE.with_borrow_mut(|state| {
         let (seed, language) = (state.seed, state.text().parse().unwrap_or(Language::English));
         let Some(phone) = state.phone() else { return };
         phone.follow_words(|at| Walker::new(seed, at).with_language(language));
-        if camera_turns {
-            phone.turn_camera();
-        }
     });
 }
 

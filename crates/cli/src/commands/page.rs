@@ -37,7 +37,12 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let module = a.module.as_deref().ok_or_else(|| Failure::usage("--module", "is missing", BUILD))?;
     let named = |why: String| Failure::new(module.display().to_string(), why, BUILD);
     let bytes = std::fs::read(module).map_err(|e| named(e.to_string()))?;
-    let walker = std::fs::read(module.with_file_name("walker.wasm")).ok();
+    let beside = module.with_file_name("walker.wasm");
+    let walker = match std::fs::read(&beside) {
+        Ok(bytes) => Some(bytes),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => None,
+        Err(e) => return Err(Failure::new(beside.display().to_string(), e.to_string(), BUILD)),
+    };
     let files = cairn_web::site(bytes, walker).map_err(|e| named(e.to_string()))?;
     for (name, bytes) in &files {
         write(&a.out.join(name), bytes)?;

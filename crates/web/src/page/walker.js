@@ -55,7 +55,7 @@ const known = {
   out: () => walk.module.exports.walk_set_out(seconds()),
   home: (language) => {
     write(language);
-    walk.module.exports.walk_follow_words(0);
+    walk.module.exports.walk_follow_words();
   },
   hear: (text) => {
     write(text);
