@@ -12,6 +12,7 @@ mod p3p;
 mod parallel;
 mod pnp;
 mod rectify;
+mod registration;
 mod roots;
 mod search;
 mod stereo;
@@ -28,6 +29,7 @@ pub use orb::{
 pub use p3p::p3p;
 pub use pnp::{PnpConfig, PnpRejected, PnpResult, pnp_ransac};
 pub use rectify::{RectifiedPair, Rectifier, rectify_pair};
+pub use registration::{Misregistration, RegistrationCheck};
 pub use search::{Found, Target, consistent_rotation, search};
 pub use stereo::StereoConfig;
 pub use triangulate::{correct, essential, midpoint, triangulate_views};

@@ -1,10 +1,14 @@
 //! Plausibility checks of packets as they come: an assumed calibration, implausible IMU data, clocks that are not
-//! synchronised, depth that is missing or in another unit, pictures that do not change, a pair that is not the calibrated one. Each
+//! synchronised, depth that is missing, in another unit or not registered, pictures that do not change, a pair that is not the calibrated one, pictures that
+//! turn otherwise than the gyroscope. Each
 //! doubt is reported once, as text with numbers.
 
 mod fixed;
 mod frozen;
+mod matched;
 mod pair;
+mod registration;
+mod turns;
 mod unit;
 
 use cairn_inertial::Readings;
@@ -15,7 +19,9 @@ use cairn_sensor::{
 use fixed::FixedWatch;
 use frozen::FrozenWatch;
 use pair::PairWatch;
+use registration::RegistrationWatch;
 use std::sync::Arc;
+use turns::TurnWatch;
 use unit::UnitWatch;
 
 /// Longest plausible time in seconds from an image to the IMU sample after it.
@@ -153,7 +159,9 @@ pub struct PacketValidator {
     frozen: Vec<FrozenWatch>,
     fixed: FixedWatch,
     unit: UnitWatch,
+    registration: Option<RegistrationWatch>,
     pair: Option<PairWatch>,
+    turns: Option<TurnWatch>,
     may_lack_imu: bool,
 }
 
@@ -166,12 +174,15 @@ impl PacketValidator {
             frozen: rig.cameras.iter().enumerate().map(|(k, c)| FrozenWatch::new(k, &c.name)).collect(),
             fixed: FixedWatch::new(rig.cameras.first().map_or("", |c| &c.name)),
             unit: UnitWatch::default(),
+            registration: RegistrationWatch::new(rig),
             pair: PairWatch::new(rig),
+            turns: TurnWatch::new(rig),
             may_lack_imu: false,
         }
     }
 
-    /// Takes a packet. Depth is judged after a second, the IMU after ten; the pictures, a pair and the unit of depth at any time.
+    /// Takes a packet. Depth is judged after a second, the IMU after ten; the pictures, a pair, the unit of depth and
+    /// its registration at any time.
     pub fn packet(&mut self, packet: &FramePacket) -> Vec<String> {
         let depth_is_seen = self.depth.as_mut().is_some_and(|(watch, _)| watch.packet(packet));
         let imu_is_seen = self.imu.as_mut().is_some_and(|(watch, _)| watch.packet(packet) >= CHECKED_S);
@@ -180,7 +191,9 @@ impl PacketValidator {
         doubts.extend(self.frozen.iter_mut().filter_map(|watch| watch.packet(packet)));
         doubts.extend(self.fixed.packet(packet));
         doubts.extend(self.unit.packet(packet));
+        doubts.extend(self.registration.as_mut().and_then(|watch| watch.packet(packet)));
         doubts.extend(self.pair.as_mut().and_then(|watch| watch.packet(packet)));
+        doubts.extend(self.turns.as_mut().and_then(|watch| watch.packet(packet)));
         doubts.extend(if imu_is_seen { self.imu_doubts() } else { Vec::new() });
         doubts
     }

@@ -7,9 +7,10 @@
 //! that the calibration does not, the calibration is not that of these two pictures. The disparity itself tells nothing here, so that
 //! the length of the baseline stays open.
 
+use super::matched::matched;
 use cairn_random::Random;
 use cairn_sensor::{FramePacket, Rig, Stamp};
-use cairn_vision::{Features, OrbConfig, OrbExtractor, RectifiedPair, best_two_of, rectify_pair};
+use cairn_vision::{Features, OrbConfig, OrbExtractor, RectifiedPair, rectify_pair};
 use nalgebra::{SMatrix, SVector};
 
 /// Seconds between two looks.
@@ -18,9 +19,6 @@ const APART_S: f64 = 0.9;
 const LOOKS: usize = 3;
 /// Features of each picture.
 const FEATURES: usize = 600;
-/// Descriptors of one point differ by so many bits at most, and by so much of the next best.
-const MAX_HAMMING: u32 = 50;
-const RATIO: f64 = 0.8;
 /// Rows of one point differ by so much of the focal length at most: three degrees.
 const MOST_OFF: f64 = 0.05;
 /// Matches lie within so many pixels of where the sum of shapes puts them.
@@ -97,12 +95,8 @@ impl PairWatch {
         let of = |px: [f32; 2]| {
             [(f64::from(px[0]) - camera.cx) / camera.fx, (f64::from(px[1]) - camera.cy) / camera.fy]
         };
-        let pairs = (0..left.len()).filter_map(|i| {
-            let best = best_two_of(&left.descriptors[i], &right.descriptors);
-            let is_sure =
-                best.distance <= MAX_HAMMING && f64::from(best.distance) < RATIO * f64::from(best.second);
-            let at_right = is_sure.then(|| right.raw[best.index as usize])?;
-            let (a, b) = (of(self.pair.left.rectify(left.raw[i])?), of(self.pair.right.rectify(at_right)?));
+        let pairs = matched(left, right).filter_map(|[at_left, at_right]| {
+            let (a, b) = (of(self.pair.left.rectify(at_left)?), of(self.pair.right.rectify(at_right)?));
             ((a[1] - b[1]).abs() < MOST_OFF).then_some([a, b])
         });
         pairs.collect()
