@@ -1,15 +1,18 @@
-//! A recording of a camera that nobody calibrated: its first seconds are looked at for the focal length ([`first_lens`]) before the first
-//! frame is tracked, and then delivered with the rest.
+//! The first seconds of a recording are looked at before the first frame is tracked, and then delivered with the rest: for the focal
+//! length of a camera that nobody calibrated ([`first_lens`]), and for depth that is not registered to its picture.
 
 use crate::Config;
 use cairn_sensor::{FramePacket, ImuSample, Live, Rig, Skips, Source, SourceError, SourceInfo};
 use cairn_tracking::first_lens;
-use cairn_vision::{Frame, FrontEnd, SensorMode};
+use cairn_vision::{Frame, FrontEnd, Misregistration, RegistrationCheck, SensorMode};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Seconds that are looked at.
-const SECONDS: f64 = 6.0;
+/// Seconds that are looked at for the focal length, and for the registration of depth.
+const LENS_S: f64 = 6.0;
+const REGISTRATION_S: f64 = 3.0;
+/// Seconds between two looks at the registration.
+const APART_S: f64 = 0.25;
 /// A focal length that is known worse than this is not taken: a guess by the size of the images is about as good.
 const MOST_SIGMA: f64 = 0.03;
 
@@ -21,29 +24,58 @@ struct Looked {
     info: SourceInfo,
 }
 
+impl Looked {
+    /// Reads the first seconds.
+    fn at(mut source: Box<dyn Source>, seconds: f64) -> Result<Self, SourceError> {
+        let (rig, info) = (source.rig().clone(), source.info().clone());
+        let mut first: VecDeque<FramePacket> = VecDeque::new();
+        while first.front().zip(first.back()).is_none_or(|(a, b)| b.stamp - a.stamp < seconds)
+            && let Some(packet) = source.next_packet()?
+        {
+            first.push_back(packet);
+        }
+        Ok(Self { source, first, rig, info })
+    }
+}
+
 /// Looks at the first seconds of a recording whose lens is assumed: with the focal length that they tell, where they do.
 ///
 /// # Errors
 /// When the source fails.
-pub fn with_found_lens(mut source: Box<dyn Source>, config: &Config) -> Result<Box<dyn Source>, SourceError> {
-    let (mut rig, mut info) = (source.rig().clone(), source.info().clone());
-    let mut first = VecDeque::new();
-    let begins = |first: &VecDeque<FramePacket>| first.front().map(|p: &FramePacket| p.stamp);
-    while let Some(packet) = source.next_packet()? {
-        let seconds = begins(&first).map_or(0.0, |begins| packet.stamp - begins);
-        first.push_back(packet);
-        if seconds >= SECONDS {
-            break;
-        }
-    }
-    if let Some(ratio) = focal_ratio(&rig, first.make_contiguous(), config)
-        && let Some(camera) = rig.cameras.first_mut().map(|c| &mut c.camera)
+pub fn with_found_lens(source: Box<dyn Source>, config: &Config) -> Result<Box<dyn Source>, SourceError> {
+    let mut looked = Looked::at(source, LENS_S)?;
+    if let Some(ratio) = focal_ratio(&looked.rig, looked.first.make_contiguous(), config)
+        && let Some(camera) = looked.rig.cameras.first_mut().map(|c| &mut c.camera)
     {
         (camera.fx, camera.fy) = (camera.fx * ratio, camera.fy * ratio);
         let found = format!("a focal length of {:.0} px, found from the first seconds", camera.fx);
-        info.assumed = info.assumed.map(|assumed| format!("{found}, in place of {assumed}"));
+        looked.info.assumed = looked.info.assumed.map(|assumed| format!("{found}, in place of {assumed}"));
     }
-    Ok(Box::new(Looked { source, first, rig, info }))
+    Ok(Box::new(looked))
+}
+
+/// Looks at the first seconds of a recording with depth that is said to be registered to its picture: how the two lie where they are
+/// not.
+///
+/// # Errors
+/// When the source fails.
+pub fn with_checked_depth(
+    source: Box<dyn Source>,
+) -> Result<(Box<dyn Source>, Option<Misregistration>), SourceError> {
+    if source.rig().depth.as_ref().is_none_or(|depth| !depth.registered) {
+        return Ok((source, None));
+    }
+    let looked = Looked::at(source, REGISTRATION_S)?;
+    let mut check = RegistrationCheck::default();
+    let mut due = looked.first.front().map(|packet| packet.stamp);
+    for packet in &looked.first {
+        let both = packet.depth.as_ref().zip(packet.images.first());
+        if let Some((depth, picture)) = both.filter(|_| due.is_some_and(|due| packet.stamp >= due)) {
+            check.look(depth, picture);
+            due = Some(packet.stamp.plus_seconds(APART_S));
+        }
+    }
+    Ok((Box::new(looked), check.found()))
 }
 
 /// The true focal length over that of the rig.

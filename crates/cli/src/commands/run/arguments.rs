@@ -34,7 +34,8 @@ pub struct Arguments {
     #[arg(help_heading = SOURCE, long, value_parser = sensors(), value_name = "WHICH")]
     pub sensor: Option<Sensors>,
     /// What gives the pose of each frame: features, which depth helps out where they do not suffice; or the shape of what the
-    /// depth sensor sees (dense; only with a depth sensor), while features find places again.
+    /// depth sensor sees (dense; only with a depth sensor), while features find places again. By default features, unless the first
+    /// seconds of a recording show that depth is not registered to the picture.
     #[arg(help_heading = SOURCE, long, value_enum, value_name = "WHICH")]
     pub front_end: Option<FrontEnd>,
     /// A calibration file to use instead of the source's own, or the name of a built-in

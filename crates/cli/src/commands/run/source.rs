@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::{note, warn};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, SensorMode, Sensors, with_found_lens};
+use cairn_engine::{Config, SensorMode, Sensors, with_checked_depth, with_found_lens};
 use cairn_files::MIB;
 use cairn_geometry::Se3;
 use cairn_sensor::{Rig, Source};
@@ -40,6 +40,20 @@ pub fn fitted(
     let is_guessed = source.info().assumed.is_some() && sensor == Sensors::MonoImu;
     let source = match is_guessed && !is_live(&a.source) && map.is_none() {
         true => with_found_lens(source, config)?,
+        false => source,
+    };
+    let is_open = a.front_end.is_none() && !config.tracker.dense && sensor.mode() == SensorMode::Rgbd;
+    let source = match is_open && !is_live(&a.source) {
+        true => {
+            let (source, found) = with_checked_depth(source)?;
+            if let Some(found) = found {
+                config.tracker.dense = true;
+                note(&format!(
+                    "note: {found}: poses are taken from depth (--front-end features takes them from features)"
+                ));
+            }
+            source
+        }
         false => source,
     };
     let source: Box<dyn Source> = Box::new(Validator::new(source, warn));
