@@ -144,6 +144,31 @@ fn chosen_is_the_pose_of_the_depth_where_that_is_the_front_end_and_of_the_featur
 }
 
 #[test]
+fn chosen_takes_the_step_of_features_where_the_depth_runs_away() {
+    for depth_off in [0.06, 0.0] {
+        let (atlas, id, mut aligner) = begun(true);
+        let mut step = |n: usize, seen: Se3, by_features: Se3| {
+            aligner.next(Some(room(&seen, RIGHT)), None);
+            assert!(aligner.align(atlas.latest(), stamp(n), None, None).is_some(), "frame {n}");
+            let chosen = aligner.chosen(by_features);
+            let anchored = anchored_at(atlas.latest(), id, chosen).expect("there");
+            aligner.placed(atlas.latest(), stamp(n), anchored, Placement::Sure);
+            (chosen, aligner.aligned().is_some())
+        };
+        // Features have the map elsewhere, by as much each time: their steps are right.
+        let elsewhere = pose(0.05, 0.0, 0.0);
+        let there = |n: usize| at([2, 3, 4, 5, 4, 3][n % 6]);
+        for n in 2..120 {
+            let (chosen, is_aligned) = step(n, there(n), elsewhere * there(n));
+            assert!(is_aligned && off(&chosen, &there(n)).0 < 0.012, "frame {n}");
+        }
+        let (chosen, is_aligned) = step(120, there(120) * pose(depth_off, 0.0, 0.0), elsewhere * there(120));
+        assert_eq!(is_aligned, depth_off == 0.0);
+        assert!(off(&chosen, &there(120)).0 < 0.015, "{:?}", off(&chosen, &there(120)));
+    }
+}
+
+#[test]
 fn begin_at_goes_on_from_images_that_a_search_has_followed() {
     let (atlas, id, _) = begun(false);
     let mut aligner = DenseAligner::new(&sensor(), Se3::identity(), 0.5, false).expect("a depth camera");

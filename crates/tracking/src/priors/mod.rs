@@ -290,15 +290,15 @@ impl MotionPriors {
 
     /// A pose and its covariance by features, along what a surface fixes replaced by those of the depth where each frame's pose is
     /// that of its depth.
-    pub fn chosen(&self, by_features: &Located) -> (Se3, Option<Matrix6<f64>>) {
-        let depth = self.depth.as_ref();
+    pub fn chosen(&mut self, by_features: &Located) -> (Se3, Option<Matrix6<f64>>) {
         let pose = by_features.world_from_camera;
-        let aligned = depth.filter(|depth| depth.is_front_end()).and_then(DenseAligner::aligned);
-        let covariance = match aligned {
+        let pose = self.depth.as_mut().map_or(pose, |depth| depth.chosen(pose));
+        let depth = self.depth.as_ref().filter(|depth| depth.is_front_end());
+        let covariance = match depth.and_then(DenseAligner::aligned) {
             Some(aligned) => Some(aligned.reckoned.covariance),
             None => by_features.information.try_inverse(),
         };
-        (depth.map_or(pose, |depth| depth.chosen(pose)), covariance)
+        (pose, covariance)
     }
 
     /// The motion of a camera whose rows are exposed one after the other, and its pose, as far as the IMU predicts them; from the

@@ -63,7 +63,7 @@ impl Tracker {
     }
 
     /// Whether the pose by features can be that of the camera, by all else that is known of it.
-    pub(super) fn check(&self, now: &Now, candidate: Candidate) -> Result<Located, Miss> {
+    pub(super) fn check(&mut self, now: &Now, candidate: Candidate) -> Result<Located, Miss> {
         let (inliers, pose) = (candidate.located.inliers, candidate.located.world_from_camera);
         let (last, stamp) = (self.last.as_ref(), now.frame.stamp);
         let agrees = || self.priors.is_front_end() || self.priors.agrees(now.snapshot, last, stamp, &pose);
