@@ -3,6 +3,7 @@
 mod bare_walls;
 mod delayed;
 mod dense;
+mod first_seconds;
 mod frames;
 mod inertial;
 mod journal;
