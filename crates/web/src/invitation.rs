@@ -22,7 +22,10 @@ impl Invitation {
         let own = if bound.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { bound.ip() };
         let at = |host: IpAddr| SocketAddr::new(host, port).to_string();
         let hosts = lan.map(at).into_iter().chain(name.map(|name| format!("{name}:{port}"))).chain([at(own)]);
-        Self { urls: hosts.map(|host| format!("https://{host}/#k={token}")).collect(), token: token.to_owned() }
+        Self {
+            urls: hosts.map(|host| format!("https://{host}/#k={token}")).collect(),
+            token: token.to_owned(),
+        }
     }
 
     /// The first address as a QR code.

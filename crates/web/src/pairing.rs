@@ -9,7 +9,7 @@ use crate::hub::Hub;
 use crate::token::{random, same};
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, State};
-use axum::http::{StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::post;
 use cairn_phrases::{Arg, Language};
@@ -130,10 +130,20 @@ pub(crate) fn routes() -> Router<Arc<Hub>> {
     Router::new().route("/pair", post(pair).layer(DefaultBodyLimit::max(LARGEST)))
 }
 
-async fn pair(State(hub): State<Arc<Hub>>, body: String) -> Response {
+async fn pair(State(hub): State<Arc<Hub>>, headers: HeaderMap, body: String) -> Response {
+    if !is_own(&headers) {
+        return StatusCode::FORBIDDEN.into_response();
+    }
     let Ok(asked) = serde_json::from_str(&body) else { return StatusCode::BAD_REQUEST.into_response() };
     let text = serde_json::to_string(&answer(&hub, asked)).unwrap_or_default();
     ([(header::CONTENT_TYPE, "application/json"), (header::CACHE_CONTROL, "no-store")], text).into_response()
+}
+
+/// Whether this page asks, and not another site that a browser in the network shows: that would use up the codes.
+fn is_own(headers: &HeaderMap) -> bool {
+    let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
+    text(header::ORIGIN)
+        .is_none_or(|origin| origin.split_once("//").map(|(_, host)| host) == text(header::HOST))
 }
 
 fn answer(hub: &Hub, asked: Asked) -> Answer {
@@ -209,6 +219,19 @@ mod tests {
             Err(REST.as_secs() + 1),
             "after a success the rest is short again"
         );
+    }
+
+    #[test]
+    fn another_site_does_not_pair() {
+        let headers = |origin: Option<&str>| {
+            let named = [(header::HOST, Some("192.168.1.7:8443")), (header::ORIGIN, origin)];
+            let given = named.into_iter().filter_map(|(name, value)| Some((name, value?.parse().ok()?)));
+            given.collect::<HeaderMap>()
+        };
+        assert!(is_own(&headers(None)) && is_own(&headers(Some("https://192.168.1.7:8443"))));
+        let others =
+            ["https://evil.example", "https://192.168.1.7:8443.evil.example", "null", "https://192.168.1.7"];
+        assert!(others.iter().all(|other| !is_own(&headers(Some(other)))));
     }
 
     #[test]

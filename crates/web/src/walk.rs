@@ -253,7 +253,9 @@ impl PageObserver {
         }
         self.routes = Some(now);
         let routes = session.routes();
-        if let Some(route) = routes.iter().find(|route| route.why_not.is_none()) {
+        // With another camera than the page's it is no route of the phone.
+        let own = routes.iter().find(|route| route.why_not.is_none() && self.hub.camera.is_empty());
+        if let Some(route) = own {
             self.hub.access.phones.keep_route((route.number, route.name.clone()));
         }
         self.hub.routes.send_replace(ToPage::Routes(&routes).text().into());

@@ -69,18 +69,17 @@ const main = new MainButton(t);
 const trust = new Trust((text) => senses.say({ text, priority: 1 }), t);
 const media = new MediaButtons(command, t);
 const before = new Before(senses, t);
-const aloud = {
-  say: (text) => {
-    senses.wake();
-    senses.say({ text, priority: 1 });
-    write({ text, priority: 1 });
-  },
-  t,
+// Something that the page itself has to say: as an answer at once, as news once the voice is free.
+const speak = (text, interrupts) => {
+  senses.wake();
+  senses.say({ text, priority: 1, interrupts });
+  write({ text, priority: 1 });
 };
+const aloud = { say: (text) => speak(text, true), t };
 const reader = new Reader(aloud);
 const phones = new KnownPhones(aloud);
 const practice = new Practice(aloud);
-const light = new Light(aloud.say, t);
+const light = new Light(speak, t);
 const pairing = new Pairing({
   ...aloud,
   language: () => words.language,
@@ -624,7 +623,7 @@ if (!watchOnly && !isDemo) {
   await reader.ask();
   before.first();
   // A browser speaks only once the page was touched.
-  $('camera').addEventListener('click', () => watchBattery(aloud.say, t), { once: true });
+  $('camera').addEventListener('click', () => watchBattery(speak, t), { once: true });
 }
 if (token || here) link.open();
 else pair();

@@ -26,6 +26,7 @@ export class Practice {
 
   // The newest status; a step that is done already is left out.
   status(status) {
+    $('practice').hidden = this.step !== null || Boolean(status?.recording || status?.guiding);
     if (this.step === null) return;
     let next = this.step;
     while (STEPS[next][1](status)) next += 1;
@@ -35,7 +36,6 @@ export class Practice {
   go(step) {
     this.step = step;
     $('practice-part').hidden = step === null;
-    $('practice').hidden = step !== null;
     this.speak();
   }
 

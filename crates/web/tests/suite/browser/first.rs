@@ -1,7 +1,7 @@
 //! The first minutes with a phone: pairing by six digits, and the main button whichever way the phone is held.
 
 use crate::browser::cdp::HEARD;
-use crate::browser::session::{accessible, keeping, route_out, settle, started, wait};
+use crate::browser::session::{accessible, keeping, pictures, route_out, settle, started, wait};
 use cairn_session::SessionConfig;
 use cairn_web::{CameraSource, ServeConfig, Server};
 use std::sync::{Arc, Mutex};
@@ -21,10 +21,14 @@ fn page_is_paired_by_six_digits_in_a_browser() {
     })
     .unwrap();
     let url = server.invitation().urls[0].split('#').next().unwrap().to_owned();
-    let phone = browser.open_after(&url, [390, 844], &format!("{HEARD}speechSynthesis.speak = (u) => {{ window.spoken = u.text; }};"));
-    wait(&mut browser, &phone, "The computer says six digits now", "#pair-words", 20.0);
+    let phone = browser.open_after(
+        &url,
+        [390, 844],
+        &format!("{HEARD}speechSynthesis.speak = (u) => {{ window.spoken = u.text; }};"),
+    );
+    wait(&mut browser, &phone, "The computer says six digits now", "#pairing[open] #pair-words", 20.0);
     accessible(&mut browser, &phone, "pairing");
-    browser.picture(&phone, &folder.join("phone-pairing.png"));
+    pictures(&mut browser, &phone, &folder.join("phone-pairing"));
     let digits: String = said.lock().unwrap().chars().filter(char::is_ascii_digit).collect();
     assert_eq!(digits.len(), 6);
     let wrong = if digits == "111111" { "222222" } else { "111111" };
@@ -51,7 +55,11 @@ fn page_shows_its_main_button_however_the_phone_is_held_in_a_browser() {
     let server = keeping(&folder.join("routes"));
     let url = server.invitation().urls[0].clone();
     // How far a button reaches below what is seen.
-    let below = |button: &str| format!("Math.max(0, document.querySelector('{button}').getBoundingClientRect().bottom - innerHeight)");
+    let below = |button: &str| {
+        format!(
+            "Math.max(0, document.querySelector('{button}').getBoundingClientRect().bottom - innerHeight)"
+        )
+    };
     let mut tabs = Vec::new();
     for size in [[390, 844], [844, 390], [740, 360]] {
         let phone = browser.open(&url, size);
@@ -79,13 +87,18 @@ fn page_shows_its_main_button_however_the_phone_is_held_in_a_browser() {
         }
         browser.eval(phone, "document.documentElement.style.fontSize = ''");
         accessible(&mut browser, phone, &format!("{size:?}"));
-        browser.picture(phone, &folder.join(format!("phone-held-{}.png", size[0])));
+        if *size == [844, 390] {
+            pictures(&mut browser, phone, &folder.join("phone-across"));
+        }
     }
     // The map is not there for screen readers; keys move it once its help is asked for.
     let (_, phone) = &tabs[0];
     assert_eq!(browser.eval(phone, "document.querySelector('#map').ariaHidden"), "true");
     assert_eq!(browser.eval(phone, "document.querySelector('#map-help').hidden"), true);
     browser.click(phone, "#map-how");
-    assert_eq!(browser.eval(phone, "[document.querySelector('#map-help').hidden, document.activeElement.id].join()"), "false,map");
+    assert_eq!(
+        browser.eval(phone, "[document.querySelector('#map-help').hidden, document.activeElement.id].join()"),
+        "false,map"
+    );
     assert_eq!(browser.troubles(), Vec::<String>::new(), "the page has errors");
 }

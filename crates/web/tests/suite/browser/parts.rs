@@ -16,7 +16,7 @@ fn page_says_what_to_mind_once_in_a_browser() {
     let is_open = "document.querySelector('#before').open";
     // It is asked first whether a screen reader speaks.
     let phone = browser.open_after(&url, [390, 844], "sessionStorage.length || localStorage.clear()");
-    wait(&mut browser, &phone, "Do you use a screen reader?", "#reader", 20.0);
+    wait(&mut browser, &phone, "Do you use a screen reader?", "#reader[open]", 20.0);
     accessible(&mut browser, &phone, "the first question");
     browser.click(&phone, "#reader-no");
     wait(&mut browser, &phone, "Ready. ", "#control", 20.0);
