@@ -9,11 +9,13 @@ use std::collections::VecDeque;
 
 /// Words a minute at rate 1.
 pub const WORDS_PER_MINUTE: f64 = 180.0;
+/// Rates of speech: users of screen readers listen at up to 400 words a minute.
+pub const RATES: [f64; 2] = [0.1, 400.0 / WORDS_PER_MINUTE];
 
 /// Config of the queue.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AnnouncerConfig {
-    /// Speech rate, 0.1 to 2; 1 is [`WORDS_PER_MINUTE`].
+    /// Speech rate, of [`RATES`]; 1 is [`WORDS_PER_MINUTE`].
     pub rate: f64,
     /// Volume, 0 to 1; passed on to the sink.
     pub volume: f64,
@@ -59,14 +61,14 @@ pub struct Announcer {
 pub fn speaking_time(text: &str, rate: f64) -> f64 {
     let words = text.split_whitespace().count() as f64;
     let pauses = text.matches(['.', ',']).count() as f64;
-    (words * 60.0 / WORDS_PER_MINUTE + 0.1 * pauses) / rate.clamp(0.1, 2.0)
+    (words * 60.0 / WORDS_PER_MINUTE + 0.1 * pauses) / rate.clamp(RATES[0], RATES[1])
 }
 
 impl Announcer {
     /// An empty queue; rate and volume are clamped to their ranges.
     pub fn new(config: AnnouncerConfig) -> Self {
         let config = AnnouncerConfig {
-            rate: config.rate.clamp(0.1, 2.0),
+            rate: config.rate.clamp(RATES[0], RATES[1]),
             volume: config.volume.clamp(0.0, 1.0),
             ..config
         };
@@ -75,7 +77,7 @@ impl Announcer {
 
     /// Sets the rate by the words a minute of a voice.
     pub fn set_words_per_minute(&mut self, words: f64) {
-        self.config.rate = (words / WORDS_PER_MINUTE).clamp(0.1, 2.0);
+        self.config.rate = (words / WORDS_PER_MINUTE).clamp(RATES[0], RATES[1]);
     }
 
     /// The config in use, after clamping.
@@ -226,7 +228,7 @@ mod tests {
     #[test]
     fn rate_and_volume_are_clamped() {
         let a = Announcer::new(AnnouncerConfig { rate: 9.0, volume: -1.0, ..Default::default() });
-        assert_eq!((a.config().rate, a.config().volume), (2.0, 0.0));
+        assert_eq!((a.config().rate, a.config().volume), (RATES[1], 0.0));
         assert!(speaking_time("one two three", 2.0) < speaking_time("one two three", 1.0));
     }
 }

@@ -34,7 +34,7 @@ mod tracks;
 mod where_words;
 
 pub use anchor::Anchor;
-pub use announcer::{Announcer, AnnouncerConfig, Utterance, WORDS_PER_MINUTE, speaking_time};
+pub use announcer::{Announcer, AnnouncerConfig, RATES, Utterance, WORDS_PER_MINUTE, speaking_time};
 pub use clean::{CleanConfig, CleanedRoute, Cut, clean, clean_line, largest_distance, length};
 pub use config::GuideConfig;
 pub use cue::{Cue, CueKind, Earcon, First, Next, Obstacle, Priority, Step, StopReason, UpcomingManeuver};

@@ -1,6 +1,7 @@
 # What Cairn says and shows to a walker, in German. The comments on the ids are in en.ftl.
 #
-# Infinitives instead of "Sie" or "du" ("links abbiegen"): short, and polite to everybody. A distance has a dative for
+# Directions and buttons are infinitives ("links abbiegen", "Aufnahme beenden"): short, and polite to everybody. Requests with a reason are
+# sentences with "Sie". A distance has a dative for
 # "in 6 Metern".
 
 ## Distances
@@ -153,7 +154,7 @@ guide-off-path-place = Neben der Route. Sie liegt { distance } entfernt, { $plac
 guide-off-path-place-unmeasured = Neben der Route. Sie liegt { $place }.
 guide-wrong-way = Falsche Richtung. { CAPITAL($turn) }.
 guide-on-path = Sie sind auf der Route.
-guide-check-behind = Tasten Sie mit dem Stock nach hinten.
+guide-check-behind = Mit dem Stock nach hinten tasten.
 guide-step-aside = Halt. Einen Schritt zurück und nach { $side ->
     [left] links
    *[right] rechts
@@ -210,13 +211,13 @@ ready-camera-back = Mit der Kamera nach hinten sollte ich sie wiedererkennen.
 
 walk-recording = Aufnahme läuft.
 walk-recording-unmeasured = Aufnahme läuft. Entfernungen kann ich noch nicht messen.
-walk-recording-in-memory = Aufnahme nur im Speicher, weil die Datei nicht geschrieben werden kann: { $file }: { $why }.
+walk-recording-in-memory = Aufnahme nur im Speicher: Die Route gilt, bis ich ausgeschaltet werde, denn { $file } lässt sich nicht schreiben: { $why }.
 walk-already-recording = Die Aufnahme läuft schon.
 walk-not-recording = Es läuft keine Aufnahme.
 walk-recorded = Aufnahme beendet, { distance }.
 walk-recorded-unmeasured = Aufnahme beendet.
 walk-nothing-recorded = Aufnahme beendet. Es wurde nichts aufgenommen.
-walk-file-incomplete = Aufnahme beendet, aber die Datei ist unvollständig: { $why }. Die Route bleibt im Speicher.
+walk-file-incomplete = Aufnahme beendet, aber die Datei ist nicht vollständig. Die Route gilt, bis ich ausgeschaltet werde. Der Computer meldet: { $why }.
 walk-no-route = Es gibt noch keine Route. Nehmen Sie erst eine auf, oder laden Sie eine.
 walk-no-saved-route = Es gibt keine aufgenommene Route zum Laden.
 walk-routes-none = Es gibt keine aufgenommene Route.
@@ -280,7 +281,7 @@ walk-map-saved = Die Karte wird wieder gespeichert.
 walk-library-full = Aufnahme nur im Speicher, weil für weitere Routen kein Platz ist. Löschen Sie erst einige.
 walk-route-unreadable = Die Route ist nicht lesbar: { $why }.
 walk-route-empty = Diese Route ist leer.
-walk-other-map = Diese Route gehört zu einer Karte, die nicht geladen ist.
+walk-other-map = Diese Route wurde mit einer anderen Kamera oder auf einer anderen Karte aufgenommen. Hier kann ich Sie darauf nicht führen.
 walk-way-here-unknown = Ich weiß noch nicht, wo Sie sind.
 walk-way-unknown = Ich kenne keinen Ort namens { $place }. { walk-way-places }
 walk-way-places = { $count ->
@@ -305,6 +306,9 @@ walk-route-guessed = Ich kann Sie nicht führen: Als diese Route aufgenommen wur
 walk-route-damaged = Ich kann Sie nicht führen: Die Route ist beschädigt.
 walk-guidance-begins = Die Führung beginnt.
 walk-guidance-ended = Führung beendet.
+walk-paused = Die Führung pausiert.
+walk-resumed = Die Führung geht weiter.
+walk-not-paused = Die Führung pausiert nicht.
 walk-not-guiding = Es läuft keine Führung.
 walk-goodbye = Auf Wiedersehen.
 walk-nothing-to-repeat = Ich habe noch nichts gesagt.
@@ -312,7 +316,7 @@ walk-in-memory = im Speicher
 walk-set = Erledigt.
 walk-picture-back = Das Bild ist wieder da.
 walk-no-picture = Von der Kamera kommt kein Bild. Bleiben Sie stehen.
-walk-mapping-failed = Halt. Die Karte ist ausgefallen. Sichern Sie die Aufnahme, und beginnen Sie neu.
+walk-mapping-failed = Halt. Die Karte ist ausgefallen. Beenden Sie die Aufnahme, und beginnen Sie neu.
 walk-tracking-failed = Ein Fehler des Programms hat die Ortung beendet.
 walk-tracking-restarts = Die Ortung beginnt neu. Bleiben Sie stehen.
 walk-distances-known = Jetzt kann ich Entfernungen messen.
@@ -380,6 +384,8 @@ key-load = die letzte Route laden
 key-guide = nach Hause führen
 key-take-me = sagen, wohin ich geführt werden kann
 key-backwards = rückwärts führen
+key-pause = Führung pausieren
+key-resume = Führung fortsetzen
 key-halt = Führung beenden
 key-repeat = noch einmal sagen
 key-status = sagen, wo ich bin
@@ -408,6 +414,8 @@ page-stop = Aufnahme beenden
 page-guide-home = Nach Hause führen
 page-guide-back = Nach Hause führen, Kamera nach hinten
 page-guide-backwards = Rückwärts führen
+page-pause = Führung pausieren
+page-resume = Führung fortsetzen
 page-halt = Führung beenden
 page-load = Die letzte Route laden
 page-guide-again = Vom Anfang zum Ende führen
@@ -441,6 +449,12 @@ page-note-where = Wo ist es?
 page-note-left = links
 page-note-right = rechts
 page-note-here = genau hier
+page-note-voice = Mit eigener Stimme aufnehmen
+page-note-voice-end = Sprachaufnahme beenden
+page-note-voice-again = Noch einmal mit eigener Stimme aufnehmen
+page-note-voice-name = Sprachnotiz { $number }
+page-note-voice-refused = Ich darf das Mikrofon nicht benutzen. Erlauben Sie es für diese Seite in den Einstellungen des Browsers, oder schreiben Sie die Notiz.
+page-note-voice-lost = Ihre Stimme lässt sich in diesem Browser nicht speichern. Die Notiz hat nur ihre Nummer.
 page-note-save = Notiz speichern
 page-name-text = Ihr Name, zum Beispiel zur Küche
 page-name-save = Namen speichern
@@ -454,11 +468,12 @@ page-camera-refused = Ich darf die Kamera nicht benutzen. Erlauben Sie sie für 
 page-camera-missing = Ich finde an diesem Gerät keine Kamera. Öffnen Sie die Seite auf einem Telefon.
 page-camera-busy = Ein anderes Programm benutzt die Kamera. Schließen Sie es, und drücken Sie dann Kamera einschalten.
 page-camera-failed = Die Kamera geht nicht an. Laden Sie die Seite neu, und drücken Sie dann Kamera einschalten.
+page-camera-ended = Ein Anruf oder ein anderes Programm hat die Kamera genommen. Drücken Sie Kamera einschalten.
 page-camera-off = Die Kamera ist aus. Drücken Sie Kamera einschalten.
 page-terminal-only = Das geht nur am Terminal.
-page-no-picture-yet = Es gibt noch kein Bild.
-page-wrong-key = Der Schlüssel dieser Seite ist falsch. Öffnen Sie die Seite mit dem Code oder der Adresse, die der Computer zeigt.
-page-missing-key = Der Schlüssel dieser Seite fehlt. Öffnen Sie die Seite mit dem Code oder der Adresse, die der Computer zeigt.
+page-no-picture-yet = Ich warte auf das erste Bild.
+page-missing-key = Dieses Telefon ist noch nicht verbunden.
+page-walk-failed = Ich kann nicht weitermachen. Der Computer zeigt, warum.
 page-walk-ended = Die Sitzung ist beendet.
 
 ## The page: what to mind, in five sentences for the ear
@@ -471,6 +486,42 @@ page-before-untried = Blinde Menschen haben mich noch nicht mit echten Telefonen
 page-before-pictures = Ihre Bilder bleiben hier, auf Ihren eigenen Geräten.
 page-before-say = Noch einmal sagen
 page-before-heard = Ich habe das gehört
+
+## The page: the first start, practice, battery and light
+
+page-reader-ask = Benutzen Sie einen Screenreader?
+page-reader-yes = Ja, er liest mir vor
+page-reader-no = Nein, bitte sprechen
+page-practice = Mit zehn Metern üben
+page-practice-again = Diesen Schritt noch einmal sagen
+page-practice-end = Übung beenden
+page-practice-camera = Übung, erster Schritt. Suchen Sie drinnen einen freien Weg von zehn Metern. Drücken Sie Kamera einschalten, und gehen Sie umher, bis ich so weit bin.
+page-practice-record = Zweiter Schritt. Stellen Sie sich an den Anfang Ihrer zehn Meter. Drücken Sie Aufnehmen.
+page-practice-out = Dritter Schritt. Gehen Sie in Ruhe geradeaus. Ich sage Ihnen, wenn es zehn Meter sind.
+page-practice-stop = Zehn Meter. Bleiben Sie stehen, und drücken Sie Aufnahme beenden.
+page-practice-home = Vierter Schritt. Drücken Sie Nach Hause führen, und folgen Sie dem, was ich sage. Mit Führung pausieren schweige ich, mit Wo bin ich sage ich, wo Sie sind.
+page-practice-done = Die Übung ist zu Ende. Die Übungsroute steht in Ihrer Liste, dort können Sie sie löschen.
+page-battery = Der Akku ist bei { $percent } Prozent.
+page-dark-now = Für die Kamera ist es zu dunkel. Machen Sie Licht, oder geben Sie die Kamera frei.
+page-light-now = Es ist wieder hell genug.
+
+## The page: a phone that the computer does not know
+
+page-pair-title = Dieses Telefon verbinden
+page-pair-code = Der Code für das Telefon: { $digits }.
+page-pair-said = Der Computer sagt jetzt sechs Ziffern und zeigt sie an. Tippen Sie sie hier ein.
+page-pair-wait = Zu viele falsche Codes. Warten Sie { $seconds } Sekunden, und drücken Sie dann Code noch einmal sagen.
+page-pair-wrong = Das ist nicht der Code. Hören Sie noch einmal hin, und tippen Sie die sechs Ziffern ein.
+page-pair-over = Das ist nicht der Code, und er gilt nicht mehr. Drücken Sie in einer halben Minute Code noch einmal sagen.
+page-pair-offline = Der Computer antwortet nicht. Prüfen Sie, ob Telefon und Computer im selben Netz sind, und drücken Sie dann Code noch einmal sagen.
+page-pair-digits = Die sechs Ziffern
+page-pair-done = Verbinden
+page-pair-again = Code noch einmal sagen
+page-known-title = Kennen wir uns?
+page-known = Ist das das Telefon mit Route { $number }?
+page-known-named = Ist das das Telefon mit Route { $number }, { $name }?
+page-known-yes = Ja, das ist es
+page-known-no = Nein, ein anderes
 
 ## The page: who holds the walk
 
@@ -502,8 +553,8 @@ page-no-answer = Der Rechner antwortet nicht.
 page-no-answer-stop = Halt. Der Rechner antwortet nicht.
 page-pictures-late = Halt. Die Bilder kommen zu spät.
 page-age = Bild { $seconds } s alt
-page-age-about = Bild { $seconds } s alt, auf { $bound } s genau
-page-age-unknown = Niemand weiß, wie alt das Bild ist.
+page-age-about = Bild etwa { $seconds } s alt
+page-age-unknown = Ich weiß nicht, wie alt das Bild ist.
 
 ## The page: the table of the state
 
@@ -536,9 +587,10 @@ page-guiding = { $facing ->
 page-guide-state = { $state ->
     [turning] Drehung
     [moving] unterwegs
-    [checking] Prüfung nach hinten
+    [checking] Tasten nach hinten
     [stepping] Schritt zur Seite
     [stopped] angehalten
+    [paused] Pause
     [arrived] am Ziel
    *[waiting] wartet
 }
@@ -561,8 +613,8 @@ page-own-label = Was diese Kamera sieht
 page-own-caption = Diese Kamera.
 page-picture-label = Was die führende Kamera sieht, mit Punkten auf dem, was ich wiedererkenne
 page-picture-caption = Was die führende Kamera sieht; die Punkte sind, was ich wiedererkenne.
-page-map-role = Karte in drei Dimensionen
 page-map-title = Karte und Route
+page-map-how = So bewegt man die Karte
 page-map-help = Pfeiltasten drehen die Ansicht, mit Umschalt verschieben sie sie; mit W, A, S und D geht man, mit Q und E ab- und aufwärts, Plus und Minus ändern ihre Größe, 0 zeigt alles.
 page-map-follow = Der Kamera folgen
 page-map-colour = Farben
@@ -627,14 +679,14 @@ page-light = Bildschirm hell schalten
 
 ## The page: the engine in this device
 
-page-here = Gerechnet wird in diesem Gerät; kein Bild verlässt es.
+page-here = Gerechnet wird auf diesem Gerät; kein Bild verlässt es.
 page-here-stored = Alles ist hier gespeichert: Ein Netz wird nicht mehr gebraucht.
-page-here-failed = Die Ortung ist ausgefallen.
-page-here-failed-stop = Halt. Die Ortung ist ausgefallen und beginnt von neuem.
-page-here-too-old = In diesem Browser kann nicht gerechnet werden ({ $why }). Den Browser aktualisieren oder Cairn mit einem Computer benutzen.
-page-here-twice = Cairn ist in einem anderen Tab dieses Browsers offen. Den schließen, dann diese Seite neu öffnen.
-page-here-turned = Das Bild hat jetzt eine andere Form. Das Telefon halten wie vorher.
-page-here-not-kept = Aufnahmen können in diesem Browser nicht gespeichert werden ({ $why }). Platz schaffen, und kein privates Fenster benutzen.
+page-here-failed = Die Führung ist ausgefallen.
+page-here-failed-stop = Halt. Die Führung ist ausgefallen und beginnt von neuem.
+page-here-too-old = In diesem Browser kann ich nicht arbeiten. Aktualisieren Sie den Browser, oder benutzen Sie Cairn mit einem Computer.
+page-here-twice = Cairn ist in einem anderen Tab dieses Browsers offen. Schließen Sie ihn, und öffnen Sie diese Seite dann neu.
+page-here-turned = Das Bild hat jetzt eine andere Form. Halten Sie das Telefon wie vorher.
+page-here-not-kept = Aufnahmen können in diesem Browser nicht gespeichert werden. Schaffen Sie Platz, und benutzen Sie kein privates Fenster.
 page-demo = Vorführung ansehen: ein simulierter Mensch wird geführt
 page-demo-leave = Vorführung verlassen
 page-demo-start = Vorführung starten
@@ -672,5 +724,5 @@ page-trust-android-install = Öffnen Sie die Einstellungen, suchen Sie nach „C
 page-trust-open = Öffnen Sie die Seite noch einmal.
 page-trust-profile = Profil laden
 page-trust-certificate = Zertifikat laden
-page-trust-compare = Vor dem Vertrauen vergleichen: Die Details von { $name } auf dem Telefon und das Terminal des Computers müssen denselben SHA-256-Fingerabdruck zeigen, { $fingerprint }.
+page-trust-compare = Vergleichen Sie, bevor Sie vertrauen: Die Details von { $name } auf dem Telefon und das Terminal des Computers müssen denselben SHA-256-Fingerabdruck zeigen, { $fingerprint }.
 page-trust-not-local = Eine Adresse dieses Computers ist keine eines lokalen Netzes: Dafür kann diese Zertifizierungsstelle nicht stehen, und Telefone werden der Seite dort nicht vertrauen.

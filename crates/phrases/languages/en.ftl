@@ -196,13 +196,13 @@ ready-camera-back = With the camera facing back, I should recognise it.
 
 walk-recording = Recording.
 walk-recording-unmeasured = Recording. I cannot measure distances yet.
-walk-recording-in-memory = Recording in memory only, because the file cannot be written: { $file }: { $why }.
+walk-recording-in-memory = Recording in memory only: the route lasts until I am switched off, because { $file } cannot be written: { $why }.
 walk-already-recording = I am already recording.
 walk-not-recording = I am not recording.
 walk-recorded = Recording has ended, { distance }.
 walk-recorded-unmeasured = Recording has ended.
 walk-nothing-recorded = Recording has ended. Nothing was recorded.
-walk-file-incomplete = Recording has ended, but the file is incomplete: { $why }. The route is kept in memory.
+walk-file-incomplete = Recording has ended, but its file is not whole. The route lasts until I am switched off. The computer says: { $why }.
 walk-no-route = There is no route yet. Record or load one first.
 walk-no-saved-route = There is no recorded route to load.
 walk-routes-none = There is no recorded route.
@@ -266,7 +266,7 @@ walk-map-saved = The map is saved again.
 walk-library-full = Recording in memory only, because there is no room for more routes. Delete some first.
 walk-route-unreadable = The route cannot be read: { $why }.
 walk-route-empty = That route is empty.
-walk-other-map = That route belongs to a map that is not loaded.
+walk-other-map = That route was recorded with another camera or on another map. I cannot guide you along it here.
 walk-way-here-unknown = I do not know yet where you are.
 walk-way-unknown = I do not know a place called { $place }. { walk-way-places }
 walk-way-places = { $count ->
@@ -291,6 +291,9 @@ walk-route-guessed = I cannot guide you: I did not know this phone well enough w
 walk-route-damaged = I cannot guide you: the route is damaged.
 walk-guidance-begins = Guidance begins.
 walk-guidance-ended = Guidance has ended.
+walk-paused = Guidance is paused.
+walk-resumed = Guidance goes on.
+walk-not-paused = Guidance is not paused.
 walk-not-guiding = Guidance is not running.
 walk-goodbye = Goodbye.
 walk-nothing-to-repeat = I have not said anything yet.
@@ -298,7 +301,7 @@ walk-in-memory = in memory
 walk-set = Done.
 walk-picture-back = The picture is back.
 walk-no-picture = No picture from the camera. Stand still.
-walk-mapping-failed = Stop. Mapping has failed. Save the recording and start again.
+walk-mapping-failed = Stop. I can no longer build the map. End the recording, and start again.
 walk-tracking-failed = Tracking was stopped by an error of the program.
 walk-tracking-restarts = Tracking is starting again. Stand still.
 walk-distances-known = I can measure distances now.
@@ -366,6 +369,8 @@ key-load = load the latest route
 key-guide = guide home
 key-take-me = say where I can be taken
 key-backwards = guide backwards
+key-pause = pause guidance
+key-resume = go on with guidance
 key-halt = stop guidance
 key-repeat = say it again
 key-status = say where I am
@@ -394,6 +399,8 @@ page-stop = Stop recording
 page-guide-home = Guide home
 page-guide-back = Guide home, camera facing back
 page-guide-backwards = Guide backwards
+page-pause = Pause
+page-resume = Go on
 page-halt = Stop guidance
 page-load = Load the latest route
 page-guide-again = Guide from start to end
@@ -427,6 +434,12 @@ page-note-where = Where is it?
 page-note-left = on the left
 page-note-right = on the right
 page-note-here = right here
+page-note-voice = Record your voice
+page-note-voice-end = End the recording of your voice
+page-note-voice-again = Record your voice again
+page-note-voice-name = Voice note { $number }
+page-note-voice-refused = I may not use the microphone. Allow it for this page in the settings of the browser, or type the note.
+page-note-voice-lost = Your voice cannot be kept in this browser. The note has its number alone.
 page-note-save = Save the note
 page-name-text = Its name, such as to the kitchen
 page-name-save = Save the name
@@ -440,11 +453,12 @@ page-camera-refused = I may not use the camera. Allow it for this page in the se
 page-camera-missing = I find no camera on this device. Open the page on a phone.
 page-camera-busy = Another program is using the camera. Close it, then press Start the camera.
 page-camera-failed = The camera does not start. Load the page again, then press Start the camera.
+page-camera-ended = The camera was taken away, by a call or another program. Press Start the camera.
 page-camera-off = The camera is off. Press Start the camera.
 page-terminal-only = That can only be done at the terminal.
-page-no-picture-yet = There is no picture yet.
-page-wrong-key = The key of this page is wrong. Open the page with the code or the address shown on the computer.
-page-missing-key = The key of this page is missing. Open the page with the code or the address shown on the computer.
+page-no-picture-yet = Waiting for the first picture.
+page-missing-key = This phone is not paired yet.
+page-walk-failed = I cannot go on. The computer shows why.
 page-walk-ended = This session has ended.
 
 ## The page: what to mind, in five sentences for the ear
@@ -457,6 +471,42 @@ page-before-untried = Blind people have not yet tried me on real phones.
 page-before-pictures = Your pictures stay here, on your own devices.
 page-before-say = Say it again
 page-before-heard = I have heard this
+
+## The page: the first start, practice, battery and light
+
+page-reader-ask = Do you use a screen reader?
+page-reader-yes = Yes, it reads to me
+page-reader-no = No, speak to me
+page-practice = Practise with ten metres
+page-practice-again = Say this step again
+page-practice-end = End practice
+page-practice-camera = Practice, first step. Find a clear way of ten metres, indoors. Press Start the camera, and move about until I am ready.
+page-practice-record = Second step. Stand at the beginning of your ten metres. Press Record.
+page-practice-out = Third step. Move straight on, in your own time. I tell you when it is ten metres.
+page-practice-stop = Ten metres. Stand still, and press Stop recording.
+page-practice-home = Fourth step. Press Guide home, and follow what I say. Pause makes me silent, Where am I repeats where you are.
+page-practice-done = Practice is over. The practice route is in your list, where you can delete it.
+page-battery = The battery is at { $percent } percent.
+page-dark-now = It is too dark for the camera. Turn on a light, or uncover the camera.
+page-light-now = It is light enough again.
+
+## The page: a phone that the computer does not know
+
+page-pair-title = Pair this phone
+page-pair-code = The code for the phone: { $digits }.
+page-pair-said = The computer says six digits now, and shows them. Type them here.
+page-pair-wait = Too many wrong codes. Wait { $seconds } seconds, then press Say the code again.
+page-pair-wrong = That is not the code. Listen once more, and type the six digits.
+page-pair-over = That is not the code, and it is no longer valid. Press Say the code again in half a minute.
+page-pair-offline = The computer does not answer. Check that phone and computer are in the same network, then press Say the code again.
+page-pair-digits = The six digits
+page-pair-done = Pair
+page-pair-again = Say the code again
+page-known-title = Have we met?
+page-known = Is this the phone with route { $number }?
+page-known-named = Is this the phone with route { $number }, { $name }?
+page-known-yes = Yes, it is
+page-known-no = No, another phone
 
 ## The page: who holds the walk
 
@@ -488,8 +538,8 @@ page-no-answer = The computer does not answer.
 page-no-answer-stop = Stop. The computer does not answer.
 page-pictures-late = Stop. The pictures come too late.
 page-age = Picture { $seconds } s old
-page-age-about = Picture { $seconds } s old, give or take { $bound } s
-page-age-unknown = Nobody knows how old the picture is.
+page-age-about = Picture about { $seconds } s old
+page-age-unknown = I do not know how old the picture is.
 
 ## The page: the table of the state
 
@@ -522,9 +572,10 @@ page-guiding = { $facing ->
 page-guide-state = { $state ->
     [turning] turning
     [moving] moving
-    [checking] checking behind
+    [checking] feeling behind
     [stepping] stepping aside
     [stopped] stopped
+    [paused] paused
     [arrived] arrived
    *[waiting] waiting
 }
@@ -547,8 +598,8 @@ page-own-label = What this camera sees
 page-own-caption = This camera.
 page-picture-label = What the guiding camera sees, with dots on what I recognise
 page-picture-caption = What the guiding camera sees; dots are what I recognise.
-page-map-role = map in three dimensions
 page-map-title = Map and route
+page-map-how = How to move the map
 page-map-help = Arrow keys turn the view, with Shift they move it; W, A, S and D go through it, Q and E go down and up, plus and minus change its size, 0 shows all.
 page-map-follow = Follow the camera
 page-map-colour = Colours
@@ -619,14 +670,14 @@ page-light = Make the screen light
 
 ## The page: the engine in this device
 
-page-here = The engine runs in this device; no picture leaves it.
+page-here = Everything is computed on this device; no picture leaves it.
 page-here-stored = Everything is stored here: no network is needed any more.
-page-here-failed = The engine has failed.
-page-here-failed-stop = Stop. The engine has failed and begins again.
-page-here-too-old = The engine cannot run in this browser ({ $why }). Update the browser, or use Cairn with a computer.
+page-here-failed = The guide has failed.
+page-here-failed-stop = Stop. The guide has failed and begins again.
+page-here-too-old = I cannot run in this browser. Update the browser, or use Cairn with a computer.
 page-here-twice = Cairn is open in another tab of this browser. Close that one, then open this page again.
 page-here-turned = The picture has another shape now. Hold the phone as before.
-page-here-not-kept = What is recorded cannot be stored in this browser ({ $why }). Make room, and do not use a private window.
+page-here-not-kept = What is recorded cannot be stored in this browser. Make room, and do not use a private window.
 page-demo = Watch a demo: a simulated person is guided
 page-demo-leave = Leave the demo
 page-demo-start = Start the demo

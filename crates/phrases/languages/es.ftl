@@ -83,7 +83,7 @@ guide-go-end = { CAPITAL($go) } hasta el final.
 guide-start = La ruta mide { distance }.
 guide-start-unmeasured = No puedo medir distancias.
 guide-start-back = La cámara mira hacia atrás.
-guide-start-backwards = Atención, va a caminar hacia atrás. Vaya despacio y solo por suelo llano.
+guide-start-backwards = Atención, va a ir hacia atrás. Vaya despacio y solo por suelo llano.
 guide-join = Está en la ruta, { $distance ->
     [one] falta
    *[other] faltan
@@ -170,15 +170,15 @@ stop-drop = El suelo baja de golpe delante.
 stop-unknown-ground = No veo el suelo de delante.
 stop-no-way-past = No encuentro por dónde pasar.
 stop-scale = Aquí no puedo calcular distancias.{ $camera ->
-    [ahead] {" "}Ayuda volverse y caminar hacia atrás, o que la cámara mire hacia atrás.
+    [ahead] {" "}Ayuda volverse e ir hacia atrás, o que la cámara mire hacia atrás.
    *[back] {""}
 }
 stop-relocalise = Aquí pierdo el lugar una y otra vez y no puedo seguir guiándole. Pida ayuda para avanzar unos metros.{ $camera ->
-    [ahead] {" "}También ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
+    [ahead] {" "}También ayuda ir hacia atrás, o que la cámara mire hacia atrás.
    *[back] {""}
 }
 stop-to-and-fro = Aquí le llevo de un lado a otro y no puedo seguir guiándole. Pida ayuda para avanzar unos metros.{ $camera ->
-    [ahead] {" "}También ayuda caminar hacia atrás, o que la cámara mire hacia atrás.
+    [ahead] {" "}También ayuda ir hacia atrás, o que la cámara mire hacia atrás.
    *[back] {""}
 }
 stop-stage-died = Una parte de la guía ha dejado de funcionar.
@@ -199,13 +199,13 @@ ready-camera-back = Con la cámara mirando hacia atrás debería reconocerla.
 
 walk-recording = Grabando.
 walk-recording-unmeasured = Grabando. Todavía no puedo medir distancias.
-walk-recording-in-memory = Grabo solo en la memoria, porque no se puede escribir el archivo: { $file }: { $why }.
+walk-recording-in-memory = Grabo solo en la memoria: la ruta dura hasta que me apague, porque no se puede escribir { $file }: { $why }.
 walk-already-recording = Ya estoy grabando.
 walk-not-recording = No estoy grabando.
 walk-recorded = Fin de la grabación, { distance }.
 walk-recorded-unmeasured = Fin de la grabación.
 walk-nothing-recorded = Fin de la grabación. No se ha grabado nada.
-walk-file-incomplete = Fin de la grabación, pero el archivo está incompleto: { $why }. La ruta sigue en la memoria.
+walk-file-incomplete = Fin de la grabación, pero su archivo no está entero. La ruta dura hasta que me apague. El ordenador dice: { $why }.
 walk-no-route = Todavía no hay ninguna ruta. Grabe o cargue una primero.
 walk-no-saved-route = No hay ninguna ruta grabada que cargar.
 walk-routes-none = No hay ninguna ruta grabada.
@@ -269,7 +269,7 @@ walk-map-saved = El mapa vuelve a guardarse.
 walk-library-full = Grabo solo en la memoria, porque no caben más rutas. Borre antes algunas.
 walk-route-unreadable = No se puede leer la ruta: { $why }.
 walk-route-empty = Esa ruta está vacía.
-walk-other-map = Esa ruta es de un mapa que no está cargado.
+walk-other-map = Esa ruta se grabó con otra cámara o en otro mapa. Aquí no puedo guiarle por ella.
 walk-way-here-unknown = Todavía no sé dónde está usted.
 walk-way-unknown = No conozco ningún lugar llamado { $place }. { walk-way-places }
 walk-way-places = { $count ->
@@ -294,6 +294,9 @@ walk-route-guessed = No puedo guiarle: cuando se grabó esta ruta, yo aún no co
 walk-route-damaged = No puedo guiarle: la ruta está dañada.
 walk-guidance-begins = Empieza la guía.
 walk-guidance-ended = Fin de la guía.
+walk-paused = La guía está en pausa.
+walk-resumed = La guía continúa.
+walk-not-paused = La guía no está en pausa.
 walk-not-guiding = La guía no está en marcha.
 walk-goodbye = Adiós.
 walk-nothing-to-repeat = Todavía no he dicho nada.
@@ -301,7 +304,7 @@ walk-in-memory = en la memoria
 walk-set = Hecho.
 walk-picture-back = Vuelve a haber imagen.
 walk-no-picture = No llega imagen de la cámara. No se mueva.
-walk-mapping-failed = Alto. El mapa ha fallado. Guarde la grabación y empiece de nuevo.
+walk-mapping-failed = Alto. El mapa ha fallado. Termine la grabación y empiece de nuevo.
 walk-tracking-failed = Un error del programa ha detenido el seguimiento.
 walk-tracking-restarts = El seguimiento se reinicia. No se mueva.
 walk-distances-known = Ya puedo medir distancias.
@@ -372,6 +375,8 @@ key-load = cargar la última ruta
 key-guide = guiar de vuelta
 key-take-me = decir adónde se me puede llevar
 key-backwards = guiar hacia atrás
+key-pause = pausar la guía
+key-resume = continuar la guía
 key-halt = terminar la guía
 key-repeat = repetir
 key-status = decir dónde estoy
@@ -400,6 +405,8 @@ page-stop = Terminar la grabación
 page-guide-home = Guiar de vuelta
 page-guide-back = Guiar de vuelta, cámara hacia atrás
 page-guide-backwards = Guiar hacia atrás
+page-pause = Pausar
+page-resume = Continuar
 page-halt = Terminar la guía
 page-load = Cargar la última ruta
 page-guide-again = Guiar de principio a fin
@@ -414,7 +421,7 @@ page-route-loaded = Esta ruta está cargada.
 page-load-one = Cargar
 page-take-me-start = Llevarme al principio
 page-take-me-end = Llevarme al final
-page-rename = Nombre
+page-rename = Cambiar el nombre
 page-delete = Borrar
 page-labelled = { $action }: { $route }
 page-notes-count = { $count ->
@@ -422,7 +429,7 @@ page-notes-count = { $count ->
    *[other] { $count } notas.
 }
 page-why-not = No puedo guiarle por ella: { $why }.
-page-wait-picture = Espere la imagen
+page-wait-picture = Esperar la imagen
 page-note = Anotar un punto de referencia
 page-anew = Grabar una ruta nueva
 page-all-commands = Todas las acciones
@@ -433,6 +440,12 @@ page-note-where = ¿Dónde está?
 page-note-left = a la izquierda
 page-note-right = a la derecha
 page-note-here = aquí mismo
+page-note-voice = Grabar su voz
+page-note-voice-end = Terminar la grabación de su voz
+page-note-voice-again = Grabar su voz otra vez
+page-note-voice-name = Nota de voz { $number }
+page-note-voice-refused = No puedo usar el micrófono. Permítalo para esta página en los ajustes del navegador, o escriba la nota.
+page-note-voice-lost = Su voz no se puede guardar en este navegador. La nota solo tiene su número.
 page-note-save = Guardar la nota
 page-name-text = Su nombre, como a la cocina
 page-name-save = Guardar el nombre
@@ -446,11 +459,12 @@ page-camera-refused = No puedo usar la cámara. Permítala para esta página en 
 page-camera-missing = No encuentro ninguna cámara en este dispositivo. Abra la página en un teléfono.
 page-camera-busy = Otro programa está usando la cámara. Ciérrelo y pulse Encender la cámara.
 page-camera-failed = La cámara no se enciende. Vuelva a cargar la página y pulse Encender la cámara.
+page-camera-ended = Una llamada u otro programa se ha quedado con la cámara. Pulse Encender la cámara.
 page-camera-off = La cámara está apagada. Pulse Encender la cámara.
 page-terminal-only = Eso solo se puede hacer en la terminal.
-page-no-picture-yet = Todavía no hay imagen.
-page-wrong-key = La clave de esta página no es correcta. Abra la página con el código o la dirección que muestra el ordenador.
-page-missing-key = Falta la clave de esta página. Abra la página con el código o la dirección que muestra el ordenador.
+page-no-picture-yet = Espero la primera imagen.
+page-missing-key = Este teléfono aún no está enlazado.
+page-walk-failed = No puedo seguir. El ordenador muestra por qué.
 page-walk-ended = La sesión ha terminado.
 
 ## The page: what to mind, in five sentences for the ear
@@ -463,6 +477,42 @@ page-before-untried = Las personas ciegas todavía no me han probado con teléfo
 page-before-pictures = Sus imágenes se quedan aquí, en sus propios dispositivos.
 page-before-say = Repetir
 page-before-heard = Lo he oído
+
+## The page: the first start, practice, battery and light
+
+page-reader-ask = ¿Usa un lector de pantalla?
+page-reader-yes = Sí, me lee él
+page-reader-no = No, hábleme
+page-practice = Practicar con diez metros
+page-practice-again = Repetir este paso
+page-practice-end = Terminar la práctica
+page-practice-camera = Práctica, primer paso. Busque, bajo techo, un camino libre de diez metros. Pulse Encender la cámara y muévase hasta que yo esté listo.
+page-practice-record = Segundo paso. Póngase al principio de sus diez metros. Pulse Grabar.
+page-practice-out = Tercer paso. Avance recto, con calma. Le avisaré a los diez metros.
+page-practice-stop = Diez metros. Deténgase y pulse Terminar la grabación.
+page-practice-home = Cuarto paso. Pulse Guiar de vuelta y siga lo que le diga. Con Pausar me callo, con Dónde estoy le digo dónde está.
+page-practice-done = La práctica ha terminado. La ruta de práctica está en su lista, donde puede borrarla.
+page-battery = La batería está al { $percent } por ciento.
+page-dark-now = Está demasiado oscuro para la cámara. Encienda una luz o destape la cámara.
+page-light-now = Ya hay luz suficiente.
+
+## The page: a phone that the computer does not know
+
+page-pair-title = Enlazar este teléfono
+page-pair-code = El código para el teléfono: { $digits }.
+page-pair-said = El ordenador dice ahora seis cifras, y las muestra. Escríbalas aquí.
+page-pair-wait = Demasiados códigos equivocados. Espere { $seconds } segundos y pulse Repetir el código.
+page-pair-wrong = Ese no es el código. Escuche otra vez y escriba las seis cifras.
+page-pair-over = Ese no es el código, y ya no vale. Pulse Repetir el código dentro de medio minuto.
+page-pair-offline = El ordenador no responde. Compruebe que el teléfono y el ordenador están en la misma red y pulse Repetir el código.
+page-pair-digits = Las seis cifras
+page-pair-done = Enlazar
+page-pair-again = Repetir el código
+page-known-title = ¿Nos conocemos?
+page-known = ¿Es este el teléfono de la ruta { $number }?
+page-known-named = ¿Es este el teléfono de la ruta { $number }, { $name }?
+page-known-yes = Sí, es este
+page-known-no = No, es otro
 
 ## The page: who holds the walk
 
@@ -494,8 +544,8 @@ page-no-answer = El ordenador no responde.
 page-no-answer-stop = Alto. El ordenador no responde.
 page-pictures-late = Alto. Las imágenes llegan demasiado tarde.
 page-age = Imagen de hace { $seconds } s
-page-age-about = Imagen de hace { $seconds } s, más o menos { $bound } s
-page-age-unknown = Nadie sabe de cuándo es la imagen.
+page-age-about = Imagen de hace unos { $seconds } s
+page-age-unknown = No sé de cuándo es la imagen.
 
 ## The page: the table of the state
 
@@ -523,14 +573,15 @@ page-route-elsewhere = { page-route }, de otro mapa
 page-guiding = { $facing ->
     [home] de frente
     [back] cámara hacia atrás
-   *[backwards] caminando hacia atrás
+   *[backwards] hacia atrás
 }, { page-guide-state }, { $along } de { $length }
 page-guide-state = { $state ->
     [turning] girando
     [moving] avanzando
-    [checking] comprobando detrás
+    [checking] tanteando detrás
     [stepping] apartándose
     [stopped] parado
+    [paused] en pausa
     [arrived] en el destino
    *[waiting] esperando
 }
@@ -553,9 +604,9 @@ page-own-label = Lo que ve esta cámara
 page-own-caption = Esta cámara.
 page-picture-label = Lo que ve la cámara que guía, con puntos sobre lo que reconozco
 page-picture-caption = Lo que ve la cámara que guía; los puntos son lo que reconozco.
-page-map-role = mapa en tres dimensiones
 page-map-title = Mapa y ruta
-page-map-help = Las flechas giran la vista, con Mayúsculas la mueven; con W, A, S y D se camina, con Q y E se baja y se sube, más y menos cambian el tamaño, 0 lo muestra todo.
+page-map-how = Cómo mover el mapa
+page-map-help = Las flechas giran la vista, con Mayúsculas la mueven; con W, A, S y D se avanza, con Q y E se baja y se sube, más y menos cambian el tamaño, 0 lo muestra todo.
 page-map-follow = Seguir a la cámara
 page-map-colour = Colores
 page-map-height = por altura
@@ -618,21 +669,21 @@ page-volume = Volumen
 page-sounds = Sonidos breves con las palabras
 page-media = Botones de los auriculares y de la pantalla de bloqueo: reproducir repite, parar termina la guía
 page-vibration = Vibración
-page-keys = Las teclas sueltas dan órdenes: { $keys }
+page-keys = Las teclas sueltas sirven de atajos: { $keys }
 page-dark = Oscurecer la pantalla
 page-dark-title = La pantalla está oscura para ahorrar batería. La guía continúa.
 page-light = Encender la pantalla
 
 ## The page: the engine in this device
 
-page-here = El cálculo se hace en este dispositivo; ninguna imagen sale de él.
+page-here = Todo se calcula en este dispositivo; ninguna imagen sale de él.
 page-here-stored = Todo está guardado aquí: ya no hace falta ninguna red.
-page-here-failed = Ha fallado la localización.
-page-here-failed-stop = Alto. Ha fallado la localización y empieza de nuevo.
-page-here-too-old = Este navegador no puede hacer el cálculo ({ $why }). Actualice el navegador o use Cairn con un ordenador.
+page-here-failed = Ha fallado la guía.
+page-here-failed-stop = Alto. Ha fallado la guía y empieza de nuevo.
+page-here-too-old = No puedo funcionar en este navegador. Actualice el navegador o use Cairn con un ordenador.
 page-here-twice = Cairn está abierto en otra pestaña de este navegador. Ciérrela y abra esta página otra vez.
 page-here-turned = La imagen tiene ahora otra forma. Sostenga el teléfono como antes.
-page-here-not-kept = Lo grabado no se puede guardar en este navegador ({ $why }). Haga sitio y no use una ventana privada.
+page-here-not-kept = Lo grabado no se puede guardar en este navegador. Haga sitio y no use una ventana privada.
 page-demo = Ver una demostración: se guía a una persona simulada
 page-demo-leave = Salir de la demostración
 page-demo-start = Empezar la demostración
@@ -670,5 +721,5 @@ page-trust-android-install = Abra Ajustes, busque «certificado CA», elija Inst
 page-trust-open = Abra la página otra vez.
 page-trust-profile = Descargar el perfil
 page-trust-certificate = Descargar el certificado
-page-trust-compare = Antes de confiar, comparar: los detalles de { $name } en el teléfono y el terminal del ordenador deben mostrar la misma huella SHA-256, { $fingerprint }.
+page-trust-compare = Antes de confiar, compare: los detalles de { $name } en el teléfono y el terminal del ordenador deben mostrar la misma huella SHA-256, { $fingerprint }.
 page-trust-not-local = Una dirección de este ordenador no es de una red local: esta autoridad no puede responder por ella, y los teléfonos no confiarán allí en la página.

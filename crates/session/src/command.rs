@@ -52,6 +52,10 @@ pub enum Command {
     },
     /// Guide over the recorded routes to this place; without one, say which places there are.
     TakeMe(String),
+    /// Say nothing of the route any more until [`Command::Resume`].
+    Pause,
+    /// Go on with guidance that was paused, from here.
+    Resume,
     /// End guidance.
     Halt,
     /// Say the last words again.
@@ -114,7 +118,7 @@ const fn key(key: char, line: &'static str, does: &'static str) -> Key {
 }
 
 /// The keys of the terminal, the page and the help.
-pub const KEYS: [Key; 15] = [
+pub const KEYS: [Key; 17] = [
     key('r', "record", "key-record"),
     key('s', "stop", "key-stop"),
     key('n', "note", "key-note"),
@@ -126,6 +130,8 @@ pub const KEYS: [Key; 15] = [
     key('g', "guide", "key-guide"),
     key('t', "take me", "key-take-me"),
     key('b', "backwards", "key-backwards"),
+    key('u', "pause", "key-pause"),
+    key('c', "resume", "key-resume"),
     key('h', "halt", "key-halt"),
     key('p', "repeat", "key-repeat"),
     key('i', "status", "key-status"),
@@ -180,6 +186,8 @@ impl Command {
             "no" => Self::Answer(false),
             "guide" => return guide(&rest),
             "set" => return Ok(Self::Set(Setting::parse(&rest)?)),
+            "pause" => Self::Pause,
+            "resume" | "continue" => Self::Resume,
             "halt" => Self::Halt,
             "backwards" => Self::Guide { facing: Some(Facing::Backwards), again: false },
             "repeat" => Self::Repeat,
@@ -307,6 +315,8 @@ mod tests {
             ('L', "load"),
             ('g', "guide"),
             ('H', "halt"),
+            ('u', "pause"),
+            ('c', "resume"),
             ('b', "backwards"),
             ('b', "guide backwards"),
             ('p', "repeat"),

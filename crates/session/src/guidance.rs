@@ -52,6 +52,8 @@ pub(crate) struct Guiding {
     pub again: bool,
     pub asked: Stamp,
     pub started: bool,
+    /// The walker has asked for silence; the pose goes on.
+    pub is_paused: bool,
     /// The walker was not in the route's map when it began: then it begins anew once he is.
     pub is_elsewhere: bool,
     /// When he was last told so.
@@ -93,6 +95,7 @@ impl Guiding {
             again: travel == Travel::Again,
             asked: now,
             started: false,
+            is_paused: false,
             is_elsewhere,
             searched: None,
             has_lost_distances: false,
@@ -100,6 +103,14 @@ impl Guiding {
             told: vec![false; route.notes.len()],
             reach: None,
         })
+    }
+
+    /// Goes on in place of guidance along the same route that was paused: what was said is not said again, and what its length
+    /// was is not forgotten.
+    pub fn after(mut self, before: &Self) -> Self {
+        self.told.clone_from(&before.told);
+        self.began_m = before.began_m;
+        self
     }
 
     /// Whether the route lies in a map that has to do with the one of this key frame.

@@ -242,7 +242,7 @@ impl<S: Slam> Session<S> {
         self.ages.came(self.now);
         if self.picture.there(self.now) {
             self.speech.withdraw("walk-no-picture");
-            if self.guiding.is_none() {
+            if !self.is_guiding() {
                 self.say(&self.speech.text("walk-picture-back"), Priority::Normal);
             }
         }
@@ -278,10 +278,10 @@ impl<S: Slam> Session<S> {
         self.engine.look_after();
         let is_away = self.engine.away().is_some();
         let silent = self.frame.is_some_and(|t| self.now - t > PICTURE_TIMEOUT_S);
-        if silent && is_away && self.warnings.due("away", self.now) && self.guiding.is_none() {
+        if silent && is_away && self.warnings.due("away", self.now) && !self.is_guiding() {
             self.say(&self.speech.text("walk-tracking-restarts"), Priority::High);
         }
-        if silent && !is_away && self.picture.lost() && self.guiding.is_none() {
+        if silent && !is_away && self.picture.lost() && !self.is_guiding() {
             self.say(&self.speech.text("walk-no-picture"), Priority::High);
         }
         if let Some(why) = self.ages.trouble().filter(|why| self.warnings.due(why, self.now)) {

@@ -22,7 +22,7 @@ pub const STEP_M: f64 = 0.65;
 /// The range of the length of a step, metres.
 pub const STEPS_M: [f64; 2] = [0.2, 1.2];
 /// The range of the speed of a voice, words a minute.
-pub const WORDS_PER_MINUTE: [f64; 2] = [80.0, 360.0];
+pub const WORDS_PER_MINUTE: [f64; 2] = [80.0, 400.0];
 
 /// Why words are not a setting; the text is for the user.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -88,9 +88,8 @@ mod tests {
         assert_eq!(parse("unit steps 0.7"), Ok(Setting::Unit(Unit::Steps(0.7))));
         assert_eq!(parse("unit steps"), Ok(Setting::Unit(Unit::Steps(STEP_M))));
         assert_eq!(parse("directions clock"), Ok(Setting::Directions(DirectionStyle::Clock)));
-        assert_eq!(parse("speed 200"), Ok(Setting::WordsPerMinute(200.0)));
-        for wrong in
-            ["", "language fr", "unit miles", "unit steps 0", "unit steps NaN", "speed 9000", "speed"]
+        assert_eq!(parse("speed 400"), Ok(Setting::WordsPerMinute(400.0)));
+        for wrong in ["", "language fr", "unit miles", "unit steps 0", "unit steps NaN", "speed 401", "speed"]
         {
             assert!(parse(wrong).is_err(), "{wrong}");
         }

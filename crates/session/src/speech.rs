@@ -226,5 +226,7 @@ mod tests {
         assert_eq!(speech.take_events().len(), 1);
         speech.set(Setting::WordsPerMinute(90.0));
         assert_eq!(speech.voice.config().rate, 0.5);
+        speech.set(Setting::WordsPerMinute(400.0));
+        assert_eq!(180.0 * speech.voice.config().rate, 400.0);
     }
 }

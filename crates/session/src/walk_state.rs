@@ -19,4 +19,7 @@ pub struct WalkState {
     pub route: Option<PathBuf>,
     /// Guidance along it is in progress: where the walker faces, and whether again from its start.
     pub guiding: Option<(Facing, bool)>,
+    /// The walker has paused it.
+    #[serde(default)]
+    pub is_paused: bool,
 }

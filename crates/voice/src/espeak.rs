@@ -4,7 +4,7 @@
 
 use crate::earcon::earcon;
 use crate::{Voice, VoiceError};
-use cairn_guide::{Earcon, WORDS_PER_MINUTE};
+use cairn_guide::{Earcon, RATES, WORDS_PER_MINUTE};
 use cairn_phrases::Language;
 use std::ffi::OsString;
 use std::io::{ErrorKind, Read, Write};
@@ -15,7 +15,7 @@ use std::process::{Child, Command, Stdio};
 pub struct SpeechConfig {
     /// The language, which chooses the voice.
     pub language: Language,
-    /// 0.1 to 2; 1 is 180 words a minute.
+    /// Of [`RATES`]; 1 is 180 words a minute.
     pub rate: f64,
     /// 0 to 1.
     pub volume: f64,
@@ -79,7 +79,7 @@ impl Espeak {
 
     /// Starts the program with the words on its standard input; `extra` are its first arguments.
     fn start(&self, text: &str, extra: &[&str], out: Stdio) -> std::io::Result<Child> {
-        let speed = (WORDS_PER_MINUTE * self.config.rate.clamp(0.1, 2.0)).round().max(80.0);
+        let speed = (WORDS_PER_MINUTE * self.config.rate.clamp(RATES[0], RATES[1])).round().max(80.0);
         let loud = (100.0 * self.config.volume.clamp(0.0, 1.0)).round();
         let mut child = Command::new(&self.program)
             .args([

@@ -2,6 +2,7 @@
 
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, OpenMapError, Runner, SensorMode};
+use cairn_phrases::Language;
 use cairn_sensor::{Rig, Source, SourceError};
 use cairn_session::{SessionConfig, Slam};
 use cairn_sources::std_host;
@@ -50,6 +51,9 @@ pub fn engine_here() -> StartSlam {
 /// Is told, a line each, what a person at the terminal should know.
 pub type Tell = Arc<dyn Fn(&str) + Send + Sync>;
 
+/// Says a sentence of this language aloud, where the machine can.
+pub type Aloud = Arc<dyn Fn(Language, &str) + Send + Sync>;
+
 /// The session's camera.
 pub enum CameraSource {
     /// The camera of the page that holds the walk.
@@ -75,9 +79,11 @@ pub struct ServeConfig {
     pub lan: bool,
     /// The port; 0 selects a free one.
     pub port: u16,
-    /// The folder of the certificate, so that a phone asks only once whether to trust it; without a folder there is a
-    /// new certificate at each start.
+    /// The folder of the certificate, the access token and the phones, so that a phone asks only once whether to trust it and a
+    /// bookmark stays good; without a folder they are new at each start.
     pub keep: Option<PathBuf>,
+    /// Makes another access token: bookmarks and phones of before come in no more.
+    pub new_key: bool,
     /// The page's certificate is signed by an authority of this machine, which phones are asked to trust; it is kept in
     /// the same folder.
     pub authority: bool,
@@ -98,6 +104,8 @@ pub struct ServeConfig {
     pub connections: usize,
     /// The person at the terminal.
     pub tell: Tell,
+    /// Says the code by which a phone is paired.
+    pub aloud: Aloud,
     /// The engine's config.
     pub config: Config,
     /// The session's config.
@@ -111,6 +119,7 @@ impl ServeConfig {
             lan: false,
             port: 0,
             keep: None,
+            new_key: false,
             authority: false,
             routes: None,
             token: None,
@@ -120,6 +129,7 @@ impl ServeConfig {
             slam: engine_here(),
             connections: MOST_CONNECTIONS,
             tell: Arc::new(|_| ()),
+            aloud: Arc::new(|_, _| ()),
             config: Config::default(),
             session: SessionConfig::default(),
         }

@@ -4,9 +4,11 @@
 //! its secret, and another page gets the walk only by taking it over.
 
 use crate::columns::Columns;
-use crate::config::Tell;
+use crate::config::{Aloud, Tell};
 use crate::doors::Doors;
 use crate::line::Lines;
+use crate::pairing::Pairing;
+use crate::phones::Phones;
 use crate::pulse::Pulse;
 use crate::surface::Surface;
 use crate::token::same;
@@ -31,6 +33,20 @@ struct Holder {
     id: Option<u64>,
 }
 
+/// Who comes in, and who announces how.
+pub(crate) struct Access {
+    /// The access token.
+    pub token: String,
+    /// How a phone without it is given it.
+    pub pairing: Pairing,
+    /// The phones that were here.
+    pub phones: Phones,
+    /// The person at the terminal.
+    pub tell: Tell,
+    /// The voice of this machine.
+    pub aloud: Aloud,
+}
+
 /// How many pages want what.
 #[derive(Default)]
 pub(crate) struct Wanted {
@@ -42,16 +58,14 @@ pub(crate) struct Wanted {
 
 /// The hub.
 pub(crate) struct Hub {
-    /// The access token.
-    pub token: String,
+    /// Who comes in.
+    pub access: Access,
     /// Description of the session's camera, for people; empty when it is the page's own.
     pub camera: String,
     /// Connections of pages without a web socket.
     pub lines: Lines,
     /// Further connections of pages.
     pub doors: Doors,
-    /// The person at the terminal.
-    pub tell: Tell,
     /// Receives the images of the page's camera.
     pub port: PhonePort,
     /// Receives the commands.
@@ -85,21 +99,18 @@ pub(crate) struct Hub {
     /// Seconds that the pages' local time is ahead of UTC.
     pub zone_s: AtomicI32,
     pub picture: watch::Sender<Shared>,
-    /// The phone whose images are taken; empty where it is not known.
-    phone: Mutex<String>,
     holder: Mutex<Option<Holder>>,
     next: AtomicU64,
 }
 
 impl Hub {
-    pub fn new(token: String, camera: String, tell: Tell) -> Self {
+    pub fn new(access: Access, camera: String) -> Self {
         let empty: Arc<str> = "".into();
         Self {
-            token,
+            access,
             camera,
             lines: Lines::default(),
             doors: Doors::default(),
-            tell,
             port: PhonePort::default(),
             inbox: Inbox::new(),
             running: AtomicBool::new(false),
@@ -117,7 +128,6 @@ impl Hub {
             routes: watch::Sender::new(empty),
             zone_s: AtomicI32::new(0),
             picture: watch::Sender::new(Arc::from([].as_slice())),
-            phone: Mutex::default(),
             holder: Mutex::new(None),
             next: AtomicU64::new(1),
         }
@@ -195,17 +205,6 @@ impl Hub {
         self.holder().as_ref()?.id
     }
 
-    /// The phone whose images are taken from now on.
-    pub fn set_phone(&self, phone: &str) {
-        // What a page calls itself is kept in a file: no more of it than an identity needs.
-        *self.phone.lock().unwrap_or_else(PoisonError::into_inner) = phone.chars().take(64).collect();
-    }
-
-    /// The phone whose images are taken; empty where it is not known.
-    pub fn phone(&self) -> String {
-        self.phone.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
     fn tell_control(&self) {
         let (id, held) = self.holder().as_ref().map_or((None, false), |h| (h.id, true));
         self.broadcast(&ToPage::Control { id, held });
@@ -222,7 +221,14 @@ mod tests {
 
     #[test]
     fn walk_waits_for_the_page_that_began_it() {
-        let hub = Hub::new("token".into(), String::new(), Arc::new(|_| ()));
+        let access = Access {
+            token: "token".into(),
+            pairing: Pairing::default(),
+            phones: Phones::of(None),
+            tell: Arc::new(|_| ()),
+            aloud: Arc::new(|_, _| ()),
+        };
+        let hub = Hub::new(access, String::new());
         assert!(!hub.arrived(1, "a") && hub.controller().is_none(), "being first takes nothing");
         assert!(hub.take(1, "a", false) && hub.controller() == Some(1));
         assert!(!hub.arrived(2, "b") && !hub.take(2, "b", false));

@@ -16,12 +16,16 @@ pub struct Invitation {
 }
 
 impl Invitation {
-    pub(crate) fn new(bound: SocketAddr, lan: Option<IpAddr>, token: &str) -> Self {
+    /// `name` stays when the address changes: the one to keep.
+    pub(crate) fn new(bound: SocketAddr, lan: Option<IpAddr>, name: Option<&str>, token: &str) -> Self {
         let port = bound.port();
-        let mut hosts: Vec<IpAddr> = lan.into_iter().collect();
-        hosts.push(if bound.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { bound.ip() });
-        let url = |host: &IpAddr| format!("https://{}/#k={token}", SocketAddr::new(*host, port));
-        Self { urls: hosts.iter().map(url).collect(), token: token.to_owned() }
+        let own = if bound.ip().is_unspecified() { Ipv4Addr::LOCALHOST.into() } else { bound.ip() };
+        let at = |host: IpAddr| SocketAddr::new(host, port).to_string();
+        let hosts = lan.map(at).into_iter().chain(name.map(|name| format!("{name}:{port}"))).chain([at(own)]);
+        Self {
+            urls: hosts.map(|host| format!("https://{host}/#k={token}")).collect(),
+            token: token.to_owned(),
+        }
     }
 
     /// The first address as a QR code.
@@ -90,9 +94,10 @@ mod tests {
     fn addresses_have_the_token_and_the_code_is_drawn() {
         let a = "7".repeat(32);
         let bound = "0.0.0.0:8443".parse().unwrap();
-        let invitation = Invitation::new(bound, Some("192.168.1.7".parse().unwrap()), &a);
+        let invitation = Invitation::new(bound, Some("192.168.1.7".parse().unwrap()), Some("den.local"), &a);
         assert_eq!(invitation.urls[0], format!("https://192.168.1.7:8443/#k={a}"));
-        assert!(invitation.urls[1].starts_with("https://127.0.0.1:8443/#k="));
+        assert_eq!(invitation.urls[1], format!("https://den.local:8443/#k={a}"));
+        assert!(invitation.urls[2].starts_with("https://127.0.0.1:8443/#k="));
         let profile = "http://192.168.1.7:8443/authority.mobileconfig";
         assert_eq!(invitation.authority_urls()[0], profile);
         let qr = invitation.qr();

@@ -14,7 +14,10 @@ mod in_order;
 mod invitation;
 mod line;
 mod link;
+mod local_name;
 mod page;
+mod pairing;
+mod phones;
 mod places;
 mod pulse;
 mod requests;
@@ -36,7 +39,7 @@ use cairn_session::lens_watch as lens;
 pub use authority::{Authority, trusted};
 pub use certificate::Certificate;
 pub use config::{
-    CameraSource, MOST_CONNECTIONS, OpenSource, ServeConfig, SlamSetup, StartSlam, StartedSlam, Tell,
+    Aloud, CameraSource, MOST_CONNECTIONS, OpenSource, ServeConfig, SlamSetup, StartSlam, StartedSlam, Tell,
     engine_here,
 };
 pub use error::WebError;

@@ -64,7 +64,7 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>, place: Arc<Place>
         () = place.has_to_leave() => return,
     };
     if let Ok(FromPage::Beside { token, id, secret }) = serde_json::from_str(&first) {
-        if same(&token, &hub.token) && place.keep() {
+        if same(&token, &hub.access.token) && place.keep() {
             beside(Connection::Socket(Box::new(socket)), hub, id, &secret).await;
         }
         return;
@@ -72,9 +72,8 @@ pub(crate) async fn page(mut socket: WebSocket, hub: Arc<Hub>, place: Arc<Place>
     match guest(&first, &hub) {
         Ok(guest) if place.keep() => converse(Connection::Socket(Box::new(socket)), guest, hub).await,
         Ok(_) => {}
-        Err(language) => {
-            let text = ToPage::Trouble(&language.text("page-wrong-key")).text();
-            let _ = socket.send(Message::Text(text.into())).await;
+        Err(NoGuest) => {
+            let _ = socket.send(Message::Text(ToPage::Stranger(true).text().into())).await;
         }
     }
 }
@@ -110,6 +109,11 @@ pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<
     }
     if hub.arrived(id, &client.guest.secret) {
         client.opens_port();
+    } else if client.guest.walk && hub.camera.is_empty() {
+        let phones = hub.access.phones.offered(&client.guest.phone, hub.controller().is_some());
+        if !phones.is_empty() {
+            send(&mut connection, Message::Text(ToPage::Phones(phones).text().into())).await;
+        }
     }
     client.status.mark_changed();
     client.routes.mark_changed();
@@ -117,13 +121,16 @@ pub(crate) async fn converse(mut connection: Connection, guest: Guest, hub: Arc<
     hub.left(id);
 }
 
-/// The page that sends this as its first message, if it has the right token; else the language in which that is said.
-pub(crate) fn guest(text: &str, hub: &Hub) -> Result<Guest, Language> {
+/// A page without the access token.
+pub(crate) struct NoGuest;
+
+/// The page that sends this as its first message, if it has the right token.
+pub(crate) fn guest(text: &str, hub: &Hub) -> Result<Guest, NoGuest> {
     match serde_json::from_str(text) {
         Ok(FromPage::Hello { token, walk, secret, origin, zone_min, language, phone }) => {
             let language = language.parse().unwrap_or_default();
-            if !same(&token, &hub.token) {
-                return Err(language);
+            if !same(&token, &hub.access.token) {
+                return Err(NoGuest);
             }
             // No place on Earth is farther from UTC than fourteen hours.
             hub.zone_s.store(60 * i32::from(zone_min).clamp(-14 * 60, 14 * 60), Ordering::Relaxed);
@@ -131,7 +138,7 @@ pub(crate) fn guest(text: &str, hub: &Hub) -> Result<Guest, Language> {
             (&secret, origin.to_bits()).hash(&mut hasher);
             Ok(Guest { walk, secret, page: hasher.finish(), language, phone })
         }
-        _ => Err(Language::default()),
+        _ => Err(NoGuest),
     }
 }
 
@@ -359,6 +366,10 @@ impl Client {
                 let wrong = lines.iter().filter(|_| controls).find_map(|line| self.setting(line).err());
                 wrong.map(|why| refusal(&why.to_string()))
             }
+            FromPage::Kept(settings) => {
+                self.hub.access.phones.keep_settings(&self.guest.phone, settings);
+                None
+            }
             FromPage::Want { picture, map, surface, columns } => {
                 self.wants.set(picture, map, [surface, columns]);
                 self.view.mark_changed();
@@ -383,7 +394,7 @@ impl Client {
     /// Images come from this page from now on.
     fn opens_port(&self) {
         self.hub.port.page(self.guest.page);
-        self.hub.set_phone(&self.guest.phone);
+        self.hub.access.phones.set_current(&self.guest.phone);
     }
 
     /// Changes how the session speaks; also before its first picture.

@@ -10,7 +10,7 @@
 use crate::connection::Connection;
 use crate::hub::Hub;
 use crate::line::{Line, Requests, frame};
-use crate::page::{Guest, converse, guest};
+use crate::page::{Guest, NoGuest, converse, guest};
 use crate::places::Place;
 use crate::token::new_token;
 use crate::wire::ToPage;
@@ -46,10 +46,7 @@ pub(crate) fn routes(largest: usize) -> Router<Arc<Hub>> {
 async fn open(State(hub): State<Arc<Hub>>, Extension(place): ThePlace, hello: String) -> Response {
     let guest = match guest(&hello, &hub) {
         Ok(guest) => guest,
-        Err(language) => {
-            let trouble = ToPage::Trouble(&language.text("page-wrong-key")).text();
-            return (StatusCode::FORBIDDEN, trouble).into_response();
-        }
+        Err(NoGuest) => return (StatusCode::FORBIDDEN, ToPage::Stranger(true).text()).into_response(),
     };
     if !place.keep() {
         return StatusCode::TOO_MANY_REQUESTS.into_response();

@@ -4,15 +4,18 @@ use crate::authority::Authority;
 use crate::certificate::Certificate;
 use crate::config::{CameraSource, ServeConfig};
 use crate::error::WebError;
-use crate::hub::Hub;
+use crate::hub::{Access, Hub};
 use crate::invitation::{Invitation, lan_address};
+use crate::local_name::local_name;
 use crate::page::page;
+use crate::pairing::{self, Pairing};
+use crate::phones::Phones;
 use crate::places::{Place, Places};
 use crate::requests;
 use crate::site;
 use crate::survive;
 use crate::tls::{Answers, accept};
-use crate::token::new_token;
+use crate::token::{kept_token, new_token};
 use crate::trust;
 use crate::walk::walk;
 use crate::words;
@@ -66,7 +69,8 @@ impl Server {
         let lan = if config.lan { lan_address() } else { None };
         let mut addresses: Vec<IpAddr> = lan.into_iter().collect();
         addresses.push(Ipv4Addr::LOCALHOST.into());
-        let names = ["localhost".to_owned()];
+        let local = lan.and_then(local_name);
+        let names: Vec<String> = local.iter().cloned().chain(["localhost".to_owned()]).collect();
         let (authority, certificate, not_kept) = match (config.authority, &config.keep) {
             (true, keep) => {
                 let made =
@@ -84,13 +88,25 @@ impl Server {
         let der = authority.as_ref().map_or_else(|| certificate.der(), |a| a.der().clone());
         let files = authority.as_ref().map_or_else(Vec::new, |a| trust::files(a).into());
         let tls = certificate.into_server()?;
-        let token = config.token.clone().map_or_else(new_token, Ok)?;
-        let invitation = Invitation::new(address, lan, &token);
+        let (token, lost_key) = match (&config.token, &config.keep) {
+            (Some(token), _) => (token.clone(), None),
+            (None, Some(folder)) => kept_token(folder, config.new_key)?,
+            (None, None) => (new_token()?, None),
+        };
+        let not_kept = not_kept.or(lost_key);
+        let invitation = Invitation::new(address, lan, local.as_deref(), &token);
         let camera = match &config.camera {
             CameraSource::Page { .. } => String::new(),
             CameraSource::Source { name, .. } => name.clone(),
         };
-        let hub = Arc::new(Hub::new(token, camera, config.tell.clone()));
+        let access = Access {
+            token,
+            pairing: Pairing::default(),
+            phones: Phones::of(config.keep.as_deref()),
+            tell: config.tell.clone(),
+            aloud: config.aloud.clone(),
+        };
+        let hub = Arc::new(Hub::new(access, camera));
         if let Some(holder) = config.survives.as_deref().and_then(|path| survive::read(path).holder) {
             hub.held_by(holder);
         }
@@ -158,7 +174,7 @@ impl Server {
         self.authority.as_ref()
     }
 
-    /// Why the certificate could not be stored, if that was requested.
+    /// Why the certificate or the access token could not be stored, if that was requested.
     pub fn not_kept(&self) -> Option<&str> {
         self.not_kept.as_deref()
     }
@@ -251,6 +267,7 @@ fn router(hub: Arc<Hub>, session: &SessionConfig, authority: Option<&Authority>)
         .route("/", get(document))
         .route("/ws", get(socket))
         .merge(requests::routes(LARGEST))
+        .merge(pairing::routes())
         .with_state(hub)
 }
 

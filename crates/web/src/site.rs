@@ -17,7 +17,7 @@ macro_rules! files {
 }
 
 /// What the document loads, wherever the engine runs.
-pub(crate) const FILES: [(&str, &str); 28] = files![
+pub(crate) const FILES: [(&str, &str); 34] = files![
     "app.js",
     "before.js",
     "beside.js",
@@ -35,6 +35,10 @@ pub(crate) const FILES: [(&str, &str); 28] = files![
     "model.js",
     "orbit.js",
     "pace.js",
+    "pairing.js",
+    "phones.js",
+    "practice.js",
+    "reader.js",
     "requests.js",
     "routes.js",
     "scene.js",
@@ -45,6 +49,8 @@ pub(crate) const FILES: [(&str, &str); 28] = files![
     "surface.js",
     "trust.js",
     "view.js",
+    "voices.js",
+    "watch.js",
     "words.js",
 ];
 

@@ -44,7 +44,8 @@ pub(crate) fn walk(
     let result = run_session(hub, serve, routes);
     hub.running.store(false, Ordering::Relaxed);
     match &result {
-        Err(e) => hub.broadcast(&ToPage::Trouble(&e.to_string())),
+        // Why is printed by who started the server.
+        Err(_) => hub.broadcast(&ToPage::Failed(true)),
         Ok(()) => hub.broadcast(&ToPage::Ended(true)),
     }
     result
@@ -68,7 +69,7 @@ fn run_session(hub: &Arc<Hub>, serve: ServeConfig, lock: Option<RoutesLock>) -> 
         Err(e) => {
             // Both are said.
             if let Err(why) = closed {
-                (hub.tell)(&why.to_string());
+                (hub.access.tell)(&why.to_string());
             }
             Err(e)
         }
@@ -151,7 +152,7 @@ fn begin(
 /// Takes the lens that is kept for the phone, and checks it; where none is, it is watched for. Nothing is kept without a
 /// folder, or for a page that does not say which phone it is on.
 fn lens_of(hub: &Hub, folder: Option<PathBuf>, source: &mut PhoneSource) -> Option<LensWatch> {
-    let phone = hub.phone();
+    let phone = hub.access.phones.current();
     let folder = folder.filter(|_| !phone.is_empty());
     let guess = source.rig().cameras.first()?.camera;
     let kept = folder.as_ref().and_then(|folder| lens::kept(folder, &phone, &guess));
@@ -234,10 +235,10 @@ impl PageObserver {
         let now = unsaved(status);
         let kind = |u: &[NotSaved]| u.iter().map(std::mem::discriminant).collect::<Vec<_>>();
         if kind(&now) != kind(&self.unsaved) {
-            now.iter().for_each(|why| (self.hub.tell)(&told(why)));
+            now.iter().for_each(|why| (self.hub.access.tell)(&told(why)));
             let is_map = |u: &[NotSaved]| u.iter().any(|why| matches!(why, NotSaved::Map(_)));
             if is_map(&self.unsaved) && !is_map(&now) {
-                (self.hub.tell)("the map of the routes is saved now");
+                (self.hub.access.tell)("the map of the routes is saved now");
             }
             self.unsaved = now;
         }
@@ -251,7 +252,13 @@ impl PageObserver {
             return;
         }
         self.routes = Some(now);
-        self.hub.routes.send_replace(ToPage::Routes(&session.routes()).text().into());
+        let routes = session.routes();
+        // With another camera than the page's it is no route of the phone.
+        let own = routes.iter().find(|route| route.why_not.is_none() && self.hub.camera.is_empty());
+        if let Some(route) = own {
+            self.hub.access.phones.keep_route((route.number, route.name.clone()));
+        }
+        self.hub.routes.send_replace(ToPage::Routes(&routes).text().into());
     }
 
     /// Estimates the lens while it is a guess, and checks a kept one; begins again with one that was found, once nothing is in
@@ -289,7 +296,10 @@ impl PageObserver {
                     session.knows_of_lens(LensKnowledge::of(true, start.has_imu));
                 }
             }
-            Err(e) => self.hub.broadcast(&ToPage::Trouble(&e.to_string())),
+            Err(e) => {
+                self.hub.broadcast(&ToPage::Doubt(&e.to_string()));
+                (self.hub.access.tell)(&e.to_string());
+            }
         }
     }
 
@@ -356,9 +366,9 @@ impl Observer<Box<dyn Slam>> for PageObserver {
         };
         self.hub.broadcast(&ToPage::Did { ok, text });
         if *command == Command::Stop {
-            (self.hub.tell)(text);
+            (self.hub.access.tell)(text);
             // Whoever stops a recording relies on it.
-            unsaved(&session.status()).iter().for_each(|why| (self.hub.tell)(&told(why)));
+            unsaved(&session.status()).iter().for_each(|why| (self.hub.access.tell)(&told(why)));
         }
         // The map on the screens is updated at once.
         self.map = None;

@@ -1,5 +1,6 @@
 //! The messages of the web socket. Text is JSON with one key that names the kind; images are binary.
 
+use crate::phones::KnownPhone;
 use cairn_geometry::Vec3;
 use cairn_session::{Event, RouteListed, SessionStatus, earcon_name};
 use cairn_sources::MotionReading;
@@ -52,6 +53,8 @@ pub(crate) enum FromPage {
         #[serde(default)]
         columns: bool,
     },
+    /// What the page keeps in its browser, for when it comes from another address.
+    Kept(serde_json::Value),
     /// Takes the walk when no page holds it.
     Take(bool),
     /// Takes the walk, even from a page that holds it.
@@ -64,6 +67,10 @@ pub(crate) enum FromPage {
 pub(crate) enum ToPage<'a> {
     /// The answer to a hello.
     Hello { id: u64, version: &'static str, camera: &'a str },
+    /// The answer to a hello without the access token.
+    Stranger(bool),
+    /// The phones that the page's may be, which it does not know any more.
+    Phones(Vec<KnownPhone>),
     /// The answer on a further connection.
     Beside(bool),
     /// The page that holds the walk; with `held` but without an id, that page is away and the walk waits for it.
@@ -102,8 +109,8 @@ pub(crate) enum ToPage<'a> {
     View { camera: Option<[[f32; 3]; 4]> },
     /// The kept routes, newest first.
     Routes(&'a [RouteListed]),
-    /// An image was refused, or the walk has failed.
-    Trouble(&'a str),
+    /// The walk has failed; the computer shows why.
+    Failed(bool),
     /// The walk has ended.
     Ended(bool),
     /// An implausible calibration or sensor: shown on the screen, not spoken.

@@ -10,8 +10,7 @@ use serde_json::{Map, Value, json};
 /// Keys that are commands of the terminal only.
 const NOT_ON_THE_PAGE: [&str; 4] = ["quit", "delete", "yes", "no"];
 
-/// The document in a language. Elements name their text by `data-text`, their label by `data-label` and the description
-/// of their role by `data-role`.
+/// The document in a language. Elements name their text by `data-text` and their label by `data-label`.
 pub(crate) fn document(html: &str, language: Language) -> String {
     let html = html.replacen("lang=\"en\"", &format!("lang=\"{language}\""), 1);
     let mut out = String::with_capacity(2 * html.len());
@@ -20,14 +19,12 @@ pub(crate) fn document(html: &str, language: Language) -> String {
             let (_, rest) = tag.split_once(&format!("{attribute}=\""))?;
             rest.split('"').next().map(|id| escaped(&language.text(id)))
         };
-        let (mut tag_with_labels, text) = (tag.to_owned(), named("data-text").unwrap_or_default());
-        for (attribute, name) in [("data-label", "aria-label"), ("data-role", "aria-roledescription")] {
-            if let Some(label) = named(attribute) {
-                let end = tag_with_labels.len() - 1;
-                tag_with_labels.insert_str(end, &format!(" {name}=\"{label}\""));
-            }
+        let (mut tag_with_label, text) = (tag.to_owned(), named("data-text").unwrap_or_default());
+        if let Some(label) = named("data-label") {
+            let end = tag_with_label.len() - 1;
+            tag_with_label.insert_str(end, &format!(" aria-label=\"{label}\""));
         }
-        out += &tag_with_labels;
+        out += &tag_with_label;
         out += &text;
     }
     out
@@ -103,8 +100,8 @@ mod tests {
             for id in ["page-record", "page-map-help", "page-dark-title"] {
                 assert!(html.contains(&format!(">{}</", escaped(&language.text(id)))), "{language}: {id}");
             }
-            assert!(html.contains(&format!("aria-label=\"{}\"", language.text("page-map-title"))));
-            assert!(!html.contains(">page-") && !html.contains("\"page-map-title\" aria-label=\"page-"));
+            assert!(html.contains(&format!("aria-label=\"{}\"", language.text("page-picture-label"))));
+            assert!(!html.contains(">page-") && !html.contains("\"page-picture-label\" aria-label=\"page-"));
         }
     }
 

@@ -1,6 +1,7 @@
 //! The documents: links lead somewhere, commands, options and paths exist, every page is in the book, pages are short
 //! and sentences are those of a native engineer.
 
+use cairn_phrases::Language;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -87,6 +88,45 @@ fn tests_that_hold_what_happens_when_something_fails_exist() {
         let function = format!("fn {}()", name.trim_matches('`'));
         assert!(name.starts_with('`') && code.contains(&function), "{name} is no test");
     }
+}
+
+/// Sentences are said by the guide, or by a script of the page; labels and table cells do not end in a full stop.
+#[test]
+fn every_sentence_names_its_hazard_and_a_test() {
+    let read = |path: &str| std::fs::read_to_string(root().join(path)).unwrap();
+    let page = read("docs/figures/sentences.md");
+    let (mut scripts, mut code) = (String::new(), String::new());
+    let files = root().join("crates/web/src/page").read_dir().unwrap().map(|e| e.unwrap().path());
+    files
+        .filter(|p| p.extension().is_some_and(|e| e == "js"))
+        .for_each(|p| scripts += &std::fs::read_to_string(p).unwrap());
+    sources(&root().join("crates"), &mut code);
+    let words = |cell: &str| cell.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+    let (mut listed, mut faults) = (BTreeMap::<String, usize>::new(), Vec::new());
+    for row in page.lines().filter(|line| line.starts_with("| `")) {
+        let cells: Vec<&str> = row.trim_matches('|').split('|').collect();
+        let [ids, hazard, test] = cells[..] else { panic!("not three cells: {row}") };
+        words(ids).into_iter().for_each(|id| *listed.entry(id).or_default() += 1);
+        let test = words(test).concat();
+        if hazard.trim().len() < 8 || !code.contains(&format!("fn {test}()")) {
+            faults.push(format!("no hazard, or no such test: {hazard} {test}"));
+        }
+    }
+    faults.extend(listed.iter().filter(|(_, n)| **n > 1).map(|(id, n)| format!("{id} has {n} rows")));
+    let catalogue = read("crates/phrases/languages/en.ftl");
+    let ids = catalogue.lines().filter_map(|line| Some(line.split_once(" = ")?.0));
+    let ids: BTreeSet<&str> = ids.filter(|id| !id.contains([' ', '#'])).collect();
+    let is_said = |id: &&str| {
+        let text = Language::English.text(id);
+        let is_sentence = text.trim_end().ends_with(['.', '?', '!']) || text.contains(". ");
+        let by_script = ["'", "\"", "`"].iter().any(|quote| scripts.contains(&format!("{quote}{id}{quote}")));
+        is_sentence && (!id.starts_with("page-") || by_script)
+    };
+    let said: Vec<&str> = ids.iter().copied().filter(is_said).collect();
+    assert!(said.len() > 200, "{} sentences", said.len());
+    faults.extend(said.iter().filter(|id| !listed.contains_key(**id)).map(|id| format!("{id} has no row")));
+    faults.extend(listed.keys().filter(|id| !ids.contains(&id[..])).map(|id| format!("{id} is no sentence")));
+    assert!(faults.is_empty(), "{faults:#?}");
 }
 
 /// The help of a command, by its words; empty where there is no such command.

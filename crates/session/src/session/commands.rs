@@ -31,6 +31,8 @@ impl<S: Slam> Session<S> {
                 self.begin_guiding(facing.unwrap_or(self.config.facing), *again)
             }
             Command::TakeMe(to) => self.take_me(to),
+            Command::Pause => self.pause(),
+            Command::Resume => self.resume(),
             Command::Halt => match self.guiding.take() {
                 Some(_) => {
                     self.speech.drop_waiting();

@@ -81,6 +81,30 @@ impl<S: Slam> Session<S> {
         Ok(self.speech.text("walk-guidance-begins"))
     }
 
+    /// Whether somebody is being guided now.
+    pub(super) fn is_guiding(&self) -> bool {
+        self.guiding.as_ref().is_some_and(|g| !g.is_paused)
+    }
+
+    pub(super) fn pause(&mut self) -> Result<String, Refused> {
+        let guiding = self.guiding.as_mut().ok_or_else(|| self.speech.refuse("walk-not-guiding"))?;
+        guiding.is_paused = true;
+        self.speech.drop_waiting();
+        Ok(self.speech.text("walk-paused"))
+    }
+
+    /// Guidance goes on from where the walker is now, which may be elsewhere.
+    pub(super) fn resume(&mut self) -> Result<String, Refused> {
+        let before = self.guiding.take_if(|g| g.is_paused);
+        let before = before.ok_or_else(|| self.speech.refuse("walk-not-paused"))?;
+        let begun = self.begin_guiding(before.facing, before.again);
+        self.guiding = match self.guiding.take() {
+            Some(guiding) => Some(guiding.after(&before)),
+            None => Some(before),
+        };
+        begun.map(|_| self.speech.text("walk-resumed"))
+    }
+
     /// Why the unit of length of the last pose rules out directions along the route, if it does: the pose is in
     /// another map than the route, begun where scale could not be carried over, or its scale has been unsupported
     /// for longer than turning around takes.
@@ -113,6 +137,9 @@ impl<S: Slam> Session<S> {
 
     /// A step of the guide, with the last pose.
     pub(super) fn guide(&mut self, now: Stamp) {
+        if self.guiding.is_some() && !self.is_guiding() {
+            return;
+        }
         // Measured after the engine's step, so that its processing time counts.
         let too_old = self.ages.hazard(self.frame, self.now);
         let fails = self.dead.is_some() || self.engine.away().is_some();
@@ -190,7 +217,7 @@ impl<S: Slam> Session<S> {
                 &self.config.route,
             ) {
                 anew.ready = std::mem::take(&mut guiding.ready);
-                *guiding = anew;
+                *guiding = anew.after(guiding);
             }
         }
         if here.is_none() {

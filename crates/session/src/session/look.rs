@@ -49,7 +49,7 @@ impl<S: Slam> Session<S> {
             let place = g.guide.place();
             GuidingStatus {
                 facing: facing_name(g.facing),
-                state: state_name(g.guide.state()),
+                state: if g.is_paused { "paused" } else { state_name(g.guide.state()) },
                 along_m: place.map_or(0.0, |m| m.along_m),
                 length_m: g.guide.plan().length(),
                 cross_m: place.map_or(0.0, |m| m.cross_m),
@@ -67,7 +67,7 @@ impl<S: Slam> Session<S> {
     fn headline(&self, words: &str) -> (String, bool) {
         let facing = self.guiding.as_ref().map_or(Facing::Home, |g| g.facing);
         let why = |reason| reason_words(reason, facing, self.speech.language());
-        match self.guiding.as_ref().map(|g| g.guide.state()) {
+        match self.guiding.as_ref().filter(|g| !g.is_paused).map(|g| g.guide.state()) {
             Some(GuideState::Stopped(reason)) => {
                 return (format!("{} {}", self.speech.text("guide-stop"), why(reason)), true);
             }
@@ -79,6 +79,7 @@ impl<S: Slam> Session<S> {
                 let name = state_name(state).split(' ').next().unwrap_or_default();
                 return (self.speech.language().say("walk-guiding", &[("state", name.into())]), false);
             }
+            None if self.guiding.is_some() => return (self.speech.text("walk-paused"), false),
             None => {}
         }
         match self.age() {
@@ -148,12 +149,12 @@ impl<S: Slam> Session<S> {
                 add(phrases.measured(["walk-length-so-far", "walk-recording"], r.length, &[]));
             }
         }
-        if let Some(g) = &s.guiding {
+        if let Some(g) = s.guiding.as_ref().filter(|_| self.is_guiding()) {
             let done = 100.0 * g.along_m / g.length_m.max(1e-9);
             let percent = [("percent", Arg::Number(done, 0))];
             add(phrases.measured(["walk-to-go", "walk-percent-done"], g.length_m - g.along_m, &percent));
         }
-        if let Some(guiding) = self.guiding.as_ref().filter(|_| !s.alarm) {
+        if let Some(guiding) = self.guiding.as_ref().filter(|g| !s.alarm && !g.is_paused) {
             let beside = self.place.as_ref().and_then(|place| guiding.beside(place));
             if let Some((ahead, (away_m, bearing_rad))) = guiding.guide.ahead().zip(beside) {
                 add(phrases.where_words(&ahead, away_m, bearing_rad, guiding.facing));

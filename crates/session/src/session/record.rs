@@ -135,7 +135,10 @@ impl<S: Slam> Session<S> {
         }
         self.add_recorded(&path, &route, whole.is_ok());
         let metric = route.header.metric;
-        self.route = Some(RouteAtHand { route, path, here: true });
+        // Guidance that is in progress, or paused, is along the route that was at hand.
+        if self.guiding.is_none() {
+            self.route = Some(RouteAtHand { route, path, here: true });
+        }
         whole.map_err(|e| self.speech.refuse_because("walk-file-incomplete", e))?;
         let phrases = PhraseConfig { metric, ..*self.speech.phrases() };
         let words = phrases.measured(["walk-recorded", "walk-recorded-unmeasured"], length, &[]);

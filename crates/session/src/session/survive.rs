@@ -19,6 +19,7 @@ impl<S: Slam> Session<S> {
             auto_recorded: self.auto_recorded,
             route: self.route.as_ref().and_then(|held| held.path.clone()),
             guiding: self.guiding.as_ref().map(|g| (g.facing, g.again)),
+            is_paused: self.guiding.as_ref().is_some_and(|g| g.is_paused),
         }
     }
 
@@ -44,6 +45,7 @@ impl<S: Slam> Session<S> {
             if let Err(why) = self.begin_guiding(facing, again) {
                 self.say(&why.words, Priority::High);
             }
+            self.guiding.iter_mut().for_each(|g| g.is_paused = state.is_paused);
         }
     }
 

@@ -7,20 +7,27 @@ import { gray, jpeg } from './coding.js';
 import { Demo } from './demo.js';
 import { Files } from './files.js';
 import { Here, TurnPace } from './here.js';
-import { Pace } from './pace.js';
-import { keep, kept, phone, secret } from './kept.js';
+import { keep, kept, phone, secret, settings, whenKept } from './kept.js';
 import { Link } from './link.js';
 import { MapView } from './map.js';
 import { Model } from './model.js';
+import { Pace } from './pace.js';
+import { Pairing } from './pairing.js';
+import { KnownPhones } from './phones.js';
+import { Practice } from './practice.js';
+import { Reader } from './reader.js';
 import { MainButton, Noting, RouteList } from './routes.js';
 import { Senses } from './senses.js';
 import { clock, table } from './state.js';
 import { Trust } from './trust.js';
 import { Picture } from './view.js';
+import { Voices } from './voices.js';
+import { Light, watchBattery } from './watch.js';
 import { Words } from './words.js';
 
 const $ = (id) => document.getElementById(id);
-const token = new URLSearchParams(location.hash.slice(1)).get('k') || '';
+// The key: in the address, as a bookmark has it, else as this browser keeps it.
+let token = new URLSearchParams(location.hash.slice(1)).get('k') || kept.key || '';
 // The engine runs in this device where the document says so, else on the server.
 const here = document.documentElement.dataset.engine === 'here';
 // A simulated walker in place of the camera.
@@ -56,11 +63,35 @@ const map = new MapView($('map'), $('map-words'), {
 const model = new Model();
 const pace = here ? new TurnPace() : new Pace();
 const routes = new RouteList(command, t);
-const noting = new Noting(command);
+const voices = new Voices();
+const noting = new Noting(command, voices, t, refused);
 const main = new MainButton(t);
 const trust = new Trust((text) => senses.say({ text, priority: 1 }), t);
 const media = new MediaButtons(command, t);
 const before = new Before(senses, t);
+// Something that the page itself has to say: as an answer at once, as news once the voice is free.
+const speak = (text, interrupts) => {
+  senses.wake();
+  senses.say({ text, priority: 1, interrupts });
+  write({ text, priority: 1 });
+};
+const aloud = { say: (text) => speak(text, true), t };
+const reader = new Reader(aloud);
+const phones = new KnownPhones(aloud);
+const practice = new Practice(aloud);
+const light = new Light(speak, t);
+const pairing = new Pairing({
+  ...aloud,
+  language: () => words.language,
+  paired: (key) => {
+    token = key;
+    keep('key', key);
+    history.replaceState(null, '', `#k=${key}`);
+    showLink(['page-connecting']);
+    link.open();
+  },
+});
+whenKept(tellKept);
 // The newest status; null before the first picture, and while there is no connection.
 let latest = null;
 let me = null;
@@ -97,7 +128,7 @@ const camera = isDemo ? new Demo({
   command,
   language: () => words.language,
   ended: (metres) => refused(t('page-demo-ended', { metres: words.number(metres, 1) })),
-}) : new Camera($('video'), { ...toEngine, coding: here ? gray : jpeg, clogged: () => link.isClogged });
+}) : new Camera($('video'), { ...toEngine, coding: here ? gray : jpeg, clogged: () => link.isClogged, ended: cameraEnded });
 
 const link = new (here ? Here : Link)({
   t,
@@ -140,6 +171,7 @@ function takeBytes(bytes) {
 
 function ended() {
   if (me !== null || down !== null) lost(here ? 'page-here-failed' : 'page-connection-lost');
+  else if (linkNow[0][0] !== 'page-trying-again') senses.say({ text: t('page-trying-again'), priority: 1 });
   showLink(['page-trying-again']);
   me = null;
   ordered = new InOrder();
@@ -158,6 +190,17 @@ function send(data) {
   link.send(data);
 }
 
+// Without a key no connection is tried.
+function pair() {
+  link.close();
+  showLink(['page-missing-key']);
+  pairing.open();
+}
+
+function tellKept() {
+  if (!here && me !== null) link.sendCopies({ kept: settings() });
+}
+
 // A hidden page needs neither images nor the map; a phone that sends its own camera images needs no copy of them.
 function want() {
   const shown = document.visibilityState === 'visible';
@@ -169,6 +212,7 @@ function take(message) {
   const known = {
     hello, said, sound, did, status, trouble, doubt, refused, ping,
     ended: () => trouble(t('page-walk-ended')),
+    failed: () => trouble(t('page-walk-failed')),
     control: (v) => control(v.id, v.held),
     // On another connection that of a newer image may have come before.
     frame: ({ ms }) => { if (ms === null || frameMs === null || ms > frameMs) frameMs = ms; },
@@ -180,6 +224,8 @@ function take(message) {
     stored: () => showLink(...link.lines),
     imported: (v) => files.took(v),
     routes: (v) => routes.take(v),
+    stranger: () => pair(),
+    phones: (v) => phones.take(v),
   };
   known[kind]?.(value);
 }
@@ -192,6 +238,7 @@ function ping({ n, trip_ms }) {
 function hello({ id, camera: name }) {
   me = id;
   link.greet(JSON.stringify({ beside: { token, id, secret } }));
+  if (!here) keep('key', token);
   ownCamera = name === '';
   if (here) showLink(...link.lines);
   else showLink([ownCamera ? 'page-connected' : 'page-connected-to', { camera: name }], ...(link.bySocket ? [] : [['page-trust-slow']]));
@@ -261,7 +308,9 @@ function said(words) {
     if (old) becameLate();
     return;
   }
-  senses.say(words);
+  // A note in the walker's own voice is heard after its name and side, unless something more important is said.
+  if (words.priority < 2) voices.hush();
+  senses.say({ ...words, after: voices.named(words.text) });
   write(words);
   camera.heard?.(words.text);
 }
@@ -303,9 +352,10 @@ function doubt(text) {
 }
 
 function status(s) {
-  guiding = s.guiding !== null;
+  guiding = s.guiding !== null && s.guiding.state !== 'paused';
   latest = s;
   showMain();
+  practice.status(s);
   routes.ask(s.question, controls);
   lastStatus = s;
   showState(s);
@@ -328,7 +378,7 @@ function showState({ headline, alarm, age, language }) {
   $('state-now').classList.toggle('urgent', late || alarm);
   const own = ownAge();
   const seconds = own !== null ? own / 1000 : age?.age_s;
-  const shown = { seconds: words.number(Math.max(seconds ?? 0, 0), 1), bound: words.number(age?.bound_s ?? 0, 2) };
+  const shown = { seconds: words.number(Math.max(seconds ?? 0, 0), 1) };
   set('age-now', age === 'unknown' && own === null ? t('page-age-unknown')
     : seconds === undefined ? '' : t(age?.bound_s >= 0.05 && own === null ? 'page-age-about' : 'page-age', shown));
 }
@@ -390,6 +440,16 @@ setInterval(() => {
   else if (age !== null) becameFresh();
 }, 100);
 
+setInterval(() => {
+  if (camera.running && controls && camera.meanGray) light.look(camera.meanGray());
+}, 1000);
+
+// A call or another program has taken the camera.
+function cameraEnded() {
+  refused(t('page-camera-ended'));
+  showControl(holder);
+}
+
 let touched = false;
 function command(line) {
   senses.wake();
@@ -402,6 +462,10 @@ function command(line) {
   }
   if (held && !controls) {
     refused(t('page-other-holds'));
+    return;
+  }
+  if (ownCamera && !camera.running && !lastStatus?.frames) {
+    refused(t(isDemo ? 'page-demo-off' : 'page-camera-off'));
     return;
   }
   main.commanded();
@@ -515,6 +579,7 @@ function showWords() {
   trust.show(words.authority);
   map.take(map.view);
   showMain();
+  practice.show();
   if (lastStatus !== null) status(lastStatus);
 }
 
@@ -522,6 +587,7 @@ for (const [code, name] of words.languages) $('language').append(new Option(name
 for (const option of $('language').options) option.lang = option.value;
 $('language').addEventListener('change', async () => {
   words = await Words.in($('language').value).catch(() => words);
+  did({ text: '' });
   keep('language', words.language);
   showWords();
   speakLikeThis();
@@ -552,9 +618,12 @@ $('demo').hidden = !('demo' in document.documentElement.dataset) || isDemo;
 $('demo-leave').hidden = !isDemo;
 if (isDemo) $('camera').dataset.text = 'page-demo-start';
 words.show(document);
-if (!watchOnly && !isDemo) before.first();
-if (token || here) link.open();
-else {
-  showLink(['page-missing-key']);
-  senses.say({ text: t('page-missing-key'), priority: 1 });
+// What is asked at the first start comes before what is said then.
+if (!watchOnly && !isDemo) {
+  await reader.ask();
+  before.first();
+  // A browser speaks only once the page was touched.
+  $('camera').addEventListener('click', () => watchBattery(speak, t), { once: true });
 }
+if (token || here) link.open();
+else pair();

@@ -5,33 +5,64 @@
 const PARCEL = 2;
 const KEPT = 120;
 
+// Apple's phones report acceleration with gravity in the opposite sign of the standard; an iPad calls itself a Macintosh, of which
+// none has a touch screen.
+export function gravitySign({ userAgent, maxTouchPoints }) {
+  const isApple = /iPhone|iPad|iPod/.test(userAgent) || (/Macintosh/.test(userAgent) && maxTouchPoints > 1);
+  return isApple ? -1 : 1;
+}
+
 export class Camera {
   // `pace` decides when and how an image is sent, `coding` makes bytes of it; `clogged` reports whether sent data still waits on
   // this side.
-  constructor(video, { image, motion, pace, coding, clogged }) {
-    Object.assign(this, { video, image, motion, pace, coder: coding, clogged, running: false, coding: false, parcel: [] });
-    this.canvas = document.createElement('canvas');
+  constructor(video, { image, motion, pace, coding, clogged, ended }) {
+    Object.assign(this, { video, image, motion, pace, coder: coding, clogged, ended, running: false, coding: false, parcel: [] });
+    Object.assign(this, { canvas: document.createElement('canvas'), light: Object.assign(document.createElement('canvas'), { width: 16, height: 12 }) });
+    window.addEventListener('devicemotion', (event) => this.running && this.moved(event));
+    document.addEventListener('visibilitychange', () => this.back());
   }
 
   // Asks for camera and motion; must be called from a tap or a key press, as phones require.
   async start() {
     const ask = window.DeviceMotionEvent?.requestPermission;
-    const moves = !ask || (await ask.call(DeviceMotionEvent).catch(() => 'denied')) === 'granted';
+    if (ask) await ask.call(DeviceMotionEvent).catch(() => 'denied');
     const wish = { facingMode: 'environment', width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
     const stream = await navigator.mediaDevices.getUserMedia({ video: wish, audio: false });
+    [this.track] = stream.getVideoTracks();
+    this.track.onended = () => this.lost();
     this.video.srcObject = stream;
     await this.video.play();
     this.running = true;
-    if (moves) window.addEventListener('devicemotion', (event) => this.moved(event));
     this.stayAwake();
-    document.addEventListener('visibilitychange', () => this.stayAwake());
-    this.next();
+    if (!this.shoots) this.next();
+    this.shoots = true;
+  }
+
+  // The camera was taken away. In a hidden page that is a call or the lock, and it is asked for again once the page is seen.
+  lost() {
+    if (document.visibilityState !== 'visible') return;
+    this.running = false;
+    this.ended();
+  }
+
+  back() {
+    if (!this.running || document.visibilityState !== 'visible') return;
+    this.stayAwake();
+    if (this.track.readyState === 'ended') this.start().catch(() => this.lost());
   }
 
   // The screen may be dark, but the phone must not go to sleep.
   async stayAwake() {
-    if (document.visibilityState !== 'visible' || !navigator.wakeLock) return;
-    this.lock = await navigator.wakeLock.request('screen').catch(() => null);
+    this.lock = await navigator.wakeLock?.request('screen').catch(() => null);
+  }
+
+  // The mean gray of what the camera sees.
+  meanGray() {
+    const { width, height } = this.light;
+    const context = this.light.getContext('2d', { alpha: false, willReadFrequently: true });
+    context.drawImage(this.video, 0, 0, width, height);
+    const { data } = context.getImageData(0, 0, width, height);
+    return data.reduce((sum, value, k) => sum + (k % 4 === 3 ? 0 : value), 0) / (3 * width * height);
   }
 
   next() {
@@ -68,8 +99,7 @@ export class Camera {
     if (!a || !g || a.x === null || g.alpha === null) return;
     const turn = ((screen.orientation?.angle ?? 0) * Math.PI) / 180;
     const [c, s] = [Math.cos(turn), Math.sin(turn)];
-    // Apple's phones report acceleration with gravity in the opposite sign of the standard.
-    const sign = /iPhone|iPad|iPod/.test(navigator.userAgent) ? -1 : 1;
+    const sign = gravitySign(navigator);
     const axes = (x, y, z) => [c * x + s * y, -(c * y - s * x), -z];
     const rad = Math.PI / 180;
     // rotationRate: alpha about z, beta about x, gamma about y, degrees a second.

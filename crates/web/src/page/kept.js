@@ -8,6 +8,23 @@ export const kept = (() => {
   }
 })();
 
+let changed = () => {};
+
+// `act` is called after each change.
+export function whenKept(act) {
+  changed = act;
+}
+
+// What another address of the same server goes on with.
+export const settings = () => Object.fromEntries(Object.entries(kept).filter(([name]) => !['phone', 'key'].includes(name)));
+
+// This is the phone of that token and these settings.
+export function adopt(phone, others) {
+  Object.assign(kept, others);
+  keep('phone', phone);
+  location.reload();
+}
+
 export function keep(name, value) {
   kept[name] = value;
   try {
@@ -15,6 +32,7 @@ export function keep(name, value) {
   } catch {
     // A private window stores nothing.
   }
+  changed();
 }
 
 // Known only to this page, so that it regains its walk after a network failure or a reload.
@@ -30,7 +48,7 @@ function secretOfThisPage() {
 }
 export const secret = secretOfThisPage();
 
-// The same for this browser in every session: the server keeps the lens of the phone by it.
+// The token of this phone, the same in every session: the server keeps its lens, its route and its settings by it.
 function phoneOfThisBrowser() {
   if (typeof kept.phone !== 'string') keep('phone', [...crypto.getRandomValues(new Uint8Array(8))].map((b) => b.toString(16).padStart(2, '0')).join(''));
   return kept.phone;

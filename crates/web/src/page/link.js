@@ -124,13 +124,19 @@ export class Link {
 
   // The connection has closed or fallen silent: another is tried at once, then at growing intervals.
   end() {
-    this.socket.onclose = null;
-    this.socket.close();
+    this.close();
+    this.ended();
+    this.again = setTimeout(() => this.open(), this.rest);
+    this.rest = Math.min(2 * this.rest, LONGEST_REST_MS);
+  }
+
+  // No connection is there, nor tried again until the next `open`.
+  close() {
+    clearTimeout(this.again);
+    if (this.socket) this.socket.onclose = null;
+    this.socket?.close();
     this.socket = null;
     this.beside.close();
-    this.ended();
-    setTimeout(() => this.open(), this.rest);
-    this.rest = Math.min(2 * this.rest, LONGEST_REST_MS);
   }
 
   // To be called several times a second.

@@ -38,6 +38,12 @@ export class MapView {
     $('map-controls').hidden = !this.scene;
     for (const id of ['map-colour', 'map-follow']) $(id).addEventListener('change', () => { this.tint = null; this.draw(); });
     for (const id of ['map-surface', 'map-columns']) $(id).addEventListener('change', () => { this.tint = null; this.draw(); chosen(); });
+    // Screen readers have the words; who moves the map by keys is led to it.
+    $('map-how').addEventListener('click', () => {
+      $('map-help').hidden = !$('map-help').hidden;
+      $('map-how').ariaExpanded = String(!$('map-help').hidden);
+      if (!$('map-help').hidden) canvas.focus();
+    });
     canvas.addEventListener('webglcontextrestored', () => this.draw());
     matchMedia('(prefers-color-scheme: light)').addEventListener('change', () => { this.tint = null; this.draw(); });
     new ResizeObserver(() => this.draw()).observe(canvas);

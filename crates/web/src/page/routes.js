@@ -107,14 +107,20 @@ export class RouteList {
 
 // A landmark: the place is that of the moment at which the dialog opens.
 export class Noting {
-  constructor(command) {
-    this.command = command;
+  // `voices` records and keeps notes in the walker's own voice; `refused` says what failed.
+  constructor(command, voices, t, refused) {
+    Object.assign(this, { command, voices, t, refused, clip: null });
+    $('noting-voice').hidden = !window.MediaRecorder;
+    $('noting-voice').addEventListener('click', () => this.record());
+    $('noting').addEventListener('close', () => voices.end());
     $('note').addEventListener('click', () => this.open());
     $('noting-leave').addEventListener('click', () => $('noting').close());
     $('noting').querySelector('form').addEventListener('submit', (event) => {
       event.preventDefault();
       const side = document.querySelector('[name=side]:checked').value;
       $('noting').close();
+      const named = this.clip && this.clip[0] === $('noting-text').value.trim();
+      if (named) voices.keep(...this.clip).catch(() => refused(t('page-note-voice-lost')));
       command(`note ${side} ${$('noting-text').value.trim()}`.replace(/\s+/g, ' ').trim());
     });
   }
@@ -122,9 +128,34 @@ export class Noting {
   open() {
     if ($('note').hidden || $('noting').open) return;
     this.command('mark');
+    this.clip = null;
+    this.show();
     $('noting-text').value = '';
     $('side-none').checked = true;
     $('noting').showModal();
+  }
+
+  // The first press begins, the next ends; what was recorded has a name by which the guide says it.
+  async record() {
+    if (this.voices.recorder) {
+      this.voices.end();
+      return;
+    }
+    try {
+      await this.voices.begin((clip) => {
+        this.clip = [this.t('page-note-voice-name', { number: this.voices.next() }), clip];
+        [$('noting-text').value] = this.clip;
+        this.show();
+      });
+      this.show();
+    } catch {
+      this.refused(this.t('page-note-voice-refused'));
+    }
+  }
+
+  show() {
+    const id = this.voices.recorder?.state === 'recording' ? 'page-note-voice-end' : this.clip ? 'page-note-voice-again' : 'page-note-voice';
+    $('noting-voice').textContent = this.t(id);
   }
 }
 
@@ -148,13 +179,13 @@ export class MainButton {
   // and begins nothing.
   show(status, shown) {
     const button = $('main');
-    const next = !status || status.frames === 0 ? 'wait' : status.recording ? 'stop' : status.guiding ? 'halt'
+    const next = !status || status.frames === 0 ? 'wait' : status.recording ? 'stop' : status.guiding?.state === 'paused' ? 'resume' : status.guiding ? 'halt'
       : status.route?.here ? (status.route.is_new ? 'home' : 'again') : 'record';
     const stays = ['stop', 'halt'].includes(button.dataset.state) && next !== 'wait' && !this.isCommanded;
     const state = stays ? button.dataset.state : next;
     const [command, label] = {
       wait: ['status', 'page-wait-picture'], record: ['record', 'page-record'], stop: ['stop', 'page-stop'],
-      halt: ['halt', 'page-halt'], home: ['guide', 'page-guide-home'], again: ['guide again', 'page-guide-again'],
+      halt: ['halt', 'page-halt'], resume: ['resume', 'page-resume'], home: ['guide', 'page-guide-home'], again: ['guide again', 'page-guide-again'],
     }[state];
     button.hidden = !shown;
     if (button.dataset.state !== state) {
@@ -169,10 +200,14 @@ export class MainButton {
     const more = button.querySelector('.more');
     if (more.textContent !== length) more.textContent = length;
     $('note').hidden = !status?.recording || !shown;
-    $('other').hidden = state !== 'home' && state !== 'again' || !shown;
-    $('other').dataset.command = state === 'home' ? 'guide again' : 'guide';
-    this.write($('other'), state === 'home' ? 'page-guide-again' : 'page-guide-home');
-    $('anew').hidden = $('other').hidden;
+    $('pause').hidden = !shown || !status?.guiding || status.guiding.state === 'paused';
+    const other = { home: ['guide again', 'page-guide-again'], again: ['guide', 'page-guide-home'], resume: ['halt', 'page-halt'] }[state];
+    $('other').hidden = !other || !shown;
+    if (other) {
+      $('other').dataset.command = other[0];
+      this.write($('other'), other[1]);
+    }
+    $('anew').hidden = $('other').hidden || state === 'resume';
   }
 
   // Text is set only when it changes, so that a screen reader keeps its position.

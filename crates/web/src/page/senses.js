@@ -21,6 +21,8 @@ const SHAKES = { left: [80, 80, 80], right: [80, 80, 80, 80, 80], around: [500],
 // A line waits at most this long for the voice; the same text within SAME_MS counts as one message.
 const WAIT_MS = 2000;
 const SAME_MS = 1500;
+// A screen reader does not say when it has read the name of a note.
+const READ_MS = 3000;
 
 export class Senses {
   constructor({ polite, urgent }) {
@@ -62,7 +64,8 @@ export class Senses {
     this.audio?.resume();
   }
 
-  say({ text, priority, interrupts, turn_rad, kind, language }) {
+  // `after` is called once the text has been heard to its end.
+  say({ text, priority, interrupts, turn_rad, kind, language, after }) {
     const now = performance.now();
     if (text === this.said.text && now - this.said.at < SAME_MS) return;
     this.said = { text, at: now };
@@ -70,13 +73,18 @@ export class Senses {
       this.urgentAt = now;
       this.shake('stop');
     } else if (typeof turn_rad === 'number' && priority === 1) this.shake(Math.abs(turn_rad) > 2.6 ? 'around' : turn_rad > 0 ? 'left' : 'right');
-    const line = { text, priority, kind: kind ?? '', at: now, language: language ?? this.language };
-    if (this.told === 'reader') this.show(line);
-    else if (this.told === 'voice' && window.speechSynthesis) this.queue(line, interrupts || priority === 0);
+    const line = { text, priority, kind: kind ?? '', at: now, language: language ?? this.language, after };
+    if (this.told === 'reader') {
+      this.show(line);
+      if (after) setTimeout(after, READ_MS);
+    } else if (this.told === 'voice' && window.speechSynthesis) this.queue(line, interrupts || priority === 0);
   }
 
   show({ text, priority, kind, language }) {
     const region = priority <= 1 ? this.urgent : this.polite;
+    // What is outside of an open dialog is not read.
+    const home = [...document.querySelectorAll('dialog[open]')].pop() ?? document.body;
+    if (region.isConnected && region.parentNode !== home) home.append(region);
     region.dataset.kind = kind;
     region.lang = language;
     // A repeated text must still be a change, or the screen reader does not read it.
@@ -93,7 +101,11 @@ export class Senses {
     [this.speaking, this.waiting] = [line, null];
     const words = new SpeechSynthesisUtterance(line.text);
     [words.rate, words.volume, words.lang] = [this.rate, this.volume, line.language];
-    words.onend = () => { if (this.speaking === line) this.speaking = null; };
+    words.onend = () => {
+      if (this.speaking !== line) return;
+      this.speaking = null;
+      line.after?.();
+    };
     words.onerror = words.onend;
     // Not every browser reports the end of speech: two words a second is a slow voice.
     line.until = performance.now() + 2000 + (500 * line.text.split(' ').length) / this.rate;

@@ -29,7 +29,6 @@ export class Words {
     document.documentElement.lang = this.language;
     for (const element of document.querySelectorAll('[data-text]')) element.textContent = this.text(element.dataset.text);
     for (const element of document.querySelectorAll('[data-label]')) element.ariaLabel = this.text(element.dataset.label);
-    for (const element of document.querySelectorAll('[data-role]')) element.ariaRoleDescription = this.text(element.dataset.role);
   }
 
   fill(parts, values) {

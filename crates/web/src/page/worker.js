@@ -76,14 +76,17 @@ async function hello({ language, zone_min, phone, demo }) {
   if (!demo && !(await locked())) return say('trouble', 'page-here-twice');
   try {
     // What a demo records is not kept.
-    const [store, files] = demo ? [{ keep: async () => true }, []] : await Store.open((error) => say('trouble', 'page-here-not-kept', { why: error.name }));
+    const [store, files] = demo ? [{ keep: async () => true }, []] : await Store.open((error) => {
+      console.error(error);
+      say('trouble', 'page-here-not-kept');
+    });
     walk.store = store;
     const module = await WebAssembly.compile(await (await fetch('cairn.wasm')).arrayBuffer());
     walk.engine = await Engine.start(module, { print: (text) => console.warn(text), changed: (path) => walk.changed.set(path, true) });
     for (const [path, bytes] of files) walk.engine.wasi.put(path, bytes);
   } catch (error) {
     console.error(error);
-    return say('trouble', 'page-here-too-old', { why: error.message });
+    return say('trouble', 'page-here-too-old');
   }
   setInterval(step, STATUS_MS);
   showRoutes();

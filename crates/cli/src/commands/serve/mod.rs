@@ -16,9 +16,12 @@ use cairn_guide::Facing;
 use cairn_sensor::{Rig, Source};
 use cairn_session::{Command, FileConfig, LibraryError, SessionConfig};
 use cairn_sources::{OpenOptions, Paced, Validator, is_live, open, waiting_for};
-use cairn_web::{CameraSource, MOST_CONNECTIONS, ServeConfig, Server, StartSlam, WebError, engine_here, qr};
+use cairn_voice::{Espeak, EspeakVoice, SpeechConfig, Voice};
+use cairn_web::{
+    Aloud, CameraSource, MOST_CONNECTIONS, ServeConfig, Server, StartSlam, WebError, engine_here, qr,
+};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Serves an accessible web page over HTTPS: use a phone's camera for guidance, or watch from another screen.
 ///
@@ -38,6 +41,9 @@ pub struct Arguments {
     /// trust it. An iPhone refuses web sockets without; the page then goes on with plain requests.
     #[arg(long)]
     ca: bool,
+    /// Makes another key for the page's address: bookmarks and phones of before have to be paired again.
+    #[arg(long)]
+    new_key: bool,
     /// The port to listen on.
     #[arg(long, default_value_t = 8443)]
     port: u16,
@@ -133,12 +139,14 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         lan: a.lan,
         port,
         keep: data,
+        new_key: a.new_key,
         authority: a.ca,
         routes: Some(routes.clone()),
         camera,
         dense: a.dense,
         connections: connections(),
         tell: Arc::new(note),
+        aloud: aloud(a.speaking.announcer().rate),
         config,
         session,
     };
@@ -154,7 +162,9 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         Failure::new("the page", e.to_string(), cure)
     })?;
     if let Some(why) = server.not_kept() {
-        eprintln!("the certificate could not be saved, the browser will ask again at the next start: {why}");
+        eprintln!(
+            "certificate or key could not be saved, the browser will ask again at the next start: {why}"
+        );
     }
     #[cfg(unix)]
     if let Some(folder) = &a.run_folder {
@@ -172,6 +182,18 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let mut terminal = Terminal::new(a.lines, true, a.speaking.language);
     terminal.forward(move |command| remote.command(command));
     Ok(server.wait()?)
+}
+
+/// Speaks by the machine's own voice, where it has one; what is said is shown as well.
+fn aloud(rate: f64) -> Aloud {
+    let voice = Espeak::find(SpeechConfig { rate, ..SpeechConfig::default() }).ok().map(EspeakVoice::new);
+    let voice = Mutex::new(voice);
+    Arc::new(move |language, text| {
+        if let Some(voice) = voice.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
+            voice.set_language(language);
+            voice.say(text, 0.0, true);
+        }
+    })
 }
 
 /// Descriptors that are kept for the walk itself: its source, maps, routes and processes had 20 open at most (a simulated flat
@@ -200,6 +222,9 @@ fn invite(a: &Arguments, server: &Server, routes: &Path, output: &Output) -> Res
         let mut text = if a.lan { invitation.qr() } else { String::new() };
         for url in &invitation.urls {
             text += &format!("{url}\n");
+        }
+        if a.lan {
+            text += "Without the code: open the address up to its # on the phone, and type the six digits that are said here then.\n";
         }
         text += &format!("Maps and routes are kept in {}.\n", routes.display());
         text += &match server.authority() {

@@ -31,7 +31,7 @@ fn script_records_and_guides() {
     // A route recorded in another run belongs to another map.
     fails(
         &["run", WORLD, "--guide", &path("routes/route-0001.route")],
-        &["route-0001.route", "map that is not loaded"],
+        &["route-0001.route", "with another camera or on another map"],
     );
     fails(&["run", WORLD, "--guide", &path("none.route")], &["none.route", "cannot be read"]);
     std::fs::remove_dir_all(&folder).unwrap();

@@ -4,5 +4,6 @@
 
 mod lens;
 mod losses;
+mod pausing;
 mod recording;
 mod scripted;

@@ -53,7 +53,7 @@ fn record_stop_guide_back_arrives_with_the_route_on_disk() {
     let mut other =
         Walk::new(Session::new(engine(), SessionConfig { folder: folder_of("whole"), ..Default::default() }));
     assert!(other.ask("load").unwrap().contains("I cannot guide along it"));
-    assert!(other.ask("guide home").unwrap_err().contains("map that is not loaded"));
+    assert!(other.ask("guide home").unwrap_err().contains("with another camera or on another map"));
 }
 
 /// The same points; reading normalises rotations, which may change their last digit.
@@ -115,7 +115,7 @@ fn full_disk_is_announced_and_loses_no_point() {
     walk.see(&out()[..1]);
     walk.ask("record").unwrap();
     walk.see(&out()[1..]);
-    assert!(walk.ask("stop").unwrap_err().contains("incomplete"));
+    assert!(walk.ask("stop").unwrap_err().contains("its file is not whole"));
     walk.ask("guide back").unwrap();
     walk.see(out().iter().rev());
     assert!(walk.session.has_arrived(), "{}", walk.transcript());

@@ -31,7 +31,7 @@ pub struct Tab {
 
 /// The walker of a page has heard what to mind.
 pub const HEARD: &str = "try { localStorage.getItem('cairn-settings') \
-                     ?? localStorage.setItem('cairn-settings', '{\"before\":true}'); } catch {}";
+                     ?? localStorage.setItem('cairn-settings', '{\"before\":true,\"told\":\"voice\"}'); } catch {}";
 
 impl Browser {
     /// Starts the browser; its camera shows the video. `None` where it is not installed.

@@ -7,6 +7,7 @@
 
 mod alone;
 mod cdp;
+mod first;
 mod pace;
 mod parts;
 mod routes;

@@ -14,7 +14,11 @@ fn page_says_what_to_mind_once_in_a_browser() {
         Server::start(ServeConfig { session, ..ServeConfig::new(CameraSource::Page { rig: None }) }).unwrap();
     let url = server.invitation().urls[0].clone();
     let is_open = "document.querySelector('#before').open";
-    let phone = browser.open_after(&url, [390, 844], "localStorage.removeItem('cairn-settings')");
+    // It is asked first whether a screen reader speaks.
+    let phone = browser.open_after(&url, [390, 844], "sessionStorage.length || localStorage.clear()");
+    wait(&mut browser, &phone, "Do you use a screen reader?", "#reader[open]", 20.0);
+    accessible(&mut browser, &phone, "the first question");
+    browser.click(&phone, "#reader-no");
     wait(&mut browser, &phone, "Ready. ", "#control", 20.0);
     assert!(browser.text(&phone, "#before").contains("beside your cane or your dog, not instead"));
     assert_eq!(browser.eval(&phone, is_open), true);

@@ -48,7 +48,8 @@ fn page_records_and_guides_home_in_a_browser() {
     let Some((folder, mut browser)) = started("browser", &route_out()) else { return };
     let session = SessionConfig { folder: folder.join("routes"), ..SessionConfig::default() };
     let camera = CameraSource::Page { rig: Some(Box::new(Rig::mono(camera()))) };
-    let server = Server::start(ServeConfig { session, ..ServeConfig::new(camera) });
+    let keep = Some(folder.join("data"));
+    let server = Server::start(ServeConfig { session, keep, ..ServeConfig::new(camera) });
     let server = server.unwrap();
     let url = server.invitation().urls[0].clone();
 
@@ -78,6 +79,11 @@ fn page_records_and_guides_home_in_a_browser() {
     }
     browser.key(&phone, "s");
     wait(&mut browser, &phone, "Recording has ended", "#log", 5.0);
+    // From now on the phone is known by its token and this route.
+    wait(&mut browser, &phone, "1 route", "#routes-count", 5.0);
+    let known = std::fs::read_to_string(folder.join("data/phones.json")).unwrap();
+    let token = browser.eval(&phone, "JSON.parse(localStorage.getItem('cairn-settings')).phone");
+    assert!(known.contains(token.as_str().unwrap()) && known.contains("\"route\":[1,null]"), "{known}");
     browser.click(&phone, "[data-command='guide back']");
     wait(&mut browser, &phone, "back,", "#s-guiding", 8.0);
     wait(&mut browser, &phone, "Guiding", "#state-now", 8.0);
