@@ -1,6 +1,7 @@
 //! Judges a trial by ground truth: where the walker really was and to which side the words sent him.
 
 use super::config::{STEP_S, TrialConfig, guide_config};
+use super::rules::Rule;
 use crate::walker::{Walker, side_of};
 use cairn_geometry::Vec2;
 use cairn_guide::{
@@ -50,8 +51,8 @@ pub struct Outcome {
     pub kinds: BTreeMap<&'static str, usize>,
     /// On-course ticks and other sounds.
     pub sounds: usize,
-    /// How often a rule was broken that holds at every moment, by its name.
-    pub broken: BTreeMap<&'static str, usize>,
+    /// The rules that were broken, and when, seconds.
+    pub broken: Vec<(f64, Rule)>,
 }
 
 impl Outcome {
@@ -84,8 +85,8 @@ pub struct Tally {
     pub errors_m: Vec<f64>,
     /// Utterances by kind.
     pub kinds: BTreeMap<&'static str, usize>,
-    /// How often each rule was broken that holds at every moment.
-    pub broken: BTreeMap<&'static str, usize>,
+    /// How often each rule was broken.
+    pub broken: BTreeMap<Rule, usize>,
 }
 
 impl Tally {
@@ -98,9 +99,8 @@ impl Tally {
         self.said += o.said.len();
         self.metres += o.length_m;
         self.errors_m.push(o.error_m);
-        for (sum, counts) in [(&mut self.kinds, &o.kinds), (&mut self.broken, &o.broken)] {
-            counts.iter().for_each(|(name, n)| *sum.entry(name).or_default() += n);
-        }
+        o.kinds.iter().for_each(|(name, n)| *self.kinds.entry(name).or_default() += n);
+        o.broken.iter().for_each(|(_, rule)| *self.broken.entry(*rule).or_default() += 1);
     }
 
     /// Share that arrived within 1 m.
@@ -210,7 +210,12 @@ impl Judge {
         }
     }
 
-    pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) {
+    /// Where the walker truly is on the route.
+    pub fn place(&self) -> Option<Match> {
+        self.at
+    }
+
+    pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) -> Said {
         let truth = self.true_heading(walker);
         let along_m = self.at.map_or(0.0, |m| m.along_m);
         // Where two legs lie within reach of each other, the words may refer to either.
@@ -225,7 +230,9 @@ impl Judge {
             *self.outcome.kinds.entry(name(kind)).or_default() += 1;
         }
         let (x, y) = (truth.position.x, truth.position.y);
-        self.outcome.said.push(Said { t: now.seconds(), along_m, text: said.text.clone(), x, y, wrong_side });
+        let said = Said { t: now.seconds(), along_m, text: said.text.clone(), x, y, wrong_side };
+        self.outcome.said.push(said.clone());
+        said
     }
 
     /// Whether the words truly send the walker away from the route.
