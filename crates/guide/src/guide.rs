@@ -385,6 +385,12 @@ impl Guide {
         };
         self.last_match = Some(at);
         let now = &Now { at, ..*now };
+        // Stopped where the route ends.
+        if self.started
+            && let Some(arrived) = follower.arrival(now)
+        {
+            return arrived;
+        }
         let turn = now.walker.turn_to(follower.aim(now));
         let tolerance_deg = match follower.detour {
             Some(_) => follower.config.detour_tolerance_deg,

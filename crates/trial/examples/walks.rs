@@ -1,8 +1,8 @@
 //! Guides simulated walkers along random routes on poses, and prints the figures.
 //!
-//! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--from SEED] [--seed SEED --row ROW] [--docs FOLDER]`:
-//! a table of all rows, the utterances by kind, and the worst seeds. `--seed` and `--row` (from 0) replay one walk instead, with
-//! its time line. `--docs` also writes the table into FOLDER/guide.md (docs/figures), between its marks, and the worst three
+//! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--from SEED] [--row ROW] [--seed SEED] [--docs FOLDER]`:
+//! a table of all rows (or one, from 0), the utterances by kind, and the worst seeds. `--seed` with `--row` replays one walk instead,
+//! with its time line. `--docs` also writes the table into FOLDER/guide.md (docs/figures), between its marks, and the worst three
 //! transcripts beside it.
 
 use cairn_geometry::Vec2;
@@ -85,7 +85,8 @@ fn main() {
     );
     let mut kinds = String::new();
     let mut worst: Vec<(f64, u64, usize)> = Vec::new();
-    for row in 0..2 * ROWS.len() {
+    let rows = number("--row").map_or(0..2 * ROWS.len(), |row| row as usize..row as usize + 1);
+    for row in rows {
         let (mut tally, mut broken) = (Tally::default(), Vec::new());
         for (seed, o) in walks(first..first + routes, row) {
             tally.add(&o);
