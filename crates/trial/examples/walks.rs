@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--from SEED] [--row ROW] [--seed SEED] [--docs FOLDER]`:
 //! a table of all rows (or one, from 0), the utterances by kind, and the worst seeds. `--seed` with `--row` replays one walk instead,
-//! with its time line. `--docs` also writes the table into FOLDER/guide.md (docs/figures), between its marks, and the worst three
+//! with its time line. Exits 1 where a rule is broken more often than its limit. `--docs` also writes the table into FOLDER/guide.md (docs/figures), between its marks, and the worst three
 //! transcripts beside it.
 
 use cairn_geometry::Vec2;
@@ -11,6 +11,7 @@ use cairn_trial::walk::{Noise, Outcome, Tally, TrialConfig, random_route, replay
 use std::fmt::Write as _;
 use std::ops::Range;
 use std::path::Path;
+use std::process::ExitCode;
 
 const ROWS: [(&str, Facing, Travel); 4] = [
     ("home, facing home", Facing::Home, Travel::Home),
@@ -69,14 +70,14 @@ fn percentile(sorted: &[f64], share: f64) -> f64 {
     sorted.get(k.min(sorted.len().saturating_sub(1))).copied().unwrap_or(0.0)
 }
 
-fn main() {
+fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let after = |flag: &str| words.get(words.iter().position(|w| w == flag)? + 1).cloned();
     let number = |flag: &str| after(flag).and_then(|w| w.parse::<u64>().ok());
     if let (Some(seed), Some(row)) = (number("--seed"), number("--row")) {
         let (line, config) = setup(seed, (row as usize).min(2 * ROWS.len() - 1));
         print!("{}", replay(&line, &config).1);
-        return;
+        return ExitCode::SUCCESS;
     }
     let (first, routes) = (number("--from").unwrap_or(0), number("--ways").unwrap_or(200));
     let mut table = String::from(
@@ -85,6 +86,7 @@ fn main() {
     );
     let mut kinds = String::new();
     let mut worst: Vec<(f64, u64, usize)> = Vec::new();
+    let mut is_broken = false;
     let rows = number("--row").map_or(0..2 * ROWS.len(), |row| row as usize..row as usize + 1);
     for row in rows {
         let (mut tally, mut broken) = (Tally::default(), Vec::new());
@@ -120,6 +122,15 @@ fn main() {
             let seeds = broken.iter().filter(|b| b.0 == *rule).map(|b| format!("{} at {:.1} s", b.1, b.2));
             println!("    {}: {n}, seeds {}", rule.name(), seeds.take(8).collect::<Vec<_>>().join(", "));
         }
+        for (rule, n) in tally.broken_too_often() {
+            is_broken = true;
+            let most = rule.most_on_1000_walks();
+            println!(
+                "    BROKEN {}: {n} on {} walks, {most} on 1000 are the limit",
+                rule.name(),
+                tally.trials
+            );
+        }
         worst.sort_by(|a, b| b.0.total_cmp(&a.0));
         let here = worst.iter().filter(|w| w.2 == row).take(5);
         println!("    worst seeds: {:?}", here.map(|w| w.1).collect::<Vec<_>>());
@@ -131,8 +142,9 @@ fn main() {
         && let Err(e) = write_docs(Path::new(&folder), &table, &kinds, &worst)
     {
         eprintln!("{folder}: {e}");
-        std::process::exit(1);
+        return ExitCode::FAILURE;
     }
+    if is_broken { ExitCode::FAILURE } else { ExitCode::SUCCESS }
 }
 
 /// Writes the table between the marks of `guide.md`, and the worst three transcripts.

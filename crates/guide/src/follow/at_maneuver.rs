@@ -45,15 +45,16 @@ impl Follower {
     /// Where a walker is who goes on after a stop: past the next corner where he stands nearer to the leg after it. To send him
     /// on to the corner would be to send him away from the route.
     pub(crate) fn past_corner(&mut self, now: &Now) -> Match {
-        let corner = self.next_maneuver().filter(|m| m.turn_rad != 0.0).map(|m| m.end_m);
-        let position = &now.walker.position;
-        let Some(corner_m) = corner.filter(|m| self.matcher.is_past(&self.plan, position, &now.at, *m))
-        else {
-            return now.at;
-        };
+        let Some(corner_m) = self.corner_passed(now) else { return now.at };
         self.next += 1;
         self.matcher.pass(corner_m);
         self.update_match(&now.walker, now.stamp)
+    }
+
+    /// Metres along the route of the next corner, where the walker stands nearer to the leg after it than to the one before.
+    pub(crate) fn corner_passed(&self, now: &Now) -> Option<f64> {
+        let corner_m = self.next_maneuver().filter(|m| m.turn_rad != 0.0)?.end_m;
+        self.matcher.is_past(&self.plan, &now.walker.position, &now.at, corner_m).then_some(corner_m)
     }
 
     pub(crate) fn approach(&mut self, now: &Now) -> Option<CueKind> {

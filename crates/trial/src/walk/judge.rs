@@ -103,6 +103,12 @@ impl Tally {
         o.broken.iter().for_each(|(_, rule)| *self.broken.entry(*rule).or_default() += 1);
     }
 
+    /// Rules that were broken more often than they may be, and how often.
+    pub fn broken_too_often(&self) -> Vec<(Rule, usize)> {
+        let most = |rule: Rule| (rule.most_on_1000_walks() * self.trials).div_ceil(1000);
+        self.broken.iter().map(|(rule, n)| (*rule, *n)).filter(|(rule, n)| *n > most(*rule)).collect()
+    }
+
     /// Share that arrived within 1 m.
     pub fn arrival_rate(&self) -> f64 {
         self.arrived as f64 / self.trials.max(1) as f64

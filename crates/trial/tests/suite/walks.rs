@@ -100,6 +100,28 @@ fn walks_on_which_a_rule_was_once_broken_keep_it() {
     }
 }
 
+/// Walks of two ranges: always the same, and by a seed from the environment (.cargo/config.toml sets one). The example `walks` does it
+/// for thousands.
+#[test]
+fn no_rule_is_broken_more_often_than_its_limit() {
+    let drawn =
+        std::env::var("PROPTEST_RNG_SEED").ok().and_then(|seed| seed.parse().ok()).unwrap_or(7_000_000);
+    for first in [200, drawn] {
+        for (facing, travel) in
+            [(Facing::Home, Travel::Home), (Facing::Backwards, Travel::Home), (Facing::Home, Travel::Again)]
+        {
+            for noise in [Noise::None, Noise::Usual] {
+                let mut tally = Tally::default();
+                for seed in first..first + 50 {
+                    tally.add(&trial_on(travel, PhraseConfig::default(), seed, facing, noise));
+                }
+                let broken = tally.broken_too_often();
+                assert!(broken.is_empty(), "{first}.. {facing:?} {travel:?} {noise:?}: {broken:?}");
+            }
+        }
+    }
+}
+
 /// A walker who understands only Spanish or German arrives by the sentences of that language; likewise by clock
 /// directions.
 #[test]
