@@ -20,10 +20,18 @@ const ROWS: [(&str, Facing, Travel); 4] = [
     ("forward, another day", Facing::Home, Travel::Again),
 ];
 
+/// What a row is made of: exact and noisy poses by turns, then long losses.
+fn row_of(row: usize) -> ((&'static str, Facing, Travel), Noise, &'static str) {
+    match row {
+        8.. => (ROWS[row - 8], Noise::LongLosses, "long losses"),
+        _ if row.is_multiple_of(2) => (ROWS[row / 2], Noise::None, "exact poses"),
+        _ => (ROWS[row / 2], Noise::Usual, "noisy poses"),
+    }
+}
+
 /// The route of a walk and how it is gone.
 fn setup(seed: u64, row: usize) -> (Vec<Vec2>, TrialConfig) {
-    let (_, facing, travel) = ROWS[row / 2];
-    let noise = if row.is_multiple_of(2) { Noise::None } else { Noise::Usual };
+    let ((_, facing, travel), noise, _) = row_of(row);
     let crossing = seed % 4 == 3;
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
     let phrases = cairn_guide::PhraseConfig::default();
@@ -55,7 +63,8 @@ fn walks(seeds: Range<u64>, row: usize) -> Vec<(u64, Outcome)> {
 }
 
 fn name(row: usize) -> String {
-    format!("{}, {} poses", ROWS[row / 2].0, if row.is_multiple_of(2) { "exact" } else { "noisy" })
+    let (way, _, poses) = row_of(row);
+    format!("{}, {poses}", way.0)
 }
 
 /// How bad a trial was: not arrived first, then wrong sides and broken rules, leaving the path, number of utterances.
@@ -75,7 +84,7 @@ fn main() -> ExitCode {
     let after = |flag: &str| words.get(words.iter().position(|w| w == flag)? + 1).cloned();
     let number = |flag: &str| after(flag).and_then(|w| w.parse::<u64>().ok());
     if let (Some(seed), Some(row)) = (number("--seed"), number("--row")) {
-        let (line, config) = setup(seed, (row as usize).min(2 * ROWS.len() - 1));
+        let (line, config) = setup(seed, (row as usize).min(3 * ROWS.len() - 1));
         print!("{}", replay(&line, &config).1);
         return ExitCode::SUCCESS;
     }
@@ -87,7 +96,8 @@ fn main() -> ExitCode {
     let mut kinds = String::new();
     let mut worst: Vec<(f64, u64, usize)> = Vec::new();
     let mut is_broken = false;
-    let rows = number("--row").map_or(0..2 * ROWS.len(), |row| row as usize..row as usize + 1);
+    let rows =
+        number("--row").map_or(0..3 * ROWS.len(), |row| row as usize..(row as usize + 1).min(3 * ROWS.len()));
     for row in rows {
         let (mut tally, mut broken) = (Tally::default(), Vec::new());
         for (seed, o) in walks(first..first + routes, row) {

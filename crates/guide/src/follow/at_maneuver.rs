@@ -7,9 +7,15 @@ use crate::matcher::Match;
 /// From this turn angle on the legs before and after it are easily confused, radians.
 const HAIRPIN_RAD: f64 = 0.5;
 
+/// A corner that lies behind a walker by more than this was not missed by a late word: he has come past it another way, metres.
+const BEHIND_M: f64 = 2.0;
+
 impl Follower {
     /// "Turn now" at the next maneuver, or only its waypoint when the walker already goes the right way.
     pub(crate) fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
+        while self.next_maneuver().is_some_and(|m| m.end_m + BEHIND_M < now.at.along_m) {
+            self.next += 1;
+        }
         let m = *self.next_maneuver()?;
         let before = self.next.checked_sub(1).map_or(0.0, |k| self.plan.maneuvers()[k].end_m);
         let s = &self.config;
@@ -22,7 +28,8 @@ impl Follower {
         };
         let middle = 0.5 * (m.at_m + m.end_m);
         // Crossing its plane counts too, where the walker cuts or overshoots the corner.
-        if middle - now.at.along_m > early && now.at.along_m < m.at_m - 1e-6 {
+        let is_ahead = middle - now.at.along_m > early && now.at.along_m < m.at_m - 1e-6;
+        if is_ahead && !(m.turn_rad != 0.0 && self.cuts_corner(now, m.end_m)) {
             return None;
         }
         self.next += 1;
@@ -45,16 +52,21 @@ impl Follower {
     /// Where a walker is who goes on after a stop: past the next corner where he stands nearer to the leg after it. To send him
     /// on to the corner would be to send him away from the route.
     pub(crate) fn past_corner(&mut self, now: &Now) -> Match {
-        let Some(corner_m) = self.corner_passed(now) else { return now.at };
+        let corner = self.next_maneuver().filter(|m| m.turn_rad != 0.0).map(|m| m.end_m);
+        let position = &now.walker.position;
+        let Some(corner_m) = corner.filter(|m| self.matcher.is_past(&self.plan, position, &now.at, *m))
+        else {
+            return now.at;
+        };
         self.next += 1;
         self.matcher.pass(corner_m);
         self.update_match(&now.walker, now.stamp)
     }
 
-    /// Metres along the route of the next corner, where the walker stands nearer to the leg after it than to the one before.
-    pub(crate) fn corner_passed(&self, now: &Now) -> Option<f64> {
-        let corner_m = self.next_maneuver().filter(|m| m.turn_rad != 0.0)?.end_m;
-        self.matcher.is_past(&self.plan, &now.walker.position, &now.at, corner_m).then_some(corner_m)
+    /// Whether the walker has left the path and come nearer to the leg after the next corner, at `corner_m`.
+    fn cuts_corner(&self, now: &Now, corner_m: f64) -> bool {
+        now.at.cross_m.abs() > self.config.off_m
+            && self.matcher.is_past(&self.plan, &now.walker.position, &now.at, corner_m)
     }
 
     pub(crate) fn approach(&mut self, now: &Now) -> Option<CueKind> {

@@ -79,12 +79,9 @@ impl Follower {
         Some(CueKind::Adjust(turn))
     }
 
-    /// Whether a turn leads away from the route whoever is nearer to the leg after the next corner, or returns from outside: they are
-    /// directed along it once they are inside, unless they come far too steeply.
+    /// Whether a turn leads whoever returns to the route from outside away from it. They are directed along it once they are inside,
+    /// unless they come far too steeply.
     pub(crate) fn turns_away(&self, now: &Now, turn: f64) -> bool {
-        if self.corner_passed(now).is_some() {
-            return true;
-        }
         let s = &self.config;
         let outside = now.at.cross_m.abs() > s.off_m && !self.backwards();
         let returns = now.walker.turn_to(now.at.heading) * now.at.cross_m > 0.0;

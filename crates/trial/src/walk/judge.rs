@@ -184,7 +184,7 @@ impl Judge {
             let next = (*k == 0 || corners[k - 1].end_m <= along_m)
                 && corners.get(k + 1).is_none_or(|after| along_m <= after.at_m);
             let near = (m.at_m - along_m).abs() <= HAIRPIN_M;
-            let faces = truth.turn_to(m.exit_heading).abs() < PI / 4.0;
+            let faces = truth.turn_to(m.exit_heading).abs() < PI / 3.0;
             next && near && faces && m.turn_rad.abs() > PI / 2.0
         })?;
         let end_m = corners[taken].end_m;
@@ -241,12 +241,16 @@ impl Judge {
     pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) -> Said {
         let truth = self.true_heading(walker);
         let along_m = self.at.map_or(0.0, |m| m.along_m);
-        // Where two legs lie within reach of each other, the words may refer to either. Who has turned at a hairpin goes along the leg
-        // after it, however far beside it he turned.
+        // Where two legs lie within reach of each other, or the walker is as near to either, the words may refer to either. Who has
+        // turned at a hairpin goes along the leg after it, however far beside it he turned.
         let there = self.place_m.filter(|m| {
-            (self.plan.point_at(*m) - truth.position).norm() <= self.off_m && (*m - along_m).abs() > 1.0
+            let reach_m = self.off_m.max(self.away(along_m, &truth));
+            self.away(*m, &truth) <= reach_m && (*m - along_m).abs() > 1.0
         });
-        let wrong_side = side_of(&said.text, self.language).is_some_and(|side| {
+        // Who looks round for his place is sent nowhere.
+        let side = side_of(&said.text, self.language)
+            .filter(|_| !matches!(self.last_kind, Some(CueKind::LookRound(_))));
+        let wrong_side = side.is_some_and(|side| {
             [Some(along_m), there, self.faced_leg(&truth).map(|leg| leg[1])]
                 .into_iter()
                 .flatten()
@@ -327,7 +331,11 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::EndMissed { .. } => "end missed",
         CueKind::LookRound(_) => "look round",
         CueKind::Stop(_) => "stop",
-        CueKind::Waypoint | CueKind::OnCourse | CueKind::Turning(_) | CueKind::BackOnPath => "sound",
+        CueKind::Waypoint
+        | CueKind::OnCourse
+        | CueKind::Turning(_)
+        | CueKind::BackOnPath
+        | CueKind::StillHere => "sound",
     }
 }
 

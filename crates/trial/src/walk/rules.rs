@@ -96,6 +96,9 @@ impl Rules {
         if let Some(said) = said {
             self.hear(said, language, now);
         }
+        if cue.is_some_and(|cue| cue.kind == CueKind::StillHere) {
+            self.quiet_since = self.quiet_since.max(now);
+        }
         let waits = halted || state == GuideState::Waiting;
         if waits && now - self.quiet_since > SILENT_S {
             self.count(Rule::NotSilent, now);
@@ -108,7 +111,8 @@ impl Rules {
     }
 
     fn hear(&mut self, said: &Utterance, language: Language, now: Stamp) {
-        let side = side_of(&said.text, language);
+        // Who looks round for his place is not sent to that side.
+        let side = side_of(&said.text, language).filter(|_| !matches!(self.cue, Some(CueKind::LookRound(_))));
         // A corner of the route turns to the side that it turns to, whatever correction came before it; and who walks backwards may
         // have to step to one side and turn to the other.
         let other = matches!(self.cue, Some(CueKind::TurnNow { .. } | CueKind::Step(_)));
