@@ -11,11 +11,15 @@ const HAIRPIN_RAD: f64 = 0.5;
 const BEHIND_M: f64 = 2.0;
 
 impl Follower {
-    /// "Turn now" at the next maneuver, or only its waypoint when the walker already goes the right way.
-    pub(crate) fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
+    /// Corners that lie well behind the walker are done: nobody is led back to them.
+    pub(crate) fn leave_behind(&mut self, now: &Now) {
         while self.next_maneuver().is_some_and(|m| m.end_m + BEHIND_M < now.at.along_m) {
             self.next += 1;
         }
+    }
+
+    /// "Turn now" at the next maneuver, or only its waypoint when the walker already goes the right way.
+    pub(crate) fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
         let m = *self.next_maneuver()?;
         let before = self.next.checked_sub(1).map_or(0.0, |k| self.plan.maneuvers()[k].end_m);
         let s = &self.config;

@@ -65,7 +65,7 @@ fn walkers_arrive_home() {
 }
 
 /// Walks of the example `walks` on which a rule was once broken, by what broke it.
-const BROKEN_ONCE: [(&str, &[(u64, usize)]); 8] = [
+const BROKEN_ONCE: [(&str, &[(u64, usize)]); 9] = [
     ("after a stop beside a sharp corner, and behind one", &[(31, 3), (67, 3), (115, 3), (171, 7)]),
     ("on the way back to the last leg", &[(740, 0), (6054, 1)]),
     ("a correction was taken for the turn", &[(551, 1)]),
@@ -77,6 +77,10 @@ const BROKEN_ONCE: [(&str, &[(u64, usize)]); 8] = [
     (
         "a correction of the map forgot the turn at a sharp corner",
         &[(767, 1), (550, 7), (6047, 1), (5471, 7), (95949127, 7), (6579, 5), (95948435, 1), (95947627, 7)],
+    ),
+    (
+        "a corner was cut, outside the corridor or to a leg farther on",
+        &[(662, 7), (95952345, 5), (95952128, 7), (95951842, 1), (95951975, 1), (717, 0), (717, 1)],
     ),
     ("backwards, near a corner and beside the route", &[(109, 5)]),
     (
