@@ -102,7 +102,7 @@ pub struct GuideConfig {
     #[setting(default = 0.6, range = 0.0..=600.0)]
     pub adjust_dwell_s: f64,
     /// Time from the last direction to a correction.
-    #[setting(default = 2.5, range = 0.0..=600.0)]
+    #[setting(default = 3.0, range = 0.0..=600.0)]
     pub adjust_again_s: f64,
     /// The same after a turn on the spot.
     #[setting(default = 1.0, range = 0.0..=600.0)]

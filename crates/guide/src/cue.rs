@@ -224,6 +224,8 @@ pub enum CueKind {
     Turning(f64),
     /// Back on the path (sound only).
     BackOnPath,
+    /// He is stopped or waited for, and nothing was said for a while: the guide is still there (sound only).
+    StillHere,
     /// The end was passed: stop, and turn to it.
     EndMissed {
         /// Metres to the end.
@@ -243,7 +245,10 @@ pub enum CueKind {
 impl CueKind {
     /// Whether it is heard as a sound alone.
     pub fn is_sound(&self) -> bool {
-        matches!(self, Self::Waypoint | Self::OnCourse | Self::Turning(_) | Self::BackOnPath)
+        matches!(
+            self,
+            Self::Waypoint | Self::OnCourse | Self::Turning(_) | Self::BackOnPath | Self::StillHere
+        )
     }
 }
 
@@ -306,7 +311,7 @@ impl Cue {
             | Stopped { .. }
             | SlowDown
             | Weak => Priority::Normal,
-            Progress(_) | Waypoint | OnCourse | Turning(_) | BackOnPath => Priority::Low,
+            Progress(_) | Waypoint | OnCourse | Turning(_) | BackOnPath | StillHere => Priority::Low,
         }
     }
 
@@ -329,7 +334,7 @@ impl Cue {
             }
             Waypoint => Some(Earcon::Waypoint),
             Arrived => Some(Earcon::Arrival),
-            Stop(_) | LookRound(_) => Some(Earcon::Stop),
+            Stop(_) | LookRound(_) | StillHere => Some(Earcon::Stop),
             _ => None,
         }
     }

@@ -72,6 +72,8 @@ pub struct Guide {
     weak: Option<(Stamp, bool)>,
     /// When a walker who is not on the route was last told where it is.
     away_said: Option<Stamp>,
+    /// When the last cue was given.
+    cued: Option<Stamp>,
 }
 
 /// How a step that a walker was told to make ends.
@@ -89,6 +91,8 @@ const WARNING_S: f64 = 8.0;
 const RIGHT_AHEAD_M: f64 = 1.0;
 /// A walker nearer to the route than this can join it, metres.
 const JOIN_REACH_M: f64 = 5.0;
+/// Whoever is stopped or waits hears at least a sound at this interval, seconds.
+const QUIET_S: f64 = 3.0;
 /// A walker who is farther away is told so at this interval, seconds.
 const AWAY_AGAIN_S: f64 = 12.0;
 
@@ -114,6 +118,7 @@ impl Guide {
             step_ended: None,
             weak: None,
             away_said: None,
+            cued: None,
         })
     }
 
@@ -251,9 +256,17 @@ impl Guide {
         if matches!(self.follower.phase, Phase::Done) {
             return None;
         }
-        let kind = self.decide(input)?;
+        let kind = self.decide(input).or_else(|| self.still_here(input.now))?;
+        self.cued = Some(input.now);
         self.corrections.note(&kind, input.now);
         Some(Cue { stamp: input.now, facing: self.follower.config.facing, kind })
+    }
+
+    /// The sign for whoever is stopped or waits, and would hear nothing.
+    fn still_here(&mut self, now: Stamp) -> Option<CueKind> {
+        let waits = matches!(self.state(), GuideState::Stopped(_) | GuideState::Waiting);
+        let since = *self.cued.get_or_insert(now);
+        (waits && now - since >= QUIET_S).then_some(CueKind::StillHere)
     }
 
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
@@ -385,6 +398,12 @@ impl Guide {
         };
         self.last_match = Some(at);
         let now = &Now { at, ..*now };
+        // Stopped where the route ends.
+        if self.started
+            && let Some(arrived) = follower.arrival(now)
+        {
+            return arrived;
+        }
         let turn = now.walker.turn_to(follower.aim(now));
         let tolerance_deg = match follower.detour {
             Some(_) => follower.config.detour_tolerance_deg,

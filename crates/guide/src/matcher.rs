@@ -63,11 +63,16 @@ impl Matcher {
         Self { config, along_m: 0.0, passed_m: 0.0, far_since: None }
     }
 
-    /// Sets the walker's place; used when the route was replaced by a corrected one.
+    /// Sets the walker's place.
     pub fn place(&mut self, along_m: f64) {
         self.along_m = along_m;
-        self.passed_m = 0.0;
         self.far_since = None;
+    }
+
+    /// A corrected route is longer by so many metres: the walker, and where he was guided past, are as far from its end as before.
+    pub fn shift(&mut self, metres: f64, length_m: f64) {
+        self.place((self.along_m + metres).clamp(0.0, length_m));
+        self.passed_m = (self.passed_m + metres).clamp(0.0, length_m);
     }
 
     /// Records that the walker was guided round a hairpin here. Its two legs lie near each other, so position alone
@@ -102,6 +107,7 @@ impl Matcher {
             false => self.earliest_near(plan, position),
         };
         self.place(found.along_m);
+        self.passed_m = 0.0;
         found
     }
 

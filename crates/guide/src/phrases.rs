@@ -134,7 +134,11 @@ impl PhraseConfig {
                 after("guide-stop", self.obstacle(&obstacle))
             }
             CueKind::Stop(reason) => after("guide-stop", reason_words(reason, cue.facing, self.language)),
-            CueKind::Waypoint | CueKind::OnCourse | CueKind::Turning(_) | CueKind::BackOnPath => return None,
+            CueKind::Waypoint
+            | CueKind::OnCourse
+            | CueKind::Turning(_)
+            | CueKind::BackOnPath
+            | CueKind::StillHere => return None,
         })
     }
 

@@ -100,7 +100,9 @@ impl Speech {
         clock: Clock,
     ) {
         let turn = turn_of(cue);
-        if let Some(earcon) = cue.earcon() {
+        // Not beneath the words: they are sign enough.
+        let is_heard = cue.kind == CueKind::StillHere && self.voice.is_speaking(clock.now);
+        if let Some(earcon) = cue.earcon().filter(|_| !is_heard) {
             let bearing_rad = turn.unwrap_or(ahead_rad);
             self.events.push_back(Event::Sound(Sound {
                 t_s: clock.elapsed_s(clock.now),

@@ -1,14 +1,17 @@
 //! Guides simulated walkers along random routes on poses, and prints the figures.
 //!
-//! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--from SEED] [--show SEED ROW] [--docs FOLDER]`:
-//! a table of all rows, the utterances by kind, and the worst seeds; `--show` prints one transcript instead (ROW
-//! counts from 0); `--docs` also writes the table into FOLDER/guide.md (docs/figures), between its marks, and the worst three
+//! `cargo run --release -p cairn-trial --example walks -- [--ways N] [--from SEED] [--row ROW] [--seed SEED] [--docs FOLDER]`:
+//! a table of all rows (or one, from 0), the utterances by kind, and the worst seeds. `--seed` with `--row` replays one walk instead,
+//! with its time line. Exits 1 where a rule is broken more often than its limit. `--docs` also writes the table into FOLDER/guide.md (docs/figures), between its marks, and the worst three
 //! transcripts beside it.
 
+use cairn_geometry::Vec2;
 use cairn_guide::{Facing, Travel};
-use cairn_trial::walk::{Noise, Outcome, Tally, TrialConfig, random_route, run};
+use cairn_trial::walk::{Noise, Outcome, Tally, TrialConfig, random_route, replay, run};
 use std::fmt::Write as _;
+use std::ops::Range;
 use std::path::Path;
+use std::process::ExitCode;
 
 const ROWS: [(&str, Facing, Travel); 4] = [
     ("home, facing home", Facing::Home, Travel::Home),
@@ -17,36 +20,58 @@ const ROWS: [(&str, Facing, Travel); 4] = [
     ("forward, another day", Facing::Home, Travel::Again),
 ];
 
-fn trial(seed: u64, row: usize) -> Outcome {
-    let (_, facing, travel) = ROWS[row / 2];
-    let noise = if row.is_multiple_of(2) { Noise::None } else { Noise::Usual };
+/// What a row is made of: exact and noisy poses by turns, then long losses.
+fn row_of(row: usize) -> ((&'static str, Facing, Travel), Noise, &'static str) {
+    match row {
+        8.. => (ROWS[row - 8], Noise::LongLosses, "long losses"),
+        _ if row.is_multiple_of(2) => (ROWS[row / 2], Noise::None, "exact poses"),
+        _ => (ROWS[row / 2], Noise::Usual, "noisy poses"),
+    }
+}
+
+/// The route of a walk and how it is gone.
+fn setup(seed: u64, row: usize) -> (Vec<Vec2>, TrialConfig) {
+    let ((_, facing, travel), noise, _) = row_of(row);
     let crossing = seed % 4 == 3;
     let corridor_m = 1.5 + 0.1 * (seed % 16) as f64;
-    let line = random_route(seed, crossing);
-    run(
-        &line,
-        &TrialConfig {
-            facing,
-            travel,
-            noise,
-            corridor_m,
-            cut_detours: !crossing,
-            phrases: cairn_guide::PhraseConfig::default(),
-            seed,
-        },
-    )
+    let phrases = cairn_guide::PhraseConfig::default();
+    let config = TrialConfig { facing, travel, noise, corridor_m, cut_detours: !crossing, phrases, seed };
+    (random_route(seed, crossing), config)
+}
+
+fn trial(seed: u64, row: usize) -> Outcome {
+    let (line, config) = setup(seed, row);
+    run(&line, &config)
+}
+
+/// The walks of a row by seed, on all cores.
+fn walks(seeds: Range<u64>, row: usize) -> Vec<(u64, Outcome)> {
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
+    let mut walks: Vec<(u64, Outcome)> = std::thread::scope(|scope| {
+        let start = |core| {
+            let mine = seeds.clone().filter(move |seed| seed % cores == core);
+            scope.spawn(move || mine.map(|seed| (seed, trial(seed, row))).collect::<Vec<_>>())
+        };
+        let threads: Vec<_> = (0..cores).map(start).collect();
+        threads
+            .into_iter()
+            .flat_map(|thread| thread.join().unwrap_or_else(|e| std::panic::resume_unwind(e)))
+            .collect()
+    });
+    walks.sort_by_key(|(seed, _)| *seed);
+    walks
 }
 
 fn name(row: usize) -> String {
-    format!("{}, {} poses", ROWS[row / 2].0, if row.is_multiple_of(2) { "exact" } else { "noisy" })
+    let (way, _, poses) = row_of(row);
+    format!("{}, {poses}", way.0)
 }
 
 /// How bad a trial was: not arrived first, then wrong sides and broken rules, leaving the path, number of utterances.
 fn badness(o: &Outcome) -> f64 {
     let missed = if o.arrived && o.error_m <= 1.0 { 0.0 } else { 1000.0 };
     let talk = o.said.len() as f64 / o.length_m.max(1.0);
-    let broken = o.broken.values().sum::<usize>();
-    missed + 100.0 * (o.wrong_side + broken) as f64 + 10.0 * o.off_path as f64 + o.error_m + talk
+    missed + 100.0 * o.broken.len() as f64 + 10.0 * o.off_path as f64 + o.error_m + talk
 }
 
 fn percentile(sorted: &[f64], share: f64) -> f64 {
@@ -54,32 +79,30 @@ fn percentile(sorted: &[f64], share: f64) -> f64 {
     sorted.get(k.min(sorted.len().saturating_sub(1))).copied().unwrap_or(0.0)
 }
 
-fn main() {
+fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    let after = |flag: &str, k: usize| {
-        let at = words.iter().position(|w| w == flag)?;
-        words.get(at + k).cloned()
-    };
-    let number = |flag: &str, k: usize| after(flag, k).and_then(|w| w.parse::<u64>().ok());
-    if let (Some(seed), Some(row)) = (number("--show", 1), number("--show", 2)) {
-        print!("{}", trial(seed, (row as usize).min(2 * ROWS.len() - 1)).transcript());
-        return;
+    let after = |flag: &str| words.get(words.iter().position(|w| w == flag)? + 1).cloned();
+    let number = |flag: &str| after(flag).and_then(|w| w.parse::<u64>().ok());
+    if let (Some(seed), Some(row)) = (number("--seed"), number("--row")) {
+        let (line, config) = setup(seed, (row as usize).min(3 * ROWS.len() - 1));
+        print!("{}", replay(&line, &config).1);
+        return ExitCode::SUCCESS;
     }
-    let (first, routes) = (number("--from", 1).unwrap_or(0), number("--ways", 1).unwrap_or(200));
+    let (first, routes) = (number("--from").unwrap_or(0), number("--ways").unwrap_or(200));
     let mut table = String::from(
         "| route | arrived within 1 m | error p50 / p95 / max | off the path per 50 m | wrong side | utterances per 100 m | of them corrections |\n\
          |---|---|---|---|---|---|---|\n",
     );
     let mut kinds = String::new();
     let mut worst: Vec<(f64, u64, usize)> = Vec::new();
-    for row in 0..2 * ROWS.len() {
+    let mut is_broken = false;
+    let rows =
+        number("--row").map_or(0..3 * ROWS.len(), |row| row as usize..(row as usize + 1).min(3 * ROWS.len()));
+    for row in rows {
         let (mut tally, mut broken) = (Tally::default(), Vec::new());
-        for seed in first..first + routes {
-            let o = trial(seed, row);
+        for (seed, o) in walks(first..first + routes, row) {
             tally.add(&o);
-            if !o.broken.is_empty() {
-                broken.push((seed, o.broken.clone()));
-            }
+            broken.extend(o.broken.iter().map(|(t, rule)| (*rule, seed, *t)));
             worst.push((badness(&o), seed, row));
         }
         let mut errors = tally.errors_m.clone();
@@ -105,7 +128,19 @@ fn main() {
         let list: Vec<String> = tally.kinds.iter().map(|(k, n)| format!("{k} {:.1}", per_100(*n))).collect();
         println!("    per 100 m: {}", list.join(", "));
         let _ = writeln!(kinds, "| {} | {} |", name(row), list.join(", "));
-        println!("    broken rules: {:?}, first by seed: {:?}", tally.broken, &broken[..broken.len().min(6)]);
+        for (rule, n) in &tally.broken {
+            let seeds = broken.iter().filter(|b| b.0 == *rule).map(|b| format!("{} at {:.1} s", b.1, b.2));
+            println!("    {}: {n}, seeds {}", rule.name(), seeds.take(8).collect::<Vec<_>>().join(", "));
+        }
+        for (rule, n) in tally.broken_too_often() {
+            is_broken = true;
+            let most = rule.most_on_1000_walks();
+            println!(
+                "    BROKEN {}: {n} on {} walks, {most} on 1000 are the limit",
+                rule.name(),
+                tally.trials
+            );
+        }
         worst.sort_by(|a, b| b.0.total_cmp(&a.0));
         let here = worst.iter().filter(|w| w.2 == row).take(5);
         println!("    worst seeds: {:?}", here.map(|w| w.1).collect::<Vec<_>>());
@@ -113,12 +148,13 @@ fn main() {
             println!("    {} routes, {:.0} m", tally.trials, tally.metres);
         }
     }
-    if let Some(folder) = after("--docs", 1)
+    if let Some(folder) = after("--docs")
         && let Err(e) = write_docs(Path::new(&folder), &table, &kinds, &worst)
     {
         eprintln!("{folder}: {e}");
-        std::process::exit(1);
+        return ExitCode::FAILURE;
     }
+    if is_broken { ExitCode::FAILURE } else { ExitCode::SUCCESS }
 }
 
 /// Writes the table between the marks of `guide.md`, and the worst three transcripts.

@@ -6,6 +6,10 @@ use crate::ground::{cross, direction};
 
 /// Within this distance only the end matters, metres.
 const END_ZONE_M: f64 = 2.5;
+/// Whoever stands farther from the end than this has not arrived, metres.
+const ARRIVED_M: f64 = 1.0;
+/// So near to the end nobody goes on by himself after a turn: who is fast passes it before he has heard to stop, metres.
+const HELD_M: f64 = 1.5;
 /// A walker who missed the end this often has arrived when it is within reach, whatever direction he faces.
 const MISSES_BEFORE_ARRIVAL: u32 = 2;
 
@@ -24,14 +28,14 @@ impl Follower {
         let standing_there = to_end.norm() <= 0.5 * width.min(depth);
         // Beside or past the end and within reach of it: sending the walker round for less than a metre does not help.
         let will_stand = course * (now.speed * self.config.arrival_lead_s);
-        let beside =
-            (to_end - will_stand).norm() <= self.config.arrival_reach_m && ahead < 0.5 * to_end.norm();
+        let will_miss_m = (to_end - will_stand).norm();
+        let reach = will_miss_m <= self.config.arrival_reach_m;
+        let beside = reach && ahead < 0.5 * to_end.norm();
         let early = (now.speed * self.config.arrival_lead_s).max(0.5 * depth);
         let spread = now.speed * self.config.arrival_spread_s;
         let reach_m = (self.config.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
-        let soon = ahead > -0.5 * depth && ahead <= early && miss <= reach_m;
+        let soon = ahead <= early && miss <= reach_m && will_miss_m <= ARRIVED_M;
         // A walker who missed it repeatedly does not get nearer: where the map has drifted, the end may lie in a wall.
-        let reach = (to_end - will_stand).norm() <= self.config.arrival_reach_m;
         let tried = self.memory.ends_missed >= MISSES_BEFORE_ARRIVAL && reach;
         (level && (standing_there || soon || beside || tried)).then(|| self.arrived())
     }
@@ -54,7 +58,14 @@ impl Follower {
         }
         self.memory.end_announced = true;
         self.memory.announced_at_m = now.at.along_m;
+        // "Slow down" is heard before a correction.
+        self.correct_soon(now);
         Some(CueKind::Approach(self.ahead(now)))
+    }
+
+    /// Whether a walker who turns must stand before he goes on: the end is too near to be told in time.
+    pub(crate) fn is_held_before_end(&self, now: &Now) -> bool {
+        self.next_maneuver().is_none() && (self.plan.end() - now.walker.position).norm() < HELD_M
     }
 
     /// True when only the end lies ahead and it is near.

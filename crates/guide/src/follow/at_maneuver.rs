@@ -7,7 +7,17 @@ use crate::matcher::Match;
 /// From this turn angle on the legs before and after it are easily confused, radians.
 const HAIRPIN_RAD: f64 = 0.5;
 
+/// A corner that lies behind a walker by more than this was not missed by a late word: he has come past it another way, metres.
+const BEHIND_M: f64 = 2.0;
+
 impl Follower {
+    /// Corners that lie well behind the walker are done: nobody is led back to them.
+    pub(crate) fn leave_behind(&mut self, now: &Now) {
+        while self.next_maneuver().is_some_and(|m| m.end_m + BEHIND_M < now.at.along_m) {
+            self.next += 1;
+        }
+    }
+
     /// "Turn now" at the next maneuver, or only its waypoint when the walker already goes the right way.
     pub(crate) fn turn_now(&mut self, now: &Now) -> Option<CueKind> {
         let m = *self.next_maneuver()?;
@@ -22,7 +32,8 @@ impl Follower {
         };
         let middle = 0.5 * (m.at_m + m.end_m);
         // Crossing its plane counts too, where the walker cuts or overshoots the corner.
-        if middle - now.at.along_m > early && now.at.along_m < m.at_m - 1e-6 {
+        let is_ahead = middle - now.at.along_m > early && now.at.along_m < m.at_m - 1e-6;
+        if is_ahead && !(m.turn_rad != 0.0 && self.cuts_corner(now, m.end_m)) {
             return None;
         }
         self.next += 1;
@@ -54,6 +65,12 @@ impl Follower {
         self.next += 1;
         self.matcher.pass(corner_m);
         self.update_match(&now.walker, now.stamp)
+    }
+
+    /// Whether the walker has left the path and come nearer to the leg after the next corner, at `corner_m`.
+    fn cuts_corner(&self, now: &Now, corner_m: f64) -> bool {
+        now.at.cross_m.abs() > self.config.off_m
+            && self.matcher.is_past(&self.plan, &now.walker.position, &now.at, corner_m)
     }
 
     pub(crate) fn approach(&mut self, now: &Now) -> Option<CueKind> {

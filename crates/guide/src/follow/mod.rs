@@ -28,6 +28,8 @@ use phase::Memory;
 
 /// A stuck walker who is nearer to the route than this is on it, metres.
 const STUCK_BESIDE_M: f64 = 0.5;
+/// Who is farther than this from the route is led to it even where a point on it is near, metres.
+const BESIDE_M: f64 = 1.0;
 
 /// Follows a walker along a plan.
 #[derive(Clone, Debug)]
@@ -69,11 +71,10 @@ impl Follower {
 
     /// Replaces the plan by a corrected one: the walker keeps his distance to the end.
     pub(crate) fn replace_plan(&mut self, plan: ManeuverPlan) {
-        let left = self.plan.length() - self.matcher.along_m();
-        let along = (plan.length() - left).clamp(0.0, plan.length());
+        self.matcher.shift(plan.length() - self.plan.length(), plan.length());
+        let along = self.matcher.along_m();
         let done = self.plan.maneuvers().len() - self.next;
         self.plan = plan;
-        self.matcher.place(along);
         // As many maneuvers remain as before where that fits the new plan; else those behind the walker are done.
         let behind = self.plan.maneuvers().partition_point(|m| m.at_m < along + 0.3);
         self.next = match self.plan.maneuvers().len().checked_sub(done) {
@@ -107,6 +108,12 @@ impl Follower {
         self.memory.aim_off_since = None;
     }
 
+    /// What has just been said is no direction to a side: one may follow soon.
+    pub(crate) fn correct_soon(&mut self, now: &Now) {
+        let rest = self.config.adjust_again_s - self.config.adjust_after_turn_s;
+        self.memory.last_direction = Some(now.stamp.plus_seconds(-rest));
+    }
+
     pub(crate) fn turn_on_spot(&mut self, now: &Now) {
         self.direction_given(now);
         self.phase = Phase::Turning(Turning::new(now, true));
@@ -138,8 +145,9 @@ impl Follower {
         let to = self.plan.point_at(target) - now.walker.position;
         // A point too close to the walker gives no stable heading: there the heading of the route counts, unless the
         // walker stands well beside it.
+        let beside_m = if self.backwards() { s.backwards_off_m } else { BESIDE_M };
         let least = match self.next_maneuver() {
-            Some(_) if now.at.cross_m.abs() < 1.0 => 2.0,
+            Some(_) if now.at.cross_m.abs() < beside_m => 2.0,
             Some(_) => 0.8,
             None => 0.5,
         };

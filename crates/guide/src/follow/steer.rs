@@ -53,7 +53,9 @@ const AGAINST_DEG: f64 = 8.0;
 impl Follower {
     /// A small correction before the walker leaves the corridor.
     pub(crate) fn adjust(&mut self, now: &Now, aim: f64) -> Option<CueKind> {
-        let turn = self.wanted(now, aim).filter(|turn| !self.turns_away(now, *turn));
+        // Between the bends of a corner the piece of route says nothing of the way that he was told to turn to.
+        let wanted = if self.corner_here(now).is_some() { None } else { self.wanted(now, aim) };
+        let turn = wanted.filter(|turn| !self.turns_away(now, *turn));
         let Some(turn) = turn.filter(|_| now.speed >= self.config.motion.standing_m_s) else {
             self.memory.aim_off_since = None;
             return None;

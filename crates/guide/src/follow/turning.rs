@@ -38,7 +38,7 @@ impl Follower {
             turning.began |= rate.abs() > 2.0 * STILL_RAD_S || turned;
         }
         if turning.began && !turning.stop_said && !turning.held && self.overtakes(left, rate) {
-            if !self.may_end_anywhere(now) {
+            if !self.may_end_anywhere(now) || self.is_held_before_end(now) {
                 turning.held = true;
                 self.phase = Phase::Turning(turning);
                 return Some(CueKind::StandStill);
@@ -114,9 +114,7 @@ impl Follower {
         }
         let check = self.config.facing == Facing::Backwards;
         self.set_out(now);
-        // The remaining error can be corrected soon after.
-        let rest = self.config.adjust_again_s - self.config.adjust_after_turn_s;
-        self.memory.last_direction = Some(now.stamp.plus_seconds(-rest));
+        self.correct_soon(now);
         (!turning.stop_said).then(|| CueKind::Go { ahead: self.ahead(now), check })
     }
 }

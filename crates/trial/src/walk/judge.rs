@@ -1,6 +1,7 @@
 //! Judges a trial by ground truth: where the walker really was and to which side the words sent him.
 
 use super::config::{STEP_S, TrialConfig, guide_config};
+use super::rules::Rule;
 use crate::walker::{Walker, side_of};
 use cairn_geometry::Vec2;
 use cairn_guide::{
@@ -50,8 +51,8 @@ pub struct Outcome {
     pub kinds: BTreeMap<&'static str, usize>,
     /// On-course ticks and other sounds.
     pub sounds: usize,
-    /// How often a rule was broken that holds at every moment, by its name.
-    pub broken: BTreeMap<&'static str, usize>,
+    /// The rules that were broken, and when, seconds.
+    pub broken: Vec<(f64, Rule)>,
 }
 
 impl Outcome {
@@ -84,8 +85,8 @@ pub struct Tally {
     pub errors_m: Vec<f64>,
     /// Utterances by kind.
     pub kinds: BTreeMap<&'static str, usize>,
-    /// How often each rule was broken that holds at every moment.
-    pub broken: BTreeMap<&'static str, usize>,
+    /// How often each rule was broken.
+    pub broken: BTreeMap<Rule, usize>,
 }
 
 impl Tally {
@@ -98,9 +99,14 @@ impl Tally {
         self.said += o.said.len();
         self.metres += o.length_m;
         self.errors_m.push(o.error_m);
-        for (sum, counts) in [(&mut self.kinds, &o.kinds), (&mut self.broken, &o.broken)] {
-            counts.iter().for_each(|(name, n)| *sum.entry(name).or_default() += n);
-        }
+        o.kinds.iter().for_each(|(name, n)| *self.kinds.entry(name).or_default() += n);
+        o.broken.iter().for_each(|(_, rule)| *self.broken.entry(*rule).or_default() += 1);
+    }
+
+    /// Rules that were broken more often than they may be, and how often.
+    pub fn broken_too_often(&self) -> Vec<(Rule, usize)> {
+        let most = |rule: Rule| (rule.most_on_1000_walks() * self.trials).div_ceil(1000);
+        self.broken.iter().map(|(rule, n)| (*rule, *n)).filter(|(rule, n)| *n > most(*rule)).collect()
     }
 
     /// Share that arrived within 1 m.
@@ -167,23 +173,40 @@ impl Judge {
         Heading { position: Vec2::new(x, y), height: 1.3, heading, course }
     }
 
-    /// Where two legs lie at an acute angle, a walker who faces along the second and is nearer to that is on it: the matcher
-    /// alone would keep him on the first, backwards, while he walks away from it.
+    /// The leg after a hairpin, for a walker who faces along it: metres along the route of its begin and of its nearest point. Where
+    /// two legs lie at an acute angle the matcher alone would keep him on the first, backwards, while he goes away from it.
+    fn faced_leg(&self, truth: &Heading) -> Option<[f64; 2]> {
+        let along_m = self.at?.along_m;
+        let corners: Vec<_> = self.plan.maneuvers().iter().filter(|m| m.turn_rad != 0.0).collect();
+        let taken = (0..corners.len()).find(|k| {
+            let m = corners[*k];
+            // No other corner lies between the walker and this one.
+            let next = (*k == 0 || corners[k - 1].end_m <= along_m)
+                && corners.get(k + 1).is_none_or(|after| along_m <= after.at_m);
+            let near = (m.at_m - along_m).abs() <= HAIRPIN_M;
+            let faces = truth.turn_to(m.exit_heading).abs() < PI / 3.0;
+            next && near && faces && m.turn_rad.abs() > PI / 2.0
+        })?;
+        let end_m = corners[taken].end_m;
+        // Not farther than that leg goes: the one after it may cross the leg that the walker is on.
+        let leg_m = corners.get(taken + 1).map_or(self.plan.length(), |next| next.at_m) - end_m;
+        let steps = (HAIRPIN_M.min(leg_m) / 0.1) as usize;
+        let after = (0..=steps).map(|k| end_m + 0.1 * k as f64);
+        let nearest = after.min_by(|a, b| self.away(*a, truth).total_cmp(&self.away(*b, truth)))?;
+        Some([end_m, nearest])
+    }
+
+    /// Metres from the walker to the route at a distance along it.
+    fn away(&self, along_m: f64, truth: &Heading) -> f64 {
+        (self.plan.point_at(along_m) - truth.position).norm()
+    }
+
+    /// A walker who faces along the leg after a hairpin and is nearer to it than to the leg before is on it.
     fn pass_hairpin(&mut self, truth: &Heading) {
-        let Some(at) = self.at else { return };
-        let away = |along_m: f64| (self.plan.point_at(along_m) - truth.position).norm();
-        let maneuvers = self.plan.maneuvers();
-        let is_taken = |k: &usize| {
-            let m = maneuvers[*k];
-            let is_hairpin = m.turn_rad.abs() > PI / 2.0 && (m.at_m - at.along_m).abs() <= HAIRPIN_M;
-            let faces = truth.turn_to(m.exit_heading).abs() < PI / 4.0;
-            // Not farther than that leg goes: the one after it may cross the leg that the walker is on.
-            let leg_m = maneuvers.get(k + 1).map_or(self.plan.length(), |next| next.at_m) - m.end_m;
-            let after = (0..=(HAIRPIN_M.min(leg_m) / 0.1) as usize).map(|k| away(m.end_m + 0.1 * k as f64));
-            is_hairpin && faces && after.fold(f64::INFINITY, f64::min) < away(at.along_m)
-        };
-        let taken = (0..maneuvers.len()).find(is_taken).map(|k| maneuvers[k].end_m);
-        taken.into_iter().for_each(|end_m| self.matcher.pass(end_m));
+        let (Some(at), Some([end_m, nearest_m])) = (self.at, self.faced_leg(truth)) else { return };
+        if self.away(nearest_m, truth) < self.away(at.along_m, truth) {
+            self.matcher.pass(end_m);
+        }
     }
 
     /// `place_m`: the guide's own estimate of the distance along the route.
@@ -210,22 +233,37 @@ impl Judge {
         }
     }
 
-    pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) {
+    /// Where the walker truly is on the route.
+    pub fn place(&self) -> Option<Match> {
+        self.at
+    }
+
+    pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) -> Said {
         let truth = self.true_heading(walker);
         let along_m = self.at.map_or(0.0, |m| m.along_m);
-        // Where two legs lie within reach of each other, the words may refer to either.
+        // Where two legs lie within reach of each other, or the walker is as near to either, the words may refer to either. Who has
+        // turned at a hairpin goes along the leg after it, however far beside it he turned.
         let there = self.place_m.filter(|m| {
-            (self.plan.point_at(*m) - truth.position).norm() <= self.off_m && (*m - along_m).abs() > 1.0
+            let reach_m = self.off_m.max(self.away(along_m, &truth));
+            self.away(*m, &truth) <= reach_m && (*m - along_m).abs() > 1.0
         });
-        let wrong_side = side_of(&said.text, self.language).is_some_and(|side| {
-            [Some(along_m), there].into_iter().flatten().all(|m| self.wrong(side, &truth, m))
+        // Who looks round for his place is sent nowhere.
+        let side = side_of(&said.text, self.language)
+            .filter(|_| !matches!(self.last_kind, Some(CueKind::LookRound(_))));
+        let wrong_side = side.is_some_and(|side| {
+            [Some(along_m), there, self.faced_leg(&truth).map(|leg| leg[1])]
+                .into_iter()
+                .flatten()
+                .all(|m| self.wrong(side, &truth, m))
         });
         self.outcome.wrong_side += usize::from(wrong_side);
         if let Some(kind) = &self.last_kind {
             *self.outcome.kinds.entry(name(kind)).or_default() += 1;
         }
         let (x, y) = (truth.position.x, truth.position.y);
-        self.outcome.said.push(Said { t: now.seconds(), along_m, text: said.text.clone(), x, y, wrong_side });
+        let said = Said { t: now.seconds(), along_m, text: said.text.clone(), x, y, wrong_side };
+        self.outcome.said.push(said.clone());
+        said
     }
 
     /// Whether the words truly send the walker away from the route.
@@ -293,7 +331,11 @@ fn name(kind: &CueKind) -> &'static str {
         CueKind::EndMissed { .. } => "end missed",
         CueKind::LookRound(_) => "look round",
         CueKind::Stop(_) => "stop",
-        CueKind::Waypoint | CueKind::OnCourse | CueKind::Turning(_) | CueKind::BackOnPath => "sound",
+        CueKind::Waypoint
+        | CueKind::OnCourse
+        | CueKind::Turning(_)
+        | CueKind::BackOnPath
+        | CueKind::StillHere => "sound",
     }
 }
 

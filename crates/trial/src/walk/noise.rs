@@ -22,6 +22,8 @@ pub enum Noise {
     /// White noise of 2 cm and half a degree; drift of 0.5 % of the distance and 0.1 degrees a metre, removed
     /// by a correction every 10 m; once or twice in 100 m tracking is lost or the camera silent for 1 to 3 s.
     Usual,
+    /// The same, but each loss lasts for 3 to 40 s, and the first pose comes as late: what whoever waits hears.
+    LongLosses,
 }
 
 /// Makes noisy readings from true poses.
@@ -33,6 +35,8 @@ pub struct PoseNoise {
     walked_m: f64,
     corrected_at_m: f64,
     outage_at_m: f64,
+    /// The least and the most.
+    lasts_s: [f64; 2],
     outage: Option<(Stamp, bool)>,
     held: Option<(Stamp, Se3)>,
     drift: Vec3,
@@ -43,6 +47,10 @@ impl PoseNoise {
     pub fn new(noise: Noise, seed: u64) -> Self {
         let mut random = Random::new(seed ^ 0xA015E);
         let outage_at_m = random.uniform(10.0, 90.0);
+        let (outage_at_m, lasts_s) = match noise {
+            Noise::LongLosses => (-1.0, [3.0, 40.0]),
+            Noise::None | Noise::Usual => (outage_at_m, [1.0, 3.0]),
+        };
         let drift = Vec3::new(
             random.normal(0.0, 0.004),
             random.normal(0.0, 0.004),
@@ -57,6 +65,7 @@ impl PoseNoise {
             walked_m: 0.0,
             corrected_at_m: 0.0,
             outage_at_m,
+            lasts_s,
             outage: None,
             held: None,
             drift,
@@ -95,11 +104,12 @@ impl PoseNoise {
         let mut reading = Reading { corrected, ..good(pose) };
         if self.walked_m > self.outage_at_m {
             self.outage_at_m = self.walked_m + self.random.uniform(30.0, 100.0);
-            let until = now.plus_seconds(self.random.uniform(1.0, 3.0));
+            let until = now.plus_seconds(self.random.uniform(self.lasts_s[0], self.lasts_s[1]));
             self.outage = Some((until, self.random.chance(0.5)));
         }
-        match (self.outage, self.held) {
-            (Some((until, silent)), Some((stamp, held))) if now < until => {
+        let (stamp, held) = *self.held.get_or_insert((now, pose));
+        match self.outage {
+            Some((until, silent)) if now < until => {
                 reading.odom_from_camera = held;
                 reading.stamp = if silent { stamp } else { now };
                 reading.confidence = if silent { Confidence::Good } else { Confidence::Lost };

@@ -40,6 +40,21 @@ fn a_correction_moves_the_route_under_the_walker_over_the_time_of_easing() {
 }
 
 #[test]
+fn a_correction_does_not_put_a_walker_back_before_the_sharp_corner_where_he_was_told_to_turn() {
+    let line = [[0., 0., 0.], [20., 0., 0.], [12., 6., 0.]];
+    let mut walker = ScriptedWalker::new(&line, default_config());
+    walker.go(18.4, 1.0);
+    assert!(!walker.find("Turn sharp left now").is_empty(), "{:?}", walker.words());
+    let plan = walker.guide.plan().clone();
+    walker.guide.correct_route(plan, &Se3::identity(), Stamp::from_seconds(walker.t));
+    // Between the two legs, nearer to the first.
+    walker.turn(143.0, 45.0);
+    walker.y = 0.2;
+    walker.stand(STEP);
+    assert!(walker.guide.place().unwrap().along_m >= 20.0 - 1e-6, "{:?}", walker.guide.place());
+}
+
+#[test]
 fn without_easing_a_correction_counts_at_once() {
     let mut walker = ScriptedWalker::on_test_route(GuideConfig { ease_s: 0.0, ..default_config() });
     walker.go(12.0, 1.0);

@@ -281,3 +281,26 @@ fn no_distances_without_scale() {
         }
     }
 }
+
+#[test]
+fn whoever_is_stopped_where_the_route_ends_has_arrived() {
+    let mut walker = ScriptedWalker::new(&[[0., 0., 0.], [20., 0., 0.]], default_config());
+    walker.go(18.0, 1.0);
+    walker.confidence = Confidence::Lost;
+    walker.go(2.3, 1.0);
+    walker.confidence = Confidence::Good;
+    walker.stand(2.0);
+    assert_eq!(walker.words().last().unwrap(), "Stop. You have arrived. Guidance ends.");
+    assert!(walker.find("I found my place").is_empty(), "{:?}", walker.words());
+}
+
+#[test]
+fn whoever_turns_just_before_the_end_stands_before_he_goes_on() {
+    let mut walker = ScriptedWalker::new(&[[0., 0., 0.], [20., 0., 0.], [20., 3., 0.]], default_config());
+    walker.go(18.5, 1.0);
+    walker.x = 20.6;
+    walker.y = 1.8;
+    walker.turn(80.0, 40.0);
+    assert!(!walker.find("Stop. Stand still.").is_empty(), "{:?}", walker.words());
+    assert!(walker.find("Stop turning").is_empty(), "{:?}", walker.words());
+}

@@ -326,3 +326,27 @@ fn one_mistake_and_a_long_stop_are_not_to_and_fro() {
     walker.stand(120.0).go(20.0, 0.8);
     assert!(walker.find("to and fro").is_empty(), "{:?}", walker.words());
 }
+
+#[test]
+fn whoever_is_stopped_or_waits_hears_something_every_three_seconds() {
+    let quiet_s = |walker: &ScriptedWalker| {
+        let times: Vec<f64> = walker.cues.iter().map(|cue| cue.0).chain([walker.t]).collect();
+        times.windows(2).map(|pair| pair[1] - pair[0]).fold(times[0], f64::max)
+    };
+    // The first pose does not come.
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.confidence = Confidence::Lost;
+    walker.stand(30.0);
+    assert!(quiet_s(&walker) <= 3.1 && walker.words().len() > 2, "{:#?}", walker.cues);
+    // It is given up to find his place.
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.stand(0.1).confidence = Confidence::Lost;
+    walker.stand(200.0);
+    assert_eq!(walker.guide.state(), GuideState::Stopped(StopReason::CannotRelocalise));
+    assert!(quiet_s(&walker) <= 3.1, "{:#?}", walker.cues);
+    // He is not on the route.
+    let mut walker = ScriptedWalker::on_test_route(default_config());
+    walker.y = 20.0;
+    walker.stand(60.0);
+    assert!(quiet_s(&walker) <= 3.1 && walker.words()[0].contains("away"), "{:#?}", walker.cues);
+}
