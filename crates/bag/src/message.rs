@@ -2,10 +2,11 @@
 //! same layout in ROS 1 and ROS 2; [`Wire`] handles the difference in serialisation.
 
 use crate::error::DecodeError;
+use crate::pixels::millimetres;
 use crate::protobuf::{Field, fields, stamp_ns, text};
 use crate::wire::{Header, Wire, WireFormat};
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::{ImuSample, Stamp};
+use cairn_sensor::{DepthImage, ImuSample, Stamp};
 
 /// Kind of a message, independent of its schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -172,16 +173,29 @@ impl<'a> CompressedImage<'a> {
     /// The image file itself: messages of `compressed_depth_image_transport` have a header of 12 bytes before the PNG.
     ///
     /// # Errors
-    /// When the depth was quantised, or compressed in another way.
+    /// When the depth was compressed in another way.
     pub fn file(&self) -> Result<&'a [u8], DecodeError> {
         const HEAD: usize = 12;
         if !self.format.contains("compressedDepth") {
             return Ok(self.data);
         }
-        let head_format = self.data.first_chunk::<4>().map(|b| u32::from_le_bytes(*b));
         match self.data.get(HEAD..) {
-            Some(png) if head_format == Some(0) && self.format.starts_with("16UC1") => Ok(png),
-            _ => Err(DecodeError::new(format!("depth compressed as \"{}\" is not read", self.format))),
+            Some(png) if png.starts_with(b"\x89PNG") => Ok(png),
+            _ => {
+                let why = format!("depth compressed as \"{}\" is not read, only that as PNG", self.format);
+                Err(DecodeError::new(why))
+            }
+        }
+    }
+
+    /// Makes what [`Self::file`] holds depth in the unit of the topic. `compressed_depth_image_transport` writes metres as 16 bits
+    /// `v` with two numbers in the header, `z = a / (v - b)`, and zero where nothing was measured: they become millimetres.
+    pub fn dequantise(&self, depth: &mut DepthImage) {
+        let number = |at: usize| Some(f32::from_le_bytes(*self.data.get(at..)?.first_chunk()?));
+        let is_metres = self.format.contains("compressedDepth") && self.format.starts_with("32FC1");
+        if let (true, Some(a), Some(b)) = (is_metres, number(4), number(8)) {
+            let measured = depth.data_mut().iter_mut().filter(|v| **v != 0);
+            measured.for_each(|v| *v = millimetres(a / (f32::from(*v) - b)));
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Converts the pixels of `sensor_msgs/Image` to luminance, and to depth in millimetres.
 //!
 //! Encodings are those of `sensor_msgs/image_encodings` and of the RealSense SDK. The luminance of colour is weighted
-//! as in BT.601 (0.299, 0.587, 0.114); of 16-bit pixels the high byte is used. Bayer mosaics are interpolated bilinearly.
+//! as in BT.601 (0.299, 0.587, 0.114); of 16-bit pixels the highest eight of the bits in use are taken. Bayer mosaics are
+//! interpolated bilinearly. Of planar and semi-planar YUV the first plane is the luminance.
 
 use crate::error::DecodeError;
 use crate::message::ImageMessage;
@@ -18,6 +19,8 @@ impl ImageMessage<'_> {
             return Err(DecodeError::new(format!("{w}x{h} pixels is not a supported image size")));
         }
         let row = w * bytes_per_pixel;
+        // Drivers that leave it at zero mean rows without padding.
+        let step = if step == 0 { row } else { step };
         // The last row may lack its padding.
         let needed = step.saturating_mul(h - 1).saturating_add(row);
         if step < row || needed > self.data.len() {
@@ -30,26 +33,57 @@ impl ImageMessage<'_> {
         Ok(self.data.chunks(step).take(h).map(move |r| &r[..row]))
     }
 
-    /// Luminance image.
+    /// How many bits of 16-bit pixels are in use here: cameras of 10, 12 or 14 bits leave the others at zero. `None` for other
+    /// encodings, and where the data does not have the stated size.
+    pub fn bits(&self) -> Option<u32> {
+        let wide = Mosaic::of(&self.encoding).is_some_and(|m| m.is_wide);
+        let samples = match self.encoding.as_str() {
+            "mono16" | "16UC1" | "y16" => 1,
+            "rgb16" | "bgr16" | "16UC3" => 3,
+            "rgba16" | "bgra16" | "16UC4" => 4,
+            _ if wide => 1,
+            _ => return None,
+        };
+        let most =
+            self.rows(2 * samples).ok()?.flat_map(|row| row.chunks_exact(2)).map(|p| self.wide(p)).max()?;
+        [8, 10, 12, 14].into_iter().find(|bits| most >> bits == 0).or(Some(16))
+    }
+
+    /// A sample of 16 bits.
+    fn wide(&self, p: &[u8]) -> u16 {
+        let raw = [p[0], p[1]];
+        if self.big_endian { u16::from_be_bytes(raw) } else { u16::from_le_bytes(raw) }
+    }
+
+    /// Luminance image; of 16-bit pixels all bits are in use.
     ///
     /// # Errors
     /// When the encoding is not supported, or the data does not have the stated size.
     pub fn gray(&self) -> Result<GrayImage, DecodeError> {
+        self.gray_of_bits(16)
+    }
+
+    /// Luminance image; of 16-bit pixels so many bits are in use, as [`Self::bits`] finds, and what is larger is white.
+    ///
+    /// # Errors
+    /// When the encoding is not supported, or the data does not have the stated size.
+    pub fn gray_of_bits(&self, bits: u32) -> Result<GrayImage, DecodeError> {
         let (w, h) = (self.width as usize, self.height as usize);
+        let high = |p: &[u8]| (self.wide(p) >> (bits.clamp(8, 16) - 8)).min(255) as u8;
         if let Some(mosaic) = Mosaic::of(&self.encoding) {
-            return GrayImage::from_vec(w, h, self.mosaic(mosaic)?)
+            return GrayImage::from_vec(w, h, self.mosaic(mosaic, &high)?)
                 .ok_or_else(|| DecodeError::new("rows are missing"));
         }
         let mut out: Vec<u8> = Vec::new();
-        // Offsets of red, green and blue in a pixel, and bytes per pixel.
+        // Offsets of red, green and blue in a pixel, and samples per pixel.
         let colour = match self.encoding.as_str() {
-            "mono8" | "8UC1" | "y8" => {
+            "mono8" | "8UC1" | "y8" | "nv12" | "nv21" | "nv16" | "nv61" | "nv24" | "nv42" | "i420"
+            | "yv12" => {
                 self.rows(1)?.for_each(|row| out.extend_from_slice(row));
                 None
             }
             "mono16" | "16UC1" | "y16" => {
-                let high = usize::from(!self.big_endian);
-                self.rows(2)?.for_each(|row| out.extend(row.chunks_exact(2).map(|p| p[high])));
+                self.rows(2)?.for_each(|row| out.extend(row.chunks_exact(2).map(high)));
                 None
             }
             "yuv422" | "uyvy" => {
@@ -60,31 +94,37 @@ impl ImageMessage<'_> {
                 self.rows(2)?.for_each(|row| out.extend(row.chunks_exact(2).map(|p| p[0])));
                 None
             }
-            "rgb8" => Some(([0, 1, 2], 3)),
-            "bgr8" | "8UC3" => Some(([2, 1, 0], 3)),
-            "rgba8" => Some(([0, 1, 2], 4)),
-            "bgra8" | "8UC4" => Some(([2, 1, 0], 4)),
+            "rgb8" | "rgb16" => Some(([0, 1, 2], 3)),
+            "bgr8" | "8UC3" | "bgr16" | "16UC3" => Some(([2, 1, 0], 3)),
+            "rgba8" | "rgba16" => Some(([0, 1, 2], 4)),
+            "bgra8" | "8UC4" | "bgra16" | "16UC4" => Some(([2, 1, 0], 4)),
             other => {
                 return Err(DecodeError::new(format!(
-                    "images of encoding \"{other}\" are not read; known are mono8, mono16, rgb8, bgr8, rgba8, bgra8, \
-                     yuv422, yuv422_yuy2, and Bayer patterns of 8 and 16 bits"
+                    "images of encoding \"{other}\" are not read; known are mono, rgb, bgr, rgba and bgra of 8 and 16 \
+                     bits, yuv422, yuv422_yuy2, nv12 and its kind, and Bayer patterns of 8 and 16 bits"
                 )));
             }
         };
         if let Some(([r, g, b], n)) = colour {
-            self.rows(n)?.for_each(|row| {
-                out.extend(row.chunks_exact(n).map(|p| luminance(p[r], p[g], p[b])));
-            });
+            if self.encoding.contains("16") {
+                self.rows(2 * n)?.for_each(|row| {
+                    let of = |p: &[u8]| [r, g, b].map(|c| high(&p[2 * c..]));
+                    out.extend(row.chunks_exact(2 * n).map(of).map(|[r, g, b]| luminance(r, g, b)));
+                });
+            } else {
+                self.rows(n)?.for_each(|row| {
+                    out.extend(row.chunks_exact(n).map(|p| luminance(p[r], p[g], p[b])));
+                });
+            }
         }
         GrayImage::from_vec(w, h, out).ok_or_else(|| DecodeError::new("rows are missing"))
     }
 
     /// Luminance of a mosaic: the two colours that a pixel lacks are the means of its neighbours that have them. At the border
     /// neighbours are mirrored, which keeps their colours.
-    fn mosaic(&self, mosaic: Mosaic) -> Result<Vec<u8>, DecodeError> {
+    fn mosaic(&self, mosaic: Mosaic, high: &dyn Fn(&[u8]) -> u8) -> Result<Vec<u8>, DecodeError> {
         let (w, h) = (self.width as usize, self.height as usize);
         let bytes = if mosaic.is_wide { 2 } else { 1 };
-        let high = if self.big_endian { 0 } else { bytes - 1 };
         let rows: Vec<&[u8]> = self.rows(bytes)?.collect();
         if w < 2 || h < 2 || rows.len() < h {
             return Err(DecodeError::new(format!("{w}x{h} pixels are no Bayer pattern")));
@@ -93,7 +133,9 @@ impl ImageMessage<'_> {
         let padded = |y: usize| {
             let mut out: Vec<u32> = Vec::with_capacity(w + 2);
             out.push(0);
-            out.extend(rows[y].chunks_exact(bytes).map(|p| u32::from(p[high])));
+            out.extend(
+                rows[y].chunks_exact(bytes).map(|p| u32::from(if mosaic.is_wide { high(p) } else { p[0] })),
+            );
             out.push(out[w - 1]);
             out[0] = out[2];
             out
@@ -130,18 +172,13 @@ impl ImageMessage<'_> {
         let big = self.big_endian;
         match self.encoding.as_str() {
             "16UC1" | "mono16" | "z16" => {
-                let of = |p: &[u8]| {
-                    let raw = [p[0], p[1]];
-                    if big { u16::from_be_bytes(raw) } else { u16::from_le_bytes(raw) }
-                };
-                self.rows(2)?.for_each(|row| out.extend(row.chunks_exact(2).map(of)));
+                self.rows(2)?.for_each(|row| out.extend(row.chunks_exact(2).map(|p| self.wide(p))));
             }
             "32FC1" => {
                 let of = |p: &[u8]| {
                     let raw = [p[0], p[1], p[2], p[3]];
                     let metres = if big { f32::from_be_bytes(raw) } else { f32::from_le_bytes(raw) };
-                    let mm = (metres * 1000.0).round();
-                    if mm > 0.0 && mm <= f32::from(u16::MAX) { mm as u16 } else { 0 }
+                    millimetres(metres)
                 };
                 self.rows(4)?.for_each(|row| out.extend(row.chunks_exact(4).map(of)));
             }
@@ -153,6 +190,12 @@ impl ImageMessage<'_> {
         let (w, h) = (self.width as usize, self.height as usize);
         DepthImage::from_vec(w, h, out).ok_or_else(|| DecodeError::new("rows are missing"))
     }
+}
+
+/// Metres in millimetres; 0, no measurement, for any value that is not a positive number below 65.5 m.
+pub(crate) fn millimetres(metres: f32) -> u16 {
+    let mm = (metres * 1000.0).round();
+    if mm > 0.0 && mm <= f32::from(u16::MAX) { mm as u16 } else { 0 }
 }
 
 /// Weights of the colours in the luminance, in 1/65536.

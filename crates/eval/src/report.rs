@@ -54,6 +54,9 @@ pub struct ScaleReport {
     pub ate_m: Option<f64>,
     /// Metres per unit of length by the ground truth: 1 where scale is right. `None` without ground truth.
     pub metres_per_unit: Option<f64>,
+    /// Where depth or a baseline gives metres and the IMU contradicts them: metres in a unit by the IMU.
+    #[serde(default)]
+    pub metres_by_imu: Option<f64>,
 }
 
 /// How good the poses were at the time they were given.

@@ -176,12 +176,10 @@ impl Inertial {
         let snapshot = atlas.latest().clone();
         let aligned = snapshot.key_frame(centre).is_some_and(|k| snapshot.is_gravity_aligned(k.map));
         let chain = chain(&snapshot, centre);
-        let check = match aligned && !camera.has_depth() {
-            true => {
-                let offset_sigma_s = self.clocks.sigma_s();
-                let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s };
-                self.scale_watch.check(atlas, &of, &chain, config)
-            }
+        let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
+        let check = match camera.has_depth() {
+            true => self.scale_watch.check_depth(&snapshot, &of, &chain),
+            false if aligned => self.scale_watch.check(atlas, &of, &chain, config),
             false => None,
         };
         (self.align_or_refine_chain(atlas, camera, &chain, config), check)

@@ -29,6 +29,25 @@ pub struct CameraAndImu<'a> {
 impl CameraAndImu<'_> {
     /// The initialisation with the key frames of the last `seconds` of a chain.
     pub(crate) fn attempt(&self, snapshot: &Snapshot, chain: &[KeyFrameId], seconds: f64) -> Option<Attempt> {
+        self.attempt_from(snapshot, chain, seconds, self.scale())
+    }
+
+    /// What the camera knows of the scale of its map.
+    fn scale(&self) -> Scale {
+        match self.camera.has_depth() {
+            true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
+            false => Scale::Free,
+        }
+    }
+
+    /// The same with this knowledge of the scale.
+    pub(crate) fn attempt_from(
+        &self,
+        snapshot: &Snapshot,
+        chain: &[KeyFrameId],
+        seconds: f64,
+        scale: Scale,
+    ) -> Option<Attempt> {
         let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
         let last = frames.last()?.frame.stamp;
         let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.stamp <= seconds).collect();
@@ -37,7 +56,7 @@ impl CameraAndImu<'_> {
             .skip(1)
             .map(|k| Some((*k.motion.as_ref()?.imu_factor.as_ref()?.sum).clone()))
             .collect();
-        initialise_key_frames(snapshot, self, &frames, &links?)
+        solved(snapshot, self, &frames, &links?, scale)
     }
 }
 
@@ -48,15 +67,21 @@ pub fn initialise_key_frames(
     frames: &[&KeyFrame],
     links: &[Preintegrated],
 ) -> Option<Attempt> {
+    solved(snapshot, of, frames, links, of.scale())
+}
+
+fn solved(
+    snapshot: &Snapshot,
+    of: &CameraAndImu,
+    frames: &[&KeyFrame],
+    links: &[Preintegrated],
+    scale: Scale,
+) -> Option<Attempt> {
     let poses: Vec<SeenPose> =
         frames.iter().map(|k| SeenPose { stamp: k.stamp, world_from_camera: k.world_from_camera }).collect();
     let rotation_sigma = SEEN_PIXELS / of.camera.fx;
     let position_sigma = rotation_sigma * median_depth(snapshot, frames.last()?)?;
     let seen = Seen { poses: &poses, rotation_sigma, position_sigma };
-    let scale = match of.camera.has_depth() {
-        true => Scale::Known { sigma: DEPTH_SCALE_SIGMA },
-        false => Scale::Free,
-    };
     // `initialise` raises the noise itself, starting from that of the data sheet.
     let config = InitialiseConfig {
         noise_times: 1.0,

@@ -12,7 +12,7 @@ use crate::initialisation::{CameraAndImu, STATIONARY_M_S};
 use cairn_adjust::{Imu, Window, WindowConfig};
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
-use cairn_inertial::{GateKind, Initial, NavState};
+use cairn_inertial::{Attempt, GateKind, Initial, NavState, Scale};
 use cairn_sensor::Stamp;
 use std::collections::BTreeSet;
 
@@ -27,6 +27,8 @@ const MOST_SIGMA: f64 = 0.1;
 /// A contradiction: so many standard deviations, and at least so much of the logarithm. Smaller errors are left to bundle
 /// adjustment.
 const CONTRADICTS: (f64, f64) = (5.0, 0.05);
+/// Depth in another unit is wrong by more than this: the smallest factor that is reported of a unit that changes in mid-run.
+const OTHER_UNIT: f64 = 1.25;
 /// Seconds over which checks must agree on a contradiction before the map is changed.
 const AGREED_S: f64 = 0.3;
 /// Seconds of key frames that are adjusted after a correction, and their greatest number.
@@ -68,6 +70,8 @@ pub(crate) struct ScaleWatch {
     contradicted: Option<Contradiction>,
     /// When the scale of a longer stretch was checked last.
     checked_long: Option<Stamp>,
+    /// The readings agreed with the unit of depth, which is asked no more.
+    depth_agrees: bool,
 }
 
 impl ScaleWatch {
@@ -99,6 +103,31 @@ impl ScaleWatch {
             atlas.commit(changes);
             adjust_recent(atlas, of, chain, now, config);
         }
+        Some(ScaleCheck { scale: found.scale, sigma: found.scale_sigma, verdict })
+    }
+
+    /// What the readings say of metres that depth or a baseline gives. These are known to a few per cent, so only another unit is a
+    /// contradiction; it is not corrected, for every image brings it anew.
+    pub fn check_depth(
+        &mut self,
+        snapshot: &Snapshot,
+        of: &CameraAndImu,
+        chain: &[KeyFrameId],
+    ) -> Option<ScaleCheck> {
+        let now = snapshot.key_frame(*chain.last()?)?.frame.stamp;
+        if self.depth_agrees || self.checked_long.is_some_and(|t| now - t < LONG_EVERY_S) {
+            return None;
+        }
+        self.checked_long = Some(now);
+        let attempt = of.attempt_from(snapshot, chain, LONG_S, Scale::Free)?;
+        let found = known_scale(&attempt)?;
+        let verdict = match self.judge(now, &found) {
+            _ if found.scale.ln().abs() < OTHER_UNIT.ln() => ScaleVerdict::Agrees,
+            ScaleVerdict::Corrected => ScaleVerdict::Contradicted,
+            // One estimate is none yet, and one that is not sure says nothing.
+            _ => return None,
+        };
+        self.depth_agrees = verdict == ScaleVerdict::Agrees;
         Some(ScaleCheck { scale: found.scale, sigma: found.scale_sigma, verdict })
     }
 
@@ -150,7 +179,11 @@ fn measured_over(
     chain: &[KeyFrameId],
     seconds: f64,
 ) -> Option<Initial> {
-    let attempt = of.attempt(snapshot, chain, seconds)?;
+    known_scale(&of.attempt(snapshot, chain, seconds)?)
+}
+
+/// The estimate of an attempt, where it tells the scale.
+fn known_scale(attempt: &Attempt) -> Option<Initial> {
     let found = attempt.good_but_for(&[GateKind::ScaleSigma, GateKind::GravitySigma])?;
     (found.scale_sigma <= MOST_SIGMA).then(|| found.clone())
 }
@@ -347,6 +380,25 @@ mod tests {
             let told = ScaleWatch::default().check(&mut atlas, &of, &ids, &WindowConfig::default());
             assert_eq!(told.map(|c| c.verdict), unseen.is_none().then_some(ScaleVerdict::Contradicted));
             assert_eq!(atlas.latest().version(), version);
+        }
+    }
+
+    #[test]
+    fn depth_in_another_unit_is_told_with_its_factor_and_depth_that_agrees_is_asked_no_more() {
+        for factor in [0.2, 0.5, 10.0, 1.0, 1.1] {
+            let (atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor }.map(48);
+            let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
+            let camera = mono();
+            let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
+            let mut watch = ScaleWatch::default();
+            let checks = (24..48).filter_map(|n| watch.check_depth(atlas.latest(), &of, &ids[..=n]));
+            let checks: Vec<ScaleCheck> = checks.collect();
+            let last = checks.last().expect("a check");
+            assert!((last.scale * factor).ln().abs() < 0.05, "{factor}: {last:?}");
+            let wrong = factor.ln().abs() > OTHER_UNIT.ln();
+            let verdict = if wrong { ScaleVerdict::Contradicted } else { ScaleVerdict::Agrees };
+            assert!(checks.iter().all(|c| c.verdict == verdict), "{factor}: {checks:?}");
+            assert_eq!(checks.len() == 1, !wrong, "{factor}: {checks:?}");
         }
     }
 

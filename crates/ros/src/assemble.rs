@@ -103,6 +103,8 @@ pub struct Assembler {
     newest: Option<Stamp>,
     backwards: usize,
     /// Milliseconds of decoding since the last packet.
+    /// Bits in use of pixels of 16.
+    bits: u32,
     decode_ms: f64,
 }
 
@@ -128,6 +130,7 @@ impl Assembler {
             clock: Clock::default(),
             newest: None,
             backwards: 0,
+            bits: 0,
             decode_ms: 0.0,
         }
     }
@@ -152,7 +155,9 @@ impl Assembler {
         let started = Instant::now();
         let pixels = match role {
             Role::Depth => picture.depth().map(|depth| Pixels::Depth(Arc::new(depth))),
-            Role::Image | Role::Right => picture.gray().map(|image| Pixels::Gray(Arc::new(image))),
+            Role::Image | Role::Right => {
+                picture.gray(&mut self.bits).map(|image| Pixels::Gray(Arc::new(image)))
+            }
         };
         self.decode_ms += started.elapsed().as_secs_f64() * 1e3;
         let pixels = match pixels {

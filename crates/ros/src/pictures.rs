@@ -34,13 +34,17 @@ impl Picture {
         }
     }
 
-    /// Luminance.
+    /// Luminance. `bits` are those in use of pixels of 16, of all pictures until now: it never shrinks, so that they do not flicker.
     ///
     /// # Errors
     /// When the encoding is not read, or the data are not those of an image of the stated size.
-    pub fn gray(&self) -> Result<GrayImage, PictureError> {
+    pub fn gray(&self, bits: &mut u32) -> Result<GrayImage, PictureError> {
         match self {
-            Self::Raw(image) => Ok(raw(image).gray()?),
+            Self::Raw(image) => {
+                let image = raw(image);
+                *bits = image.bits().unwrap_or(0).max(*bits);
+                Ok(image.gray_of_bits(*bits)?)
+            }
             Self::File(image) => Ok(decode_gray(&image.data)?),
         }
     }
@@ -56,7 +60,9 @@ impl Picture {
                 let header = cairn_bag::Header { stamp_ns: 0, frame_id: String::new() };
                 let message =
                     cairn_bag::CompressedImage { header, format: image.format.clone(), data: &image.data };
-                Ok(decode_depth(message.file()?)?)
+                let mut depth = decode_depth(message.file()?)?;
+                message.dequantise(&mut depth);
+                Ok(depth)
             }
         }
     }

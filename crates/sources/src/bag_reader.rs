@@ -7,6 +7,7 @@ use cairn_bag::{
 };
 use cairn_geometry::Vec3;
 use cairn_sensor::{DepthImage, GrayImage, ImuSample, SkipKind, Skipped, Stamp};
+use std::collections::BTreeMap;
 
 /// Why a message of a bag cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -29,6 +30,14 @@ pub enum MessageError {
     /// Its image is damaged, or none that can be used.
     #[error(transparent)]
     Image(#[from] ImageError),
+    /// Its image is damaged or of another kind than is read, and this is what the message calls it.
+    #[error("compressed as \"{format}\": {why}")]
+    Format {
+        /// The format by its message.
+        format: String,
+        /// What is wrong.
+        why: ImageError,
+    },
     /// The same of a message of this topic.
     #[error("{topic}: {why}")]
     OfTopic {
@@ -45,7 +54,11 @@ fn unreadable(text: String) -> Skipped {
 }
 
 /// A bag whose messages are images and samples.
-pub struct BagReader(Bag);
+pub struct BagReader {
+    bag: Bag,
+    /// Bits in use of the pixels of topics that have 16.
+    bits: BTreeMap<usize, u32>,
+}
 
 /// The topics of the IMU.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -80,19 +93,19 @@ pub struct FirstImage {
 impl BagReader {
     /// Reads an opened bag.
     pub fn new(bag: Bag) -> Self {
-        Self(bag)
+        Self { bag, bits: BTreeMap::new() }
     }
 
     /// Its topics.
     pub fn topics(&self) -> &[Topic] {
-        self.0.topics()
+        self.bag.topics()
     }
 
     /// The bytes of a message of a topic, by its number.
     pub fn message(&mut self, topic: usize, number: usize) -> Result<Vec<u8>, MessageError> {
         let entry = self.topics().get(topic).and_then(|t| t.entries.get(number)).copied();
         let entry = entry.ok_or(MessageError::NoMessage)?;
-        Ok(self.0.read(&entry)?)
+        Ok(self.bag.read(&entry)?)
     }
 
     /// The text of a message of `std_msgs/String`.
@@ -103,7 +116,7 @@ impl BagReader {
 
     /// Gives the messages of a topic other stamps; those without one are left out.
     pub fn restamp(&mut self, topic: usize, stamp_of: impl FnMut(&Entry) -> Option<i64>) {
-        self.0.restamp(topic, stamp_of);
+        self.bag.restamp(topic, stamp_of);
     }
 
     fn picture<T>(
@@ -114,7 +127,7 @@ impl BagReader {
     ) -> Result<T, MessageError> {
         let about = self.topics().get(topic).ok_or(MessageError::NoTopic)?;
         let (name, kind, format) = (about.name.clone(), about.kind.clone(), about.format);
-        let bytes = self.0.read(entry)?;
+        let bytes = self.bag.read(entry)?;
         let picture = match MessageKind::of(&kind) {
             MessageKind::Image => ImageMessage::of(&kind, format, &bytes).map(Picture::Raw),
             _ => CompressedImage::of(&kind, format, &bytes).map(Picture::File),
@@ -123,11 +136,31 @@ impl BagReader {
             .map_err(|why| MessageError::OfTopic { topic: name, why: Box::new(why) })
     }
 
+    /// Finds how many of 16 bits the pixels of a topic use, in a few of its images: by the high byte alone pictures of 10 bits
+    /// would be black. Where that is fewer, a word on it.
+    pub fn find_bits(&mut self, topic: usize) -> Option<String> {
+        const LOOKED_AT: usize = 8;
+        let entries = self.topics().get(topic)?.entries.clone();
+        let bits = |picture: &Picture| match picture {
+            Picture::Raw(image) => Ok(image.bits()),
+            Picture::File(_) => Ok(None),
+        };
+        let some = entries.iter().step_by(entries.len().div_ceil(LOOKED_AT).max(1));
+        let most = some.filter_map(|entry| self.picture(topic, entry, bits).ok().flatten()).max()?;
+        self.bits.insert(topic, most);
+        let name = self.topics().get(topic).map_or("", |t| t.name.as_str());
+        (most < 16).then(|| {
+            format!("{name}: of the 16 bits of a pixel {most} are in use, white is {}", (1u32 << most) - 1)
+        })
+    }
+
     /// Luminance of an image.
     pub fn gray(&mut self, topic: usize, entry: &Entry) -> Result<GrayImage, MessageError> {
+        let bits = self.bits.get(&topic).copied().unwrap_or(16);
         self.picture(topic, entry, |picture| match picture {
-            Picture::Raw(image) => Ok(image.gray()?),
-            Picture::File(image) => Ok(decode::gray_in(image.data)?),
+            Picture::Raw(image) => Ok(image.gray_of_bits(bits)?),
+            Picture::File(image) => decode::gray_in(image.data)
+                .map_err(|why| MessageError::Format { format: image.format.clone(), why }),
         })
     }
 
@@ -135,7 +168,11 @@ impl BagReader {
     pub fn depth(&mut self, topic: usize, entry: &Entry) -> Result<DepthImage, MessageError> {
         self.picture(topic, entry, |picture| match picture {
             Picture::Raw(image) => Ok(image.depth()?),
-            Picture::File(image) => Ok(decode::depth_in(image.file()?)?),
+            Picture::File(image) => {
+                let mut depth = decode::depth_in(image.file()?)?;
+                image.dequantise(&mut depth);
+                Ok(depth)
+            }
         })
     }
 
@@ -143,7 +180,8 @@ impl BagReader {
     pub fn size(&mut self, topic: usize, entry: &Entry) -> Result<[usize; 2], MessageError> {
         self.picture(topic, entry, |picture| match picture {
             Picture::Raw(image) => Ok([image.width as usize, image.height as usize]),
-            Picture::File(image) => Ok(decode::size_in(image.file()?)?),
+            Picture::File(image) => decode::size_in(image.file()?)
+                .map_err(|why| MessageError::Format { format: image.format.clone(), why }),
         })
     }
 

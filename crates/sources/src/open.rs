@@ -164,6 +164,19 @@ pub fn image_size(source: &str) -> Option<[usize; 2]> {
     first_image::size(&path)
 }
 
+/// Endings of files that hold another, and what unpacks them.
+const PACKED: [(&str, &str); 9] = [
+    ("zstd", "zstd -d"),
+    ("zst", "zstd -d"),
+    ("gz", "gunzip (or tar xzf)"),
+    ("tgz", "tar xzf"),
+    ("bz2", "bunzip2 (or tar xjf)"),
+    ("xz", "xz -d (or tar xJf)"),
+    ("tar", "tar xf"),
+    ("zip", "unzip"),
+    ("7z", "7z x"),
+];
+
 fn kind_of(path: &Path, asked: Option<SourceKind>) -> Result<Found, SourceError> {
     let shown = path.display().to_string();
     if !path.exists() {
@@ -175,6 +188,11 @@ fn kind_of(path: &Path, asked: Option<SourceKind>) -> Result<Found, SourceError>
     if !path.is_dir() {
         if bag::is(path) {
             return Ok(Found::Bag);
+        }
+        let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+        if let Some((_, with)) = PACKED.iter().find(|(packed, _)| *packed == ending) {
+            let cure = format!("unpack it with {with}, and give what comes out");
+            return Err(SourceError::new(shown, "is packed as a whole, which is not read", cure));
         }
         let cure = format!("give a folder, a bag or a video; {KNOWN}");
         return Err(SourceError::new(shown, "is a file, not a folder, and neither a bag nor a video", cure));

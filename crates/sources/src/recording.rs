@@ -8,6 +8,7 @@ use cairn_bag::Entry;
 use cairn_eval::{Format, parse_stamped_pose};
 use cairn_geometry::Se3;
 use cairn_sensor::{Rig, SkipKind, Skipped, SourceError, Stamp};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// The files of one instant.
@@ -107,6 +108,12 @@ impl Recording {
                 format!("{why}; {cure}"),
             ));
         }
+        let rate_hz = self.rate_hz();
+        if count > 2 && !RATES_HZ.contains(&rate_hz) {
+            let why = format!("its images are {:.3e} s apart: the times are in another unit", 1.0 / rate_hz);
+            let cure = "write the times in the unit of this layout, or give --number-frames HZ to number the images at that rate";
+            return Err(SourceError::new(&self.name, why, cure));
+        }
         let first_stamp = self.instants.first().map(|i| i.stamp);
         if let Some(first) = self.instants.first().map(|i| i.stamp) {
             self.instants.retain(|i| i.stamp - first >= start_s);
@@ -142,6 +149,9 @@ impl Recording {
         steps.get(steps.len() / 2).map_or(0.0, |s| 1.0 / s)
     }
 }
+
+/// Images a second of whatever may be a recording: beyond are microseconds that were taken for nanoseconds, milliseconds for seconds.
+const RATES_HZ: RangeInclusive<f64> = 0.2..=2000.0;
 
 /// What times that do not go forward look like.
 fn looks_like(stamps: &[Stamp]) -> String {

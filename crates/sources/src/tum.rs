@@ -15,6 +15,8 @@ use crate::{decode, first_image, icl_nuim};
 use cairn_eval::Format;
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthSensor, Distortion, Rig, SkipKind, Skipped, SourceError, Stamp};
+use std::collections::BTreeSet;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Largest time between a colour image and its depth image, nanoseconds.
@@ -166,7 +168,8 @@ fn read_pairs(path: &Path, folder: &Path, skipped: &mut Vec<Skipped>) -> Result<
 
 /// What is to be doubted of the unit. Depth cameras see nothing nearer than 0.3 m, so where a twentieth of all depth is nearer by it,
 /// but not by millimetres, these are meant. (The nearest of the benchmark's recordings have 0.4 m.) A room is larger than 1.2 m, so
-/// where hardly any depth is farther by it, they are meant too: the depth of 7-Scenes' kitchen would end at 0.6 m.
+/// where hardly any depth is farther by it, they are meant too: the depth of 7-Scenes' kitchen would end at 0.6 m. In a hall neither
+/// tells, but the steps in which a camera measures do ([`step_of_depth`]).
 fn doubt_of_unit(depth: &[(Stamp, ImageAt)], metres_per_unit: f64) -> Option<String> {
     let step = depth.len().div_ceil(8).max(1);
     let mut values: Vec<u16> = Vec::new();
@@ -177,21 +180,56 @@ fn doubt_of_unit(depth: &[(Stamp, ImageAt)], metres_per_unit: f64) -> Option<Str
             values.extend(image.data().iter().step_by(37).filter(|v| **v > 0));
         }
     }
-    let at = values.len() / 20;
     if values.len() < 1000 {
         return None;
     }
+    let steps = step_of_depth(&values);
+    let at = values.len() / 20;
     let [near, far] = [at, values.len() - 1 - at].map(|nth| f64::from(*values.select_nth_unstable(nth).1));
     let (share, units) = match () {
         () if near * metres_per_unit < 0.3 && near * 0.001 >= 0.3 => ("a twentieth", near),
         () if far * metres_per_unit < 1.2 && far * 0.001 >= 1.2 => ("nearly all", far),
-        () => return None,
+        () => {
+            let [by_unit, by_mm] =
+                [metres_per_unit, 0.001].map(|unit| 1000.0 * steps.unwrap_or(f64::NAN) / unit);
+            return STEPS_MM.iter().any(|of| of.contains(&by_mm)).then(|| {
+                format!(
+                    "5000 units of depth are taken for a metre, but then it comes in steps of {by_unit:.1} mm at a metre, and in \
+                     millimetres of {by_mm:.1} mm as that of a Kinect or RealSense: give a rig with metres_per_unit = 0.001 if \
+                     distances are five times too small"
+                )
+            });
+        }
     };
     let [by_unit, by_mm] = [metres_per_unit, 0.001].map(|unit| units * unit);
     Some(format!(
         "5000 units of depth are taken for a metre, but then {share} of it is nearer than {by_unit:.2} m, and in \
          millimetres {by_mm:.2} m: give a rig with metres_per_unit = 0.001 if distances are five times too small"
     ))
+}
+
+/// The steps of depth at a metre, mm: RealSense D435 (a 32nd of a pixel, 50 mm apart, 380 to 640 px) and Kinect (an eighth, 75 mm,
+/// 580 px; 2.9 in 7-Scenes' kitchen). At 5000 units a metre a Kinect's would be taken for 0.6 mm in millimetres.
+const STEPS_MM: [RangeInclusive<f64>; 2] = [0.9..=1.7, 2.6..=3.2];
+
+/// Depth by disparity comes in steps that grow with its square, `dz = z^2 / (f b n)` with `n` steps a pixel: the median of `dz / z^2`
+/// over the values that occur, in 1/units. `None` where they are not apart, as in depth that was interpolated or timed.
+fn step_of_depth(values: &[u16]) -> Option<f64> {
+    const CLEAR: u16 = 3;
+    const LEAST: usize = 40;
+    let levels: BTreeSet<u16> = values.iter().copied().collect();
+    let levels: Vec<u16> = levels.into_iter().collect();
+    // Only values that are apart by more than the whole numbers of the file: and most from some depth on have to be.
+    let from = levels.windows(2).position(|w| w[1] - w[0] >= CLEAR)?;
+    let pairs = levels.get(from..)?.windows(2);
+    let mut steps: Vec<f64> =
+        pairs.map(|w| f64::from(w[1] - w[0]) / (0.5 * (f64::from(w[0]) + f64::from(w[1]))).powi(2)).collect();
+    if steps.len() < LEAST {
+        return None;
+    }
+    steps.sort_by(f64::total_cmp);
+    let [low, median, high] = [1, 2, 3].map(|k| steps[k * steps.len() / 4]);
+    (high < 1.7 * low).then_some(median)
 }
 
 /// ETH3D's `calibration.txt`: focal lengths and centre; the size is that of the images.

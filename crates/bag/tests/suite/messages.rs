@@ -32,6 +32,43 @@ fn pixels_become_luminance() {
     assert_eq!(gray("yuv422_yuy2", &[3, 9, 250, 9]).unwrap(), [3, 250]);
     assert!(gray("bayer_rggb10", &[1, 2]).unwrap_err().contains("\"bayer_rggb10\" are not read"));
     assert!(gray("rgb8", &[1, 2]).unwrap_err().contains("need 6 bytes"));
+    // Chroma follows the luminance, of 16 bits the high byte counts.
+    assert_eq!(gray("nv12", &[3, 250, 128, 128]).unwrap(), [3, 250]);
+    assert_eq!(gray("rgb16", &[9, 255, 9, 0, 9, 0, 9, 0, 9, 0, 9, 255]).unwrap(), [76, 29]);
+    assert_eq!(gray("bgra16", &[9, 0, 9, 0, 9, 255, 9, 9, 9, 255, 9, 0, 9, 0, 9, 9]).unwrap(), [76, 29]);
+}
+
+#[test]
+fn pixels_of_fewer_than_16_bits_are_not_black_and_rows_of_no_stated_length_have_no_padding() {
+    let header = cairn_bag::Header { stamp_ns: 0, frame_id: String::new() };
+    for (encoding, bits) in
+        ["mono16", "16UC1", "bayer_rggb16"].into_iter().flat_map(|e| [8, 10, 12, 14, 16].map(|b| (e, b)))
+    {
+        let pixels = [0u16, 1 << (bits - 1), (1 << bits) - 1, 1 << (bits - 2)];
+        for big_endian in [false, true] {
+            let data: Vec<u8> = pixels
+                .iter()
+                .flat_map(|v| if big_endian { v.to_be_bytes() } else { v.to_le_bytes() })
+                .collect();
+            let image = ImageMessage {
+                header: header.clone(),
+                height: 2,
+                width: 2,
+                encoding: encoding.into(),
+                big_endian,
+                step: 0,
+                data: &data,
+            };
+            assert_eq!(image.bits(), Some(bits), "{encoding} {bits}");
+            let gray = image.gray_of_bits(bits).unwrap();
+            assert!(
+                encoding.starts_with("bayer") || gray.data() == [0, 128, 255, 64],
+                "{encoding} {bits}: {:?}",
+                gray.data()
+            );
+            assert!(gray.data().iter().any(|v| *v > 60), "{encoding} {bits}: {:?}", gray.data());
+        }
+    }
 }
 
 #[test]
@@ -53,8 +90,21 @@ fn compressed_depth_has_a_head_before_its_png() {
     let m = compressed(true, "/d", 1, "d", "16UC1; compressedDepth png", &file);
     let m = CompressedImage::decode(WireFormat::Ros1, &m.data).unwrap();
     assert_eq!(m.file().unwrap(), b"\x89PNG");
+    let m = compressed(true, "/d", 1, "d", "16UC1; compressedDepth rvl", &[0; 40]);
+    let refused = CompressedImage::decode(WireFormat::Ros1, &m.data).unwrap().file().unwrap_err().to_string();
+    assert!(refused.contains("compressedDepth rvl\" is not read, only that as PNG"), "{refused}");
+    // Metres as the inverse depth that the transport writes.
+    let numbers = [10_100.0f32, -1_009.0];
+    file[..4].copy_from_slice(&1u32.to_le_bytes());
+    (0..2).for_each(|k| file[4 + 4 * k..8 + 4 * k].copy_from_slice(&numbers[k].to_le_bytes()));
     let m = compressed(true, "/d", 1, "d", "32FC1; compressedDepth png", &file);
-    assert!(CompressedImage::decode(WireFormat::Ros1, &m.data).unwrap().file().is_err());
+    let m = CompressedImage::decode(WireFormat::Ros1, &m.data).unwrap();
+    assert_eq!(m.file().unwrap(), b"\x89PNG");
+    // 1 m, 2.5 m, nothing, and beyond what is far.
+    let written = [9091, 3031, 0, 1];
+    let mut depth = cairn_sensor::DepthImage::from_vec(4, 1, written.to_vec()).unwrap();
+    m.dequantise(&mut depth);
+    assert_eq!(depth.data(), [1000, 2500, 0, 10_000]);
 }
 
 fn info(model: &str, d: &[f64]) -> CameraInfo {

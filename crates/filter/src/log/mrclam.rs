@@ -36,8 +36,10 @@ pub fn parse_mrclam(
         robots.iter().enumerate().map(|(k, (number, ..))| (*number, k)).collect();
     let mut logs = Vec::new();
     for (number, odometry, sightings) in robots {
-        let mut entries = parse_odometry(*odometry)?;
-        entries.extend(parse_sightings(*sightings, &subject_of, &place, &mut notes)?);
+        let [odometry, sightings] = [(odometry, 3), (sightings, 4)]
+            .map(|(file, columns)| without_torn_line(*file, columns, &mut notes));
+        let mut entries = parse_odometry(odometry)?;
+        entries.extend(parse_sightings(sightings, &subject_of, &place, &mut notes)?);
         // The sort is stable: odometry comes first where times are equal.
         entries.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
         logs.push(RobotLog { name: format!("robot {number}"), entries });
@@ -98,6 +100,18 @@ fn mend(surveyed: &mut BTreeMap<u32, Vec2>, notes: &mut Vec<String>) {
         surveyed.insert(b, Vec2::new(ax, ay));
         notes.push(format!("landmarks {a} and {b} are swapped in the survey of this data set; swapped back"));
     }
+}
+
+/// The file without a last line that has no end and too few values: where a copy broke off.
+fn without_torn_line<'a>((file, text): File<'a>, columns: usize, notes: &mut Vec<String>) -> File<'a> {
+    let (whole, last) = text.rsplit_once('\n').unwrap_or(("", text));
+    if last.trim().is_empty() || last.starts_with('#') || last.split_whitespace().count() >= columns {
+        return (file, text);
+    }
+    let line = text.lines().count();
+    notes
+        .push(format!("{file}: breaks off in line {line}, which is left out; what came after it is missing"));
+    (file, whole)
 }
 
 fn parse_odometry((file, text): File<'_>) -> Result<Vec<Entry>, LogError> {

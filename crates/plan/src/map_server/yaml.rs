@@ -44,7 +44,7 @@ type Wrong = (usize, String);
 pub fn read_description(text: &str) -> Result<Description, (usize, String)> {
     let root = yaml::parse(text)?;
     let find = |key: &str| {
-        root.get(key).ok_or_else(|| (0, format!("the key `{key}` is missing: not the YAML of a map")))
+        root.get(key).ok_or_else(|| (root.line, format!("the key `{key}` is missing: not the YAML of a map")))
     };
     let number = |key: &str| finite(key, find(key)?);
     let image = find("image")?;

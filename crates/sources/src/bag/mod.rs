@@ -63,6 +63,7 @@ pub fn index(path: &Path, mut given: Option<Rig>, named: &[NamedTopic]) -> Resul
         Some(rig) => (rig, Vec::new()),
         None => rig::of(&shown, &mut reader, &mut chosen, recorder, &mut skipped)?,
     };
+    chosen.cameras.iter().for_each(|topic| skipped.extend(reader.find_bits(*topic)));
     let other = |text: String| Skipped::new(SkipKind::Other, "told about the bag", text);
     let mut skipped: Vec<Skipped> = skipped.into_iter().map(other).collect();
     let instants = instants(&reader, &chosen, &mut skipped);

@@ -231,7 +231,9 @@ fn found_images(shown: &str, bag: &mut BagReader) -> Result<(Vec<usize>, Option<
     let cameras = match (&cameras[..], depth) {
         ([], _) => {
             let why = "has depth images, but none of a camera";
-            return Err(SourceError::new(shown, why, "record the camera too"));
+            let cure =
+                "record the camera too, or name its topic with --topic left=TOPIC if one of these is it";
+            return Err(SourceError::new(shown, why, cure));
         }
         ([one], _) => vec![*one],
         (many, Some(_)) => vec![

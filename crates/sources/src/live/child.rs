@@ -90,7 +90,24 @@ pub(super) struct Feed {
     handle: Handle,
     output: BufReader<ChildStdout>,
     times: Receiver<f64>,
-    errors: Arc<Mutex<VecDeque<String>>>,
+    said: Arc<Mutex<Said>>,
+}
+
+/// What the child said in its log.
+#[derive(Default)]
+pub(super) struct Said {
+    /// The last errors, and how many there were.
+    errors: VecDeque<String>,
+    pub count: usize,
+    /// By how many degrees the file says that its pictures are to be turned; they are.
+    pub turned_deg: Option<f64>,
+}
+
+impl Said {
+    /// The last error.
+    pub fn error(&self) -> Option<&str> {
+        self.errors.back().map(String::as_str)
+    }
 }
 
 impl Feed {
@@ -115,8 +132,8 @@ impl Feed {
             return Err(SourceError::new(program, "could not be connected by pipes", "try again"));
         };
         let (times_to, times) = channel();
-        let errors = Arc::new(Mutex::new(VecDeque::new()));
-        let lines = errors.clone();
+        let said = Arc::new(Mutex::new(Said::default()));
+        let lines = said.clone();
         *handle.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(child);
         let (name, stopper) = (command.name.clone(), handle.clone());
         std::thread::Builder::new()
@@ -130,7 +147,7 @@ impl Feed {
                 handle.end();
                 SourceError::new(program, format!("no thread for its log ({e})"), "close other programs")
             })?;
-        Ok(Self { handle: handle.clone(), output: BufReader::with_capacity(1 << 16, out), times, errors })
+        Ok(Self { handle: handle.clone(), output: BufReader::with_capacity(1 << 16, out), times, said })
     }
 
     /// Reads the header of the stream: width, height, images per second. `None` when the stream ended before
@@ -157,27 +174,28 @@ impl Feed {
 
     /// Stops the child and returns its last error message.
     pub fn end(self) -> String {
+        self.said().error().unwrap_or("the stream ended").into()
+    }
+
+    /// Stops the child and returns what it has said.
+    pub fn said(self) -> Said {
         // Give it time to print its last messages when it is ending by itself.
         std::thread::sleep(Duration::from_millis(50));
         self.handle.end();
-        let errors = self.errors.lock().unwrap_or_else(PoisonError::into_inner);
-        errors.back().cloned().unwrap_or_else(|| "the stream ended".into())
+        std::mem::take(&mut *self.said.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
 /// Reads the child's log: times of images, and the last errors. True when it must be stopped, because the
 /// sender publishes another stream name than the one we listen for.
-fn listen(
-    log: ChildStderr,
-    times_to: &Sender<f64>,
-    errors: &Mutex<VecDeque<String>>,
-    name: Option<&str>,
-) -> bool {
+fn listen(log: ChildStderr, times_to: &Sender<f64>, said: &Mutex<Said>, name: Option<&str>) -> bool {
+    let said = || said.lock().unwrap_or_else(PoisonError::into_inner);
     let keep = |text: &str| {
-        let mut lines = errors.lock().unwrap_or_else(PoisonError::into_inner);
-        lines.push_back(text.to_owned());
-        while lines.len() > MAX_ERROR_LINES {
-            lines.pop_front();
+        let mut said = said();
+        said.count += 1;
+        said.errors.push_back(text.to_owned());
+        while said.errors.len() > MAX_ERROR_LINES {
+            said.errors.pop_front();
         }
     };
     let mut log = BufReader::new(log);
@@ -197,6 +215,9 @@ fn listen(
         } else if name.is_some_and(|name| has_wrong_name(text, name)) {
             keep(WRONG_NAME);
             return true;
+        } else if let Some(turned) = parse_turn(text) {
+            // The first is that of the file, a later one that of what comes out.
+            said().turned_deg.get_or_insert(turned);
         } else if is_error(text) {
             keep(text);
         }
@@ -214,9 +235,24 @@ fn has_wrong_name(line: &str, name: &str) -> bool {
 }
 
 fn is_error(line: &str) -> bool {
-    const SIGNS: [&str; 9] =
-        ["rror", "ailed", "nvalid", "No such", "refused", "imed out", "not found", "denied", "in use"];
+    const SIGNS: [&str; 10] = [
+        "rror",
+        "ailed",
+        "nvalid",
+        "No such",
+        "refused",
+        "imed out",
+        "not found",
+        "denied",
+        "in use",
+        "prematurely",
+    ];
     SIGNS.iter().any(|s| line.contains(s))
+}
+
+/// `displaymatrix: rotation of -90.00 degrees`.
+fn parse_turn(line: &str) -> Option<f64> {
+    line.split_once("rotation of ")?.1.strip_suffix(" degrees")?.parse().ok()
 }
 
 /// `pts_time:1.25` of a line of showinfo.

@@ -2,7 +2,7 @@
 //! left and right side by side in each.
 
 use super::address::Address;
-use super::child::{ChildCommand, Feed, Handle};
+use super::child::{ChildCommand, Feed, Handle, Said};
 use super::rig_for;
 use crate::halves::{half, side_by_side};
 use crate::options::OpenOptions;
@@ -20,6 +20,8 @@ struct VideoFile {
     size: [usize; 2],
     delivered: usize,
     last: Option<Stamp>,
+    /// The calibration is not a guess.
+    is_calibrated: bool,
     skipped: Vec<String>,
     skips: Skips,
 }
@@ -67,8 +69,28 @@ pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn S
     };
     let feed = Some(feed);
     let (skipped, skips) = (Vec::new(), Skips::default());
-    let file = VideoFile { info, rig, handle, feed, size, delivered: 0, last: None, skipped, skips };
+    let is_calibrated = info.assumed.is_none();
+    let file =
+        VideoFile { info, rig, handle, feed, size, delivered: 0, last: None, is_calibrated, skipped, skips };
     Ok(Box::new(Prefetch::start(file)?.cancelled_by(options.cancel.clone())))
+}
+
+impl VideoFile {
+    /// What is doubtful of a film that was read to its end: that the file breaks off or is damaged, and that a calibration may be of
+    /// pictures that stand the other way up.
+    fn doubt(&mut self, said: &Said) {
+        let (shown, images) = (&self.info.name, self.delivered);
+        let damage = said.error().map(|error| {
+            format!("{shown}: the file is damaged or breaks off, {images} images were read; ffmpeg says {} times: {error}", said.count)
+        });
+        let turned = said.turned_deg.filter(|by| self.is_calibrated && by.abs() > 1.0).map(|by| {
+            format!("{shown}: its pictures are turned by {by:.0} degrees as the file asks; the calibration has to be of pictures that are turned so")
+        });
+        for text in damage.into_iter().chain(turned) {
+            self.skips.add(&Skipped::new(SkipKind::Other, "the video is doubtful", &text));
+            self.skipped.push(text);
+        }
+    }
 }
 
 impl Source for VideoFile {
@@ -85,10 +107,12 @@ impl Source for VideoFile {
             let start = Instant::now();
             let Some(feed) = &mut self.feed else { return Ok(None) };
             let Some((image, time)) = feed.next_image(self.size) else {
-                let why = self.feed.take().map(Feed::end).unwrap_or_default();
+                let said = self.feed.take().map(Feed::said).unwrap_or_default();
                 if self.delivered == 0 {
+                    let why = said.error().unwrap_or("the stream ended");
                     return Err(SourceError::new(&self.info.name, why, "give a file with a video track"));
                 }
+                self.doubt(&said);
                 return Ok(None);
             };
             let number = self.delivered;

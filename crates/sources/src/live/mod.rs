@@ -11,6 +11,7 @@ mod page_clock;
 mod phone;
 mod phone_port;
 mod resize;
+mod rtmp_port;
 mod slot;
 mod stream;
 

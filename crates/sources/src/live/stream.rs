@@ -7,6 +7,7 @@
 use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle, WRONG_NAME};
 use super::rig_for;
+use super::rtmp_port::RtmpPort;
 use super::slot::{LiveImage, Slot, State};
 use crate::{Cancel, OpenOptions};
 use cairn_sensor::{ClockReading, FramePacket, Live, Rig, Source, SourceError, SourceInfo, Stamp};
@@ -47,17 +48,25 @@ impl Stream {
     /// Opens the stream and waits for its first image: five seconds, or, where we listen, until someone
     /// sends.
     pub fn open(address: &Address, options: &OpenOptions) -> Result<Self, SourceError> {
-        let command = ChildCommand::ffmpeg(address, &[]);
-        Self::start(&address.shown, command, address.listens, options)
+        let Some(place) = &address.listens else {
+            return Self::start(&address.shown, ChildCommand::ffmpeg(address, &[]), None, options);
+        };
+        let port = RtmpPort::bind(place).map_err(|e| {
+            let cure = "choose another port or an address of this machine, or stop the program that uses it";
+            SourceError::new(&address.shown, format!("cannot be listened at ({e})"), cure)
+        })?;
+        let command = ChildCommand::ffmpeg(&address.listening_at(port.inner()), &[]);
+        Self::start(&address.shown, command, Some(port), options)
     }
 
     fn start(
         shown: &str,
         command: ChildCommand,
-        listens: bool,
+        port: Option<RtmpPort>,
         options: &OpenOptions,
     ) -> Result<Self, SourceError> {
         let OpenOptions { frames, told, ref cancel, .. } = *options;
+        let listens = port.is_some();
         let (slot, handle) = (Arc::new(Slot::default()), Handle::default());
         let mut stream = Self {
             info: SourceInfo {
@@ -84,9 +93,14 @@ impl Stream {
         stream
             .threads
             .push(spawn("cairn-video", Box::new(move || read(&name, &command, listens, told, &s, &h)))?);
+        if let Some(port) = port {
+            let (s, name) = (slot.clone(), shown.to_owned());
+            let refuse = move |s: &Slot, why: &str| report(s.change(|s| refused(&name, s, why)), told);
+            let serve = move || port.serve(|| s.lock().closing, |why| refuse(&s, why));
+            stream.threads.push(spawn("cairn-rtmp-port", Box::new(serve))?);
+        }
         let (s, h) = (slot.clone(), handle);
         stream.threads.push(spawn("cairn-video-watch", Box::new(move || stop_when_silent(listens, &s, &h)))?);
-        // A listener that cannot listen fails at once; one that can waits.
         let limit = (!listens).then_some(OPEN_TIMEOUT + Duration::from_millis(500));
         let until = limit.map(|l| Instant::now() + l);
         let first = loop {
@@ -241,14 +255,29 @@ fn read(
             ended(shown, s, listens, delivered, &why, &mut was_lost);
             s.lines.get(lines..).unwrap_or_default().to_vec()
         });
-        if let Some(told) = told {
-            news.iter().for_each(|line| told(line));
-        }
+        report(news, told);
         if slot.wait(Some(retry_delay), |s| (s.closing || s.failed.is_some()).then_some(())).is_some() {
             return;
         }
         retry_delay = if listens { RETRY_DELAY } else { (2 * retry_delay).min(MAX_RETRY_DELAY) };
     }
+}
+
+/// Tells lines at once.
+fn report(lines: Vec<String>, told: Option<fn(&str)>) {
+    if let Some(told) = told {
+        lines.iter().for_each(|line| told(line));
+    }
+}
+
+/// Says once that somebody was refused: a browser, a scanner. Whoever it was, the sender may come next.
+fn refused(shown: &str, s: &mut State, why: &str) -> Vec<String> {
+    if std::mem::replace(&mut s.refused, true) {
+        return Vec::new();
+    }
+    let line = format!("who connected sends no RTMP video and was refused ({why}); waiting on at {shown}");
+    s.lines.push(line.clone());
+    vec![line]
 }
 
 /// Tells that the images of this connection have another size than those of the first.
@@ -264,20 +293,14 @@ fn wrong_size(s: &mut State, [w, h]: [usize; 2], [first_w, first_h]: [usize; 2])
 
 /// Handles the end of a connection: before the very first image that is a failure, afterwards it is retried.
 fn ended(shown: &str, s: &mut State, listens: bool, delivered: usize, why: &str, was_lost: &mut bool) {
-    let quick = s.started.is_some_and(|t| t.elapsed() < Duration::from_secs(2));
     if s.closing {
     } else if why == WRONG_NAME {
         s.lines.push(format!("{WRONG_NAME}; publish to the name in {shown}"));
     } else if listens && delivered == 0 && !cannot_listen(why) {
-        // A browser, a scanner: whoever it was, the sender may come next.
-        if !std::mem::replace(&mut s.refused, true) {
-            s.lines.push(format!(
-                "who connected sends no RTMP video and was refused ({why}); waiting on at {shown}"
-            ));
-        }
-    } else if s.known.is_none() && (!listens || quick) {
+        refused(shown, s, why);
+    } else if s.known.is_none() {
         let cure = match listens {
-            true => "choose another port, or stop the program that uses it",
+            true => "install an ffmpeg that can listen for RTMP",
             false => "check the address, and that it sends",
         };
         s.failed = Some(SourceError::new(shown, why, cure));
@@ -289,9 +312,7 @@ fn ended(shown: &str, s: &mut State, listens: bool, delivered: usize, why: &str,
 
 /// Whether a listener ended because it cannot listen, as ffmpeg says it, and not because of who connected.
 fn cannot_listen(why: &str) -> bool {
-    const SIGNS: [&str; 7] =
-        ["in use", "assign requested", "denied", "not found", "not known", "resolve", "nrecognized option"];
-    SIGNS.iter().any(|sign| why.contains(sign))
+    ["not found", "nrecognized option"].iter().any(|sign| why.contains(sign))
 }
 
 /// The watchdog thread: stops the child when it is silent for too long.
@@ -384,7 +405,8 @@ mod tests {
     use super::*;
 
     fn open(script: &str, listens: bool) -> Result<Stream, SourceError> {
-        Stream::start("test", ChildCommand::shell(script), listens, &OpenOptions::default())
+        let port = listens.then(|| RtmpPort::bind("127.0.0.1:0").unwrap());
+        Stream::start("test", ChildCommand::shell(script), port, &OpenOptions::default())
     }
 
     /// A script that sends `images` images of 16x16, one every `every_s` seconds; the caller adds what
@@ -478,7 +500,12 @@ mod tests {
     fn failure_to_open_says_why() {
         let error = open("echo 'rtmp: Connection refused' >&2; exit 1", false).err().unwrap().to_string();
         assert!(error.contains("Connection refused") && error.contains("check the address"), "{error}");
-        let error = open("echo 'bind: Address already in use' >&2", true).err().unwrap().to_string();
+        let error = open("echo 'rtmp: Protocol not found' >&2", true).err().unwrap().to_string();
+        assert!(error.contains("not found") && error.contains("install an ffmpeg"), "{error}");
+        let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("rtmp-listen://{}/cairn", taken.local_addr().unwrap());
+        let address = Address::of(&address).unwrap().unwrap();
+        let error = Stream::open(&address, &OpenOptions::default()).err().unwrap().to_string();
         assert!(error.contains("in use") && error.contains("another port"), "{error}");
     }
 

@@ -34,6 +34,9 @@ const DEPTH_CHECKED_S: f64 = 1.0;
 /// No depth camera measures only what is nearer, metres: the nearest that one measures at all is 0.07 m (D405).
 pub const NEAREST_DEPTH_M: f64 = 0.05;
 
+/// A second of depth images whose nearest is farther shows nothing that a depth camera measures, metres.
+const NEAREST_AT_MOST_M: f64 = 30.0;
+
 /// Readings that are kept while pictures repeat: a minute and a half at 200 a second.
 const MOST_READINGS: usize = 20_000;
 
@@ -123,6 +126,7 @@ struct DepthWatch {
     first: Option<Stamp>,
     images: usize,
     farthest: u16,
+    nearest: Option<u16>,
     any: bool,
 }
 
@@ -132,20 +136,28 @@ impl DepthWatch {
         self.images += 1;
         if let Some(depth) = &packet.depth {
             self.any = true;
-            let farthest = depth.data().iter().copied().filter(|units| *units != u16::MAX).max();
-            self.farthest = self.farthest.max(farthest.unwrap_or(0));
+            for units in depth.data().iter().copied().filter(|units| !matches!(*units, 0 | u16::MAX)) {
+                self.farthest = self.farthest.max(units);
+                self.nearest = Some(self.nearest.map_or(units, |nearest| nearest.min(units)));
+            }
         }
         packet.stamp - *self.first.get_or_insert(packet.stamp) >= DEPTH_CHECKED_S
     }
 
     fn doubt(&self, sensor: &DepthSensor) -> Option<String> {
-        let farthest_m = f64::from(self.farthest) * sensor.metres_per_unit;
+        let [nearest_m, farthest_m] =
+            [self.nearest.unwrap_or(0), self.farthest].map(|units| f64::from(units) * sensor.metres_per_unit);
         match self.any {
             _ if self.images == 0 => None,
             false => Some("the rig has a depth sensor, but no image has depth".into()),
             true if self.farthest > 0 && farthest_m < NEAREST_DEPTH_M => Some(format!(
                 "the farthest depth is {} units of {} m, {farthest_m:.3} m: is it in metres?",
                 self.farthest, sensor.metres_per_unit
+            )),
+            true if nearest_m > NEAREST_AT_MOST_M => Some(format!(
+                "the nearest depth is {} units of {} m, {nearest_m:.0} m, farther than depth cameras measure: is the unit right?",
+                self.nearest.unwrap_or(0),
+                sensor.metres_per_unit
             )),
             true => None,
         }
@@ -396,6 +408,11 @@ mod tests {
         assert!(matches!(&metres[..], [one] if one.contains("0.004 m: is it in metres?")), "{metres:?}");
         let none = of(None);
         assert!(matches!(&none[..], [one] if one.contains("no image has depth")), "{none:?}");
+        let far = of(Some(31_000));
+        assert!(
+            matches!(&far[..], [one] if one.contains("31 m, farther than depth cameras measure")),
+            "{far:?}"
+        );
     }
 
     /// A sensor that starts after the camera is no doubt where it was only reckoned with; one that pauses is.

@@ -406,6 +406,50 @@ fn depth_in_millimetres_where_a_fifth_of_one_is_usual_is_told() {
 }
 
 #[test]
+fn depth_of_a_hall_in_millimetres_is_told_by_the_steps_in_which_a_camera_measures() {
+    // Depths of 2 to 9 m as a camera gives them that measures disparity in steps: focal length times baseline times steps a pixel.
+    let told = |steps_m: f64, units_in_m: f64| {
+        let of = |k: usize| (steps_m / (steps_m / 9.0 + k as f64 * 0.05).round() * units_in_m).round() as u16;
+        let all: Vec<u16> = (0..320 * 240).map(|i| of(i % (7.0 * steps_m / 18.0 / 0.05) as usize)).collect();
+        let bytes: Vec<u8> = all.iter().flat_map(|v| v.to_be_bytes()).collect();
+        let file = common::png(320, 240, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes);
+        let folder = Folder::new();
+        folder.write("rgb.txt", "1.0 rgb/a.png\n2.0 rgb/b.png\n");
+        folder.write("depth.txt", "1.0 depth/a.png\n2.0 depth/b.png\n");
+        folder.write("calibration.txt", "250 250 160 120\n");
+        for name in ["a", "b"] {
+            folder.write(&format!("rgb/{name}.png"), gray_png(320, 240, 0));
+            folder.write(&format!("depth/{name}.png"), &file);
+        }
+        let mut source = opened(&folder, OpenOptions::default());
+        packets(&mut *source);
+        source.skipped().join(" ")
+    };
+    let (kinect, realsense) = (580.0 * 0.075 * 8.0, 425.0 * 0.05 * 32.0);
+    for (camera, by_mm) in [(kinect, "2.9 mm"), (realsense, "1.5 mm")] {
+        let wrong = told(camera, 1000.0);
+        assert!(wrong.contains("five times too small") && wrong.contains(by_mm), "{by_mm}: {wrong}");
+        assert_eq!(told(camera, 5000.0), "", "{by_mm} at 5000 units a metre");
+    }
+}
+
+#[test]
+fn times_in_another_unit_than_the_layout_s_are_an_error() {
+    for (step, unit) in [(33.0, "milliseconds"), (33_000.0, "microseconds"), (33e6, "nanoseconds")] {
+        let folder = Folder::new();
+        let lines: String =
+            (0..9).map(|k| format!("{:.0} rgb/{k}.png\n", 1.0e9 + step * f64::from(k))).collect();
+        folder.write("rgb.txt", lines);
+        (0..9).for_each(|k| drop(folder.write(&format!("rgb/{k}.png"), gray_png(8, 6, k))));
+        let text = refused(folder.name(), with_rig());
+        assert!(
+            text.contains("the times are in another unit") && text.contains("--number-frames"),
+            "{unit}: {text}"
+        );
+    }
+}
+
+#[test]
 fn times_that_do_not_go_forward_are_an_error_that_says_what_they_look_like() {
     let list = |stamps: &[f64]| {
         let folder = Folder::new();

@@ -25,6 +25,10 @@ fn unknown_sources_are_refused() {
     assert!(text.contains("not a recording of a known kind") && text.contains("check the path"), "{text}");
     let file = folder.write("movie.xyz", "?");
     assert!(refused(file.to_str().unwrap()).contains("is a file, not a folder"));
+    for (name, with) in [("walk.mcap.zstd", "zstd -d"), ("walk.bag.gz", "gunzip"), ("euroc.ZIP", "unzip")] {
+        let text = refused(folder.write(name, "?").to_str().unwrap());
+        assert!(text.contains("packed as a whole") && text.contains(with), "{text}");
+    }
     for url in ["gopher://camera/1", "nothing:here"] {
         assert!(refused(url).contains("cannot be read"), "{}", refused(url));
     }

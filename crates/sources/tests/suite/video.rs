@@ -91,6 +91,56 @@ fn file_delivers_every_image_at_its_time() {
 }
 
 #[test]
+fn a_film_that_breaks_off_is_damaged_or_turned_is_reported() {
+    if !ffmpeg() {
+        return;
+    }
+    let make = |name: &str, more: &[&str]| {
+        let path = folder().join(name);
+        let made =
+            Command::new("ffmpeg").args(["-y", "-loglevel", "error"]).args(more).arg(&path).status().unwrap();
+        assert!(made.success());
+        path
+    };
+    let input = ["-f", "lavfi", "-i", "testsrc=size=320x240:rate=25:duration=4"];
+    let whole = make("whole.mkv", &[&input[..], &["-c:v", "libx264", "-g", "10"]].concat());
+    let played = |path: &std::path::Path, rig: Option<Rig>| {
+        let mut source = open(path.to_str().unwrap(), OpenOptions { rig, ..OpenOptions::default() }).unwrap();
+        let mut images = 0;
+        while source.next_packet().unwrap().is_some() {
+            images += 1;
+        }
+        (images, source.skipped().join("; "))
+    };
+    let rig = Rig::mono(cairn_sensor::Camera::guessed(320, 240));
+    assert_eq!(played(&whole, Some(rig.clone())), (100, String::new()));
+    let bytes = std::fs::read(&whole).unwrap();
+    let cut = folder().join("cut.mkv");
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let (images, told) = played(&cut, None);
+    assert!(
+        (10..90).contains(&images) && told.contains("breaks off") && told.contains("prematurely"),
+        "{images}: {told}"
+    );
+    let damaged = folder().join("damaged.mkv");
+    let mut spoiled = bytes.clone();
+    let middle = bytes.len() / 2;
+    spoiled[middle..middle + 3000].fill(0xa5);
+    std::fs::write(&damaged, spoiled).unwrap();
+    let (images, told) = played(&damaged, None);
+    assert!(images < 100 && told.contains("damaged"), "{images}: {told}");
+    let shown = whole.to_str().unwrap();
+    let turned = make("turned.mp4", &["-i", shown, "-c", "copy", "-metadata:s:v", "rotate=180"]);
+    let (images, told) = played(&turned, Some(rig));
+    // ffmpeg from 6 on writes no such mark by this option.
+    let marked = Command::new("ffmpeg").arg("-i").arg(&turned).output().unwrap();
+    if String::from_utf8_lossy(&marked.stderr).contains("rotation of") {
+        assert!(images == 100 && told.contains("turned by -180 degrees"), "{images}: {told}");
+        assert_eq!(played(&turned, None).1, "", "without a calibration it does not matter");
+    }
+}
+
+#[test]
 fn publishing_phone_may_disconnect_and_reconnect() {
     if !ffmpeg() {
         return;
@@ -130,6 +180,42 @@ fn publishing_phone_may_disconnect_and_reconnect() {
     assert!(next > last);
     let lines = source.skipped().join("\n");
     assert!(lines.contains("is lost") && lines.contains("is back"), "{lines}");
+}
+
+#[test]
+fn a_sender_that_tries_once_is_taken_after_strays_and_beside_silent_ones() {
+    if !ffmpeg() {
+        return;
+    }
+    use std::io::Write;
+    let port = free_port();
+    let url = format!("rtmp://127.0.0.1:{port}/cairn");
+    let address = format!("rtmp-listen://127.0.0.1:{port}/cairn");
+    let opened = std::thread::spawn(move || open(&address, OpenOptions::default()));
+    let connect = || {
+        let began = Instant::now();
+        loop {
+            match std::net::TcpStream::connect(("127.0.0.1", port)) {
+                Ok(stream) => break stream,
+                Err(e) => assert!(began.elapsed() < Duration::from_secs(5), "{e}"),
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    };
+    for bytes in [&b"x"[..], b"GET / HTTP/1.1\r\n\r\n", &[0x77; 4000], b"\x16\x03\x01\x02\x00\x01", b""] {
+        connect().write_all(bytes).unwrap();
+    }
+    let silent: Vec<_> = (0..5).map(|_| connect()).collect();
+    // It connects once, at once, and does not try again.
+    let mut publisher = Publisher::to(&url, "320x240");
+    let mut source = opened.join().unwrap().unwrap();
+    for _ in 0..30 {
+        assert!(source.next_packet().unwrap().is_some());
+    }
+    assert!(publisher.0.try_wait().unwrap().is_none(), "the sender was refused");
+    let refusals = source.skipped().iter().filter(|line| line.contains("was refused")).count();
+    assert_eq!(refusals, 1, "{:?}", source.skipped());
+    drop(silent);
 }
 
 /// The publisher's own start, until it has coded its first image.

@@ -10,7 +10,7 @@ use crate::speaking::{HEADING, Speaking};
 use cairn_filter::batch::BatchConfig;
 use cairn_filter::ekf::{Association, EkfConfig};
 use cairn_filter::joint::joint;
-use cairn_filter::log::{CSV_FORMAT, Log, RobotLog, load};
+use cairn_filter::log::{CSV_FORMAT, Event, Log, RobotLog, load};
 use cairn_filter::page::page;
 use cairn_filter::run::{Run, align, position_rmse, run as run_filter};
 use cairn_filter::truth::{Judgement, judge as against_truth};
@@ -169,8 +169,8 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         runs.push(found);
     }
     let joint = if a.by_labels() { joint_map(&log, &runs)? } else { None };
-    let gaps = log.robots.iter().filter_map(gap_note);
-    let notes = log.notes.iter().cloned().chain(gaps).collect();
+    let of_robot = |robot| [gap_note(robot), blind_end(robot)].into_iter().flatten();
+    let notes = log.notes.iter().cloned().chain(log.robots.iter().flat_map(of_robot)).collect();
     let gate_probability = config.gate_probability;
     let mapped = Mapped { log: log.name, associate: a.associate, gate_probability, notes, robots, joint };
     output.result(&mapped, text)
@@ -181,10 +181,24 @@ fn gap_note(robot: &RobotLog) -> Option<String> {
     let spans = robot.without_odometry();
     let (from, _) = spans.first()?;
     let all: f64 = spans.iter().map(|(from, to)| to - from).sum();
-    Some(format!(
+    (all >= 0.1).then(|| format!(
         "{}: {all:.1} s without odometry, the first from {from:.1} s on; only sightings tell the pose there",
         robot.name
     ))
+}
+
+/// A robot whose sightings end long before its log does; those of MRCLAM's robots are never further apart than a tenth of it.
+fn blind_end(robot: &RobotLog) -> Option<String> {
+    let [first, last] = [robot.entries.first()?, robot.entries.last()?].map(|e| e.time_s);
+    let seen = robot.entries.iter().rfind(|e| matches!(e.event, Event::Seen { .. }))?.time_s;
+    (last - seen > 0.1 * (last - first)).then(|| {
+        format!(
+            "{}: no sighting after {:.1} s of {:.1} s; odometry alone tells the pose there",
+            robot.name,
+            seen - first,
+            last - first
+        )
+    })
 }
 
 /// Smoothing several robots starts farther off than that of one: three robots of MRCLAM do not converge in 50 steps.

@@ -1,6 +1,6 @@
 //! `cairn map info`: summary of saved maps.
 
-use super::{bytes_of, failed};
+use super::{bytes_of, doubts_of, failed};
 use crate::failure::Failure;
 use crate::output::Output;
 use cairn::{Map, routes_of};
@@ -35,6 +35,9 @@ struct Info {
     robots: BTreeMap<u16, usize>,
     maps: Vec<MapReport>,
     routes: Vec<RouteReport>,
+    /// What was doubtful of the source when the map was made.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    doubts: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     depth: Option<DepthReport>,
     parts: Vec<Part>,
@@ -191,6 +194,7 @@ fn info(path: &Path) -> Result<Info, Failure> {
         observations: snapshot.landmarks().map(|l| l.observations.len()).sum(),
         robots: snapshot.robots(),
         maps: all.maps().map(|id| map(&all, id)).collect(),
+        doubts: doubts_of(&file),
         routes: routes_of(&file)
             .map(|(name, bytes, read)| route(name, bytes.len(), read, snapshot))
             .collect(),
@@ -326,6 +330,9 @@ fn text(i: &Info) -> String {
             Some(why) => writeln!(text, "route     {}: {why}", r.name),
             None => writeln!(text, "route     {}: {} points, {:.2} {unit}", r.name, r.points, r.length_m),
         };
+    }
+    for doubt in &i.doubts {
+        let _ = writeln!(text, "doubtful  {doubt}");
     }
     if let Some(d) = &i.depth {
         let (mb, each) = (d.bytes as f64 / 1e6, d.bytes as f64 / 1e3 / d.images.max(1) as f64);

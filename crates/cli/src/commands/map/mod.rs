@@ -52,6 +52,37 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
     }
 }
 
+/// Name of the part of a saved map with the doubts about the source it was made from, one a line.
+const DOUBTS: &str = "doubts";
+
+/// Attaches doubts to a map, after those of the map it goes on from.
+pub fn attach_doubts(file: &mut MapFile, doubts: impl Iterator<Item = String>) {
+    let mut all = doubts_of(file);
+    for doubt in doubts {
+        if !all.contains(&doubt) {
+            all.push(doubt);
+        }
+    }
+    if !all.is_empty() {
+        file.attached.retain(|name, _| !name.starts_with(DOUBTS));
+        file.attached.insert(DOUBTS.into(), all.join("\n").into_bytes());
+    }
+}
+
+/// What was doubtful of the source of a saved map; of a merged one, of all of them.
+pub fn doubts_of(file: &MapFile) -> Vec<String> {
+    let parts = file.attached.iter().filter(|(name, _)| name.starts_with(DOUBTS));
+    let mut all: Vec<String> = Vec::new();
+    for line in parts
+        .flat_map(|(_, bytes)| String::from_utf8_lossy(bytes).lines().map(str::to_owned).collect::<Vec<_>>())
+    {
+        if !all.contains(&line) {
+            all.push(line);
+        }
+    }
+    all
+}
+
 /// Opens a saved map.
 ///
 /// # Errors

@@ -5,7 +5,7 @@ use super::Arguments;
 use crate::failure::Failure;
 use crate::output::warn;
 use cairn_dense::{DepthConfig, DepthPreparer, Mesh, MeshConfig, Mesher, TsdfConfig, TsdfVolume};
-use cairn_eval::load_trajectory;
+use cairn_eval::{TrajectoryHeader, load_trajectory};
 use cairn_geometry::Trajectory;
 use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, Validator, open};
@@ -20,6 +20,9 @@ pub struct Report {
     pub triangles: usize,
     pub file: String,
 }
+
+/// What a source has left out or doubts is said so many times.
+const SHOWN: usize = 5;
 
 /// Greatest difference in time between an image and its pose.
 const APART_NS: u64 = 20_000_000;
@@ -72,6 +75,10 @@ pub fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
         };
         report.frames += 1;
     }
+    source.skipped().iter().take(SHOWN).for_each(|line| warn(line));
+    if source.skipped().len() > SHOWN {
+        warn(&format!("and {} more", source.skipped().len() - SHOWN));
+    }
     if report.frames == 0 {
         let why = format!("no frame has both a pose and depth ({} had no pose)", report.without_pose);
         return Err(Failure::new(&arguments.source, why, "give poses with --poses"));
@@ -87,7 +94,13 @@ fn poses(arguments: &Arguments, own: Vec<(i64, cairn_geometry::Se3)>) -> Result<
         Some(path) => {
             let hint = "give a trajectory in TUM, KITTI or EuRoC form";
             let loaded = load_trajectory(path).map_err(|e| Failure::new(e.file, e.reason, hint))?;
-            Ok(loaded.trajectory)
+            let Some(header) = loaded.header else { return Ok(loaded.trajectory) };
+            if !header.metric {
+                let why = "its lengths are units of a map, those of depth are metres";
+                let hint = "give poses of a run with depth, stereo or an IMU";
+                return Err(Failure::new(path.display().to_string(), why, hint));
+            }
+            Ok(TrajectoryHeader::default().poses_from(&header, &loaded.trajectory))
         }
         None if own.is_empty() => Err(Failure::new(
             &arguments.source,

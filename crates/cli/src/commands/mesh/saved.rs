@@ -1,8 +1,9 @@
 //! The surface of a saved map that carries depth.
 
 use super::Arguments;
-use crate::commands::map::{failed, open};
+use crate::commands::map::{doubts_of, failed, open};
 use crate::failure::Failure;
+use crate::output::warn;
 use crate::surface::Surface;
 use cairn_dense::{DepthConfig, MapId, MeshConfig, Mesher, SubmapConfig, TsdfConfig};
 use cairn_engine::{SavedDepthError, saved_dense_map};
@@ -50,6 +51,7 @@ pub fn fuse(a: &Arguments) -> Result<(Surface, Report), Failure> {
         return Err(Failure::usage(option, "a saved map has its own poses and frames", hint));
     }
     let file = open(path)?;
+    doubts_of(&file).iter().for_each(|doubt| warn(&format!("doubtful when the map was made: {doubt}")));
     let tsdf = TsdfConfig { voxel_m: a.voxel, colour: true, ..TsdfConfig::default() };
     let depth = DepthConfig { farthest_m: a.farthest, ..DepthConfig::default() };
     let config = SubmapConfig { depth, tsdf, ..SubmapConfig::default() };

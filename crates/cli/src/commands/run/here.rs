@@ -10,6 +10,7 @@ use super::sinks::{Follow, Sinks};
 use super::status::StatusLines;
 use super::tally::Tally;
 use super::{journal, map, mcap, rerun, results, route, source, surface, team, truth, walker};
+use crate::commands::map::attach_doubts;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::map_lock::MapLock;
@@ -22,7 +23,7 @@ use cairn_atlas::store::MapFile;
 use cairn_engine::{Engine, Finished, Journal, PoseTime, Runner, Sensors};
 use cairn_geometry::Se3;
 use cairn_rerun::viewer;
-use cairn_sensor::{Skips, Source, SourceInfo, Stamp};
+use cairn_sensor::{SkipKind, Skips, Source, SourceInfo, Stamp};
 use cairn_session::{FileConfig, Script, Session};
 use cairn_sources::is_live;
 use std::collections::BTreeMap;
@@ -155,6 +156,10 @@ impl Run for OneProcess {
             let depth = dense.to_save(&file.snapshot);
             file.add_depth(&depth);
         }
+        let assumed =
+            self.info.assumed.iter().map(|what| format!("no calibration was given, assumed was: {what}"));
+        let others = self.skips.iter().filter(|s| s.kind == SkipKind::Other).map(|s| s.first.clone());
+        attach_doubts(&mut file, assumed.chain(others));
         Some(file)
     }
 
@@ -179,6 +184,9 @@ impl Run for OneProcess {
         report.accuracy = self.poses(PoseTime::Corrected).accuracy(&self.info.truth);
         report.live = truth::live(&self.info.truth, &self.poses(PoseTime::Live));
         report.scale = truth::scale(&self.info.truth, engine);
+        if engine.front_end().model().has_depth() {
+            self.tally.contradict_metres(&mut report.scale);
+        }
         let searches = self.here.dense.as_ref().map(|d| d.search_counts());
         Outcome { searches: searches.filter(|counts| counts.attempts > 0), ..self.tally.outcome(report) }
     }

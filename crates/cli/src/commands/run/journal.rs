@@ -5,7 +5,7 @@ use super::sink::Ended;
 use crate::failure::Failure;
 use crate::output::{note, warn};
 use crate::outputs::Outputs;
-use cairn_engine::{Engine, Journal, Replayed, Stopped};
+use cairn_engine::{Engine, Journal, JournalError, Replayed, Stopped};
 use cairn_files::MIB;
 use cairn_sources::is_live;
 use std::fs::File;
@@ -21,12 +21,24 @@ pub fn opened(a: &Arguments) -> Result<Option<Journal>, Failure> {
         return Err(Failure::new(&a.source, "a live source cannot be replayed", hint));
     }
     let Some(path) = &a.replay else { return Ok(None) };
-    let fail = |why: String| {
-        let hint = "give a file that cairn run --realtime --journal has written";
-        Failure::new(path.display().to_string(), why, hint)
-    };
-    let bytes = cairn_files::read(path, 1024 * MIB).map_err(|e| fail(e.to_string()))?;
-    Journal::read(&bytes).map(Some).map_err(|e| fail(e.to_string()))
+    let fail = |why: String, hint| Failure::new(path.display().to_string(), why, hint);
+    let written = "give a file that cairn run --realtime --journal has written";
+    let bytes = cairn_files::read(path, 1024 * MIB).map_err(|e| fail(e.to_string(), written))?;
+    Journal::read(&bytes).map(Some).map_err(|e| {
+        let hint = match &e {
+            JournalError::Foreign if bytes.is_empty() => {
+                "it is empty: the run that wrote it ended before its first frame"
+            }
+            JournalError::Foreign => written,
+            JournalError::Version { .. } => {
+                "replay it with the version of Cairn that wrote it, or record it anew"
+            }
+            JournalError::Head { .. } => {
+                "it breaks off before its first frame, so nothing of it can be replayed; record it anew"
+            }
+        };
+        fail(e.to_string(), hint)
+    })
 }
 
 /// Lets the engine write a journal or replay one, as the arguments say.
@@ -79,7 +91,7 @@ fn report(journal: &str, replay: &Replayed) -> Result<(), Failure> {
             if replay.map_equal { ", and the map" } else { "" }
         )),
         Some(Stopped::Cut(why)) => warn(&format!(
-            "{journal}: incomplete, it ends at {why}; {} of its {} frames were replayed, all equal",
+            "{journal}: incomplete ({why}); {} of its {} frames were replayed, all equal",
             replay.equal, replay.of
         )),
         Some(Stopped::Differs { stamp, what }) => {

@@ -1,7 +1,7 @@
 //! What a run did wrong, in sentences, the worst first: for the top of its result.
 
 use super::text::plural;
-use cairn_eval::{ImuSummary, RunReport};
+use cairn_eval::{ImuSummary, RunReport, ScaleReport};
 
 /// One sentence for each problem; none where all is well.
 pub fn of(r: &RunReport) -> Vec<String> {
@@ -37,6 +37,7 @@ pub fn of(r: &RunReport) -> Vec<String> {
         all.push("The IMU was never initialised: scale and gravity are not known from it.".to_owned());
     }
     all.extend(r.standing.imu.as_ref().and_then(without_imu));
+    all.extend(r.scale.iter().find_map(wrong_metres));
     for s in r.skips.iter().filter(|s| s.what != "frame") {
         let what = match s.what.as_str() {
             "other" => "The source reports".to_owned(),
@@ -57,6 +58,30 @@ pub fn of(r: &RunReport) -> Vec<String> {
     all
 }
 
+/// A stretch of metres that the ground truth or the IMU contradicts: depth, a baseline or the truth itself is in another unit, most
+/// often by a plain factor.
+fn wrong_metres(s: &ScaleReport) -> Option<String> {
+    /// Errors of metres that are found are smaller, those of units larger.
+    const LEAST: f64 = 1.25;
+    /// How far a plain factor may be from what was measured.
+    const NEAR: f64 = 0.08;
+    /// Where both agree so well nobody has walked far enough to tell, metres.
+    const NO_ERROR_M: f64 = 0.05;
+    let of_truth = s.metres_per_unit.filter(|_| s.ate_m.is_some_and(|ate| ate > NO_ERROR_M));
+    let (by, metres) = [("ground truth", of_truth), ("IMU", s.metres_by_imu)]
+        .into_iter()
+        .filter_map(|(by, metres)| Some((by, metres?)))
+        .find(|(_, metres)| s.metric && metres.ln().abs() > LEAST.ln())?;
+    let factor = metres.max(1.0 / metres);
+    let plain =
+        [2.0, 5.0, 10.0, 100.0, 1000.0].into_iter().find(|plain: &f64| (factor / plain).ln().abs() < NEAR);
+    let times = plain.map_or_else(|| format!("{factor:.2}"), |plain| format!("{plain}"));
+    let size = if metres > 1.0 { "small" } else { "large" };
+    Some(format!(
+        "By the {by} the map is {times} times too {size}: check the unit of depth (metres_per_unit of the rig) or the baseline."
+    ))
+}
+
 /// That the readings of the IMU were not used for a while.
 fn without_imu(imu: &ImuSummary) -> Option<String> {
     let first = imu.faults.first()?;
@@ -75,6 +100,26 @@ fn without_imu(imu: &ImuSummary) -> Option<String> {
 mod tests {
     use super::*;
     use cairn_eval::{ImuFaultSummary, Lost, SkipReport};
+
+    #[test]
+    fn metres_that_truth_or_imu_contradict_are_told_with_the_plain_factor() {
+        let said = |scale: ScaleReport| of(&RunReport { scale: vec![scale], ..RunReport::default() });
+        let metric = ScaleReport { metric: true, ..ScaleReport::default() };
+        let of_truth =
+            |metres| ScaleReport { metres_per_unit: Some(metres), ate_m: Some(0.3), ..metric.clone() };
+        for (metres, words) in [
+            (4.95, "By the ground truth the map is 5 times too small"),
+            (0.0995, "By the ground truth the map is 10 times too large"),
+            (1.52, "By the ground truth the map is 1.52 times too small"),
+        ] {
+            let all = said(of_truth(metres));
+            assert!(all[0].starts_with(words) && all[0].contains("metres_per_unit"), "{all:?}");
+        }
+        let by_imu = ScaleReport { metres_by_imu: Some(5.1), ..of_truth(1.02) };
+        assert!(said(by_imu)[0].starts_with("By the IMU the map is 5 times too small"));
+        assert!(said(of_truth(1.1)).is_empty());
+        assert!(said(ScaleReport { metric: false, ..of_truth(5.0) }).is_empty(), "a unit of its own");
+    }
 
     #[test]
     fn an_imu_that_failed_is_told() {

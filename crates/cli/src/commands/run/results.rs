@@ -63,6 +63,8 @@ fn poses(outputs: &Outputs, option: &str, time: PoseTime, ended: &mut Ended) -> 
 
 const NO_POSE: &str = "check the calibration (cairn rig check), use a longer part of the recording, or show the camera more texture";
 
+const SKIPPED: &str = "mend what was skipped: the reasons are above";
+
 /// Prints what the run came to.
 ///
 /// # Errors
@@ -77,8 +79,13 @@ pub fn conclude(
     if r.tracked == 0 && outcome.interrupted {
         warn("interrupted before the first pose: there is no trajectory to write");
     } else if r.tracked == 0 && failures.is_empty() {
-        let why = outcome.last_state.as_deref().unwrap_or("it has no frames");
-        failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), NO_POSE));
+        // What skipped them all, or most of them, explains it better than where tracking was left.
+        let skipped = r.skips.iter().filter(|s| s.what == "frame").max_by_key(|s| s.count);
+        let (why, cure) = match skipped.filter(|s| 2 * s.count > r.frames) {
+            Some(s) => (format!("{} of {} were skipped, the first: {}", s.count, r.frames, s.first), SKIPPED),
+            None => (outcome.last_state.clone().unwrap_or_else(|| "it has no frames".into()), NO_POSE),
+        };
+        failures.push(Failure::new(&a.source, format!("no frame got a pose: {why}"), cure));
     }
     let text = |outcome: &Outcome| text::of(outcome, a.realtime || live);
     // A live camera may well show nothing for long; a recording that is lost cannot be relied on, however short it is. Only a try
@@ -89,7 +96,7 @@ pub fn conclude(
         let why = format!("only {} of {} frames got a pose", r.tracked, r.frames);
         let cure = match 2 * (r.dropped + r.skipped) > r.frames - r.tracked {
             true if r.dropped > r.skipped => "leave out --realtime, or end what else runs here",
-            true => "mend what was skipped: the reasons are above",
+            true => SKIPPED,
             false => NO_POSE,
         };
         failures.push(Failure::new(&a.source, why, cure));

@@ -7,8 +7,8 @@ use super::sink::{Frame, Here, Processed};
 use super::status_tally::StatusTally;
 use crate::interrupt;
 use cairn_atlas::Snapshot;
-use cairn_engine::{Joined, Output, State, Timings, Verdict};
-use cairn_eval::{Lost, Percentiles, RunReport, SkipReport, StageTimes};
+use cairn_engine::{Joined, Output, State, StatusEvent, Timings, Verdict};
+use cairn_eval::{Lost, Percentiles, RunReport, ScaleReport, SkipReport, StageTimes};
 use cairn_sensor::{FramePacket, SkipCount, SkipKind, Skipped, Skips};
 use cairn_session::{FileConfig, NotTracked};
 use std::time::Instant;
@@ -34,6 +34,8 @@ pub struct Tally {
     pub loops: usize,
     pub merges: usize,
     status: StatusTally,
+    /// Where the IMU contradicted the unit of length, and metres in one by it.
+    contradicted: Vec<(f64, f64)>,
     history: History,
 }
 
@@ -54,6 +56,7 @@ impl Tally {
             loops: 0,
             merges: 0,
             status: StatusTally::default(),
+            contradicted: Vec::new(),
             history: History::default(),
         }
     }
@@ -72,6 +75,12 @@ impl Tally {
         let status = here.session.engine_status();
         if let Ok(done) = here.output {
             self.history.events(done.stamp, &status.events);
+            self.contradicted.extend(status.events.iter().filter_map(|e| match e {
+                StatusEvent::ScaleContradicted { scale, corrected: false, .. } => {
+                    Some((done.stamp.seconds(), *scale))
+                }
+                _ => None,
+            }));
         }
         self.status.add(status);
     }
@@ -102,6 +111,14 @@ impl Tally {
         self.tracking = done.pose.is_some();
         if self.history.wants_size(done.stamp) {
             self.history.size(done.stamp, &here.session.engine().snapshot());
+        }
+    }
+
+    /// Writes into stretches of metres what the IMU says of them, if it contradicts them.
+    pub fn contradict_metres(&self, stretches: &mut [ScaleReport]) {
+        for s in stretches.iter_mut().filter(|s| s.metric) {
+            let here = self.contradicted.iter().rfind(|(t, _)| (s.from_s..=s.to_s).contains(t));
+            s.metres_by_imu = here.map(|(_, scale)| *scale);
         }
     }
 

@@ -51,6 +51,7 @@ pub fn scale(truth: &[(Stamp, Se3)], engine: &Engine) -> Vec<ScaleReport> {
             supported: s.scale.supported,
             ate_m: ate_m.as_ref().map(|e| e.ate_m.rmse),
             metres_per_unit: sim3.map(|e| e.scale),
+            metres_by_imu: None,
         }
     };
     engine.scale_stretches().into_iter().map(report).collect()

@@ -132,6 +132,8 @@ struct Solved {
     starts: Vec<(Init, f64)>,
     /// Edges whose information matrix was replaced by the nearest positive semi-definite one.
     information_replaced: usize,
+    /// Edges whose information is zero: they say nothing, and count as no measurement.
+    without_information: usize,
     robust: Robust,
     cost: Cost,
     cost_before: f64,
@@ -265,6 +267,7 @@ fn solve<G: Rigid<D>, const D: usize>(
     for (edge, original) in graph.edges_mut().iter_mut().zip(original.edges()) {
         edge.information = original.information;
     }
+    let without_information = graph.edges().iter().filter(|e| e.information.norm() == 0.0).count();
     Ok(Solved {
         vertices: named.ids.len(),
         edges: graph.edges().len(),
@@ -277,6 +280,7 @@ fn solve<G: Rigid<D>, const D: usize>(
         init: arguments.init.or(starts.first().map(|(init, _)| *init)).unwrap_or(Init::Odometry),
         starts,
         information_replaced: 0,
+        without_information,
         robust: arguments.robust,
         cost: arguments.cost,
         cost_before: report.cost_before,
@@ -284,7 +288,7 @@ fn solve<G: Rigid<D>, const D: usize>(
         chi2_before: 2.0 * report.cost_before,
         chi2_after: 2.0 * report.cost_after,
         iterations: report.iterations,
-        inliers: report.inliers,
+        inliers: report.inliers - without_information,
         stop: stop_name(report.stop),
         seconds,
         unknown: BTreeMap::new(),
@@ -321,7 +325,11 @@ fn summary(s: &Solved) -> String {
         format!("start       {}{}", init_name(s.init), compared(&s.starts)),
         format!("cost        {:.9} before, {:.9} after", s.cost_before, s.cost_after),
         format!("chi2        {:.9} before, {:.9} after", s.chi2_before, s.chi2_after),
-        format!("inliers     {} of {} edges within their 95 % bound", s.inliers, s.edges),
+        format!(
+            "inliers     {} of {} edges within their 95 % bound",
+            s.inliers,
+            s.edges - s.without_information
+        ),
         format!("iterations  {} ({})", s.iterations, s.stop),
         format!("time        {:.3} s", s.seconds),
     ];
@@ -333,6 +341,10 @@ fn summary(s: &Solved) -> String {
             "note        no measurement connects the {} parts of the graph: poses of different parts mean nothing to each other",
             s.parts
         ));
+    }
+    if s.without_information > 0 {
+        let those = format!("{} of the {} edges have zero information", s.without_information, s.edges);
+        lines.push(format!("note        {those}: they measure nothing, and the poses do not depend on them"));
     }
     if s.information_replaced > 0 {
         lines.push(format!(

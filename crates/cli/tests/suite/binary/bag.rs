@@ -42,3 +42,32 @@ fn names_of_topics_are_checked_before_the_run() {
     assert!(stderr(&output).contains("known are left, right, depth, imu"), "{}", stderr(&output));
     fails(&["run", "Cargo.toml", "--topic", "left=/a"], &["is no bag, so it has no topics"]);
 }
+
+#[test]
+fn a_bag_of_which_every_image_is_skipped_says_why_in_its_last_line() {
+    use cairn_bag::foxglove::{RAW_IMAGE, raw_image};
+    let folder = folder("bag-unread");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let image = cairn_sensor::GrayImage::from_vec(32, 24, vec![7; 32 * 24]).unwrap();
+    let mut bag = cairn_bag::McapWriter::new(std::fs::File::create(path("a.mcap")).unwrap()).unwrap();
+    let channel = bag.channel("/image", &RAW_IMAGE);
+    for k in 0..8 {
+        let ns = 1_000_000_000 + k * 50_000_000;
+        let message = raw_image(ns, "cam", &image);
+        let at = message.windows(5).position(|w| w == b"mono8").unwrap();
+        let other = [&message[..at], b"mooo8", &message[at + 5..]].concat();
+        bag.message(channel, ns, &other).unwrap();
+    }
+    bag.finish().unwrap();
+    let rig = cairn_sensor::Rig::mono(cairn_sensor::Camera::pinhole(32, 24, 30.0, 30.0, 15.5, 11.5));
+    std::fs::write(path("rig.toml"), cairn_sources::write_rig(&rig).unwrap()).unwrap();
+    let output = cairn(&["run", &path("a.mcap"), "--rig", &path("rig.toml")]);
+    assert_eq!(output.status.code(), Some(1), "{}", stdout(&output));
+    let told = stderr(&output);
+    let last = told.lines().last().unwrap();
+    assert!(
+        last.contains("8 of 8 were skipped") && last.contains("encoding \"mooo8\" are not read"),
+        "{told}"
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -97,3 +97,47 @@ fn a_robot_of_a_real_log_records_a_route() {
     assert!(walked["said"].as_array().unwrap().len() > 3, "{walked}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+#[test]
+fn files_of_mrclam_that_break_off_are_read_to_there_and_it_is_said() {
+    let folder = folder("ekf-torn");
+    let path = |name: &str| folder.join(name);
+    let write = |name: &str, text: &str| std::fs::write(path(name), text).unwrap();
+    let (mut odometry, mut sightings) = (String::new(), String::new());
+    // Straight ahead at 0.2 m/s for a minute, three landmarks always in sight.
+    for k in 0..600 {
+        let (t, x) = (0.1 * f64::from(k), 0.02 * f64::from(k));
+        writeln!(odometry, "{t:.3}\t0.2\t0.0").unwrap();
+        for (barcode, landmark) in [(16, (4.0, 3.0)), (28, (8.0, -2.0)), (32, (14.0, 1.0))] {
+            let (dx, dy): (f64, f64) = (landmark.0 - x, landmark.1);
+            writeln!(sightings, "{t:.3}\t{barcode}\t{:.4}\t{:.4}", dx.hypot(dy), dy.atan2(dx)).unwrap();
+        }
+    }
+    write("Barcodes.dat", "1 5\n6 16\n7 28\n8 32\n");
+    let robot = |odometry: &str, sightings: &str| {
+        write("Robot1_Odometry.dat", odometry);
+        write("Robot1_Measurement.dat", sightings);
+        let output = cairn(&["ekf", folder.to_str().unwrap(), "--json"]);
+        let notes =
+            json(&output)["notes"].as_array().unwrap().iter().map(ToString::to_string).collect::<Vec<_>>();
+        notes.join("; ")
+    };
+    assert_eq!(robot(&odometry, &sightings), "");
+    // Before and in the last value of a line.
+    let cut = |text: &str, part: f64| text[..(text.len() as f64 * part) as usize].rfind('\t').unwrap();
+    let torn = robot(&odometry[..cut(&odometry, 0.5)], &sightings);
+    assert!(
+        torn.contains("Robot1_Odometry.dat: breaks off in line") && torn.contains("without odometry"),
+        "{torn}"
+    );
+    let torn = robot(&odometry, &sightings[..cut(&sightings, 0.5)]);
+    assert!(torn.contains("Robot1_Measurement.dat: breaks off in line 9"), "{torn}");
+    assert!(torn.contains("no sighting after 29.") && torn.contains("of 59.9 s"), "{torn}");
+    // A line in the middle that lacks a value is no torn end.
+    write("Robot1_Odometry.dat", &odometry.replacen("\t0.0\n", "\n", 1));
+    fails(
+        &["ekf", folder.to_str().unwrap()],
+        &["Robot1_Odometry.dat, line 1", "angular velocity is missing"],
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+}

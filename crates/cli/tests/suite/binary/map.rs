@@ -481,3 +481,59 @@ fn maps_without_depth_and_with_damaged_depth_are_told() {
     assert!(!Path::new(&out).exists());
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+/// What `cairn run` doubts of a recording is said by `cairn mesh` too: of the recording, and of a map that was made from it.
+#[test]
+fn a_mesh_says_what_is_doubtful_of_its_depth_and_takes_no_poses_without_metres() {
+    let folder = folder("mesh-doubts");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let recording = path("hall");
+    let world = "demo?duration=3&resolution=320x240&sensor=rgbd&rate=10";
+    let written = cairn(&["sim", world, "--layout", "tum", "--out", &recording]);
+    assert_eq!(written.status.code(), Some(0), "{}", stderr(&written));
+    let sound = cairn(&["mesh", &recording, "--out", &path("sound.ply")]);
+    assert_eq!((sound.status.code(), stderr(&sound)), (Some(0), String::new()));
+    // Without its calibration, and with depth in millimetres where a fifth of one is usual.
+    for name in ["camchain.yaml", "rig.toml"] {
+        let _ = std::fs::remove_file(folder.join("hall").join(name));
+    }
+    for file in std::fs::read_dir(folder.join("hall/depth")).unwrap() {
+        let file = file.unwrap().path();
+        let mut reader = png::Decoder::new(std::fs::File::open(&file).map(std::io::BufReader::new).unwrap())
+            .read_info()
+            .unwrap();
+        let mut data = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut data).unwrap();
+        data.chunks_exact_mut(2).for_each(|p| {
+            let value = u16::from_be_bytes([p[0], p[1]]) / 5;
+            p.copy_from_slice(&value.to_be_bytes());
+        });
+        let info = reader.info();
+        let mut encoder = png::Encoder::new(std::fs::File::create(&file).unwrap(), info.width, info.height);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Sixteen);
+        encoder.write_header().unwrap().write_image_data(&data).unwrap();
+    }
+    let doubts = ["no calibration", "five times too small"];
+    let (map, live, mono) = (path("a.map"), path("a.tum"), path("mono.tum"));
+    let run = ["run", &recording, "--dense", "--map-out", &map, "--trajectory", &live];
+    let ran = cairn(&run);
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    assert!(stdout(&ran).contains("By the ground truth the map is 5 times too small"), "{}", stdout(&ran));
+    let meshes = [
+        cairn(&["mesh", &recording, "--out", &path("b.ply")]),
+        cairn(&["mesh", &recording, "--poses", &live, "--out", &path("c.ply")]),
+        cairn(&["mesh", &map, "--out", &path("d.ply")]),
+    ];
+    for mesh in &meshes {
+        assert_eq!(mesh.status.code(), Some(0), "{}", stderr(mesh));
+        doubts.iter().for_each(|doubt| assert!(stderr(mesh).contains(doubt), "{doubt}: {}", stderr(mesh)));
+    }
+    let info = stdout(&cairn(&["map", "info", &map]));
+    doubts.iter().for_each(|doubt| assert!(info.contains(doubt), "{doubt}: {info}"));
+    // Poses of one camera have a unit of their own.
+    let ran = cairn(&["run", &recording, "--sensor", "mono", "--trajectory", &mono]);
+    assert_eq!(ran.status.code(), Some(0), "{}", stderr(&ran));
+    fails(&["mesh", &recording, "--poses", &mono, "--out", &path("e.ply")], &["mono.tum", "are metres"]);
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -241,7 +241,17 @@ fn cases_of_graphs_end_as_they_should() {
         let solved = json(&cairn(&["solve", "graph", &case(name).unwrap(), "--json"]));
         println!("case {name}: {} parts, chi2 {}", solved["parts"], solved["chi2_after"]);
         assert_eq!(solved["parts"], parts, "{name}: {solved}");
+        let without = match name {
+            "09-g2o-zero-information/zero.g2o" => 1,
+            "09-g2o-zero-information/zero-bridge.g2o" => 2,
+            _ => 0,
+        };
+        assert_eq!(solved["without_information"], without, "{name}: {solved}");
+        let edges = solved["edges"].as_u64().unwrap() - without;
+        assert!(solved["inliers"].as_u64().unwrap() <= edges, "{name}: {solved}");
     }
+    let zero = stdout(&cairn(&["solve", "graph", &case("09-g2o-zero-information/zero.g2o").unwrap()]));
+    assert!(zero.contains("1 of the 20 edges have zero information"), "{zero}");
     let tags = case("15-g2o-text-odd/blank-tag.g2o").unwrap();
     fails(&["solve", "graph", &tags], &["EDGE_SE3 (20 lines)"]);
     fails(&["solve", "graph", &case("05-g2o-tutorial-tags/tutorial.g2o").unwrap()], &["TUTORIAL_"]);

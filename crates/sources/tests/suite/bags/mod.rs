@@ -284,7 +284,43 @@ fn compressed_images_are_read_and_damaged_ones_skipped() {
     let (source, packets) = play(&file, OpenOptions::default()).unwrap();
     assert_eq!(packets.len(), 3);
     assert!(packets.iter().all(|p| p.images[0].at(1, 1) == 77));
-    assert!(source.skipped().iter().any(|s| s.contains("PNG")), "{:?}", source.skipped());
+    assert!(
+        source.skipped().iter().any(|s| s.contains("compressed as \"png\": PNG")),
+        "{:?}",
+        source.skipped()
+    );
+    let mut video = vec![camera_info(false, "/cam/camera_info", T0, &info("cam", 0.0))];
+    video.push(compressed(false, "/cam/image_raw/compressed", T0, "cam", "h264", &[0, 0, 0, 1, 0x67]));
+    let text = refused(&video, OpenOptions::default(), "h264.mcap");
+    assert!(text.contains("compressed as \"h264\": neither JPEG"), "{text}");
+}
+
+#[test]
+fn cameras_of_ten_bits_are_not_black_and_compressed_metres_are_depth() {
+    let mut messages = vec![camera_info(false, "/cam/camera_info", T0, &info("cam", 0.0))];
+    messages.push(camera_info(false, "/depth/camera_info", T0, &info("cam", 0.0)));
+    // Half of the white of ten bits, and 2.5 m in the numbers of the transport.
+    let pixels: Vec<u8> =
+        (0..32 * 24).flat_map(|i| [512u16, 1023][usize::from(i == 9)].to_le_bytes()).collect();
+    let mut file = [1u32.to_le_bytes(), 10_100.0f32.to_le_bytes(), (-1_009.0f32).to_le_bytes()].concat();
+    let mut encoder = png::Encoder::new(&mut file, SIZE[0], SIZE[1]);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Sixteen);
+    let depth: Vec<u8> = (0..32 * 24).flat_map(|_| 3031u16.to_be_bytes()).collect();
+    encoder.write_header().unwrap().write_image_data(&depth).unwrap();
+    for i in 0..4 {
+        let ns = T0 + i * STEP;
+        messages.push(image(false, "/cam/image_raw", ns, "cam", SIZE, "mono16", &pixels));
+        let of = "32FC1; compressedDepth png";
+        messages.push(compressed(false, "/depth/image_rect/compressedDepth", ns, "cam", of, &file));
+    }
+    let bag = Temporary::new("bits.mcap", &mcap(&messages, "cdr", "lz4", 3));
+    let (source, packets) = play(&bag, OpenOptions::default()).unwrap();
+    assert_eq!(packets.len(), 4);
+    assert_eq!((packets[0].images[0].at(0, 0), packets[0].images[0].at(9, 0)), (128, 255));
+    assert_eq!(packets[0].depth.as_ref().unwrap().at(3, 3), 2500);
+    let told = source.skipped().join("; ");
+    assert!(told.contains("/cam/image_raw: of the 16 bits of a pixel 10 are in use"), "{told}");
 }
 
 #[test]
