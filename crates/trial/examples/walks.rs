@@ -20,6 +20,9 @@ const ROWS: [(&str, Facing, Travel); 4] = [
     ("forward, another day", Facing::Home, Travel::Again),
 ];
 
+/// At least this share arrives within 1 m.
+const LEAST_ARRIVALS: f64 = 0.98;
+
 /// What a row is made of: exact and noisy poses by turns, then long losses.
 fn row_of(row: usize) -> ((&'static str, Facing, Travel), Noise, &'static str) {
     match row {
@@ -131,6 +134,10 @@ fn main() -> ExitCode {
         for (rule, n) in &tally.broken {
             let seeds = broken.iter().filter(|b| b.0 == *rule).map(|b| format!("{} at {:.1} s", b.1, b.2));
             println!("    {}: {n}, seeds {}", rule.name(), seeds.take(8).collect::<Vec<_>>().join(", "));
+        }
+        if tally.arrival_rate() < LEAST_ARRIVALS {
+            is_broken = true;
+            println!("    BROKEN arrivals: {:.1} %", 100.0 * tally.arrival_rate());
         }
         for (rule, n) in tally.broken_too_often() {
             is_broken = true;

@@ -34,10 +34,11 @@ impl Follower {
         let early = (now.speed * self.config.arrival_lead_s).max(0.5 * depth);
         let spread = now.speed * self.config.arrival_spread_s;
         let reach_m = (self.config.arrival_reach_m.powi(2) - spread.powi(2)).max(0.1).sqrt();
-        let soon = ahead <= early && miss <= reach_m && will_miss_m <= ARRIVED_M;
+        let soon = ahead <= early && miss <= reach_m;
         // A walker who missed it repeatedly does not get nearer: where the map has drifted, the end may lie in a wall.
         let tried = self.memory.ends_missed >= MISSES_BEFORE_ARRIVAL && reach;
-        (level && (standing_there || soon || beside || tried)).then(|| self.arrived())
+        let will_stand_there = will_miss_m <= ARRIVED_M;
+        (level && will_stand_there && (standing_there || soon || beside || tried)).then(|| self.arrived())
     }
 
     pub(crate) fn arrived(&mut self) -> CueKind {

@@ -7,6 +7,8 @@ use crate::matcher::Match;
 /// From this turn angle on the legs before and after it are easily confused, radians.
 const HAIRPIN_RAD: f64 = 0.5;
 
+/// So near to a corner it can be cut, metres along the route.
+const CUT_M: f64 = 3.0;
 /// A corner that lies behind a walker by more than this was not missed by a late word: he has come past it another way, metres.
 const BEHIND_M: f64 = 2.0;
 
@@ -70,6 +72,7 @@ impl Follower {
     /// Whether the walker has left the path and come nearer to the leg after the next corner, at `corner_m`.
     fn cuts_corner(&self, now: &Now, corner_m: f64) -> bool {
         now.at.cross_m.abs() > self.config.off_m
+            && corner_m - now.at.along_m <= CUT_M
             && self.matcher.is_past(&self.plan, &now.walker.position, &now.at, corner_m)
     }
 
