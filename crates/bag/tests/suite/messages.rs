@@ -44,7 +44,7 @@ fn pixels_of_fewer_than_16_bits_are_not_black_and_rows_of_no_stated_length_have_
     for (encoding, bits) in
         ["mono16", "16UC1", "bayer_rggb16"].into_iter().flat_map(|e| [8, 10, 12, 14, 16].map(|b| (e, b)))
     {
-        let pixels = [0u16, 1 << (bits - 1), (1 << bits) - 1, 1 << (bits - 2)];
+        let pixels = [0, 1 << (bits - 1), u16::MAX >> (16 - bits), 1 << (bits - 2)];
         for big_endian in [false, true] {
             let data: Vec<u8> = pixels
                 .iter()
