@@ -2,7 +2,6 @@
 //! same layout in ROS 1 and ROS 2; [`Wire`] handles the difference in serialisation.
 
 use crate::error::DecodeError;
-use crate::pixels::millimetres;
 use crate::protobuf::{Field, fields, stamp_ns, text};
 use crate::wire::{Header, Wire, WireFormat};
 use cairn_geometry::{Se3, So3, Vec3};
@@ -327,4 +326,10 @@ pub fn string(format: WireFormat, bytes: &[u8]) -> Result<String, DecodeError> {
 pub fn key_value(format: WireFormat, bytes: &[u8]) -> Result<(String, String), DecodeError> {
     let mut wire = Wire::new(format, bytes)?;
     Ok((wire.string()?, wire.string()?))
+}
+
+/// Metres in millimetres; 0, no measurement, for any value that is not a positive number below 65.5 m.
+pub(crate) fn millimetres(metres: f32) -> u16 {
+    let mm = (metres * 1000.0).round();
+    if mm > 0.0 && mm <= f32::from(u16::MAX) { mm as u16 } else { 0 }
 }

@@ -5,7 +5,7 @@
 //! interpolated bilinearly. Of planar and semi-planar YUV the first plane is the luminance.
 
 use crate::error::DecodeError;
-use crate::message::ImageMessage;
+use crate::message::{ImageMessage, millimetres};
 use cairn_sensor::{DepthImage, GrayImage};
 
 /// Size of the largest image, pixels.
@@ -190,12 +190,6 @@ impl ImageMessage<'_> {
         let (w, h) = (self.width as usize, self.height as usize);
         DepthImage::from_vec(w, h, out).ok_or_else(|| DecodeError::new("rows are missing"))
     }
-}
-
-/// Metres in millimetres; 0, no measurement, for any value that is not a positive number below 65.5 m.
-pub(crate) fn millimetres(metres: f32) -> u16 {
-    let mm = (metres * 1000.0).round();
-    if mm > 0.0 && mm <= f32::from(u16::MAX) { mm as u16 } else { 0 }
 }
 
 /// Weights of the colours in the luminance, in 1/65536.

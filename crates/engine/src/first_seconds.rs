@@ -10,9 +10,9 @@ use std::sync::Arc;
 
 /// Seconds that are looked at for the focal length, and for the registration of depth.
 const LENS_S: f64 = 6.0;
-const REGISTRATION_S: f64 = 3.0;
+const REGISTRATION_S: f64 = 1.5;
 /// Seconds between two looks at the registration.
-const APART_S: f64 = 0.25;
+const APART_S: f64 = 0.15;
 /// A focal length that is known worse than this is not taken: a guess by the size of the images is about as good.
 const MOST_SIGMA: f64 = 0.03;
 

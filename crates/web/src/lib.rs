@@ -16,6 +16,7 @@ mod line;
 mod link;
 mod local_name;
 mod page;
+mod pair_requests;
 mod pairing;
 mod phones;
 mod places;

@@ -25,8 +25,7 @@ pub(crate) fn local_name(address: IpAddr) -> Option<String> {
 /// What the machine is called: a single label.
 fn host() -> Option<String> {
     let kept = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
-    let asked =
-        || Some(String::from_utf8(std::process::Command::new("hostname").output().ok()?.stdout).ok()?);
+    let asked = || String::from_utf8(std::process::Command::new("hostname").output().ok()?.stdout).ok();
     let name = kept.or_else(asked)?.trim().split('.').next()?.to_lowercase();
     let is_label = |name: &str| {
         (1..=63).contains(&name.len()) && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-')

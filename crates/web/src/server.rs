@@ -8,7 +8,8 @@ use crate::hub::{Access, Hub};
 use crate::invitation::{Invitation, lan_address};
 use crate::local_name::local_name;
 use crate::page::page;
-use crate::pairing::{self, Pairing};
+use crate::pair_requests;
+use crate::pairing::Pairing;
 use crate::phones::Phones;
 use crate::places::{Place, Places};
 use crate::requests;
@@ -267,7 +268,7 @@ fn router(hub: Arc<Hub>, session: &SessionConfig, authority: Option<&Authority>)
         .route("/", get(document))
         .route("/ws", get(socket))
         .merge(requests::routes(LARGEST))
-        .merge(pairing::routes())
+        .merge(pair_requests::routes())
         .with_state(hub)
 }
 

@@ -145,7 +145,7 @@ fn reading_thread_ends_with_its_source() {
     let folder = Folder::new();
     folder.write("rig.toml", small_rig());
     folder.write("cam0/data/a.png", gray_png(8, 6, 0));
-    let csv: String = (0..1000).map(|i| format!("{i},a.png\n")).collect();
+    let csv: String = (0..1000).map(|i| format!("{i}00000000,a.png\n")).collect();
     folder.write("cam0/data.csv", csv);
     for read in [0, 1, 20] {
         let mut source = open(folder.name(), OpenOptions::default()).unwrap();

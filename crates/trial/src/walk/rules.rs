@@ -1,6 +1,5 @@
 //! Rules that hold at every moment of a walk, whatever fails: how often each is broken.
 
-use super::judge::Outcome;
 use crate::walker::side_of;
 use cairn_guide::{Cue, CueKind, GuideState, Side, Utterance};
 use cairn_phrases::Language;
@@ -63,6 +62,8 @@ pub(crate) struct Rules {
     /// Until when the voice speaks; moved on where silence was counted.
     quiet_since: Stamp,
     halted: bool,
+    /// Whether the walker turned on the spot before, and does now.
+    turns: [bool; 2],
     went_on: Option<Stamp>,
     side: Option<(Stamp, Side)>,
     cue: Option<CueKind>,
@@ -89,6 +90,7 @@ impl Rules {
             self.went_on = Some(now);
         }
         self.halted = halted;
+        self.turns = [self.turns[1], state == GuideState::Turning];
         if cue.is_some_and(|cue| cue.is_direction() && now - pose > POSE_S) {
             self.count(Rule::NoOldPose, now);
         }
@@ -113,9 +115,10 @@ impl Rules {
     fn hear(&mut self, said: &Utterance, language: Language, now: Stamp) {
         // Who looks round for his place is not sent to that side.
         let side = side_of(&said.text, language).filter(|_| !matches!(self.cue, Some(CueKind::LookRound(_))));
-        // A corner of the route turns to the side that it turns to, whatever correction came before it; and who walks backwards may
-        // have to step to one side and turn to the other.
-        let other = matches!(self.cue, Some(CueKind::TurnNow { .. } | CueKind::Step(_)));
+        // A corner of the route turns to the side that it turns to, whatever correction came before it, also where a walker who goes
+        // backwards begins to rotate there; and who walks backwards may have to step to one side and turn to the other.
+        let turns = matches!(self.cue, Some(CueKind::Rotate(_))) && self.turns == [false, true];
+        let other = turns || matches!(self.cue, Some(CueKind::TurnNow { .. } | CueKind::Step(_)));
         let against =
             |(at, before): (Stamp, Side)| now - at < CONTRADICTION_S && side.is_some_and(|s| s != before);
         if !other && self.side.is_some_and(against) {
@@ -130,12 +133,12 @@ impl Rules {
         self.broken.push((now.seconds(), rule));
     }
 
-    /// The walk has ended.
-    pub(crate) fn finish(mut self, outcome: &mut Outcome) {
-        if outcome.arrived && outcome.error_m > ARRIVED_M {
-            self.broken.push((outcome.seconds, Rule::ArrivesAtTheEnd));
+    /// The walk has ended after so many seconds, this far from the true end. Returns all rules that were broken, and when.
+    pub(crate) fn finish(mut self, arrived: bool, error_m: f64, seconds: f64) -> Vec<(f64, Rule)> {
+        if arrived && error_m > ARRIVED_M {
+            self.broken.push((seconds, Rule::ArrivesAtTheEnd));
         }
-        outcome.broken = self.broken;
+        self.broken
     }
 }
 
@@ -158,9 +161,7 @@ mod tests {
             let pose = Stamp::from_seconds(*pose_s);
             rules.see(cue.as_ref(), *state, pose, said.as_ref(), Language::English, now);
         }
-        let mut outcome = Outcome { arrived: true, error_m: 1.4, ..Outcome::default() };
-        rules.finish(&mut outcome);
-        outcome.broken.into_iter().map(|(_, rule)| rule).collect()
+        rules.finish(true, 1.4, 20.0).into_iter().map(|(_, rule)| rule).collect()
     }
 
     #[test]
@@ -194,12 +195,17 @@ mod tests {
             (12.5, stopped, None, 11.0, "Stop."),
         ];
         assert!(broken(&good).is_empty(), "{:?}", broken(&good));
+        // Who walks backwards rotates at a corner to its side, and not to and fro there.
+        let (turning, rotate) = (GuideState::Turning, |rad| Some(CueKind::Rotate(rad)));
+        let corner =
+            [(0.0, moving, bear, 0.0, "Rotate left."), (2.5, turning, rotate(-0.8), 2.5, "Rotate right.")];
+        assert!(broken(&corner).is_empty());
+        let there = [corner[1], (4.0, turning, rotate(0.3), 4.0, "Rotate left.")];
+        assert_eq!(broken(&there), [Rule::NoContradiction]);
     }
 
     #[test]
     fn nobody_arrives_elsewhere() {
-        let mut outcome = Outcome { arrived: true, error_m: 1.6, ..Outcome::default() };
-        Rules::default().finish(&mut outcome);
-        assert_eq!(outcome.broken, [(0.0, Rule::ArrivesAtTheEnd)]);
+        assert_eq!(Rules::default().finish(true, 1.6, 9.0), [(9.0, Rule::ArrivesAtTheEnd)]);
     }
 }

@@ -148,7 +148,7 @@ impl Trial {
     /// The result.
     pub fn finish(self) -> Outcome {
         let mut outcome = self.judge.finish(&self.walker, self.guide.state() == GuideState::Arrived);
-        self.rules.finish(&mut outcome);
+        outcome.broken = self.rules.finish(outcome.arrived, outcome.error_m, outcome.seconds);
         outcome
     }
 }

@@ -138,8 +138,15 @@ async fn follow(socket: &mut Socket, window: &mut Window, address: &Address<'_>)
                     }
                     continue;
                 }
-                if let Some(why) = told.get("trouble").and_then(Value::as_str) {
-                    return Ended::Refused(why.to_owned());
+                if told.get("stranger").is_some() {
+                    return Ended::Refused(
+                        "its key is not that of the address: copy it as it is printed there".into(),
+                    );
+                }
+                if told.get("failed").is_some() {
+                    return Ended::Refused(
+                        "the walk has failed; the computer that serves it shows why".into(),
+                    );
                 }
                 let metric = told.get("status").map(|status| status["metric"] == true);
                 match (told.get("view"), metric.filter(|m| *m != is_metric)) {

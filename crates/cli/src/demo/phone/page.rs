@@ -191,7 +191,9 @@ impl Page {
             self.answers.push((did["ok"] == true, text_of(&did["text"])));
         } else if let Some(lens) = value.get("lens") {
             self.lens = lens["focal"].as_f64().zip(lens["radial"].as_f64()).map(|(f, r)| [f, r]);
-        } else if let Some(why) = value.get("trouble").or(value.get("refused")).or(value.get("doubt")) {
+        } else if value.get("failed").is_some() {
+            self.troubles.push("the walk has failed".into());
+        } else if let Some(why) = value.get("refused").or(value.get("doubt")) {
             self.troubles.push(text_of(why));
         }
         Ok(())

@@ -488,7 +488,7 @@ fn a_mesh_says_what_is_doubtful_of_its_depth_and_takes_no_poses_without_metres()
     let folder = folder("mesh-doubts");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let recording = path("hall");
-    let world = "demo?duration=3&resolution=320x240&sensor=rgbd&rate=10";
+    let world = "apartment?duration=3&sensor=rgbd&rate=10";
     let written = cairn(&["sim", world, "--layout", "tum", "--out", &recording]);
     assert_eq!(written.status.code(), Some(0), "{}", stderr(&written));
     let sound = cairn(&["mesh", &recording, "--out", &path("sound.ply")]);

@@ -20,7 +20,7 @@ fn truncated_jpegs_are_skipped() {
     folder.write("cam0/data/b.jpg", &jpeg[..jpeg.len() * 2 / 3]);
     folder.write("cam0/data/c.jpg", &jpeg[..300]);
     folder.write("cam0/data/d.jpg", &noise);
-    folder.write("cam0/data.csv", "1,a.jpg\n2,b.jpg\n3,c.jpg\n4,d.jpg\n");
+    folder.write("cam0/data.csv", "100000000,a.jpg\n200000000,b.jpg\n300000000,c.jpg\n400000000,d.jpg\n");
     let (source, packets) = play(folder.name(), OpenOptions::default());
     assert_eq!((packets.len(), source.skipped().len()), (1, 3), "{:?}", source.skipped());
 }
@@ -61,7 +61,7 @@ fn jpeg_folder(files: &[Vec<u8>]) -> Folder {
     let mut csv = String::new();
     for (i, file) in files.iter().enumerate() {
         folder.write(&format!("cam0/data/{i}.jpg"), file);
-        csv += &format!("{i},{i}.jpg\n");
+        csv += &format!("{i}00000000,{i}.jpg\n");
     }
     folder.write("cam0/data.csv", csv);
     folder

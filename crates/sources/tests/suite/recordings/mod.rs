@@ -296,7 +296,7 @@ fn every_pixel_format_becomes_luminance() {
     let mut csv = String::new();
     for (i, (colour, depth, data, _)) in images.iter().enumerate() {
         folder.write(&format!("cam0/data/{i}.png"), png(2, 1, *colour, *depth, data));
-        csv += &format!("{i},{i}.png\n");
+        csv += &format!("{i}00000000,{i}.png\n");
     }
     folder.write("cam0/data.csv", csv);
     let (source, packets) = play(folder.name(), OpenOptions::default());
