@@ -4,7 +4,6 @@ use cairn_engine::with_checked_depth;
 use cairn_sensor::{Source, Stamp};
 use cairn_sim::SimSource;
 use cairn_sources::{OpenOptions, open};
-use std::path::PathBuf;
 
 fn stamps(mut source: Box<dyn Source>) -> Vec<Stamp> {
     std::iter::from_fn(|| source.next_packet().expect("a packet")).map(|packet| packet.stamp).collect()
@@ -26,18 +25,10 @@ fn depth_of_a_simulated_camera_is_registered() {
 
 #[test]
 fn depth_of_the_kitchen_is_not_registered() {
-    let data = std::env::var_os("CAIRN_DATA").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
-        PathBuf::from,
-    );
-    let folder = data.join("7scenes-kitchen");
-    if !folder.exists() {
-        println!("skipped: {} is missing", folder.display());
-        return;
-    }
+    let Some(folder) = crate::kitchen() else { return };
     for start_s in [0.0, 2.0, 5.0] {
         let options = || OpenOptions { start_s, ..OpenOptions::default() };
-        let source = || open(&folder.to_string_lossy(), options()).expect("a recording");
+        let source = || open(&folder, options()).expect("a recording");
         let (checked, found) = with_checked_depth(source()).expect("packets");
         // Colour 526 px, depth 585 px.
         let found = found.unwrap_or_else(|| panic!("from {start_s} s"));

@@ -9,7 +9,6 @@ use cairn_sensor::{FramePacket, Rig, Source, Stamp};
 use cairn_sim::{SimConfig, SimSource};
 use cairn_sources::{OpenOptions, open, std_host};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Frames with their true poses.
@@ -36,16 +35,7 @@ impl Walk {
 
     /// The kitchen recording, where it is.
     fn kitchen() -> Option<Self> {
-        let data = std::env::var_os("CAIRN_DATA").map_or_else(
-            || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
-            PathBuf::from,
-        );
-        let folder = data.join("7scenes-kitchen");
-        if !folder.exists() {
-            println!("skipped: {} is missing", folder.display());
-            return None;
-        }
-        let mut source = open(&folder.to_string_lossy(), OpenOptions::default()).expect("a recording");
+        let mut source = open(&crate::kitchen()?, OpenOptions::default()).expect("a recording");
         Some(Self::of(source.as_mut(), usize::MAX))
     }
 

@@ -1,7 +1,6 @@
 //! Plausibility checks of packets as they come: an assumed calibration, implausible IMU data, clocks that are not
-//! synchronised, depth that is missing, in another unit or not registered, pictures that do not change, a pair that is not the calibrated one, pictures that
-//! turn otherwise than the gyroscope. Each
-//! doubt is reported once, as text with numbers.
+//! synchronised, depth that is missing, in another unit or not registered, pictures that do not change, a pair that is not the
+//! calibrated one, pictures that turn otherwise than the gyroscope. Each doubt is reported once, as text with numbers.
 
 mod fixed;
 mod frozen;

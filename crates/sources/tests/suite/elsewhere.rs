@@ -380,21 +380,24 @@ fn tum_is_read_as_others_write_it() {
     assert!(opened(&folder, OpenOptions::default()).next_packet().unwrap().unwrap().depth.is_some());
 }
 
+/// What is doubted of a folder of TUM's layout with this depth image of 320x240 pixels.
+fn doubts_of_depth(depth: &[u8]) -> String {
+    let folder = Folder::new();
+    folder.write("rgb.txt", "1.0 rgb/a.png\n2.0 rgb/b.png\n");
+    folder.write("depth.txt", "1.0 depth/a.png\n2.0 depth/b.png\n");
+    folder.write("calibration.txt", "250 250 160 120\n");
+    for name in ["a", "b"] {
+        folder.write(&format!("rgb/{name}.png"), gray_png(320, 240, 0));
+        folder.write(&format!("depth/{name}.png"), depth);
+    }
+    let mut source = opened(&folder, OpenOptions::default());
+    packets(&mut *source);
+    source.skipped().join(" ")
+}
+
 #[test]
 fn depth_in_millimetres_where_a_fifth_of_one_is_usual_is_told() {
-    let told = |value: u16| {
-        let folder = Folder::new();
-        folder.write("rgb.txt", "1.0 rgb/a.png\n2.0 rgb/b.png\n");
-        folder.write("depth.txt", "1.0 depth/a.png\n2.0 depth/b.png\n");
-        folder.write("calibration.txt", "250 250 160 120\n");
-        for name in ["a", "b"] {
-            folder.write(&format!("rgb/{name}.png"), gray_png(320, 240, 0));
-            folder.write(&format!("depth/{name}.png"), depth_png(320, 240, 1, value));
-        }
-        let mut source = opened(&folder, OpenOptions::default());
-        packets(&mut *source);
-        source.skipped().join(" ")
-    };
+    let told = |value: u16| doubts_of_depth(&depth_png(320, 240, 1, value));
     // 1.2 m in millimetres, and in units of a fifth of one.
     let (wrong, right) = (told(1200), told(6000));
     assert!(wrong.contains("nearer than 0.24 m") && wrong.contains("metres_per_unit = 0.001"), "{wrong}");
@@ -412,18 +415,7 @@ fn depth_of_a_hall_in_millimetres_is_told_by_the_steps_in_which_a_camera_measure
         let of = |k: usize| (steps_m / (steps_m / 9.0 + k as f64 * 0.05).round() * units_in_m).round() as u16;
         let all: Vec<u16> = (0..320 * 240).map(|i| of(i % (7.0 * steps_m / 18.0 / 0.05) as usize)).collect();
         let bytes: Vec<u8> = all.iter().flat_map(|v| v.to_be_bytes()).collect();
-        let file = common::png(320, 240, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes);
-        let folder = Folder::new();
-        folder.write("rgb.txt", "1.0 rgb/a.png\n2.0 rgb/b.png\n");
-        folder.write("depth.txt", "1.0 depth/a.png\n2.0 depth/b.png\n");
-        folder.write("calibration.txt", "250 250 160 120\n");
-        for name in ["a", "b"] {
-            folder.write(&format!("rgb/{name}.png"), gray_png(320, 240, 0));
-            folder.write(&format!("depth/{name}.png"), &file);
-        }
-        let mut source = opened(&folder, OpenOptions::default());
-        packets(&mut *source);
-        source.skipped().join(" ")
+        doubts_of_depth(&common::png(320, 240, png::ColorType::Grayscale, png::BitDepth::Sixteen, &bytes))
     };
     let (kinect, realsense) = (580.0 * 0.075 * 8.0, 425.0 * 0.05 * 32.0);
     for (camera, by_mm) in [(kinect, "2.9 mm"), (realsense, "1.5 mm")] {
