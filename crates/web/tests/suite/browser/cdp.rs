@@ -99,7 +99,7 @@ impl Browser {
         answer["result"].clone()
     }
 
-    /// Opens a page of the given size.
+    /// Opens a page of the given size, and returns once its elements are there.
     pub fn open(&mut self, url: &str, size: [u32; 2]) -> Tab {
         self.open_after(url, size, HEARD)
     }
@@ -120,6 +120,9 @@ impl Browser {
         let before = json!({ "source": script });
         self.ask(Some(&tab.session), "Page.addScriptToEvaluateOnNewDocument", before);
         self.ask(Some(&tab.session), "Page.navigate", json!({ "url": url }));
+        let parsed = "new Promise(done => document.readyState === 'loading' ? \
+            addEventListener('DOMContentLoaded', () => done()) : done())";
+        self.eval(&tab, parsed);
         tab
     }
 
