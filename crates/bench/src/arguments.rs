@@ -54,6 +54,12 @@ pub enum Command {
         /// Runs every seed in every world.
         #[arg(long)]
         all: bool,
+        /// Walks as many of seeds drawn from this number too, and marks what is better on the fixed ones by more than a fifth.
+        #[arg(long)]
+        drawn: Option<u64>,
+        /// Writes the comparison into docs/figures/revisits.md.
+        #[arg(long, requires = "drawn")]
+        write: bool,
         /// Number of walks in parallel.
         #[arg(long, default_value_t = 1)]
         jobs: usize,

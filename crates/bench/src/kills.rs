@@ -4,7 +4,7 @@
 //! of a run in which nothing dies.
 
 use crate::MeasureError;
-use cairn_dense::{MeshConfig, Mesher, SubmapConfig, TsdfConfig, write_ply};
+use cairn_dense::{SubmapConfig, TsdfConfig, write_ply};
 use cairn_engine::{Config, DenseMapper, Runner};
 use cairn_random::Random;
 use cairn_sensor::Source;
@@ -180,10 +180,9 @@ fn source() -> Result<Box<dyn Source>, Failure> {
 fn surface(mapper: &mut DenseMapper, _: bool) -> Result<Vec<u8>, Failure> {
     let none = |why: String| Failure::new("the surface", why, "look at the recording");
     let map = mapper.largest_map().ok_or_else(|| none("there is no map".into()))?;
-    let volume = mapper.surface(map, TsdfConfig::default()).map_err(|e| none(e.to_string()))?;
+    let mesh = mapper.surface(map, TsdfConfig::default()).map_err(|e| none(e.to_string()))?;
     let mut bytes = Vec::new();
-    write_ply(&Mesher::new(MeshConfig::of_key_frames()).whole(&volume), &mut bytes)
-        .map_err(|e| none(e.to_string()))?;
+    write_ply(&mesh, &mut bytes).map_err(|e| none(e.to_string()))?;
     Ok(bytes)
 }
 

@@ -51,7 +51,7 @@ fn run(command: Command) -> Result<(), MeasureError> {
             }
             json.map_or(Ok(()), |path| save(path, &text(&rows)?))
         }
-        Command::Walks { seeds, from, worlds, sensors, seconds, all, jobs, json } => {
+        Command::Walks { seeds, from, worlds, sensors, seconds, all, drawn, write, jobs, json } => {
             let worlds = if worlds.is_empty() { WORLDS.to_vec() } else { worlds };
             let sensors = if sensors.is_empty() { Sensors::VISUAL.to_vec() } else { sensors };
             let mut list = Vec::new();
@@ -64,6 +64,15 @@ fn run(command: Command) -> Result<(), MeasureError> {
             }
             let walked = walks::run(&list, seconds, jobs)?;
             print!("{}", walks::table(&walked));
+            if let Some(number) = drawn {
+                let others: Vec<Walk> = list.iter().map(|walk| walk.drawn(number)).collect();
+                let table = walks::compared(&walked, &walks::run(&others, seconds, jobs)?);
+                print!("\n{table}");
+                if write {
+                    let figures = format!("Seeds drawn from {number}:\n\n{table}");
+                    put("figures/revisits.md", "walks", &figures)?;
+                }
+            }
             json.map_or(Ok(()), |path| save(path, &text(&walked)?))
         }
         Command::Figures => {

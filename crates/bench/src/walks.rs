@@ -3,6 +3,7 @@
 
 use crate::MeasureError;
 use crate::{Measured, RunOptions, Sensors, measure};
+use cairn_random::Random;
 use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
 use serde::Serialize;
@@ -44,6 +45,13 @@ impl Walk {
         let passers = (round / 2 % 2) as usize;
         let blur_ms = if round % 3 == 2 { 8.0 } else { 0.0 };
         Self { world, sensor, seed, poor, passers, blur_ms }
+    }
+
+    /// The same kind of walk with a seed drawn from a number: world, plain walls, passers-by and blur stay, all else is another.
+    pub fn drawn(self, from: u64) -> Self {
+        // After 48 seeds worlds and difficulties come again.
+        let periods = 1 + Random::stream(from, self.seed).below(1_000_000) as u64;
+        Self { seed: self.seed + 48 * periods, ..self }
     }
 
     /// The source's address for the first `seconds` of the walk.
@@ -183,6 +191,49 @@ pub fn table(walked: &[Walked]) -> String {
     t
 }
 
+/// The same walks with fixed and with drawn seeds, by world and sensor: a row whose median is better on the fixed seeds by more than a
+/// fifth is marked, since something may have been fitted to them.
+pub fn compared(fixed: &[Walked], drawn: &[Walked]) -> String {
+    let mut t = String::from(
+        "| world | sensor | walks | ATE % of path length, fixed seeds: median / max | drawn seeds: median / max | least coverage, fixed / drawn | better on fixed seeds by over 20 % |\n|---|---|---|---|---|---|---|\n",
+    );
+    let mut groups: Vec<(&str, Sensors)> =
+        fixed.iter().map(|w| (w.world.as_str(), w.measured.sensor)).collect();
+    groups.sort_by_key(|(world, sensor)| (*world, sensor.name()));
+    groups.dedup();
+    for sensor in Sensors::VISUAL {
+        groups.extend(groups.iter().any(|g| g.1 == sensor).then_some(("all", sensor)));
+    }
+    for (world, sensor) in groups {
+        let of = |walks: &[Walked]| -> Vec<(f64, f64)> {
+            let here = |w: &&Walked| (w.world == world || world == "all") && w.measured.sensor == sensor;
+            let drift = |w: &Walked| w.measured.drift().map_or(f64::INFINITY, |d| 100.0 * d);
+            let mut all: Vec<(f64, f64)> =
+                walks.iter().filter(here).map(|w| (drift(w), w.measured.coverage())).collect();
+            all.sort_by(|a, b| a.0.total_cmp(&b.0));
+            all
+        };
+        let [fixed, drawn] = [of(fixed), of(drawn)].map(|all| {
+            let coverage = all.iter().map(|w| w.1).fold(1.0, f64::min);
+            (all[all.len() / 2].0, all[all.len() - 1].0, coverage, all.len())
+        });
+        let mark = if drawn.0 > 1.2 * fixed.0 { "**yes**" } else { "no" };
+        let _ = writeln!(
+            t,
+            "| {world} | {} | {} | {:.2} / {:.2} | {:.2} / {:.2} | {:.3} / {:.3} | {mark} |",
+            sensor.name(),
+            fixed.3,
+            fixed.0,
+            fixed.1,
+            drawn.0,
+            drawn.1,
+            fixed.2,
+            drawn.2
+        );
+    }
+    t
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,6 +247,18 @@ mod tests {
             assert!(here.iter().any(|w| w.passers > 0));
             assert!(here.iter().any(|w| w.blur_ms > 0.0));
             assert!(here.iter().any(|w| w.poor == 0.0 && w.passers == 0 && w.blur_ms == 0.0));
+        }
+    }
+
+    #[test]
+    fn a_drawn_walk_is_of_the_same_kind_and_another() {
+        for seed in 0..48 {
+            let walk = Walk::new(WORLDS[seed as usize % 4], Sensors::Mono, seed);
+            let other = walk.drawn(20_261_129);
+            assert!(other.seed >= 48 && other.seed != walk.drawn(20_261_130).seed);
+            let same = Walk::new(WORLDS[other.seed as usize % 4], Sensors::Mono, other.seed);
+            let kind = |w: &Walk| (w.world, w.poor.to_bits(), w.passers, w.blur_ms.to_bits());
+            assert_eq!((kind(&same), kind(&other)), (kind(&walk), kind(&walk)));
         }
     }
 }

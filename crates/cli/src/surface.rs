@@ -1,9 +1,7 @@
 //! Surfaces as files: the form follows from the ending; a picture of one as PNG.
 
 use crate::failure::Failure;
-use cairn_dense::{
-    Mesh, MeshConfig, Mesher, TsdfConfig, overview, write_glb, write_heights, write_obj, write_ply,
-};
+use cairn_dense::{Mesh, TsdfConfig, overview, write_glb, write_heights, write_obj, write_ply};
 use cairn_engine::DenseMapper;
 use cairn_geometry::Vec3;
 use std::path::Path;
@@ -51,8 +49,7 @@ impl Surface {
         let fail = |why: String| Failure::new("the surface", why, "look at the report of the run");
         let map = mapper.largest_map().ok_or_else(|| fail("there is no map".into()))?;
         let tsdf = TsdfConfig { colour: true, ..TsdfConfig::default() };
-        let volume = mapper.surface(map, tsdf).map_err(|e| fail(e.to_string()))?;
-        let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(&volume);
+        let mesh = mapper.surface(map, tsdf).map_err(|e| fail(e.to_string()))?;
         if mesh.positions.is_empty() {
             return Err(fail("no key frame had usable depth".into()));
         }

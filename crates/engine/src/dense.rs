@@ -23,8 +23,8 @@ use crate::sensors::has_colours;
 use crate::{Engine, Output};
 use cairn_atlas::{Change, KeyFrameId, MapId, Mirror, Published, Subscription};
 use cairn_dense::{
-    AnchorId, DenseError, DenseMap, Located, MapId as DenseMapId, Place, Progress, RegisterConfig,
-    SubmapConfig, TsdfConfig, TsdfVolume,
+    AnchorId, DenseError, DenseMap, Located, MapId as DenseMapId, Mesh, MeshConfig, Place, Progress,
+    RegisterConfig, SubmapConfig, TsdfConfig,
 };
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthImage, FramePacket, GrayImage, Rig, Stamp};
@@ -93,8 +93,8 @@ pub struct DenseMapper {
     lost: Option<LostCamera>,
 }
 
-/// Images of a saved map that are fused with each packet while the camera is lost, at most.
-const FUSED_WHILE_LOST: usize = 6;
+/// Images that are fused with each packet while the camera is lost, at most: no mapping takes that time then.
+const FUSED_WHILE_LOST: usize = 16;
 
 impl DenseMapper {
     /// A dense mapper that follows an engine from now on.
@@ -173,7 +173,8 @@ impl DenseMapper {
     /// Looks for a lost camera, once it has been lost for the time that is set and the submaps are fused.
     fn look_for_camera(&mut self, packet: &FramePacket, is_lost: bool) {
         let Some(mut lost) = self.lost.take() else { return };
-        // What a saved map brings is fused when it is needed; key frames that moved by centimetres can wait.
+        // What a saved map brings, and what was released, is fused when it is needed; key frames that moved by centimetres can wait.
+        self.map.want_all(is_lost);
         if is_lost && !self.map.is_complete() {
             self.map.step(&Vec3::zeros(), FUSED_WHILE_LOST);
         }
@@ -304,18 +305,22 @@ impl DenseMapper {
         up: Option<Vec3>,
     ) -> Result<Option<Located>, DenseError> {
         let depth_from_camera = self.camera_from_depth.inverse();
+        self.map.want_all(true);
+        while !self.map.is_complete() && self.map.step(&Vec3::zeros(), FUSED_WHILE_LOST).images > 0 {}
         let places = self.map.places(dense_map(map), up.map(|_| Vec3::z()));
+        self.map.want_all(false);
         let up = up.map(|up| depth_from_camera.rotation * up);
         let found = self.map.locator(RegisterConfig::default())?.locate(&places, depth, up)?;
         Ok(found.map(|l| Located { world_from_source: l.world_from_source * depth_from_camera, ..l }))
     }
 
-    /// The surface of a map, fused from the stored depth with the poses that key frames have now: without seams.
+    /// The surface of a map, fused from the stored depth with the poses that key frames have now: without seams. What only one of them saw
+    /// is in it.
     ///
     /// # Errors
     /// A config out of range, poses out of range.
-    pub fn surface(&mut self, map: MapId, config: TsdfConfig) -> Result<TsdfVolume, DenseError> {
-        self.map.fuse_all(dense_map(map), config)
+    pub fn surface(&mut self, map: MapId, config: TsdfConfig) -> Result<Mesh, DenseError> {
+        self.map.surface(dense_map(map), config, MeshConfig::of_key_frames())
     }
 }
 

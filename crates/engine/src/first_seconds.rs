@@ -2,6 +2,7 @@
 //! length of a camera that nobody calibrated ([`first_lens`]), and for depth that is not registered to its picture.
 
 use crate::Config;
+use cairn_dense::{DenseError, PackedDepth};
 use cairn_sensor::{FramePacket, ImuSample, Live, Rig, Skips, Source, SourceError, SourceInfo};
 use cairn_tracking::first_lens;
 use cairn_vision::{Frame, FrontEnd, Misregistration, RegistrationCheck, SensorMode};
@@ -19,39 +20,62 @@ const MOST_SIGMA: f64 = 0.03;
 /// A source with another rig, and the packets that were read of it already.
 struct Looked {
     source: Box<dyn Source>,
-    first: VecDeque<FramePacket>,
+    first: VecDeque<Packed>,
     rig: Rig,
     info: SourceInfo,
 }
 
-impl Looked {
-    /// Reads the first seconds.
-    fn at(mut source: Box<dyn Source>, seconds: f64) -> Result<Self, SourceError> {
-        let (rig, info) = (source.rig().clone(), source.info().clone());
-        let mut first: VecDeque<FramePacket> = VecDeque::new();
-        while first.front().zip(first.back()).is_none_or(|(a, b)| b.stamp - a.stamp < seconds)
-            && let Some(packet) = source.next_packet()?
-        {
-            first.push_back(packet);
-        }
-        Ok(Self { source, first, rig, info })
+/// A packet whose depth is packed: a fifth of its size.
+struct Packed {
+    packet: FramePacket,
+    depth: Option<PackedDepth>,
+}
+
+impl Packed {
+    fn of(mut packet: FramePacket) -> Self {
+        let depth = packet.depth.take().map(|depth| PackedDepth::pack(&depth));
+        Self { packet, depth }
     }
+
+    fn unpacked(self) -> Result<FramePacket, SourceError> {
+        let Self { mut packet, depth } = self;
+        let depth = depth.map(|depth| depth.unpack()).transpose();
+        let fail =
+            |e: DenseError| SourceError::new("depth", e.to_string(), "report this with the command line");
+        packet.depth = depth.map_err(fail)?.map(Arc::new);
+        Ok(packet)
+    }
+}
+
+/// Reads the first seconds of a source; each packet is handed on.
+fn read(source: &mut dyn Source, seconds: f64, mut take: impl FnMut(FramePacket)) -> Result<(), SourceError> {
+    let mut first = None;
+    while let Some(packet) = source.next_packet()? {
+        let stamp = packet.stamp;
+        take(packet);
+        if stamp - *first.get_or_insert(stamp) >= seconds {
+            break;
+        }
+    }
+    Ok(())
 }
 
 /// Looks at the first seconds of a recording whose lens is assumed: with the focal length that they tell, where they do.
 ///
 /// # Errors
 /// When the source fails.
-pub fn with_found_lens(source: Box<dyn Source>, config: &Config) -> Result<Box<dyn Source>, SourceError> {
-    let mut looked = Looked::at(source, LENS_S)?;
-    if let Some(ratio) = focal_ratio(&looked.rig, looked.first.make_contiguous(), config)
-        && let Some(camera) = looked.rig.cameras.first_mut().map(|c| &mut c.camera)
+pub fn with_found_lens(mut source: Box<dyn Source>, config: &Config) -> Result<Box<dyn Source>, SourceError> {
+    let (mut rig, mut info) = (source.rig().clone(), source.info().clone());
+    let mut packets = Vec::new();
+    read(source.as_mut(), LENS_S, |packet| packets.push(packet))?;
+    if let Some(ratio) = focal_ratio(&rig, &packets, config)
+        && let Some(camera) = rig.cameras.first_mut().map(|c| &mut c.camera)
     {
         (camera.fx, camera.fy) = (camera.fx * ratio, camera.fy * ratio);
         let found = format!("a focal length of {:.0} px, found from the first seconds", camera.fx);
-        looked.info.assumed = looked.info.assumed.map(|assumed| format!("{found}, in place of {assumed}"));
+        info.assumed = info.assumed.map(|assumed| format!("{found}, in place of {assumed}"));
     }
-    Ok(Box::new(looked))
+    Ok(Box::new(Looked { source, first: packets.into_iter().map(Packed::of).collect(), rig, info }))
 }
 
 /// Looks at the first seconds of a recording with depth that is said to be registered to its picture: how the two lie where they are
@@ -60,22 +84,22 @@ pub fn with_found_lens(source: Box<dyn Source>, config: &Config) -> Result<Box<d
 /// # Errors
 /// When the source fails.
 pub fn with_checked_depth(
-    source: Box<dyn Source>,
+    mut source: Box<dyn Source>,
 ) -> Result<(Box<dyn Source>, Option<Misregistration>), SourceError> {
     if source.rig().depth.as_ref().is_none_or(|depth| !depth.registered) {
         return Ok((source, None));
     }
-    let looked = Looked::at(source, REGISTRATION_S)?;
-    let mut check = RegistrationCheck::default();
-    let mut due = looked.first.front().map(|packet| packet.stamp);
-    for packet in &looked.first {
+    let (rig, info) = (source.rig().clone(), source.info().clone());
+    let (mut check, mut due, mut first) = (RegistrationCheck::default(), None, VecDeque::new());
+    read(source.as_mut(), REGISTRATION_S, |packet| {
         let both = packet.depth.as_ref().zip(packet.images.first());
-        if let Some((depth, picture)) = both.filter(|_| due.is_some_and(|due| packet.stamp >= due)) {
+        if let Some((depth, picture)) = both.filter(|_| due.is_none_or(|due| packet.stamp >= due)) {
             check.look(depth, picture);
             due = Some(packet.stamp.plus_seconds(APART_S));
         }
-    }
-    Ok((Box::new(looked), check.found()))
+        first.push_back(Packed::of(packet));
+    })?;
+    Ok((Box::new(Looked { source, first, rig, info }), check.found()))
 }
 
 /// The true focal length over that of the rig.
@@ -103,7 +127,7 @@ impl Source for Looked {
 
     fn next_packet(&mut self) -> Result<Option<FramePacket>, SourceError> {
         match self.first.pop_front() {
-            Some(packet) => Ok(Some(packet)),
+            Some(packet) => packet.unpacked().map(Some),
             None => self.source.next_packet(),
         }
     }

@@ -15,7 +15,9 @@ const KEY_FRAMES: usize = 1000;
 /// Poses swapped and frames fused again; occupancy fused afresh from the stored depth.
 pub fn submaps(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
     let mut rows = codec(kitchen)?;
-    let mut map = DenseMap::new(SubmapConfig::default(), kitchen.camera, kitchen.metres_per_unit())?;
+    // All fields stay: what is measured is fusing them again.
+    let config = SubmapConfig { most_bytes: usize::MAX, ..SubmapConfig::default() };
+    let mut map = DenseMap::new(config, kitchen.camera, kitchen.metres_per_unit())?;
     let (mut insert, mut poses) = (Vec::new(), Vec::new());
     let images = kitchen.fused.len();
     let looped = kitchen.raw().zip(&kitchen.fused).cycle().take(KEY_FRAMES);
@@ -58,9 +60,9 @@ pub fn submaps(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
     Ok(rows)
 }
 
-/// The same images into submaps without and with colours, in turn, and fused again after a loop.
+/// The same images into submaps without and with the gray images kept beside them, in turn.
 fn colours(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
-    let (mut insert, mut again, mut bytes) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()], [0, 0]);
+    let (mut insert, mut bytes) = ([Vec::new(), Vec::new()], [0, 0]);
     for _ in 0..3 {
         let config = |colour| {
             let submaps = SubmapConfig::default();
@@ -77,31 +79,13 @@ fn colours(kitchen: &Kitchen) -> Result<Vec<Row>, DenseError> {
                 ms.push(now_ms() - start);
             }
         }
-        let images = kitchen.fused.len() as f64;
-        let bent: Vec<_> = (kitchen.fused.iter().enumerate())
-            .map(|(i, (_, _, pose))| (AnchorId(i as u64), bend(i as f64 / images) * *pose))
-            .collect();
-        for ((map, ms), bytes) in maps.iter_mut().zip(&mut again).zip(&mut bytes) {
-            map.align(&bent)?;
-            let (start, mut fused) = (now_ms(), 0);
-            loop {
-                let done = map.step(&Vec3::zeros(), 16);
-                fused += done.images;
-                if done.waiting == 0 {
-                    break;
-                }
-            }
-            ms.push((now_ms() - start) / fused.max(1) as f64);
-            *bytes = map.bytes()[1];
-        }
+        bytes = [maps[0].bytes()[1], maps[1].bytes()[1]];
     }
-    let ([plain, coloured], [plain_again, coloured_again]) = (insert.map(median), again.map(median));
+    let [plain, coloured] = insert.map(median);
     let kept = |bytes| bytes as f64 / kitchen.fused.len() as f64 / 1e3;
     Ok(vec![
         Row::told("a key frame into submaps, median of 180, in turn with the next", plain, "ms"),
         Row::at_most("a key frame into submaps with colour", coloured, "ms", 2.0 * plain),
-        Row::told("an image fused again, in turn with the next", plain_again, "ms"),
-        Row::at_most("an image fused again with colour", coloured_again, "ms", 2.0 * plain_again),
         Row::told("a key frame's depth and shades, packed", kept(bytes[1]), "kB"),
     ])
 }

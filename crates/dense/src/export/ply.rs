@@ -1,7 +1,7 @@
 //! Binary little-endian PLY (Turk, "The PLY polygon file format", 1994).
 
 use crate::Mesh;
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Write};
 
 /// Writes a mesh.
 ///
@@ -21,14 +21,15 @@ pub fn write_ply(mesh: &Mesh, out: &mut impl Write) -> io::Result<()> {
     }
     let faces = mesh.triangles.len();
     writeln!(out, "element face {faces}\nproperty list uchar int vertex_indices\nend_header")?;
-    let mut bytes = Vec::with_capacity(27 * vertices + 13 * faces);
+    // In pieces: a large mesh is not held a second time.
+    let mut out = BufWriter::new(out);
     for (i, (p, n)) in mesh.positions.iter().zip(&mesh.normals).enumerate() {
-        p.iter().chain(n).for_each(|v| bytes.extend(v.to_le_bytes()));
-        bytes.extend(mesh.colours.get(i).into_iter().flatten());
+        p.iter().chain(n).try_for_each(|v| out.write_all(&v.to_le_bytes()))?;
+        mesh.colours.get(i).map_or(Ok(()), |colour| out.write_all(colour))?;
     }
     for triangle in &mesh.triangles {
-        bytes.push(3);
-        triangle.iter().for_each(|i| bytes.extend((*i as i32).to_le_bytes()));
+        out.write_all(&[3])?;
+        triangle.iter().try_for_each(|i| out.write_all(&(*i as i32).to_le_bytes()))?;
     }
-    out.write_all(&bytes)
+    out.flush()
 }

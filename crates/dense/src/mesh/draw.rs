@@ -29,7 +29,9 @@ impl Mesher {
         let boxes = Box2::new(camera, volume_from_camera, side);
         let in_view = |key| boxes.of(key).is_some_and(|(_, _, depth)| f64::from(depth[0]) < farthest_m);
         let keys: Vec<_> = volume.changed_since(0).filter(|&key| in_view(key)).collect();
-        let mesh = self.some(volume, keys.into_iter());
+        let mut mesh = Mesh::default();
+        self.add(volume, keys.into_iter(), &mut mesh);
+        mesh.finish();
         draw(&mesh, camera, volume_from_camera)
     }
 }

@@ -10,6 +10,7 @@ mod kernel_x86;
 mod live;
 mod overview;
 mod piece;
+mod pieces;
 mod rows;
 mod samples;
 mod table;
@@ -105,23 +106,26 @@ impl Mesher {
 
     /// The whole surface: vertices on block borders are shared, so that it is closed wherever it was seen.
     pub fn whole(&mut self, volume: &TsdfVolume) -> Mesh {
-        self.some(volume, volume.changed_since(0))
+        let mut mesh = Mesh::default();
+        self.add(volume, volume.changed_since(0), &mut mesh);
+        mesh.finish();
+        mesh
     }
 
-    /// The surface in the cells of some blocks, welded.
-    fn some(&mut self, volume: &TsdfVolume, keys: impl Iterator<Item = BlockKey>) -> Mesh {
-        let (mut mesh, grid) = (Mesh::default(), BlockGrid::new(volume));
+    /// Adds the surface in the cells of some blocks, welded to what was added to this mesh before; an empty one is begun.
+    pub(crate) fn add(&mut self, volume: &TsdfVolume, keys: impl Iterator<Item = BlockKey>, mesh: &mut Mesh) {
+        let grid = BlockGrid::new(volume);
         // Taken out for the call: the samples are lent at the same time.
         let mut shared = std::mem::take(&mut self.shared);
-        shared.clear();
+        if mesh.positions.is_empty() {
+            shared.clear();
+        }
         for key in keys {
             let place = Place::new(volume, key);
-            let mut build = Build { place, volume, mesh: &mut mesh, shared: &mut shared };
+            let mut build = Build { place, volume, mesh: &mut *mesh, shared: &mut shared };
             self.each_cell(volume, grid.around(key), &mut build);
         }
         self.shared = shared;
-        mesh.add_normals();
-        mesh
     }
 
     /// The surface in the cells of one block, without normals. Its border passes through the same points as the borders of its
@@ -285,8 +289,8 @@ fn colour(volume: &TsdfVolume, samples: &Samples, axis: usize, from: [usize; 3],
 }
 
 impl Mesh {
-    /// Normals as the mean over the triangles around each vertex, weighted by area.
-    fn add_normals(&mut self) {
+    /// Gives a mesh that was built by [`Mesher::add`] its normals: the mean over the triangles around each vertex, weighted by area.
+    pub(crate) fn finish(&mut self) {
         self.normals.clear();
         self.normals.resize(self.positions.len(), [0.0; 3]);
         for t in &self.triangles {

@@ -277,7 +277,7 @@ impl DepthPreparer {
     }
 
     /// Refuses an image of another size.
-    fn check(&self, what: &'static str, [width, height]: [usize; 2]) -> Result<(), DenseError> {
+    pub(crate) fn check(&self, what: &'static str, [width, height]: [usize; 2]) -> Result<(), DenseError> {
         let (expected_width, expected_height) = (self.source.width, self.source.height);
         if (width, height) == (expected_width, expected_height) {
             return Ok(());

@@ -42,7 +42,8 @@ impl SurfaceChanges {
 
     /// The meshes of a submap's blocks that have changed since it was asked last.
     fn changed(&mut self, submap: &SubmapView) -> Vec<(u32, BlockKey, Mesh)> {
-        let (number, field) = (submap.number as u32, submap.tsdf);
+        // One that is released has not changed for long, or is shown when it is whole again.
+        let (number, Some(field)) = (submap.number as u32, submap.tsdf) else { return Vec::new() };
         let (revision, had) = self.known.entry(number).or_default();
         if *revision == field.revision() {
             return Vec::new();

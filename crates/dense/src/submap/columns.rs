@@ -68,7 +68,7 @@ impl ColumnChanges {
                 // One whose free space is of other poses than its surface is looked at when it has been built anew.
                 let submap = map.submaps[i].as_ref().filter(|s| !s.stale)?;
                 let (_, pose) = map.place(i).filter(|(of, _)| only.is_none_or(|only| only == *of))?;
-                Some((i, pose, &submap.occupancy, submap.tsdf.revision()))
+                Some((i, pose, &submap.occupancy, submap.field.revision()))
             })
             .collect();
         let mut heights: Option<[i32; 2]> = None;

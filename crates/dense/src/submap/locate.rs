@@ -81,8 +81,8 @@ impl DenseMap {
         Ok(Locator { config, submaps: self.config, preparer, features: BTreeMap::new() })
     }
 
-    /// The submaps of a map as they are now; `up` is the direction against gravity in the map, where it is known. Nothing is
-    /// copied.
+    /// The submaps of a map as they are now, without those that are released ([`DenseMap::want_all`]); `up` is the direction against
+    /// gravity in the map, where it is known. Nothing is copied.
     pub fn places(&self, map: MapId, up: Option<Vec3>) -> Vec<Place> {
         let one = |index: usize| {
             let (in_map, world_from_submap) = self.place(index)?;
@@ -94,7 +94,7 @@ impl DenseMap {
                 anchor_from_submap: submap.anchored.pose,
                 up: up.map(|up| world_from_submap.rotation.inverse() * up),
                 index,
-                tsdf: submap.tsdf.clone(),
+                tsdf: submap.field.whole()?.clone(),
                 occupancy: submap.occupancy.clone(),
             })
         };

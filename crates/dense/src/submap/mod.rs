@@ -7,12 +7,14 @@
 mod changes;
 mod codec;
 mod columns;
+mod field;
 mod forget;
 mod locate;
 mod refuse;
 mod saved;
 #[cfg(test)]
 mod tests;
+mod whole;
 
 pub use changes::{SurfaceChange, SurfaceChanges};
 pub use codec::{PackedDepth, PackedGray};
@@ -22,19 +24,18 @@ pub use locate::{Followed, Located, Locator, Place};
 pub use refuse::Progress;
 pub use saved::{SavedFrame, SavedSubmap};
 
+use crate::block::BlockKey;
 use crate::prepare::DepthPreparer;
+use crate::tsdf::Window;
 use crate::{
-    ColourImage, DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig,
+    Backend, DenseError, DepthConfig, DepthFrame, Fused, OccupancyConfig, OccupancyGrid, TsdfConfig,
     TsdfVolume,
 };
 use cairn_geometry::{Se3, Sim3};
 use cairn_sensor::{Camera, DepthImage, GrayImage};
+use field::Field;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-
-/// Thickness of a thin wall, metres; and the voxels of a truncation distance that a surface needs at least.
-const WALL_M: f64 = 0.1;
-const LEAST_BAND: f64 = 2.5;
 
 /// A key frame of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -49,7 +50,8 @@ pub struct MapId(pub u64);
 pub struct SubmapConfig {
     /// How depth images are interpreted.
     pub depth: DepthConfig,
-    /// The field; with colour the gray images of key frames are kept beside their depth.
+    /// The field, which has no colours itself; with colour the gray images of key frames are kept beside their depth for surfaces
+    /// of whole maps.
     pub tsdf: TsdfConfig,
     /// The occupancy grid.
     pub occupancy: OccupancyConfig,
@@ -60,6 +62,9 @@ pub struct SubmapConfig {
     /// Key frames that moved less than this inside their submap, measured 2 m in front of the camera, are not
     /// re-fused; in metres.
     pub moved_m: f64,
+    /// Bytes that the fields of all submaps may take: those that nothing was added to for longest are released, and fused
+    /// again from the stored depth when something is added to them or all are wanted ([`DenseMap::want_all`]).
+    pub most_bytes: usize,
 }
 
 impl Default for SubmapConfig {
@@ -71,6 +76,8 @@ impl Default for SubmapConfig {
             reach_m: 3.0,
             overlap: 0.2,
             moved_m: 0.01,
+            // Two submaps of a simulated apartment at 2 cm.
+            most_bytes: 48 << 20,
         }
     }
 }
@@ -85,8 +92,10 @@ struct AnchoredPose {
 /// A submap: its volumes and its place.
 struct Submap {
     anchored: AnchoredPose,
-    /// Shared with searches that run meanwhile: it is copied where it changes before they end.
-    tsdf: Arc<TsdfVolume>,
+    field: Field,
+    /// The number of the last image that was added, among all of the map.
+    used: usize,
+    /// Shared with searches that run meanwhile, as the field.
     occupancy: Arc<OccupancyGrid>,
     /// Occupancy being rebuilt, with the next of its frames to be fused.
     rebuilt: Option<(OccupancyGrid, usize)>,
@@ -139,8 +148,8 @@ pub struct SubmapView<'a> {
     pub map: MapId,
     /// Its pose in that map.
     pub world_from_submap: Se3,
-    /// Its surface.
-    pub tsdf: &'a TsdfVolume,
+    /// Its surface; `None` while it is released.
+    pub tsdf: Option<&'a TsdfVolume>,
     /// Its free space.
     pub occupancy: &'a OccupancyGrid,
 }
@@ -149,8 +158,8 @@ pub struct SubmapView<'a> {
 pub struct DenseMap {
     config: SubmapConfig,
     preparer: DepthPreparer,
-    /// Colours of the image that is fused or removed.
-    colours: ColourImage,
+    /// Blocks around the surface of an image.
+    around: (Window, Vec<BlockKey>),
     anchors: BTreeMap<AnchorId, Anchor>,
     submaps: Vec<Option<Submap>>,
     kept: Vec<Kept>,
@@ -158,6 +167,10 @@ pub struct DenseMap {
     waiting: Vec<usize>,
     /// The submap that the last key frame of each map was fused into.
     active: BTreeMap<MapId, usize>,
+    /// Images that were added so far.
+    added: usize,
+    /// No field may be released.
+    are_all_wanted: bool,
 }
 
 impl DenseMap {
@@ -174,12 +187,14 @@ impl DenseMap {
         Ok(Self {
             config,
             preparer: DepthPreparer::new(config.depth, camera, metres_per_unit)?,
-            colours: ColourImage::default(),
+            around: Default::default(),
             anchors: BTreeMap::new(),
             submaps: Vec::new(),
             kept: Vec::new(),
             waiting: Vec::new(),
             active: BTreeMap::new(),
+            added: 0,
+            are_all_wanted: false,
         })
     }
 
@@ -211,7 +226,8 @@ impl DenseMap {
             return Err(DenseError::Pose("a number is not finite".into()));
         }
         let frame = self.preparer.prepare(depth)?.clone();
-        let gray = gray.filter(|_| self.config.tsdf.colour).map(PackedGray::pack);
+        let gray = gray.filter(|_| self.config.tsdf.colour);
+        gray.map_or(Ok(()), |gray| self.preparer.check("colour", [gray.width(), gray.height()]))?;
         let chosen = self.choose(map, &world_from_camera, &frame);
         let anchored = AnchoredPose { anchor: id, pose: Se3::identity() };
         let anchor = Anchor { map, world_from_anchor };
@@ -223,29 +239,30 @@ impl DenseMap {
                 (self.submaps.len(), anchor_from_camera)
             }
         };
-        let colours = self.preparer.colours_packed(gray.as_ref(), &mut self.colours)?;
+        mark(&mut self.around, &self.config.tsdf, &frame, &pose)?;
         let submap = match fresh.as_mut() {
             Some(fresh) => fresh,
             None => self.submaps[index].as_mut().ok_or(DenseError::UnknownAnchor(id.0))?,
         };
-        let result = Arc::make_mut(&mut submap.tsdf).integrate(&frame, colours, &pose)?;
+        let result = submap.field.add(self.kept.len(), &frame, &pose, &self.around.1)?;
         Arc::make_mut(&mut submap.occupancy).integrate(&frame, &pose)?;
+        self.added += 1;
+        submap.used = self.added;
         self.submaps.extend(fresh.map(Some));
         self.anchors.insert(id, anchor);
         self.active.insert(map, index);
         let anchored = AnchoredPose { anchor: id, pose: anchor_from_camera };
         let inside = Some(Inside { submap: index, pose });
-        let depth = PackedDepth::pack(depth);
+        let (depth, gray) = (PackedDepth::pack(depth), gray.map(PackedGray::pack));
         self.kept.push(Kept { key_frame: Some(id), anchored, inside, target: index, depth, gray });
+        self.release_fields();
         Ok(result)
     }
 
     fn empty_submap(&self, anchored: AnchoredPose) -> Result<Submap, DenseError> {
-        let (tsdf, occupancy) = (
-            Arc::new(TsdfVolume::new(self.config.tsdf)?),
-            Arc::new(OccupancyGrid::new(self.config.occupancy)?),
-        );
-        Ok(Submap { anchored, tsdf, occupancy, rebuilt: None, stale: false })
+        let field = Field::new(self.fields())?;
+        let occupancy = Arc::new(OccupancyGrid::new(self.config.occupancy)?);
+        Ok(Submap { anchored, field, used: self.added, occupancy, rebuilt: None, stale: false })
     }
 
     /// The submap of a map that is near enough and holds the greatest share of an image's blocks.
@@ -258,8 +275,13 @@ impl DenseMap {
                 continue;
             }
             let pose = world_from_submap.inverse() * *world_from_camera;
-            let Some(submap) = self.submaps[index].as_mut() else { continue };
-            let share = Arc::make_mut(&mut submap.tsdf).overlap(frame, &pose).unwrap_or(0.0);
+            let Some(submap) = self.submaps[index].as_ref() else { continue };
+            if mark(&mut self.around, &self.config.tsdf, frame, &pose).is_err() {
+                continue;
+            }
+            let around = &self.around.1;
+            let known = around.iter().filter(|key| submap.field.has(**key)).count();
+            let share = known as f64 / around.len().max(1) as f64;
             if share >= self.config.overlap && best.is_none_or(|(_, most)| share > most) {
                 best = Some((index, share));
             }
@@ -333,6 +355,8 @@ impl DenseMap {
         let Some((target, _)) = nearest else { return };
         self.kept.iter_mut().filter(|k| k.target == index).for_each(|k| k.target = target);
         self.active.values_mut().filter(|a| **a == index).for_each(|a| *a = target);
+        let used = self.submaps[index].as_ref().map_or(0, |s| s.used);
+        self.submaps[target].iter_mut().for_each(|s| s.used = s.used.max(used));
     }
 
     /// Whether all frames of a submap are scheduled to move to another.
@@ -375,75 +399,28 @@ impl DenseMap {
     pub fn submaps(&self) -> impl Iterator<Item = SubmapView<'_>> {
         self.submaps.iter().enumerate().filter_map(|(number, submap)| {
             let (map, world_from_submap) = self.place(number)?;
-            let Submap { tsdf, occupancy, .. } = submap.as_ref()?;
+            let Submap { field, occupancy, .. } = submap.as_ref()?;
+            let tsdf = field.whole().map(|field| &**field);
             Some(SubmapView { number, map, world_from_submap, tsdf, occupancy })
         })
     }
 
-    /// One field of a whole map, fused from the stored depth with the current poses: without seams between submaps. It has colours
-    /// where they are asked for and images of the map have them.
-    ///
-    /// A map has walls that were seen from both sides. Truncation distances wider than such a wall would push its sides apart, so that with large
-    /// voxels it is shorter here than the config says.
-    ///
-    /// # Errors
-    /// A config value out of range; poses out of range.
-    pub fn fuse_all(&mut self, map: MapId, tsdf: TsdfConfig) -> Result<TsdfVolume, DenseError> {
-        self.fuse_in_order(map, tsdf, |_, _| ())
-    }
-
-    /// As [`Self::fuse_all`], in the order of the key frames; `after` gets the key frame of each image and the field with it.
-    ///
-    /// # Errors
-    /// As those of [`Self::fuse_all`].
-    pub fn fuse_in_order(
-        &mut self,
-        map: MapId,
-        tsdf: TsdfConfig,
-        mut after: impl FnMut(AnchorId, &TsdfVolume),
-    ) -> Result<TsdfVolume, DenseError> {
-        let of = |k: &Kept| self.anchors.get(&k.anchored.anchor).filter(|a| a.map == map).copied();
-        let colour = tsdf.colour && self.kept.iter().any(|k| k.gray.is_some() && of(k).is_some());
-        let widest = (WALL_M / tsdf.voxel_m).max(LEAST_BAND);
-        // A config out of range is refused.
-        TsdfVolume::new(tsdf)?;
-        let band_voxels = tsdf.band_voxels.min(widest);
-        let mut out = TsdfVolume::new(TsdfConfig { colour, band_voxels, ..tsdf })?;
-        let mut order: Vec<(&Kept, Anchor)> = self.kept.iter().filter_map(|k| Some((k, of(k)?))).collect();
-        order.sort_by_key(|(kept, _)| kept.anchored.anchor);
-        for (kept, anchor) in order {
-            let gray = kept.gray.as_ref().filter(|_| colour);
-            let colours = self.preparer.colours_packed(gray, &mut self.colours)?;
-            let frame = self.preparer.prepare_packed(&kept.depth)?;
-            out.integrate(frame, colours, &(anchor.world_from_anchor * kept.anchored.pose))?;
-            after(kept.anchored.anchor, &out);
-        }
-        Ok(out)
-    }
-
-    /// The occupancy of a whole map in its own frame, from the stored depth with the current poses.
-    ///
-    /// # Errors
-    /// A config value out of range; poses out of range.
-    pub fn occupancy_of_all(
-        &mut self,
-        map: MapId,
-        config: OccupancyConfig,
-    ) -> Result<OccupancyGrid, DenseError> {
-        let mut out = OccupancyGrid::new(config)?;
-        for kept in &self.kept {
-            let Some(anchor) = self.anchors.get(&kept.anchored.anchor).filter(|a| a.map == map) else {
-                continue;
-            };
-            let frame = self.preparer.prepare_packed_for_occupancy(&kept.depth)?;
-            out.integrate(frame, &(anchor.world_from_anchor * kept.anchored.pose))?;
-        }
-        Ok(out)
-    }
-
     /// Bytes of the volumes, and of the stored images.
     pub fn bytes(&self) -> [usize; 2] {
-        let volumes = self.submaps.iter().flatten().map(|s| s.tsdf.bytes() + s.occupancy.bytes()).sum();
+        let volumes = self.submaps.iter().flatten().map(|s| s.field.bytes() + s.occupancy.bytes()).sum();
         [volumes, self.kept.iter().map(Kept::bytes).sum()]
     }
+}
+
+/// Finds the blocks around the surface of an image.
+fn mark(
+    (window, keys): &mut (Window, Vec<BlockKey>),
+    config: &TsdfConfig,
+    frame: &DepthFrame,
+    pose: &Se3,
+) -> Result<(), DenseError> {
+    let band_m = config.voxel_m * config.band_voxels;
+    window.mark(frame, pose, config.voxel_m, band_m, Backend::best())?;
+    window.keys(keys);
+    Ok(())
 }

@@ -1,7 +1,7 @@
 //! Pending re-fusion: key frames that moved inside their submap are removed and fused again, nearest first.
 
-use super::{DenseMap, Inside, Kept};
-use crate::{DenseError, OccupancyGrid};
+use super::{DenseMap, Inside, Kept, Submap, mark};
+use crate::{DenseError, OccupancyGrid, TsdfConfig};
 use cairn_geometry::{Se3, Vec3};
 use std::sync::Arc;
 
@@ -41,10 +41,10 @@ impl DenseMap {
         Some(world_from_submap.inverse() * (anchor.world_from_anchor * kept.anchored.pose))
     }
 
-    /// Whether every image is fused, where it was or where it is now, and every submap has its free space: false for a while after a
-    /// saved map was taken over.
+    /// Whether every image is fused, where it was or where it is now, and every submap has its field and its free space: false for a
+    /// while after a saved map was taken over, or all fields were asked for.
     pub fn is_complete(&self) -> bool {
-        let is_built = |s: &super::Submap| !s.stale || s.occupancy.bytes() > 0;
+        let is_built = |s: &Submap| s.field.whole().is_some() && (!s.stale || s.occupancy.bytes() > 0);
         self.waiting.iter().all(|&i| self.kept[i].inside.is_some())
             && self.submaps.iter().flatten().all(is_built)
     }
@@ -71,11 +71,13 @@ impl DenseMap {
         self.waiting = waiting.into_iter().map(|(_, i)| i).collect();
         if self.waiting.is_empty() {
             self.drop_empty();
-            while progress.images < images && self.rebuild_one() {
+            while progress.images < images && (self.fuse_one() || self.rebuild_one()) {
                 progress.images += 1;
             }
         }
-        progress.waiting = self.waiting.len() + self.submaps.iter().flatten().filter(|s| s.stale).count();
+        self.release_fields();
+        let is_waiting = |s: &&Submap| s.stale || self.is_wanted(s);
+        progress.waiting = self.waiting.len() + self.submaps.iter().flatten().filter(is_waiting).count();
         progress
     }
 
@@ -84,17 +86,17 @@ impl DenseMap {
         let kept = &self.kept[index];
         let (was, to) = (kept.inside, kept.target);
         let pose = self.wanted(kept).ok_or(DenseError::UnknownAnchor(kept.anchored.anchor.0))?;
-        let colours = self.preparer.colours_packed(kept.gray.as_ref(), &mut self.colours)?;
         let frame = self.preparer.prepare_packed(&kept.depth)?;
+        mark(&mut self.around, &self.config.tsdf, frame, &pose)?;
         let unknown = DenseError::UnknownAnchor(self.kept[index].anchored.anchor.0);
         let submap = self.submaps.get_mut(to).and_then(Option::as_mut).ok_or(unknown)?;
         // Fuses first: if that fails, nothing has changed. The sums do not depend on the order.
-        Arc::make_mut(&mut submap.tsdf).integrate(frame, colours, &pose)?;
+        submap.field.add(index, frame, &pose, &self.around.1)?;
         (submap.stale, submap.rebuilt) = (true, None);
         self.kept[index].inside = Some(Inside { submap: to, pose });
         let Some(was) = was else { return Ok(1) };
         if let Some(submap) = self.submaps.get_mut(was.submap).and_then(Option::as_mut) {
-            Arc::make_mut(&mut submap.tsdf).remove(frame, colours, &was.pose)?;
+            submap.field.remove(index, frame, &was.pose)?;
             (submap.stale, submap.rebuilt) = (true, None);
         }
         Ok(2)
@@ -110,6 +112,51 @@ impl DenseMap {
                 self.active.retain(|_, active| *active != index);
             }
         }
+    }
+
+    /// Whether all fields are wanted from now on, for who is to look into all of them: then released ones are fused again by
+    /// [`Self::step`], and none is released.
+    pub fn want_all(&mut self, all: bool) {
+        self.are_all_wanted = all;
+    }
+
+    /// Whether the field of a submap is released and has to come back: all are wanted, or it is the one in use.
+    fn is_wanted(&self, submap: &Submap) -> bool {
+        submap.field.whole().is_none() && (self.are_all_wanted || submap.used == self.added)
+    }
+
+    /// Fuses one more frame into a field that is wanted again; false when there is no such field.
+    fn fuse_one(&mut self) -> bool {
+        let is_wanted = |s: &Option<Submap>| s.as_ref().is_some_and(|s| self.is_wanted(s));
+        let Some(index) = self.submaps.iter().position(is_wanted) else { return false };
+        let config = self.fields();
+        let Some(submap) = self.submaps[index].as_mut() else { return false };
+        let (kept, preparer) = (&self.kept, &mut self.preparer);
+        let done = submap.field.fuse_next(config, |from| {
+            let (i, pose) = (from..kept.len()).find_map(|i| Some((i, *kept[i].inside(index)?)))?;
+            Some((preparer.prepare_packed(&kept[i].depth), pose, i))
+        });
+        done.is_ok()
+    }
+
+    /// Releases the fields that nothing was added to for longest, as far as all take more than they may; that of the submap in use
+    /// stays.
+    pub(super) fn release_fields(&mut self) {
+        let added = self.added;
+        while !self.are_all_wanted {
+            let whole = || self.submaps.iter().flatten().filter(|s| s.field.whole().is_some());
+            if whole().map(|s| s.field.bytes()).sum::<usize>() <= self.config.most_bytes {
+                return;
+            }
+            let whole = self.submaps.iter_mut().flatten().filter(|s| s.field.whole().is_some());
+            let Some(oldest) = whole.filter(|s| s.used != added).min_by_key(|s| s.used) else { return };
+            oldest.field.release();
+        }
+    }
+
+    /// How the fields of submaps are made: nobody reads colours there.
+    pub(super) fn fields(&self) -> TsdfConfig {
+        TsdfConfig { colour: false, ..self.config.tsdf }
     }
 
     /// Fuses one more frame into the new grid of a submap with stale occupancy; false when there is no such submap.

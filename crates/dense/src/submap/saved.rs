@@ -82,6 +82,7 @@ impl DenseMap {
         }
         let index = self.submaps.len();
         let anchored = AnchoredPose { anchor: saved.anchor, pose: saved.anchor_from_submap };
+        self.added += 1;
         let submap = self.empty_submap(anchored)?;
         self.submaps.push(Some(submap));
         self.active.entry(map).or_insert(index);

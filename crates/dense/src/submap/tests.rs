@@ -20,15 +20,6 @@ fn voxels(volume: &TsdfVolume) -> BTreeMap<[i32; 3], (f64, i32)> {
     volume.changed_since(0).flat_map(of).collect()
 }
 
-/// Sums of colours and how many pixels are in them.
-fn colours(volume: &TsdfVolume) -> BTreeMap<crate::BlockKey, Vec<[i32; 4]>> {
-    let of = |slot| {
-        let planes = volume.colours(slot).map(|c| c.planes);
-        planes.map(|p| (0..512).map(|i| [p[0][i], p[1][i], p[2][i], p[3][i]]).collect())
-    };
-    volume.slots().filter_map(|(key, slot)| Some((key, of(slot)?))).collect()
-}
-
 /// What the camera of [`wall`] sees: shades that differ from place to place.
 fn stripes(x: f64) -> GrayImage {
     let at = |i: usize| (60.0 + 40.0 * (x + (i % 80) as f64 / 30.0).sin() + (i / 80) as f64) as u8;
@@ -65,16 +56,15 @@ fn check(map: &mut DenseMap) -> usize {
             let wanted = world_from_submap.inverse()
                 * map.anchors[&kept.anchored.anchor].world_from_anchor
                 * kept.anchored.pose;
-            let gray = kept.gray.as_ref().map(|g| g.unpack().expect("whole"));
-            let colours = gray.map(|g| map.preparer.colours(&g).expect("its size"));
-            field.integrate(&frame, colours.as_ref(), &fused).expect("a pose");
+            field.integrate(&frame, None, &fused).expect("a pose");
             grid.integrate(&frame, &fused).expect("a pose");
             let off = fused.inverse() * wanted;
             assert!(off.translation.norm() + 2.0 * off.rotation.log().norm() <= map.config.moved_m + 1e-9);
         }
         let submap = map.submaps[index].as_ref().expect("a place");
-        assert_eq!(voxels(&submap.tsdf), voxels(&field));
-        assert_eq!(colours(&submap.tsdf), colours(&field));
+        let whole = submap.field.whole().expect("all are wanted");
+        assert_eq!(voxels(whole), voxels(&field));
+        assert!(field.changed_since(0).all(|key| submap.field.has(key)));
         assert!(odds(&submap.occupancy) == odds(&grid), "occupancy of submap {index}");
         assert!(!submap.stale);
     }
@@ -89,6 +79,7 @@ enum Event {
     Remove(usize),
     Forget(u64),
     Step(usize),
+    WantAll(bool),
 }
 
 fn event() -> impl Strategy<Value = Event> {
@@ -100,6 +91,7 @@ fn event() -> impl Strategy<Value = Event> {
         1 => (0usize..20).prop_map(Event::Remove),
         1 => (0u64..12).prop_map(Event::Forget),
         2 => (1usize..6).prop_map(Event::Step),
+        1 => any::<bool>().prop_map(Event::WantAll),
     ]
 }
 
@@ -107,9 +99,10 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_history_ends_as_if_fused_afresh(events in proptest::collection::vec(event(), 6..24), colour: bool) {
+    fn any_history_ends_as_if_fused_afresh(events in proptest::collection::vec(event(), 6..24), tight: bool) {
         let config = config();
-        let config = SubmapConfig { tsdf: TsdfConfig { colour, ..config.tsdf }, ..config };
+        // With no room for fields all are released but the one in use.
+        let config = SubmapConfig { most_bytes: if tight { 0 } else { config.most_bytes }, ..config };
         let mut map = DenseMap::new(config, camera(), 0.001).expect("a camera");
         let (mut next, mut forgotten) = (0, 0);
         for event in events {
@@ -147,13 +140,20 @@ proptest! {
                 Event::Step(n) => {
                     map.step(&Vec3::zeros(), n);
                 }
+                Event::WantAll(all) => map.want_all(all),
             }
         }
         prop_assert_eq!(map.kept.len() + forgotten, next as usize);
         // Removals leave submaps and frames where they are; no other work may be pending unnoticed.
         map.find_moved();
+        map.want_all(true);
         finish(&mut map);
         check(&mut map);
+        map.want_all(false);
+        map.step(&Vec3::zeros(), 1);
+        let whole = map.submaps().filter(|s| s.tsdf.is_some()).count();
+        let all = map.submaps().count();
+        prop_assert!(whole == if tight { all.min(1) } else { all }, "{} of {}", whole, all);
     }
 }
 
@@ -201,7 +201,7 @@ fn merged_maps_are_joined_and_no_wall_is_doubled() {
     assert_eq!(check(&mut map), 1, "one submap is left");
     let submap = map.submaps().next().expect("one");
     assert_eq!(submap.map, MapId(0));
-    let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(submap.tsdf);
+    let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(submap.tsdf.expect("in use"));
     // Two walls of the recording and their edge; nothing between them or behind.
     let off = |z: f32| (z - 2.0).abs().min((z - 1.7).abs());
     let near = mesh.positions.iter().filter(|p| off(p[2]) < 0.01).count();
@@ -239,6 +239,75 @@ fn surface_has_the_shades_of_its_images() {
             .whole(&again.fuse_all(MapId(0), in_colour).expect("poses"));
         assert_eq!(same.colours, mesh.colours);
     }
+}
+
+/// Triangles by the places and colours of their corners, from the lowest one on.
+fn triangles(mesh: &crate::Mesh) -> Vec<[([u32; 3], [u8; 3]); 3]> {
+    let corner = |i: u32| (mesh.positions[i as usize].map(f32::to_bits), mesh.colours[i as usize]);
+    let turned = |t: &[u32; 3]| {
+        let mut corners = t.map(corner);
+        let lowest = (0..3).min_by_key(|&i| corners[i]).unwrap_or(0);
+        corners.rotate_left(lowest);
+        corners
+    };
+    let mut all: Vec<_> = mesh.triangles.iter().map(turned).collect();
+    all.sort_unstable();
+    all
+}
+
+#[test]
+fn a_surface_meshed_in_parts_is_that_of_the_whole_field() {
+    let tsdf = TsdfConfig { colour: true, ..config().tsdf };
+    let mut map = DenseMap::new(SubmapConfig { tsdf, ..config() }, camera(), 0.001).expect("a camera");
+    for i in 0..12 {
+        let (id, x) = (AnchorId(i as u64), f64::from(i) * 0.4);
+        map.insert(id, MapId(0), pose(x, [0.1, 0.0, 0.05]), Se3::identity(), &wall(x), Some(&stripes(x)))
+            .expect("depth");
+    }
+    let config = MeshConfig::of_key_frames();
+    let field = map.fuse_all(MapId(0), tsdf).expect("poses");
+    let whole = Mesher::new(config).whole(&field);
+    for blocks in [1, 40, 100_000] {
+        let bytes = blocks * TsdfVolume::block_bytes(&tsdf);
+        let parts = map.surface_in_parts(MapId(0), tsdf, config, bytes).expect("poses");
+        assert_eq!(parts.positions.len(), whole.positions.len(), "welded, {blocks} blocks a part");
+        assert!(triangles(&parts) == triangles(&whole), "{blocks} blocks a part");
+        let up = |m: &crate::Mesh| m.normals.iter().map(|n| f64::from(n[2])).sum::<f64>();
+        assert!((up(&parts) - up(&whole)).abs() < 1e-3, "{} and {}", up(&parts), up(&whole));
+    }
+}
+
+/// Two rooms, and room for the field of one: what is shown stays while a field is released, and comes back whole.
+#[test]
+fn a_released_field_comes_back_whole_where_the_walker_comes_back() {
+    let config = SubmapConfig { most_bytes: 0, ..config() };
+    let mut map = DenseMap::new(config, camera(), 0.001).expect("a camera");
+    let mut shown = SurfaceChanges::new();
+    let mut walk = |map: &mut DenseMap, id: u64, x: f64| {
+        map.insert(AnchorId(id), MapId(0), pose(x, [0.0; 3]), Se3::identity(), &wall(x), None)
+            .expect("depth");
+        shown.of(map)
+    };
+    let full = |change: SurfaceChange| -> Vec<(u32, crate::BlockKey)> {
+        change.blocks.iter().filter(|b| !b.2.triangles.is_empty()).map(|b| (b.0, b.1)).collect()
+    };
+    let drawn: Vec<_> = (0..4).flat_map(|id| full(walk(&mut map, id, 0.1 * id as f64))).collect();
+    let room = voxels(map.submaps().next().and_then(|s| s.tsdf).expect("in use"));
+    let change = walk(&mut map, 4, 20.0);
+    assert_eq!(map.submaps().map(|s| s.tsdf.is_some()).collect::<Vec<_>>(), [false, true]);
+    assert!(change.blocks.iter().all(|(number, ..)| *number == 1), "the first room is shown as it was");
+    let change = walk(&mut map, 5, 0.4);
+    assert!(change.blocks.is_empty() && map.submaps().count() == 2, "its blocks are known");
+    assert_eq!(map.step(&Vec3::zeros(), 2).waiting, 1);
+    finish(&mut map);
+    let change = full(shown.of(&map));
+    assert!(!drawn.is_empty() && drawn.iter().all(|block| change.contains(block)));
+    let again = voxels(map.submaps().next().and_then(|s| s.tsdf).expect("in use"));
+    assert!(room.keys().all(|voxel| again.contains_key(voxel)));
+    map.want_all(true);
+    finish(&mut map);
+    check(&mut map);
+    assert!(map.is_complete());
 }
 
 #[test]

@@ -56,6 +56,8 @@ pub struct TsdfVolume {
     changed: Vec<u64>,
     revision: u64,
     images: usize,
+    /// The lowest and the highest block that there may be, where it is bounded.
+    within: Option<[[i32; 3]; 2]>,
     window: Window,
     touched: Vec<BlockKey>,
 }
@@ -97,6 +99,7 @@ impl TsdfVolume {
             changed: Vec::new(),
             revision: 0,
             images: 0,
+            within: None,
             window: Window::default(),
             touched: Vec::new(),
         })
@@ -106,6 +109,24 @@ impl TsdfVolume {
     pub fn with_backend(mut self, backend: Backend) -> Self {
         self.backend = if backend.available() { backend } else { Backend::Scalar };
         self
+    }
+
+    /// The same with revisions from this one on.
+    pub(crate) fn continuing(mut self, revision: u64) -> Self {
+        self.revision = revision;
+        self
+    }
+
+    /// The same with no block outside of a box, from its lowest to its highest.
+    pub(crate) fn within(mut self, low: [i32; 3], high: [i32; 3]) -> Self {
+        self.within = Some([low, high]);
+        self
+    }
+
+    /// Bytes of a block.
+    pub(crate) fn block_bytes(config: &TsdfConfig) -> usize {
+        let colours = if config.colour { size_of::<Colours>() } else { 0 };
+        size_of::<Planes>() + size_of::<Bits>() + colours
     }
 
     /// The configuration.
@@ -136,17 +157,12 @@ impl TsdfVolume {
         Ok(fused)
     }
 
-    /// Removes an image that was fused with exactly this pose: the result is as if it had never been fused.
+    /// Removes an image that was fused with exactly this pose and without colours: the result is as if it had never been fused.
     ///
     /// # Errors
     /// As [`Self::integrate`].
-    pub fn remove(
-        &mut self,
-        frame: &DepthFrame,
-        colour: Option<&ColourImage>,
-        volume_from_camera: &Se3,
-    ) -> Result<Fused, DenseError> {
-        let fused = self.pass(frame, colour, volume_from_camera, -1)?;
+    pub fn remove(&mut self, frame: &DepthFrame, volume_from_camera: &Se3) -> Result<Fused, DenseError> {
+        let fused = self.pass(frame, None, volume_from_camera, -1)?;
         self.images = self.images.saturating_sub(1);
         Ok(fused)
     }
@@ -166,6 +182,9 @@ impl TsdfVolume {
         self.window.mark(frame, pose, voxel, band, self.backend)?;
         let mut touched = std::mem::take(&mut self.touched);
         self.window.keys(&mut touched);
+        if let Some([low, high]) = self.within {
+            touched.retain(|key| (0..3).all(|k| (low[k]..=high[k]).contains(&key.0[k])));
+        }
         self.revision += 1;
         let projection = Projection::new(frame, pose, voxel);
         let offsets = projection.offsets();

@@ -81,12 +81,12 @@ fn images_come_in_any_order_and_go_without_a_trace() {
         back.integrate(frame, None, pose).expect("a pose");
     }
     for (frame, pose) in &frames[5..] {
-        back.remove(frame, None, pose).expect("a pose");
+        back.remove(frame, pose).expect("a pose");
     }
     assert_eq!(voxels(&forth), voxels(&back));
     assert_eq!(forth.blocks(), back.blocks());
     for (frame, pose) in &frames[..5] {
-        back.remove(frame, None, pose).expect("a pose");
+        back.remove(frame, pose).expect("a pose");
     }
     assert_eq!(back.blocks(), 0, "nothing is left");
 }

@@ -240,7 +240,7 @@ fn judged(config: &SimConfig, source: &SimSource, mut run: Run, tsdf: TsdfConfig
     let maps = snapshot.maps().count();
     println!("{maps} maps in the end, {} merged", run.mapper.counts().merges);
     let whole = |volume: &TsdfVolume| Mesher::new(MeshConfig::of_key_frames()).whole(volume);
-    let followed = whole(&run.mapper.surface(map, tsdf)?);
+    let followed = run.mapper.surface(map, tsdf)?;
     let mut surfaces = [Figures::default(); 3];
     let all = [
         ("as the poses were at the time", whole(&run.as_made), &live),
@@ -293,7 +293,8 @@ fn key_frames_of(changes: &Subscription) -> Vec<(KeyFrameId, Stamp)> {
 fn together(mapper: &DenseMapper, map: MapId) -> Mesh {
     let mut all = Mesh::default();
     for submap in mapper.map().submaps().filter(|s| s.map.0 == map.root().index() as u64) {
-        let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(submap.tsdf);
+        let Some(field) = submap.tsdf else { continue };
+        let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(field);
         let placed = mesh.positions.iter().map(|p| {
             let at = submap.world_from_submap * Vec3::new(p[0].into(), p[1].into(), p[2].into());
             [at.x as f32, at.y as f32, at.z as f32]

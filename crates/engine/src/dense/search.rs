@@ -30,7 +30,9 @@ const MOST_VIOLATION: f64 = 0.1;
 /// Of a look without a guess, the share in free space for each metre that the other points are from the surface (root mean square): where
 /// surfaces coincide to millimetres, what lies in free space is another room and no noise. In right places of simulated rooms it was
 /// 0.6 at most and in those of the kitchen, whose surface is uneven by centimetres, 2.7; in wrong ones that fitted otherwise 1.5 to 19.
-const MOST_VIOLATION_PER_M: f64 = 4.0;
+/// So it is just above what right places have: a right one that is refused is looked at again, and a wrong one below has to pass the images
+/// that follow and the second look.
+const MOST_VIOLATION_PER_M: f64 = 3.0;
 /// How far the second look may be from the pose that was followed, metres and radians.
 const AGREES_M: f64 = 0.15;
 const AGREES_RAD: f64 = 0.1;

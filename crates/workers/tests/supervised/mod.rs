@@ -1,6 +1,6 @@
 //! The tests, and the workers that they start.
 
-use cairn_dense::{MeshConfig, Mesher, SubmapConfig, TsdfConfig, write_ply};
+use cairn_dense::{SubmapConfig, TsdfConfig, write_ply};
 use cairn_engine::{Config, DenseMapper, Engine, Host, PoseTime, Runner, SensorMode};
 use cairn_random::Random;
 use cairn_sensor::Source;
@@ -238,9 +238,9 @@ fn in_colour() -> SubmapConfig {
 /// The largest map's surface.
 fn surface(mapper: &mut DenseMapper, _: bool) -> Result<Vec<u8>, Failure> {
     let map = mapper.largest_map().expect("a map");
-    let volume = mapper.surface(map, in_colour().tsdf).expect("poses");
+    let mesh = mapper.surface(map, in_colour().tsdf).expect("poses");
     let mut bytes = Vec::new();
-    write_ply(&Mesher::new(MeshConfig::of_key_frames()).whole(&volume), &mut bytes).expect("memory");
+    write_ply(&mesh, &mut bytes).expect("memory");
     Ok(bytes)
 }
 

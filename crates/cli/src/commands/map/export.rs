@@ -8,9 +8,7 @@ use crate::outputs::Outputs;
 use cairn::{Map, routes_of};
 use cairn_atlas::store::MapFile;
 use cairn_atlas::{Landmark, LandmarkId, MapId};
-use cairn_dense::{
-    MapId as DenseMapId, MeshConfig, Mesher, Occupancy, OccupancyConfig, SubmapConfig, TsdfConfig,
-};
+use cairn_dense::{MapId as DenseMapId, MeshConfig, Occupancy, OccupancyConfig, SubmapConfig, TsdfConfig};
 use cairn_engine::{SavedDepthError, saved_dense_map};
 use cairn_eval::to_tum;
 use cairn_geometry::Vec3;
@@ -166,8 +164,8 @@ fn write_grid_of_depth(file: &MapFile, id: MapId, yaml: &Path, path: &Path) -> R
     })?;
     let of = DenseMapId(id.root().index() as u64);
     let tsdf = TsdfConfig { voxel_m: BandConfig::default().resolution_m, ..TsdfConfig::default() };
-    let volume = dense.fuse_all(of, tsdf).map_err(|e| fail(e.to_string(), "see cairn map check"))?;
-    let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(&volume);
+    let mesh = dense.surface(of, tsdf, MeshConfig::of_key_frames());
+    let mesh = mesh.map_err(|e| fail(e.to_string(), "see cairn map check"))?;
     let point = |p: &[f32; 3]| Vec3::new(p[0].into(), p[1].into(), p[2].into());
     let surface: Vec<_> = mesh.positions.iter().map(point).zip(mesh.normals.iter().map(point)).collect();
     let ground = if file.snapshot.is_gravity_aligned(id) {

@@ -34,6 +34,9 @@ pub struct Arguments {
     /// Depths farther than this are left out, in metres.
     #[arg(long, default_value_t = DepthConfig::default().farthest_m, value_name = "M")]
     farthest: f64,
+    /// Drop isolated pieces of the surface that are smaller than this across, in metres: what noise leaves floating in the air.
+    #[arg(long, value_name = "M")]
+    drop_isolated: Option<f64>,
     /// Only every so many frames of a recording.
     #[arg(long, default_value_t = 1, value_name = "N")]
     every: usize,
@@ -42,11 +45,19 @@ pub struct Arguments {
     overwrite: bool,
 }
 
+/// How many isolated pieces were dropped, in words.
+fn dropped(isolated: usize) -> String {
+    if isolated > 0 { format!(", {isolated} isolated pieces dropped") } else { String::new() }
+}
+
 /// Reads the source, fuses, writes.
 ///
 /// # Errors
 /// When the source cannot be used or the file cannot be written.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
+    if a.drop_isolated.is_some_and(|m| m.is_nan() || m < 0.0) {
+        return Err(Failure::usage("--drop-isolated", "is not a length", "give metres, such as 0.3"));
+    }
     let name = a.out.display().to_string();
     let write = form(&a.out)?;
     let outputs = Outputs::new(a.overwrite)
@@ -71,8 +82,12 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
             (a, b) => format!(" ({a} frames had no pose, {b} no usable depth)"),
         };
         format!(
-            "{} frames fused{lost}: {} vertices, {} triangles in {}",
-            r.frames, r.vertices, r.triangles, r.file
+            "{} frames fused{lost}: {} vertices, {} triangles{} in {}",
+            r.frames,
+            r.vertices,
+            r.triangles,
+            dropped(r.isolated),
+            r.file
         )
     })
 }

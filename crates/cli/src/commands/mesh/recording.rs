@@ -11,13 +11,14 @@ use cairn_sensor::Source;
 use cairn_sources::{OpenOptions, Validator, open};
 
 /// What was made.
-#[derive(serde::Serialize)]
+#[derive(Default, serde::Serialize)]
 pub struct Report {
     pub frames: usize,
     pub without_pose: usize,
     pub refused: usize,
     pub vertices: usize,
     pub triangles: usize,
+    pub isolated: usize,
     pub file: String,
 }
 
@@ -51,8 +52,7 @@ pub fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
     let colour = cairn_engine::has_colours(source.rig());
     let tsdf = TsdfConfig { voxel_m: arguments.voxel, colour, ..TsdfConfig::default() };
     let mut volume = TsdfVolume::new(tsdf).map_err(dense)?;
-    let mut report =
-        Report { frames: 0, without_pose: 0, refused: 0, vertices: 0, triangles: 0, file: String::new() };
+    let mut report = Report::default();
     let mut number = 0;
     while let Some(packet) = source.next_packet()? {
         number += 1;
@@ -83,7 +83,8 @@ pub fn fuse(arguments: &Arguments) -> Result<(Mesh, Report), Failure> {
         let why = format!("no frame has both a pose and depth ({} had no pose)", report.without_pose);
         return Err(Failure::new(&arguments.source, why, "give poses with --poses"));
     }
-    let mesh = Mesher::new(MeshConfig::default()).whole(&volume);
+    let mut mesh = Mesher::new(MeshConfig::default()).whole(&volume);
+    report.isolated = arguments.drop_isolated.map_or(0, |m| mesh.drop_isolated(m));
     (report.vertices, report.triangles) = (mesh.positions.len(), mesh.triangles.len());
     Ok((mesh, report))
 }

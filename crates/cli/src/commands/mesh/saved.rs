@@ -5,7 +5,7 @@ use crate::commands::map::{doubts_of, failed, open};
 use crate::failure::Failure;
 use crate::output::warn;
 use crate::surface::Surface;
-use cairn_dense::{DepthConfig, MapId, MeshConfig, Mesher, SubmapConfig, TsdfConfig};
+use cairn_dense::{DepthConfig, MapId, MeshConfig, SubmapConfig, TsdfConfig};
 use cairn_engine::{SavedDepthError, saved_dense_map};
 use cairn_geometry::Vec3;
 use std::cmp::Reverse;
@@ -25,6 +25,8 @@ pub struct Report {
     pub lost: usize,
     pub vertices: usize,
     pub triangles: usize,
+    /// Isolated pieces that were dropped.
+    pub isolated: usize,
     pub file: String,
 }
 
@@ -73,8 +75,8 @@ pub fn fuse(a: &Arguments) -> Result<(Surface, Report), Failure> {
         Failure::new(&a.source, "no depth image belongs to one of its key frames", "use a backup")
     })?;
     let images = map.images_of(id_of(largest));
-    let volume = map.fuse_all(id_of(largest), tsdf).map_err(dense)?;
-    let mesh = Mesher::new(MeshConfig::of_key_frames()).whole(&volume);
+    let mut mesh = map.surface(id_of(largest), tsdf, MeshConfig::of_key_frames()).map_err(dense)?;
+    let isolated = a.drop_isolated.map_or(0, |m| mesh.drop_isolated(m));
     let report = Report {
         map: largest.root().index(),
         images,
@@ -83,6 +85,7 @@ pub fn fuse(a: &Arguments) -> Result<(Surface, Report), Failure> {
         lost: restored.lost,
         vertices: mesh.positions.len(),
         triangles: mesh.triangles.len(),
+        isolated,
         file: a.out.display().to_string(),
     };
     // A map without gravity begins with y down.
@@ -102,7 +105,12 @@ pub fn text(r: &Report) -> String {
     let left_out =
         if left_out.is_empty() { String::new() } else { format!(" (left out: {})", left_out.join(", ")) };
     format!(
-        "{} depth images of map {} fused{left_out}: {} vertices, {} triangles in {}",
-        r.images, r.map, r.vertices, r.triangles, r.file
+        "{} depth images of map {} fused{left_out}: {} vertices, {} triangles{} in {}",
+        r.images,
+        r.map,
+        r.vertices,
+        r.triangles,
+        super::dropped(r.isolated),
+        r.file
     )
 }

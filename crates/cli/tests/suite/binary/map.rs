@@ -322,6 +322,17 @@ fn depth_is_saved_meshed_continued_and_merged() {
     assert!(std::fs::read(&mesh).unwrap() == std::fs::read(&live).unwrap(), "{made}");
     let coarse = json(&cairn(&["mesh", &map, "--out", &path("a.glb"), "--voxel-m", "0.1", "--json"]));
     assert!(coarse["vertices"].as_u64().unwrap() < made["vertices"].as_u64().unwrap() / 4, "{coarse}");
+    let least = |m| {
+        json(&cairn(&["mesh", &map, "--out", &path("e.ply"), "--drop-isolated", m, "--overwrite", "--json"]))
+    };
+    let [all, large, none] = ["0", "0.5", "1000"].map(least);
+    let vertices = |r: &serde_json::Value| r["vertices"].as_u64().unwrap();
+    assert!(vertices(&all) == vertices(&made) && all["isolated"] == 0, "{all}");
+    assert!(vertices(&large) > 9 * vertices(&made) / 10, "{large} of {made}");
+    assert!(vertices(&none) == 0 && none["isolated"].as_u64() > large["isolated"].as_u64(), "{none}");
+    let misused = cairn(&["mesh", &map, "--out", &path("f.ply"), "--drop-isolated=-1"]);
+    assert_eq!(misused.status.code(), Some(2), "{}", stderr(&misused));
+    assert!(stderr(&misused).contains("--drop-isolated: is not a length"), "{}", stderr(&misused));
     fails(&["mesh", &map, "--out", &mesh], &["a.ply: it exists already"]);
     let heights = path("a.pgm");
     json(&cairn(&["mesh", &map, "--out", &heights, "--json"]));

@@ -82,12 +82,18 @@ pub fn submaps(to: &mut Pipe, dense: &DenseMapper, drawn: &mut BTreeMap<MapId, u
     for submap in dense.map().submaps() {
         let of = |map: &MapId| map.root().index() as u64 == submap.map.0;
         let Some(map) = snapshot.maps().map(|(map, _)| map).find(of) else { continue };
-        let Some(extent) = extent(submap.tsdf) else { continue };
+        let extent = submap.tsdf.map(extent);
+        if extent == Some(None) {
+            continue;
+        }
         let number = counts.entry(map).or_insert(0);
         let entity = format!("{}/submaps/{number}", root(map));
         *number += 1;
         to.show(&entity, pose(&submap.world_from_submap));
-        to.show(entity, Show::Boxes(vec![extent], Colour::GREY));
+        // The box of one whose field is released stays as it was drawn.
+        if let Some(extent) = extent.flatten() {
+            to.show(entity, Show::Boxes(vec![extent], Colour::GREY));
+        }
     }
     for (map, before) in &*drawn {
         for number in counts.get(map).copied().unwrap_or(0)..*before {
