@@ -12,6 +12,7 @@ pub mod messages;
 pub mod network;
 pub mod node;
 pub mod options;
+pub mod parameters;
 pub mod pictures;
 pub mod planner;
 pub mod results;

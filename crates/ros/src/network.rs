@@ -12,6 +12,7 @@ use crate::messages::{
     TriggerResponse,
 };
 use crate::options::{Options, Rmw, Topics, transport};
+use crate::parameters::{Declared, ParameterServers};
 use crate::pictures::Picture;
 use crate::setup::Role;
 use cairn::sensor::SkipKind;
@@ -158,6 +159,7 @@ pub struct Network {
     /// What the guide says.
     pub said: Output<Text>,
     servers: Vec<(Service, Arc<TriggerServer>)>,
+    parameters: Option<ParameterServers>,
     inputs: Option<Vec<Input>>,
     node: Node,
     context: Context,
@@ -212,7 +214,7 @@ impl Network {
         let context = context.map_err(|e| NetworkError::Domain(e.into()))?;
         let name = NodeName::new(&options.namespace, &options.name);
         let name = name.map_err(about(&format!("{} in {}", options.name, options.namespace)))?;
-        // Its parameter services would speak the form of fastrtps only, and the flags are not parameters.
+        // Those of the library would speak the form of fastrtps only.
         let with = NodeOptions::new().enable_rosout(true).start_parameter_services(false);
         let mut node = context.new_node(name, with).map_err(|e| NetworkError::Domain(e.into()))?;
         let logger = node.logging_handle();
@@ -241,6 +243,7 @@ impl Network {
             tf: make.output("/tf", ("tf2_msgs", "TFMessage"), results(100))?,
             said: make.output("~/said", ("std_msgs", "String"), results(10))?,
             servers: make.servers()?,
+            parameters: Some(make.parameters()?),
             diagnostics,
             inputs: Some(inputs),
             node,
@@ -277,6 +280,15 @@ impl Network {
         };
         let thread = std::thread::Builder::new().name("cairn-ros-in".into());
         thread.spawn(read).map(|_| ()).map_err(NetworkError::from)
+    }
+
+    /// Answers questions about the parameters from now on. Once only.
+    ///
+    /// # Errors
+    /// When no thread can be started.
+    pub fn answer_parameters(&mut self, declared: &[Declared], faults: &Faults) -> Result<(), NetworkError> {
+        let Some(servers) = self.parameters.take() else { return Ok(()) };
+        servers.serve(declared.to_vec(), faults).map_err(NetworkError::from)
     }
 
     /// Says which publishers and subscribers do not match this node because of their quality of service. Ends with the
@@ -413,19 +425,40 @@ impl Maker<'_> {
     }
 
     fn servers(&mut self) -> Result<Vec<(Service, Arc<TriggerServer>)>, NetworkError> {
+        let mut servers = Vec::new();
+        for service in Service::ALL {
+            servers.push((service, Arc::new(self.server(service.name(), ("std_srvs", "Trigger"))?)));
+        }
+        Ok(servers)
+    }
+
+    fn parameters(&mut self) -> Result<ParameterServers, NetworkError> {
+        let package = "rcl_interfaces";
+        Ok(ParameterServers {
+            get: self.server("~/get_parameters", (package, "GetParameters"))?,
+            kinds: self.server("~/get_parameter_types", (package, "GetParameterTypes"))?,
+            list: self.server("~/list_parameters", (package, "ListParameters"))?,
+            describe: self.server("~/describe_parameters", (package, "DescribeParameters"))?,
+            set: self.server("~/set_parameters", (package, "SetParameters"))?,
+            set_atomically: self
+                .server("~/set_parameters_atomically", (package, "SetParametersAtomically"))?,
+        })
+    }
+
+    fn server<Q: ros2_client::Message + Clone + 'static, A: ros2_client::Message + 'static>(
+        &mut self,
+        name: &str,
+        (package, kind): (&str, &str),
+    ) -> Result<Server<Q, A>, NetworkError> {
         let form = match self.options.service_form() {
             Rmw::Fastrtps => ServiceMapping::Enhanced,
             Rmw::Cyclonedds => ServiceMapping::Cyclone,
         };
-        let kind = ServiceTypeName::new("std_srvs", "Trigger");
-        let mut servers = Vec::new();
-        for service in Service::ALL {
-            let name = self.options.remapped(service.name());
-            let dds_name = Name::parse(&name).map_err(about(&name))?;
-            let server = self.node.create_server(form, &dds_name, &kind, results(10), results(10));
-            servers.push((service, Arc::new(server.map_err(about(&name))?)));
-        }
-        Ok(servers)
+        let name = self.options.remapped(name);
+        let dds_name = Name::parse(&name).map_err(about(&name))?;
+        let kind = ServiceTypeName::new(package, kind);
+        let server = self.node.create_server(form, &dds_name, &kind, results(10), results(10));
+        server.map_err(about(&name))
     }
 }
 

@@ -89,6 +89,7 @@ pub fn run(options: &Options, stop: &AtomicBool) -> Result<(), NodeError> {
     let mut network = Network::join(options, &topics, &faults)?;
     let (to, messages) = sync_channel(MOST_WAITING);
     network.listen(to, &faults)?;
+    network.answer_parameters(&options.parameters, &faults)?;
     network.watch_matches(&faults)?;
     let (inbox, requests) = (Inbox::new(), Requests::default());
     let time = if options.use_sim_time { Time::simulated() } else { Time::wall() };

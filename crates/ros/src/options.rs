@@ -2,9 +2,10 @@
 
 use crate::arguments::{self, wrong};
 use crate::faults::Log;
+use crate::parameters::{self, Declared};
 use cairn::SensorMode;
 use cairn::geometry::{Se3, So3, Vec3};
-use clap::{CommandFactory, Parser, ValueEnum};
+use clap::{CommandFactory, FromArgMatches, Parser, ValueEnum};
 use std::path::PathBuf;
 
 /// Topics of a usual driver.
@@ -146,6 +147,9 @@ pub struct Options {
     /// What is not as the command line asks for.
     #[arg(skip)]
     pub notes: Vec<String>,
+    /// The flags with their values.
+    #[arg(skip)]
+    pub parameters: Vec<Declared>,
 }
 
 /// No topic of pictures was named.
@@ -176,9 +180,12 @@ impl Options {
     pub fn parse_arguments(arguments: impl IntoIterator<Item = String>) -> Result<Self, clap::Error> {
         let mut arguments = arguments.into_iter();
         let program = arguments.next().unwrap_or_default();
-        let given = arguments::read(arguments, &Self::command())?;
-        let mut options = Self::try_parse_from([vec![program], given.flags].concat())?;
+        let mut command = Self::command();
+        let given = arguments::read(arguments, &command)?;
+        let matches = command.try_get_matches_from_mut([vec![program], given.flags].concat())?;
+        let mut options = Self::from_arg_matches(&matches)?;
         (options.log, options.notes) = (given.log, given.notes);
+        options.parameters = parameters::declared(&command, &matches);
         options.take_names()?;
         Ok(options)
     }

@@ -17,6 +17,13 @@ STORE.register(
     get_types_from_msg("uint64 guid\nint64 seq\nuint8 structure_needs_at_least_one_member", "cyclone/msg/Trigger_Request")
 )
 STORE.register(get_types_from_msg("uint64 guid\nint64 seq\nbool success\nstring message", "cyclone/msg/Trigger_Response"))
+for _name, _fields in {
+    "GetParameters_Request": "string[] names",
+    "GetParameters_Response": "rcl_interfaces/ParameterValue[] values",
+    "SetParameters_Request": "rcl_interfaces/Parameter[] parameters",
+    "SetParameters_Response": "rcl_interfaces/SetParametersResult[] results",
+}.items():
+    STORE.register(get_types_from_msg(f"uint64 guid\nint64 seq\n{_fields}", f"cyclone/msg/{_name}"))
 # What is not an image.
 STORE.register(get_types_from_msg("uint32[] data", "garbage/msg/Blob"))
 
@@ -59,7 +66,7 @@ def message(name, dds_name=None):
     return made
 
 
-def make(name, **fields):
+def make(name, /, **fields):
     """A message of rosbags: zeros, but for these fields."""
 
     def of(node):

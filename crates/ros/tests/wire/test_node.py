@@ -10,26 +10,27 @@ from player import Player
 from test_euroc import begin, outputs, seconds
 from wire import Wire, until
 
-REQUEST, RESPONSE = "cyclone/msg/Trigger_Request", "cyclone/msg/Trigger_Response"
-
-
 class Caller:
     """Calls a service as rmw_cyclonedds does: a header with the caller's identity before the message."""
 
-    def __init__(self, wire, name):
-        names = [f"std_srvs::srv::dds_::Trigger_{kind}_" for kind in ("Request", "Response")]
-        self.write = wire.writer(f"{name}Request", REQUEST, reliable=True, prefix="rq", dds_name=names[0])
-        self.answers = wire.listen(f"{name}Reply", RESPONSE, prefix="rr", dds_name=names[1])
+    def __init__(self, wire, name, package="std_srvs", kind="Trigger"):
+        names = [f"{package}::srv::dds_::{kind}_{part}_" for part in ("Request", "Response")]
+        self.request, response = (f"cyclone/msg/{kind}_{part}" for part in ("Request", "Response"))
+        self.write = wire.writer(f"{name}Request", self.request, reliable=True, prefix="rq", dds_name=names[0])
+        self.answers = wire.listen(f"{name}Reply", response, prefix="rr", dds_name=names[1])
         self.calls = 0
 
     def __call__(self):
-        self.calls += 1
-        assert until(lambda: self._try(), 10), "no answer"
-        answer = next(a for _, a in self.answers if a.seq == self.calls)
+        answer = self.ask()
         return answer.success, answer.message
 
-    def _try(self):
-        self.write(make(REQUEST, guid=4711, seq=self.calls))
+    def ask(self, **fields):
+        self.calls += 1
+        assert until(lambda: self._try(fields), 10), "no answer"
+        return next(a for _, a in self.answers if a.seq == self.calls)
+
+    def _try(self, fields):
+        self.write(make(self.request, guid=4711, seq=self.calls, **fields))
         return until(lambda: any(a.seq == self.calls and a.guid == 4711 for _, a in self.answers), 1.0)
 
 
@@ -166,6 +167,21 @@ def test_it_starts_as_a_launch_file_starts_it(wire, node, euroc, tmp_path, monke
     player.play(40)
     assert until(lambda: len(poses) > 5, 20), child.lines
     assert child.said('no parameter "qos_overrides"') and child.said("DDS security"), child.lines
+    assert child.end() == 0
+
+
+def test_parameters_are_shown_and_not_set(wire, node):
+    child = node("--camera", "stereo", "--rmw", "cyclonedds", "--ros-args", "-p", "grid_range_m:=4.5")
+    kinds = {"get_parameters": "GetParameters", "set_parameters": "SetParameters"}
+    get, set_ = (Caller(wire, f"/cairn/{name}", "rcl_interfaces", kind) for name, kind in kinds.items())
+    values = get.ask(names=["grid_range_m", "camera", "use_sim_time", "map"]).values
+    assert [v.type for v in values] == [3, 4, 1, 0]
+    assert (values[0].double_value, values[1].string_value, values[2].bool_value) == (4.5, "stereo", False)
+    value = make("rcl_interfaces/msg/ParameterValue", type=3, double_value=3.0)
+    wanted = make("rcl_interfaces/msg/Parameter", name="grid_range_m", value=value)
+    (result,) = set_.ask(parameters=[wanted]).results
+    assert not result.successful and "read at the start" in result.reason
+    assert get.ask(names=["grid_range_m"]).values[0].double_value == 4.5
     assert child.end() == 0
 
 
