@@ -122,8 +122,7 @@ impl Lines {
         if let (true, Some(printed)) = (self.is_late(), self.printed.clone())
             && printed.phase != Phase::WaitFrames
         {
-            let since_s = self.done.map_or(0.0, |done| done.elapsed().as_secs_f64());
-            self.update(&Status { t_s: printed.t_s + since_s, ..printed }, Age::default());
+            self.update(&printed, Age::default());
         }
     }
 }
