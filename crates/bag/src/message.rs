@@ -121,6 +121,9 @@ impl<'a> ImageMessage<'a> {
     }
 }
 
+/// Bytes before the data of `compressed_depth_image_transport`.
+const HEAD: usize = 12;
+
 /// A `sensor_msgs/CompressedImage`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompressedImage<'a> {
@@ -174,20 +177,29 @@ impl<'a> CompressedImage<'a> {
     /// # Errors
     /// When the depth was compressed in another way.
     pub fn file(&self) -> Result<&'a [u8], DecodeError> {
-        const HEAD: usize = 12;
         if !self.format.contains("compressedDepth") {
             return Ok(self.data);
         }
         match self.data.get(HEAD..) {
             Some(png) if png.starts_with(b"\x89PNG") => Ok(png),
             _ => {
-                let why = format!("depth compressed as \"{}\" is not read, only that as PNG", self.format);
+                let why =
+                    format!("depth compressed as \"{}\" is not read, only that as PNG or RVL", self.format);
                 Err(DecodeError::new(why))
             }
         }
     }
 
-    /// Makes what [`Self::file`] holds depth in the unit of the topic. `compressed_depth_image_transport` writes metres as 16 bits
+    /// The depth image where it is packed as RVL, which is no file: to be made depth by [`Self::dequantise`].
+    ///
+    /// # Errors
+    /// When it is damaged.
+    pub fn rvl(&self) -> Option<Result<DepthImage, DecodeError>> {
+        let is_rvl = self.format.contains("compressedDepth") && self.format.ends_with("rvl");
+        is_rvl.then(|| crate::rvl::depth(self.data.get(HEAD..).unwrap_or_default()))
+    }
+
+    /// Makes what [`Self::file`] or [`Self::rvl`] holds depth in the unit of the topic. `compressed_depth_image_transport` writes metres as 16 bits
     /// `v` with two numbers in the header, `z = a / (v - b)`, and zero where nothing was measured: they become millimetres.
     pub fn dequantise(&self, depth: &mut DepthImage) {
         let number = |at: usize| Some(f32::from_le_bytes(*self.data.get(at..)?.first_chunk()?));

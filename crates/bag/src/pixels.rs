@@ -46,7 +46,7 @@ impl ImageMessage<'_> {
         };
         let most =
             self.rows(2 * samples).ok()?.flat_map(|row| row.chunks_exact(2)).map(|p| self.wide(p)).max()?;
-        [8, 10, 12, 14].into_iter().find(|bits| most >> bits == 0).or(Some(16))
+        Some(bits_in_use(most))
     }
 
     /// A sample of 16 bits.
@@ -199,6 +199,11 @@ const BLUE: u32 = 7471;
 
 fn luminance(r: u8, g: u8, b: u8) -> u8 {
     ((u32::from(r) * RED + u32::from(g) * GREEN + u32::from(b) * BLUE + 32768) >> 16) as u8
+}
+
+/// The bits of 16 that are in use where this is the largest value: those of cameras of 8, 10, 12 or 14 bits, else 16.
+pub fn bits_in_use(largest: u16) -> u32 {
+    [8, 10, 12, 14].into_iter().find(|bits| largest >> bits == 0).unwrap_or(16)
 }
 
 /// A Bayer pattern.

@@ -60,7 +60,10 @@ impl Picture {
                 let header = cairn_bag::Header { stamp_ns: 0, frame_id: String::new() };
                 let message =
                     cairn_bag::CompressedImage { header, format: image.format.clone(), data: &image.data };
-                let mut depth = decode_depth(message.file()?)?;
+                let mut depth = match message.rvl() {
+                    Some(depth) => depth?,
+                    None => decode_depth(message.file()?)?,
+                };
                 message.dequantise(&mut depth);
                 Ok(depth)
             }

@@ -169,7 +169,10 @@ impl BagReader {
         self.picture(topic, entry, |picture| match picture {
             Picture::Raw(image) => Ok(image.depth()?),
             Picture::File(image) => {
-                let mut depth = decode::depth_in(image.file()?)?;
+                let mut depth = match image.rvl() {
+                    Some(depth) => depth?,
+                    None => decode::depth_in(image.file()?)?,
+                };
                 image.dequantise(&mut depth);
                 Ok(depth)
             }
@@ -180,8 +183,11 @@ impl BagReader {
     pub fn size(&mut self, topic: usize, entry: &Entry) -> Result<[usize; 2], MessageError> {
         self.picture(topic, entry, |picture| match picture {
             Picture::Raw(image) => Ok([image.width as usize, image.height as usize]),
-            Picture::File(image) => decode::size_in(image.file()?)
-                .map_err(|why| MessageError::Format { format: image.format.clone(), why }),
+            Picture::File(image) => match image.rvl() {
+                Some(depth) => depth.map(|d| [d.width(), d.height()]).map_err(MessageError::from),
+                None => decode::size_in(image.file()?)
+                    .map_err(|why| MessageError::Format { format: image.format.clone(), why }),
+            },
         })
     }
 

@@ -71,13 +71,40 @@ pub fn is_image(path: &Path) -> bool {
     ending.is_some_and(|e| matches!(e.as_str(), "png" | "jpg" | "jpeg" | "bmp"))
 }
 
-/// Luminance of an image file.
+/// Luminance of an image file; of pixels of 16 bits all are in use.
 ///
 /// # Errors
 ///
 /// [`ImageError`] when the file cannot be read or decoded.
 pub fn gray(path: &Path) -> Result<GrayImage, ImageError> {
-    in_file(path, gray_of)
+    gray_of_bits(path, 16)
+}
+
+/// As [`gray`]; of pixels of 16 bits so many are in use, as [`bits`] finds, and what is larger is white.
+///
+/// # Errors
+///
+/// As [`gray`].
+pub fn gray_of_bits(path: &Path, bits: u32) -> Result<GrayImage, ImageError> {
+    in_file(path, |bytes| gray_of(bytes, bits))
+}
+
+/// How many bits of 16-bit pixels are in use: of cameras of 10, 12 or 14 bits the others may be zero. `None` for files of 8 bits.
+pub fn bits(path: &Path) -> Option<u32> {
+    let of = |bytes: &[u8]| if is_wide(bytes)? { png_raw(bytes).map(Some) } else { Ok(None) };
+    let raw = in_file(path, of).ok().flatten()?;
+    Some(cairn_bag::bits_in_use(raw.wide().max().unwrap_or(0)))
+}
+
+/// Whether a file is a PNG with samples of 16 bits.
+fn is_wide(bytes: &[u8]) -> Result<bool, ImageError> {
+    match kind(bytes)? {
+        Kind::Png => {
+            let reader = png::Decoder::new(Cursor::new(bytes)).read_info().map_err(png_error)?;
+            Ok(reader.info().bit_depth == BitDepth::Sixteen)
+        }
+        Kind::Jpeg | Kind::Bmp => Ok(false),
+    }
 }
 
 /// Luminance of a JPEG, PNG or BMP in memory; a panic of the decoder becomes an error.
@@ -85,13 +112,13 @@ pub fn gray(path: &Path) -> Result<GrayImage, ImageError> {
 /// # Errors
 /// [`ImageError`] when it cannot be decoded.
 pub fn gray_in(bytes: &[u8]) -> Result<GrayImage, ImageError> {
-    guarded(|| gray_of(bytes))
+    guarded(|| gray_of(bytes, 16))
 }
 
-fn gray_of(bytes: &[u8]) -> Result<GrayImage, ImageError> {
+fn gray_of(bytes: &[u8], bits: u32) -> Result<GrayImage, ImageError> {
     match kind(bytes)? {
         Kind::Jpeg => jpeg_gray(bytes),
-        Kind::Png => png_gray(bytes),
+        Kind::Png => png_gray(bytes, bits),
         Kind::Bmp => bmp_gray(bytes),
     }
 }
@@ -166,6 +193,16 @@ fn kind(bytes: &[u8]) -> Result<Kind, ImageError> {
         [0x89, b'P', b'N', b'G', ..] => Ok(Kind::Png),
         [b'B', b'M', ..] => Ok(Kind::Bmp),
         [] => Err(ImageError::Kind("the file is empty")),
+        [b'R', b'I', b'F', b'F', ..] => {
+            Err(ImageError::Kind("WebP, which is not read: JPEG, PNG and BMP are"))
+        }
+        [b'I', b'I', b'*', 0, ..] | [b'M', b'M', 0, b'*', ..] => {
+            Err(ImageError::Kind("TIFF, which is not read: JPEG, PNG and BMP are"))
+        }
+        [b'P', b'1'..=b'6', ..] => {
+            Err(ImageError::Kind("PGM or PPM, which is not read: JPEG, PNG and BMP are"))
+        }
+        [b'v', b'/', b'1', 1, ..] => Err(ImageError::Kind("EXR, which is not read: JPEG, PNG and BMP are")),
         _ => Err(ImageError::Kind("neither JPEG, PNG nor BMP")),
     }
 }
@@ -232,14 +269,28 @@ fn png_raw(bytes: &[u8]) -> Result<Raw, ImageError> {
     Ok(Raw { width: info.width as usize, height: info.height as usize, channels, bytes_per_sample, data })
 }
 
-fn png_gray(bytes: &[u8]) -> Result<GrayImage, ImageError> {
+impl Raw {
+    /// The samples of 16 bits that are light, not alpha.
+    fn wide(&self) -> impl Iterator<Item = u16> {
+        let light = if self.channels < 3 { 1 } else { 3 };
+        let sample = |p: &[u8]| u16::from_be_bytes([p[0], p[1]]);
+        self.data
+            .chunks_exact(2 * self.channels)
+            .flat_map(move |p| p[..2 * light].chunks_exact(2).map(sample))
+    }
+}
+
+fn png_gray(bytes: &[u8], bits: u32) -> Result<GrayImage, ImageError> {
     let raw = png_raw(bytes)?;
-    let step = raw.channels * raw.bytes_per_sample;
-    let s = raw.bytes_per_sample; // the high byte of each sample comes first
-    let data = match (raw.channels, s) {
-        (1, 1) => raw.data,
-        (1 | 2, _) => raw.data.chunks_exact(step).map(|p| p[0]).collect(),
-        _ => raw.data.chunks_exact(step).map(|p| luminance(p[0], p[s], p[2 * s])).collect(),
+    let light: Vec<u8> = match (raw.bytes_per_sample, raw.channels) {
+        (2, _) => raw.wide().map(|v| (v >> (bits.clamp(8, 16) - 8)).min(255) as u8).collect(),
+        (_, 2) => raw.data.chunks_exact(2).map(|p| p[0]).collect(),
+        (_, 4) => raw.data.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect(),
+        _ => raw.data,
+    };
+    let data = match raw.channels {
+        1 | 2 => light,
+        _ => light.chunks_exact(3).map(|p| luminance(p[0], p[1], p[2])).collect(),
     };
     GrayImage::from_vec(raw.width, raw.height, data).ok_or_else(|| png_error("rows are missing"))
 }

@@ -28,7 +28,10 @@ pub fn is(folder: &Path) -> bool {
 pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError> {
     let root = if folder.join("mav0").is_dir() { folder.join("mav0") } else { folder.to_owned() };
     let has = |camera: &str| {
-        [camera.to_owned() + "/data.csv", camera.to_owned() + "/data"].iter().any(|p| root.join(p).exists())
+        let folder = root.join(camera);
+        folder.join("data.csv").exists()
+            || folder.join("data").exists()
+            || !named_by_time(&folder, stamp_any).is_empty()
     };
     let cameras = 1 + usize::from(has("cam1"));
     let mut rig = match given {
@@ -85,7 +88,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         bag: None,
         rig,
         instants,
-        truth: truth(&root)?,
+        truth: truth(&root, &mut skipped)?,
         no_depth: None,
         skipped,
         assumed: None,
@@ -110,8 +113,8 @@ fn own_rig(folder: &Path, root: &Path) -> Result<Rig, SourceError> {
 fn images(camera: &Path, skipped: &mut Vec<Skipped>) -> Result<Vec<(Stamp, ImageAt)>, SourceError> {
     let (list, folder) = (camera.join("data.csv"), camera.join("data"));
     if !list.is_file() {
-        let named = named_by_time(&folder, stamp_any);
-        if !named.is_empty() {
+        let named = [&folder, camera].map(|folder| named_by_time(folder, stamp_any));
+        if let Some(named) = named.into_iter().find(|named| !named.is_empty()) {
             return Ok(named);
         }
     }
@@ -119,13 +122,13 @@ fn images(camera: &Path, skipped: &mut Vec<Skipped>) -> Result<Vec<(Stamp, Image
 }
 
 /// Ground-truth poses of the body, if one of the data sets' files has them.
-fn truth(root: &Path) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+fn truth(root: &Path, skipped: &mut Vec<Skipped>) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     for name in ["state_groundtruth_estimate0", "mocap0"] {
         let path = root.join(name).join("data.csv");
         if path.is_file() {
-            return read_truth(&path, Format::Euroc);
+            return read_truth(&path, Format::Euroc, skipped);
         }
     }
     let path = root.join("groundtruth.txt");
-    if path.is_file() { read_truth(&path, Format::Tum) } else { Ok(Vec::new()) }
+    if path.is_file() { read_truth(&path, Format::Tum, skipped) } else { Ok(Vec::new()) }
 }

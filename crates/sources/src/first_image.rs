@@ -20,6 +20,31 @@ const INSIDE: [&str; 13] = [
     "rgbd",
 ];
 
+/// Endings of images that are not read.
+const UNREAD: [&str; 13] =
+    ["webp", "tif", "tiff", "pgm", "ppm", "pnm", "heic", "heif", "avif", "jxl", "exr", "gif", "npy"];
+
+/// Of a folder whose images are of a kind that is not read, which that is, and the way out.
+pub fn unread(folder: &Path) -> Option<String> {
+    let first = |inside: &&str| {
+        let files = std::fs::read_dir(folder.join(inside)).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+        files.filter(|path| ending(path).is_some()).min()
+    };
+    let path = INSIDE.iter().find_map(first)?;
+    let (ending, parent) = (ending(&path)?, path.parent()?.display());
+    // What holds numbers rather than shades has to keep them.
+    let with = match ending.as_str() {
+        "npy" | "exr" => "to PNG, depth to 16 bits".to_owned(),
+        _ => format!("with mogrify -format png {parent}/*.{ending}"),
+    };
+    Some(format!("{} is an image of a kind that is not read: convert them {with}", path.display()))
+}
+
+fn ending(path: &Path) -> Option<String> {
+    let ending = path.extension()?.to_str()?;
+    UNREAD.iter().any(|unread| ending.eq_ignore_ascii_case(unread)).then(|| ending.to_owned())
+}
+
 /// Columns and rows of the first image that can be read.
 pub fn size(folder: &Path) -> Option<[usize; 2]> {
     let first = |folder: PathBuf| {

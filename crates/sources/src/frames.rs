@@ -5,6 +5,7 @@
 //! | Replica (as NICE-SLAM renders it) | `results/frame000000.jpg` | `results/depth000000.png` | `cam_params.json` here or above | `traj.txt` |
 //! | ScanNet | `color/0.jpg` | `depth/0.png`, mm | `intrinsic/intrinsic_color.txt`, `..._depth.txt` | `pose/0.txt` |
 //! | Stray Scanner | `rgb.mp4` or `rgb/000000.jpg` | `depth/000000.png`, mm | `camera_matrix.csv` | times of `odometry.csv` |
+//! | others | `rgb/`, `color/`, `image/`: numbered | `depth/`, mm | `camera_intrinsic.json` of Open3D, else a guess | `traj_w_c.txt`, `times.txt` |
 //! | Record3D | `rgb/0.jpg`, or `rgbd/0.jpg` of an unzipped .r3d | none that is read (EXR, LZFSE) | `metadata.json`, `metadata` | times or rate there |
 //!
 //! Stray Scanner's `imu.csv` is used where gravity is in it ([`crate::stray`]). Without times they are played at 30 images a
@@ -12,12 +13,12 @@
 
 use crate::android::phone_from_camera;
 use crate::live::Film;
-use crate::numbered::{image_size, numbered_after};
+use crate::numbered::{NumberedError, NumberedImage, image_size, numbered_after, numbered_somehow};
 use crate::record3d;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
-use crate::rig;
 use crate::stray::{self, Motion};
 use crate::text::{data_lines, fields, in_range, numbers, read_text};
+use crate::{first_image, images, rig, tum};
 use cairn_eval::pose_from_matrix;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthSensor, Rig, SkipKind, Skipped, SourceError, Stamp};
@@ -33,6 +34,17 @@ enum Layout {
     ScanNet,
     Stray,
     Record3d,
+    /// Colour and depth in folders of the usual names, and no more.
+    Plain,
+}
+
+/// What people call the folder of colour images beside `depth`.
+const COLOURS: [&str; 5] = ["rgb", "color", "colour", "image", "images"];
+
+/// The folder of colour images beside one of depth, where nothing else tells what they are.
+fn plain(folder: &Path) -> Option<&'static str> {
+    let is_listed = tum::is(folder) || !folder.join("depth").is_dir();
+    COLOURS.into_iter().find(|name| !is_listed && numbered_somehow(&folder.join(name)).is_ok())
 }
 
 impl Layout {
@@ -47,7 +59,7 @@ impl Layout {
         } else if record3d::metadata(folder).is_some() {
             Some(Self::Record3d)
         } else {
-            None
+            plain(folder).map(|_| Self::Plain)
         }
     }
 
@@ -57,6 +69,7 @@ impl Layout {
             Self::ScanNet => "ScanNet",
             Self::Stray => "Stray Scanner",
             Self::Record3d => "Record3D",
+            Self::Plain => "RGB-D",
         }
     }
 
@@ -67,6 +80,15 @@ impl Layout {
             Self::ScanNet => [("color", ""), ("depth", "")],
             Self::Record3d if folder.join("rgbd").is_dir() => [("rgbd", ""), ("depth", "")],
             Self::Stray | Self::Record3d => [("rgb", ""), ("depth", "")],
+            Self::Plain => [(plain(folder).unwrap_or("rgb"), ""), ("depth", "")],
+        }
+    }
+
+    /// The numbered images of a folder, after this beginning of their names.
+    fn numbered(self, folder: &Path, prefix: &str) -> Result<Vec<NumberedImage>, NumberedError> {
+        match self {
+            Self::Plain => numbered_somehow(folder),
+            _ => numbered_after(folder, prefix),
         }
     }
 }
@@ -88,32 +110,49 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     let rows = if layout == Layout::Stray { stray::rows(folder)? } else { Vec::new() };
     let colour = colour(layout, folder, &rows)?;
     let mut imu = None;
-    let mut rig = match (given, rig::file_in(folder)) {
+    let own = ["camera_intrinsic.json", "intrinsic.json"].map(|name| folder.join(name));
+    let own = own.into_iter().find(|path| layout == Layout::Plain && path.is_file());
+    let mut assumed = None;
+    let mut rig = match (given, rig::file_in(folder).or(own)) {
         (Some(rig), _) => rig,
         (None, Some(path)) => rig::read_rig(path)?,
-        (None, None) => own_rig(layout, folder, &colour)?,
+        (None, None) => {
+            let rig = own_rig(layout, folder, &colour)?;
+            let focal = rig.cameras[0].camera.fx;
+            assumed = (layout == Layout::Plain)
+                .then(|| format!("a focal length of {focal:.0} px (0.7 of the longer side), no distortion"));
+            rig
+        }
     };
+    if layout == Layout::Plain && rig.depth.is_none() && rig.cameras.len() == 1 {
+        let unit = "depth in millimetres, registered to the camera";
+        assumed = Some(assumed.map_or(unit.to_owned(), |camera| format!("{camera}; {unit}")));
+        rig.depth = Some(sensor(rig.cameras[0].camera, true));
+    }
     if layout == Layout::Stray {
         imu = motion(folder, &rows, &mut rig, &mut skipped);
     }
     rig.cameras.truncate(1);
     rig.imu = rig.imu.filter(|_| imu.is_some());
     let depths: BTreeMap<usize, PathBuf> = match rig.depth.is_some() && depth.is_dir() {
-        true => numbered_after(&depth, of_depth)
+        true => layout
+            .numbered(&depth, of_depth)
             .unwrap_or_default()
             .into_iter()
             .map(|f| (f.number, f.path))
             .collect(),
         false => BTreeMap::new(),
     };
-    if depths.is_empty() {
-        rig.depth = None;
+    if depths.is_empty() && rig.depth.take().is_some() && layout != Layout::Record3d {
+        let why = first_image::unread(&depth).map_or(String::new(), |why| format!(" ({why})"));
+        let text = format!("{} has no numbered PNG{why}: one camera without depth", depth.display());
+        skipped.push(Skipped::new(SkipKind::Other, "depth is not read", text));
     }
     if layout == Layout::Record3d {
         let what = "Record3D's depth (EXR or LZFSE) is not read: one camera without depth";
         skipped.push(Skipped::new(SkipKind::Other, "depth is not read", what));
     }
-    let (times, poses) = (times(layout, folder, &rows, &colour), poses(layout, folder)?);
+    let (times, poses) = (times(layout, folder, &rows, &colour)?, poses(layout, folder)?);
     let note = match &times {
         Times::Rate(hz, false) => format!(" (without times: {hz} images a second)"),
         Times::Rate(hz, true) => format!(" ({hz} images a second, as it states)"),
@@ -146,7 +185,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         truth,
         no_depth: None,
         skipped,
-        assumed: None,
+        assumed,
     })
 }
 
@@ -169,7 +208,8 @@ fn colour(layout: Layout, folder: &Path, rows: &[stray::Row]) -> Result<Vec<(usi
             .map(|(k, r)| (r.number, ImageAt::Film(film.clone(), k)))
             .collect());
     }
-    let files = numbered_after(&images, frame)
+    let files = layout
+        .numbered(&images, frame)
         .map_err(|e| SourceError::new(folder.display().to_string(), e.to_string(), "check the images"))?;
     Ok(files.into_iter().map(|file| (file.number, ImageAt::File(file.path))).collect())
 }
@@ -241,6 +281,10 @@ fn own_rig(layout: Layout, folder: &Path, colour: &[(usize, ImageAt)]) -> Result
             Ok(Rig { depth: Some(sensor(camera, true)), ..Rig::mono(camera) })
         }
         Layout::Record3d => record3d::rig(folder, size(folder, colour)?),
+        Layout::Plain => {
+            let [width, height] = size(folder, colour)?;
+            Ok(Rig::mono(Camera::guessed(width, height)))
+        }
     }
 }
 
@@ -276,7 +320,24 @@ enum Times {
     Each(BTreeMap<usize, Stamp>),
 }
 
-fn times(layout: Layout, folder: &Path, rows: &[stray::Row], colour: &[(usize, ImageAt)]) -> Times {
+fn times(
+    layout: Layout,
+    folder: &Path,
+    rows: &[stray::Row],
+    colour: &[(usize, ImageAt)],
+) -> Result<Times, SourceError> {
+    if layout == Layout::Plain {
+        let file =
+            |(_, at): &(usize, ImageAt)| if let ImageAt::File(path) = at { Some(path.clone()) } else { None };
+        let files: Vec<PathBuf> = colour.iter().filter_map(file).collect();
+        if let Some(stamps) = images::stamps(folder, &files)? {
+            return Ok(Times::Each(colour.iter().map(|(number, _)| *number).zip(stamps).collect()));
+        }
+    }
+    Ok(nominal_times(layout, folder, rows, colour))
+}
+
+fn nominal_times(layout: Layout, folder: &Path, rows: &[stray::Row], colour: &[(usize, ImageAt)]) -> Times {
     if layout == Layout::Stray {
         return Times::Each(rows.iter().map(|row| (row.number, row.stamp)).collect());
     }
@@ -302,6 +363,12 @@ fn poses(layout: Layout, folder: &Path) -> Result<BTreeMap<usize, Se3>, SourceEr
             Ok(numbered_texts(&folder)
                 .filter_map(|(n, path)| Some((n, of(&read_text(&path).ok()?)?)))
                 .collect())
+        }
+        Layout::Plain => {
+            let path = ["traj_w_c.txt", "traj.txt"].map(|name| folder.join(name));
+            let Some(path) = path.into_iter().find(|path| path.is_file()) else { return Ok(BTreeMap::new()) };
+            let text = read_text(&path)?;
+            Ok(data_lines(&text).enumerate().filter_map(|(k, (_, line))| Some((k, of(line)?))).collect())
         }
         Layout::Stray | Layout::Record3d => Ok(BTreeMap::new()),
     }

@@ -19,6 +19,10 @@ pub fn side_by_side(rig: &Rig, [width, height]: [usize; 2]) -> bool {
     rig.cameras.len() >= 2 && rig.cameras[..2].iter().all(is_half)
 }
 
+/// What is told of such images without a rig.
+pub const DOUBT: &str = "the images look like left and right of a stereo camera side by side, and are taken as of one camera: \
+                         give a --rig of both, each of half the width";
+
 /// Least correlation of two halves that show one scene from beside each other. Of 26 pictures of KITTI and EuRoC the halves had at
 /// most 0.50; of the 26 pairs of left and right all but one had at least 0.55, those of KITTI 0.72.
 const ALIKE: f64 = 0.55;

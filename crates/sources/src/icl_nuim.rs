@@ -7,7 +7,7 @@
 use crate::recording::{ImageAt, read_truth};
 use cairn_eval::Format;
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::{Camera, SourceError, Stamp};
+use cairn_sensor::{Camera, Skipped, SourceError, Stamp};
 use std::path::{Path, PathBuf};
 
 /// Images a second.
@@ -27,8 +27,8 @@ pub fn camera() -> Camera {
 }
 
 /// True poses of the camera, y down, at the times of numbered frames.
-pub fn truth(path: &Path) -> Result<Vec<(Stamp, Se3)>, SourceError> {
-    let poses = read_truth(path, Format::Tum)?;
+pub fn truth(path: &Path, skipped: &mut Vec<Skipped>) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+    let poses = read_truth(path, Format::Tum, skipped)?;
     Ok(poses.into_iter().map(|(number, pose)| (at_rate(number), y_down(&pose))).collect())
 }
 

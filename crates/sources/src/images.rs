@@ -5,11 +5,12 @@
 //! those of `times.txt` or `timestamps.txt` with a line for each image, else 30 images a second.
 
 use crate::decode;
-use crate::halves::{alike, side_by_side};
+use crate::halves::{DOUBT, alike, side_by_side};
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig;
 use crate::text::{data_lines, fields, read_text, stamp_ns, stamp_seconds};
 use cairn_sensor::{Camera, Rig, SkipKind, Skipped, SourceError, Stamp};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Nanoseconds between images without times: 30 a second.
@@ -68,10 +69,9 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     (rig.depth, rig.imu) = (None, None);
     let mut skipped = Vec::new();
     if assumed.is_some() && files.iter().find_map(|path| decode::gray(path).ok()).is_some_and(|i| alike(&i)) {
-        let text = "the images look like left and right of a stereo camera side by side, and are taken as of one camera: \
-                    give a --rig of both, each of half the width";
-        skipped.push(Skipped::new(SkipKind::Other, "two pictures side by side", text));
+        skipped.push(Skipped::new(SkipKind::Other, "two pictures side by side", DOUBT));
     }
+    skipped.extend(of_several(&files));
     let stamps = match stamps(folder, &files)? {
         Some(stamps) => stamps,
         None => {
@@ -108,6 +108,23 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     })
 }
 
+/// That images are of several cameras, by what stands before the numbers in their names.
+fn of_several(files: &[PathBuf]) -> Option<Skipped> {
+    let mut kinds: BTreeMap<String, usize> = BTreeMap::new();
+    for stem in files.iter().filter_map(|path| path.file_stem()?.to_str()) {
+        let before = stem.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.');
+        *kinds.entry(before.to_owned()).or_default() += 1;
+    }
+    kinds.retain(|_, count| 10 * *count >= files.len());
+    let (first, second) = (kinds.keys().next()?, kinds.keys().nth(1)?);
+    let text = format!(
+        "the images have names of {} kinds ({first}... and {second}...) and are played one kind after the other as of one camera: \
+         give the folder of one kind",
+        kinds.len()
+    );
+    Some(Skipped::new(SkipKind::Other, "images of several cameras", text))
+}
+
 fn images(folder: &Path) -> impl Iterator<Item = PathBuf> {
     std::fs::read_dir(folder).into_iter().flatten().filter_map(|entry| {
         let path = entry.ok()?.path();
@@ -139,7 +156,7 @@ fn natural(path: &Path) -> Vec<(u8, u128, String)> {
 }
 
 /// The times of the images, if there are any.
-fn stamps(folder: &Path, files: &[PathBuf]) -> Result<Option<Vec<Stamp>>, SourceError> {
+pub fn stamps(folder: &Path, files: &[PathBuf]) -> Result<Option<Vec<Stamp>>, SourceError> {
     if let Some(path) = TIMES.iter().map(|name| folder.join(name)).find(|path| path.is_file()) {
         let text = read_text(&path)?;
         let lines: Vec<(usize, &str)> = data_lines(&text).collect();

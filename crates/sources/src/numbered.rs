@@ -36,13 +36,21 @@ pub fn numbered(folder: &Path) -> Result<Vec<NumberedImage>, NumberedError> {
 
 /// The images of a folder whose names are numbers after a word, in numeric order.
 pub fn numbered_after(folder: &Path, prefix: &str) -> Result<Vec<NumberedImage>, NumberedError> {
+    numbered_with(folder, prefix, |rest| rest.parse().ok())
+}
+
+fn numbered_with(
+    folder: &Path,
+    prefix: &str,
+    number_of: impl Fn(&str) -> Option<usize>,
+) -> Result<Vec<NumberedImage>, NumberedError> {
     let path = || folder.display().to_string();
     let entries =
         std::fs::read_dir(folder).map_err(|source| NumberedError::Folder { path: path(), source })?;
     let mut files: Vec<NumberedImage> = entries
         .filter_map(|e| Some(e.ok()?.path()))
         .filter_map(|path| {
-            let number = path.file_stem()?.to_str()?.strip_prefix(prefix)?.parse().ok()?;
+            let number = number_of(path.file_stem()?.to_str()?.strip_prefix(prefix)?)?;
             decode::is_image(&path).then_some(NumberedImage { number, path })
         })
         .collect();
@@ -52,6 +60,23 @@ pub fn numbered_after(folder: &Path, prefix: &str) -> Result<Vec<NumberedImage>,
         true => Err(NumberedError::None(path())),
         false => Ok(files),
     }
+}
+
+/// The images of a folder in the order of their numbers, whatever stands before or after these: the number is what differs in
+/// their names, up to the next letter.
+pub fn numbered_somehow(folder: &Path) -> Result<Vec<NumberedImage>, NumberedError> {
+    let files = std::fs::read_dir(folder)
+        .map_err(|source| NumberedError::Folder { path: folder.display().to_string(), source })?;
+    let files = files.filter_map(|e| Some(e.ok()?.path())).filter(|path| decode::is_image(path));
+    let stems: Vec<String> = files.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned())).collect();
+    let first = stems.first().map_or("", String::as_str);
+    let in_all = |stem: &String| first.bytes().zip(stem.bytes()).take_while(|(a, b)| a == b).count();
+    let same = stems.iter().map(in_all).min().unwrap_or(0);
+    let prefix = first.get(..same).unwrap_or("").trim_end_matches(|c: char| c.is_ascii_digit());
+    numbered_with(folder, prefix, |rest| {
+        let end = rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(rest.len());
+        rest[..end].parse().ok()
+    })
 }
 
 /// Width and height of the first readable image of a folder.

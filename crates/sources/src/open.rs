@@ -32,7 +32,7 @@ const KINDS: [Kind; 8] = [
     Kind { kind: SourceKind::Images, name: "folder of images", is: images::is, index: images::index },
 ];
 
-const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI odometry and raw (image_0/, image_00/data/), 7-Scenes (frame-*.color.*), Replica (results/ and traj.txt), ScanNet (color/ and intrinsic/), Stray Scanner (odometry.csv and camera_matrix.csv), Record3D (metadata.json with rgb/), UZH-FPV (left_images.txt or images.txt), Android phones (frames.csv and gyroscope.csv), a folder of PNG, JPEG or BMP images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
+const KNOWN: &str = "known are EuRoC and TUM-VI (mav0/ or cam0/), TUM RGB-D (rgb.txt or associations.txt), KITTI odometry and raw (image_0/, image_00/data/), 7-Scenes (frame-*.color.*), Replica (results/ and traj.txt), ScanNet (color/ and intrinsic/), Stray Scanner (odometry.csv and camera_matrix.csv), Record3D (metadata.json with rgb/), numbered images in rgb/ and depth/, UZH-FPV (left_images.txt or images.txt), Android phones (frames.csv and gyroscope.csv), a folder of PNG, JPEG or BMP images, ROS bags (.bag, .db3, folders of ros2 bag) and MCAP (.mcap)";
 
 /// Opens a recording (a folder, a bag or an MCAP file), a simulated world (`sim:WORLD?key=value`, see [`SimConfig::KEYS`]) or video: a file, a
 /// camera (`camera:0`), `rtsp://`, `rtmp://`, or `rtmp-listen://HOST:PORT/NAME`, which waits for a sender; on 64-bit
@@ -236,10 +236,26 @@ fn hint(path: &Path) -> String {
         .collect();
     inside.sort();
     match inside.as_slice() {
-        [] => "check the path".into(),
+        [] => first_image::unread(path).unwrap_or_else(|| "check the path".into()),
         [one] => format!("did you mean {}?", one.display()),
+        [first, second] if is_pair(first, second) => format!(
+            "did you mean {}? Both cameras of a pair are read as mav0/cam0/data and mav0/cam1/data with --rig, or as image_0 and \
+             image_1 with calib.txt",
+            first.display()
+        ),
         [first, ..] => {
             format!("it contains {} recordings; choose one, such as {}", inside.len(), first.display())
         }
     }
+}
+
+/// Whether two folders are named as those of the two cameras of a pair.
+fn is_pair(first: &Path, second: &Path) -> bool {
+    let name =
+        |path: &Path| path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let (first, second) = (name(first), name(second));
+    let letters = |name: &str| name.chars().filter(|c| c.is_alphabetic()).collect::<String>();
+    let are_cameras = letters(&first) == letters(&second)
+        && matches!(letters(&first).as_str(), "cam" | "camera" | "image" | "images" | "img");
+    are_cameras || (first != second && first.replace("left", "right") == second)
 }

@@ -58,6 +58,8 @@ pub struct Player {
     bag: Option<BagReader>,
     /// The film that images are taken from, if they are.
     film: Option<Film>,
+    /// Bits in use of the pixels of each camera's files that have 16.
+    bits: Vec<u32>,
     /// The file of which the left half was taken last.
     both: Option<(PathBuf, GrayImage)>,
     /// Merges the IMU with the instants, whose images are already grouped.
@@ -85,6 +87,17 @@ impl Player {
         let mut skipped = skipped;
         skipped.extend(depth_of_another_size(&mut rig, &instants, &mut bag));
         check_sizes(&name, &rig, &instants, &mut bag)?;
+        let bits = (0..rig.cameras.len()).map(|k| bits_in_use(&instants, k)).collect::<Vec<_>>();
+        skipped.extend(rig.cameras.iter().zip(&bits).filter(|(_, bits)| **bits < 16).map(
+            |(camera, bits)| {
+                let text = format!(
+                    "{}: of the 16 bits of a pixel {bits} are in use, white is {}",
+                    camera.name,
+                    (1u32 << bits) - 1
+                );
+                Skipped::new(SkipKind::Other, "pixels of fewer bits", text)
+            },
+        ));
         // Stamps are delivered in the images' clock, so no offset is left.
         let imu_offset_s = rig.imu.as_mut().map_or(0.0, |imu| std::mem::take(&mut imu.offset_s));
         let imu = match imu {
@@ -103,6 +116,7 @@ impl Player {
             imu,
             bag,
             film: None,
+            bits,
             both: None,
             merge: Merge::new(config),
             no_depth,
@@ -185,9 +199,11 @@ impl Player {
         self.note(skipped);
     }
 
-    fn image(&mut self, at: &ImageAt) -> Result<GrayImage, FrameError> {
+    /// An image of the `k`-th camera.
+    fn image(&mut self, k: usize, at: &ImageAt) -> Result<GrayImage, FrameError> {
+        let bits = self.bits.get(k).copied().unwrap_or(16);
         match (at, &mut self.bag) {
-            (ImageAt::File(path), _) => Ok(decode::gray(path)?),
+            (ImageAt::File(path), _) => Ok(decode::gray_of_bits(path, bits)?),
             (ImageAt::Message(topic, entry), Some(bag)) => Ok(bag.gray(*topic, entry)?),
             (ImageAt::Message(..), None) => Err(FrameError::NoBag),
             (ImageAt::Film(path, number), _) => {
@@ -197,15 +213,15 @@ impl Player {
                 };
                 film.image(*number).ok_or(FrameError::FilmEnded(*number))
             }
-            (ImageAt::Half(path, side), _) => self.half(path, *side),
+            (ImageAt::Half(path, side), _) => self.half(path, *side, bits),
         }
     }
 
     /// One half of a file; both are of one reading.
-    fn half(&mut self, path: &Path, side: usize) -> Result<GrayImage, FrameError> {
+    fn half(&mut self, path: &Path, side: usize, bits: u32) -> Result<GrayImage, FrameError> {
         let both = match self.both.take().filter(|(of, _)| of == path) {
             Some((_, image)) => image,
-            None => decode::gray(path)?,
+            None => decode::gray_of_bits(path, bits)?,
         };
         let half = halves::half(&both, side);
         self.both = Some((path.to_owned(), both));
@@ -215,7 +231,7 @@ impl Player {
     fn decode(&mut self, instant: &Instant) -> Result<Decoded, FrameError> {
         let mut images = Vec::with_capacity(instant.images.len());
         for (k, at) in instant.images.iter().enumerate() {
-            let image = self.image(at)?;
+            let image = self.image(k, at)?;
             let Some(c) = self.rig.cameras.get(k) else { break };
             fits(&c.name, &c.camera, image.width(), image.height())?;
             images.push(Arc::new(image));
@@ -295,6 +311,18 @@ enum FrameError {
     NoDepth,
     #[error("{name} has {width}x{height} pixels, the rig says {}x{}", rig[0], rig[1])]
     Size { name: String, width: usize, height: usize, rig: [usize; 2] },
+}
+
+/// How many bits of 16 the pixels of a camera's files use, in a few of them: by the high byte alone pictures of 10 bits would be
+/// black.
+fn bits_in_use(instants: &[Instant], camera: usize) -> u32 {
+    const LOOKED_AT: usize = 8;
+    let some = instants.iter().step_by(instants.len().div_ceil(LOOKED_AT).max(1));
+    let bits = some.filter_map(|instant| match instant.images.get(camera)? {
+        ImageAt::File(path) | ImageAt::Half(path, _) => decode::bits(path),
+        ImageAt::Message(..) | ImageAt::Film(..) => None,
+    });
+    bits.max().unwrap_or(16)
 }
 
 /// Width and height of an image.

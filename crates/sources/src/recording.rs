@@ -114,6 +114,7 @@ impl Recording {
             let cure = "write the times in the unit of this layout, or give --number-frames HZ to number the images at that rate";
             return Err(SourceError::new(&self.name, why, cure));
         }
+        self.skipped.extend(self.foreign_truth());
         let first_stamp = self.instants.first().map(|i| i.stamp);
         if let Some(first) = self.instants.first().map(|i| i.stamp) {
             self.instants.retain(|i| i.stamp - first >= start_s);
@@ -134,6 +135,23 @@ impl Recording {
             return Err(SourceError::new(&self.name, why + &first, "check the folder, --start and --frames"));
         }
         Ok(())
+    }
+
+    /// That no true pose lies between the images: then nothing is compared with it.
+    fn foreign_truth(&self) -> Option<Skipped> {
+        let (first, last) = (self.instants.first()?.stamp, self.instants.last()?.stamp);
+        let [from, to] = [self.truth.first()?.0, self.truth.last()?.0];
+        (from > last || to < first).then(|| {
+            let text = format!(
+                "the ground truth has no time in common with the images: it is of {:.3} to {:.3} s, they of {:.3} to {:.3} s; \
+                 nothing is compared with it (is it of another clock or unit?)",
+                from.seconds(),
+                to.seconds(),
+                first.seconds(),
+                last.seconds()
+            );
+            Skipped::new(SkipKind::Other, "the ground truth is of another time", text)
+        })
     }
 
     /// Frames per second: from the median step of up to 500 instants.
@@ -289,8 +307,8 @@ pub fn read_index(
     let before = skipped.len();
     let mut list = Vec::new();
     for (number, line) in data_lines(&text) {
-        let entry = line.split_once([',', ' ', '\t']).and_then(|(stamp, file)| {
-            let file = file.trim_matches(|c: char| c == ',' || c.is_whitespace());
+        let entry = line.split_once([',', ';', ' ', '\t']).and_then(|(stamp, file)| {
+            let file = file.trim_matches(|c: char| matches!(c, ',' | ';') || c.is_whitespace());
             (!file.is_empty()).then_some((parse_stamp(stamp.trim())?, ImageAt::File(in_folder(folder, file))))
         });
         match entry {
@@ -312,8 +330,12 @@ pub fn read_index(
     Ok(list)
 }
 
-/// Poses from the lines of a TUM or EuRoC file, ordered by time; other lines are left out.
-pub fn read_truth(path: &Path, format: Format) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+/// Poses from the lines of a TUM or EuRoC file, ordered by time; other lines are left out, which is told where no pose is left.
+pub fn read_truth(
+    path: &Path,
+    format: Format,
+    skipped: &mut Vec<Skipped>,
+) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     let text = read_text(path)?;
     let mut truth: Vec<(Stamp, Se3)> = data_lines(&text)
         .filter_map(|(_, line)| {
@@ -323,5 +345,10 @@ pub fn read_truth(path: &Path, format: Format) -> Result<Vec<(Stamp, Se3)>, Sour
         .collect();
     truth.sort_by_key(|(stamp, _)| *stamp);
     truth.dedup_by_key(|(stamp, _)| *stamp);
+    if let (true, Some((number, _))) = (truth.is_empty(), data_lines(&text).last()) {
+        let why = "no line is a pose with a time: nothing is compared with it";
+        let text = format!("{}: {why}", place(path, number));
+        skipped.push(Skipped::new(SkipKind::Other, "the ground truth is not read", text));
+    }
     Ok(truth)
 }

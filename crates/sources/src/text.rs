@@ -30,9 +30,10 @@ pub fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
         .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// Fields separated by commas or blanks.
+/// Fields separated by commas or blanks; in a line with semicolons, as spreadsheets write where a comma is decimal, by these.
 pub fn fields(line: &str) -> impl Iterator<Item = &str> {
-    line.split(|c: char| c == ',' || c.is_whitespace()).filter(|f| !f.is_empty())
+    let separator = if line.contains(';') { ';' } else { ',' };
+    line.split(move |c: char| c == separator || c.is_whitespace()).filter(|f| !f.is_empty())
 }
 
 /// The first `N` fields as finite numbers; `None` when there are fewer or one is not a number.
@@ -111,6 +112,12 @@ mod tests {
         for text in ["1403636579763555584", "1403636579.763555584", "1.403636579763555584e+18"] {
             assert_eq!(stamp_any(text), Some(Stamp(1_403_636_579_763_555_584)), "{text}");
         }
+    }
+
+    #[test]
+    fn decimal_commas_are_no_separators() {
+        assert_eq!(numbers::<2>(fields("1;2.5;3")), Some([1.0, 2.5]));
+        assert_eq!(numbers::<2>(fields("1;2,5;3")), None);
     }
 
     #[test]

@@ -7,9 +7,9 @@
 //! colour; 5000 units are one metre.
 
 use crate::recording::{
-    ImageAt, Instant, Recording, in_folder, join_depth, named_by_time, read_index, read_truth,
+    ImageAt, Instant, Recording, apart, in_folder, join_depth, named_by_time, read_index, read_truth,
 };
-use crate::rig;
+use crate::rig::{self, Document};
 use crate::text::{data_lines, fields, numbers, place, read_text, stamp_any, stamp_seconds};
 use crate::{decode, first_image, icl_nuim};
 use cairn_eval::Format;
@@ -66,16 +66,25 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
             if own { rig } else { rgbd(rig.cameras[0].camera) }
         }
         (None, None) => {
-            let (camera, which) = match (calibration_txt(folder)?, icl_nuim::poses_file(folder)) {
-                (Some(camera), _) => (camera, "intrinsics of calibration.txt"),
+            let own = match calibration_txt(folder)? {
+                Some(camera) => Some((camera, "intrinsics of calibration.txt")),
+                None => openloris(folder)?.map(|camera| (camera, "intrinsics of sensors.yaml")),
+            };
+            let (camera, which) = match (own, icl_nuim::poses_file(folder)) {
+                (Some(own), _) => own,
                 (None, Some(_)) => {
                     (icl_nuim::camera(), "intrinsics of ICL-NUIM, whose fy is negative: y points down here")
                 }
                 (None, None) => published(folder),
             };
             name += &format!(" ({which})");
-            assumed = Some(which.to_owned());
-            rgbd(camera)
+            assumed = own.is_none().then(|| which.to_owned());
+            let mut rig = rgbd(camera);
+            // OpenLORIS has millimetres, as its camera gives them.
+            if let (true, Some(depth)) = (folder.join("aligned_depth.txt").is_file(), &mut rig.depth) {
+                depth.metres_per_unit = 0.001;
+            }
+            rig
         }
     };
     rig.cameras.truncate(1);
@@ -100,15 +109,22 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     if rig.depth.is_none() {
         depth.clear();
     }
-    if depth.is_empty() {
-        rig.depth = None;
+    if depth.is_empty() && rig.depth.take().is_some() {
+        skipped.extend(unlisted_depth(folder));
     }
     let numbered = icl_nuim::are_numbers(&colour);
     if numbered {
         name += &format!(" (the times are numbers of frames: {} images a second)", icl_nuim::RATE_HZ);
         colour.iter_mut().chain(&mut depth).for_each(|(stamp, _)| *stamp = icl_nuim::at_rate(*stamp));
     }
-    let truth = truth(folder, numbered)?;
+    let truth = truth(folder, numbered, &mut skipped)?;
+    let (apart_ns, half_ns) = apart(&colour, &depth);
+    let tolerance_ns = if apart_ns > MAX_APART_NS { half_ns } else { MAX_APART_NS };
+    if apart_ns > MAX_APART_NS {
+        let apart_ms = apart_ns as f64 / 1e6;
+        let text = format!("colour and depth images {apart_ms:.1} ms apart, taken as of one instant");
+        skipped.push(Skipped::new(SkipKind::Other, "colour and depth images are apart", text));
+    }
     let mut instants: Vec<Instant> = colour
         .into_iter()
         .map(|(stamp, image)| Instant { stamp, images: vec![image], depth: None })
@@ -118,20 +134,24 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     {
         skipped.push(Skipped::new(SkipKind::Other, "the unit of depth is doubtful", note));
     }
-    join_depth(&mut instants, depth, MAX_APART_NS);
+    join_depth(&mut instants, depth, tolerance_ns);
     Ok(Recording { name, rig, instants, imu: None, bag: None, truth, no_depth: None, skipped, assumed })
 }
 
 /// True poses; those of numbered frames have numbers for times as well.
-fn truth(folder: &Path, numbered: bool) -> Result<Vec<(Stamp, Se3)>, SourceError> {
+fn truth(
+    folder: &Path,
+    numbered: bool,
+    skipped: &mut Vec<Skipped>,
+) -> Result<Vec<(Stamp, Se3)>, SourceError> {
     if let Some(path) = icl_nuim::poses_file(folder) {
-        return icl_nuim::truth(&path);
+        return icl_nuim::truth(&path, skipped);
     }
     let path = folder.join("groundtruth.txt");
     if !path.is_file() {
         return Ok(Vec::new());
     }
-    let truth = read_truth(&path, Format::Tum)?;
+    let truth = read_truth(&path, Format::Tum, skipped)?;
     let stamp = |stamp| if numbered { icl_nuim::at_rate(stamp) } else { stamp };
     Ok(truth.into_iter().map(|(at, pose)| (stamp(at), pose)).collect())
 }
@@ -242,10 +262,40 @@ fn calibration_txt(folder: &Path) -> Result<Option<Camera>, SourceError> {
         |why: &str| SourceError::new(path.display().to_string(), why, "write fx fy cx cy, or give --rig");
     let [fx, fy, cx, cy] =
         numbers::<4>(fields(&read_text(&path)?)).ok_or_else(|| wrong("does not hold fx fy cx cy"))?;
-    let size = first_image::size(folder);
-    let [width, height] = size.ok_or_else(|| wrong("is beside no image that can be read"))?;
+    let [width, height] = first_image::size(folder).ok_or_else(|| {
+        let why = first_image::unread(folder);
+        wrong(&format!(
+            "is beside no image that can be read{}",
+            why.map_or(String::new(), |why| format!(": {why}"))
+        ))
+    })?;
     // Of ICL-NUIM people write fy = -480: y points down here.
     Ok(Some(Camera::pinhole(width, height, fx, fy.abs(), cx, cy)))
+}
+
+/// OpenLORIS's `sensors.yaml`: size and `fx, cx, fy, cy` of its colour camera, whose lens is without distortion.
+fn openloris(folder: &Path) -> Result<Option<Camera>, SourceError> {
+    let path = folder.join("sensors.yaml");
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let doc = Document::parse(&path, &read_text(&path)?)?;
+    let Some(node) = doc.root.get("d400_color_optical_frame") else { return Ok(None) };
+    let size = doc.size(node.line, [doc.need_number(node, "width")?, doc.need_number(node, "height")?])?;
+    let intrinsics = doc.need(node, "intrinsics")?;
+    let &[fx, cx, fy, cy] = doc.matrix(intrinsics, "intrinsics")?.as_slice() else {
+        return Err(doc.error(intrinsics.line, "intrinsics need 4 numbers"));
+    };
+    doc.camera(intrinsics.line, size, [fx, fy, cx, cy], Distortion::None).map(Some)
+}
+
+/// That there is depth which no list names.
+fn unlisted_depth(folder: &Path) -> Option<Skipped> {
+    let there = ["depth", "aligned_depth"].into_iter().find(|name| folder.join(name).is_dir())?;
+    let text = format!(
+        "{there}/ is not used: no {there}.txt with times lists its images, and their names are no times; one camera without depth"
+    );
+    Some(Skipped::new(SkipKind::Other, "depth is not read", text))
 }
 
 fn rgbd(camera: Camera) -> Rig {

@@ -78,7 +78,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         instants,
         imu,
         bag: None,
-        truth: truth(folder)?,
+        truth: truth(folder, &mut skipped)?,
         no_depth: None,
         skipped,
         assumed: None,
@@ -156,13 +156,16 @@ fn motion(folder: &Path, skipped: &mut Vec<Skipped>) -> Option<ImuAt> {
 }
 
 /// True poses; in some files each line begins with its number.
-fn truth(folder: &Path) -> Result<Vec<(Stamp, cairn_geometry::Se3)>, SourceError> {
+fn truth(
+    folder: &Path,
+    skipped: &mut Vec<Skipped>,
+) -> Result<Vec<(Stamp, cairn_geometry::Se3)>, SourceError> {
     let files = ["groundtruth.txt", "stamped_groundtruth.txt"].map(|name| folder.join(name));
     let Some(path) = files.into_iter().find(|path| path.is_file()) else { return Ok(Vec::new()) };
     let text = read_text(&path)?;
     let numbered = data_lines(&text).next().is_some_and(|(_, line)| fields(line).count() == 9);
     if !numbered {
-        return read_truth(&path, Format::Tum);
+        return read_truth(&path, Format::Tum, skipped);
     }
     let pose = |(_, line): (usize, &str)| {
         let words: Vec<&str> = fields(line).skip(1).collect();

@@ -83,6 +83,71 @@ fn depth_is_sixteen_bits_or_metres() {
     assert_eq!(depth.data(), [1235, 0, 0, 0]);
 }
 
+/// Groups of three bits of a number, the lowest first, each with a bit that says whether more follow.
+fn groups(mut v: u32, out: &mut Vec<u8>) {
+    while v > 7 {
+        out.push((v & 7) as u8 | 8);
+        v >>= 3;
+    }
+    out.push(v as u8);
+}
+
+/// A message of depth packed as RVL.
+fn rvl(encoding: &str, head: [f32; 2], [width, height]: [u32; 2], data: &[u16]) -> Vec<u8> {
+    let mut all = Vec::new();
+    let (mut at, mut before) = (0, 0i32);
+    while at < data.len() {
+        let empty = data[at..].iter().take_while(|v| **v == 0).count();
+        let full = data[at + empty..].iter().take_while(|v| **v != 0).count();
+        groups(empty as u32, &mut all);
+        groups(full as u32, &mut all);
+        for &v in &data[at + empty..at + empty + full] {
+            let step = i32::from(v) - before;
+            groups(((step << 1) ^ (step >> 31)) as u32, &mut all);
+            before = i32::from(v);
+        }
+        at += empty + full;
+    }
+    let mut file = vec![0; 4];
+    file.extend(head.iter().flat_map(|v| v.to_le_bytes()));
+    file.extend([width, height].iter().flat_map(|v| v.to_le_bytes()));
+    for word in all.chunks(8) {
+        let word = (0..8).fold(0u32, |w, k| w << 4 | u32::from(word.get(k).copied().unwrap_or(0)));
+        file.extend(word.to_le_bytes());
+    }
+    compressed(false, "/d", 1, "d", &format!("{encoding}; compressedDepth rvl"), &file).data
+}
+
+#[test]
+fn depth_packed_as_rvl_is_that_which_was_packed() {
+    // By hand: no empty pixels, one of 3, in the groups 0, 1, 6 of one word.
+    let mut by_hand = vec![0; 12];
+    by_hand.extend([1, 0, 0, 0, 1, 0, 0, 0, 0x00, 0x00, 0x60, 0x01]);
+    let m = compressed(false, "/d", 1, "d", "16UC1; compressedDepth rvl", &by_hand);
+    let read = |data: &[u8]| CompressedImage::decode(WireFormat::Cdr, data).unwrap().rvl().unwrap();
+    assert_eq!(read(&m.data).unwrap().data(), [3]);
+    let image: Vec<u16> = (0..64 * 48u32)
+        .map(|k| match k.wrapping_mul(2_654_435_761) >> 16 {
+            v if v % 5 == 0 => 0,
+            v if v % 5 == 1 => v as u16,
+            _ => 1000 + k as u16 % 97,
+        })
+        .collect();
+    let bytes = rvl("16UC1", [0.0; 2], [64, 48], &image);
+    let depth = read(&bytes).unwrap();
+    assert_eq!((depth.width(), depth.height(), depth.data()), (64, 48, image.as_slice()));
+    // Cut off or damaged it is an error or another image, never a panic.
+    assert!(read(&rvl("16UC1", [0.0; 2], [64, 49], &image)).is_err(), "too few pixels");
+    assert!(read(&rvl("16UC1", [0.0; 2], [0, 48], &image)).is_err());
+    assert!(read(&rvl("16UC1", [0.0; 2], [u32::MAX, u32::MAX], &image)).is_err());
+    // Metres as the inverse depth that the transport writes.
+    let bytes = rvl("32FC1", [10_100.0, -1_009.0], [4, 1], &[9091, 3031, 0, 1]);
+    let m = CompressedImage::decode(WireFormat::Cdr, &bytes).unwrap();
+    let mut depth = m.rvl().unwrap().unwrap();
+    m.dequantise(&mut depth);
+    assert_eq!(depth.data(), [1000, 2500, 0, 10_000]);
+}
+
 #[test]
 fn compressed_depth_has_a_head_before_its_png() {
     let mut file = vec![0; 12];
@@ -90,9 +155,9 @@ fn compressed_depth_has_a_head_before_its_png() {
     let m = compressed(true, "/d", 1, "d", "16UC1; compressedDepth png", &file);
     let m = CompressedImage::decode(WireFormat::Ros1, &m.data).unwrap();
     assert_eq!(m.file().unwrap(), b"\x89PNG");
-    let m = compressed(true, "/d", 1, "d", "16UC1; compressedDepth rvl", &[0; 40]);
+    let m = compressed(true, "/d", 1, "d", "16UC1; compressedDepth zstd", &[0; 40]);
     let refused = CompressedImage::decode(WireFormat::Ros1, &m.data).unwrap().file().unwrap_err().to_string();
-    assert!(refused.contains("compressedDepth rvl\" is not read, only that as PNG"), "{refused}");
+    assert!(refused.contains("compressedDepth zstd\" is not read, only that as PNG or RVL"), "{refused}");
     // Metres as the inverse depth that the transport writes.
     let numbers = [10_100.0f32, -1_009.0];
     file[..4].copy_from_slice(&1u32.to_le_bytes());

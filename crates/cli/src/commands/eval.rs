@@ -1,5 +1,6 @@
 //! `cairn eval`: the error of an estimated trajectory against a reference.
 
+use super::eval_doubts::doubts;
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::outputs::Outputs;
@@ -67,7 +68,10 @@ pub fn run(arguments: &Arguments, output: &Output) -> Result<(), Failure> {
         all_pairs: arguments.all_pairs,
         ..EvalOptions::default()
     };
-    let evaluation = evaluate_files(&reference, &estimate, &options).map_err(|e| explain(e, arguments))?;
+    let mut evaluation =
+        evaluate_files(&reference, &estimate, &options).map_err(|e| explain(e, arguments))?;
+    let doubts = doubts(&reference, &estimate, &options, &evaluation);
+    evaluation.notes.extend(doubts);
     outputs.write("--reference-out", || Ok(to_tum(&reference_for(&estimate, &reference).0).into_bytes()))?;
     output.result(&evaluation, text)
 }

@@ -7,6 +7,7 @@ pub mod config;
 pub mod doctor;
 pub mod ekf;
 pub mod eval;
+mod eval_doubts;
 pub mod fleet;
 mod given;
 pub mod map;

@@ -4,7 +4,7 @@
 use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle, Said};
 use super::rig_for;
-use crate::halves::{half, side_by_side};
+use crate::halves::{DOUBT, alike, half, side_by_side};
 use crate::options::OpenOptions;
 use crate::prefetch::Prefetch;
 use cairn_sensor::{FramePacket, Rig, SkipKind, Skipped, Skips, Source, SourceError, SourceInfo, Stamp};
@@ -125,6 +125,10 @@ impl Source for VideoFile {
                 continue;
             }
             self.last = Some(stamp);
+            if number == 0 && !self.is_calibrated && alike(&image) {
+                self.skips.add(&Skipped::new(SkipKind::Other, "two pictures side by side", DOUBT));
+                self.skipped.push(DOUBT.to_owned());
+            }
             let decode_ms = start.elapsed().as_secs_f64() * 1e3;
             let images = match self.rig.cameras.len() {
                 2 => vec![Arc::new(half(&image, 0)), Arc::new(half(&image, 1))],

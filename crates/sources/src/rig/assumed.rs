@@ -25,6 +25,7 @@ pub fn assumed_in(path: impl AsRef<Path>) -> Option<String> {
         told.extend(kalibr::imu_left_out(&doc));
         told.extend(camodocal::imu_left_out(&doc.root));
         told.extend(orbslam::imu_left_out(&doc.root));
+        told.extend(orbslam::not_raw(&doc));
         told.extend(unused::unused(&doc));
     }
     (!told.is_empty()).then(|| told.join("; it "))

@@ -15,6 +15,7 @@ mod maplab;
 mod named;
 mod nice_slam;
 mod okvis;
+mod open3d;
 mod orbslam;
 mod own;
 mod realsense;
@@ -30,12 +31,12 @@ pub use named::{NAMED_RIGS, NamedRig, named_rig};
 
 use crate::text::{data_lines, read_text};
 use cairn_sensor::{Rig, SourceError};
-use document::Document;
+pub use document::Document;
 use std::path::{Path, PathBuf};
 
 /// Reads a rig: Cairn's own `.toml`, an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file next to
 /// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info`, a KITTI `calib.txt` next to its images, what other systems are given (VINS-Fusion,
-/// OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, the `camera.txt` of DSO, the `cameras.txt` of COLMAP), the factory calibration of a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
+/// OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, the `camera.txt` of DSO, the `cameras.txt` of COLMAP, the `camera_intrinsic.json` of Open3D), the factory calibration of a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
 /// `FILE:infrared`, `FILE:848x480` choose other cameras and another size than colour with depth in 640x480), a folder that contains one of these, or a
 /// known name (see [`named_rig`]).
 ///
@@ -152,7 +153,7 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     let unknown = |line_cure: &str| {
         SourceError::new(
             path.display().to_string(),
-            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, DSO camera.txt, COLMAP cameras.txt, rs-enumerate-devices -c)",
+            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, DSO camera.txt, COLMAP cameras.txt, Open3D camera_intrinsic.json, rs-enumerate-devices -c)",
             line_cure,
         )
     };
@@ -186,6 +187,8 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
         euroc::kimera_pair(&doc)
     } else if stella::is_config(&doc.root) {
         stella::rig(&doc, size)
+    } else if open3d::is(&doc.root) {
+        open3d::rig(&doc)
     } else if ros::is_camera_info(&doc.root) {
         ros::rig(&doc)
     } else if orbslam::is_settings(&doc.root) {

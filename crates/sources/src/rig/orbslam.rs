@@ -51,18 +51,42 @@ pub fn imu_left_out(root: &Node) -> Option<String> {
         .then(|| "has the noise of an IMU, but not its place (IMU.T_b_c1): the IMU is left out".into())
 }
 
+/// Tells that the raw cameras of a pair are not those of its rectified ones, so that these are taken.
+pub fn not_raw(doc: &Document) -> Option<String> {
+    let has_both = doc.root.get("LEFT.K").is_some() && doc.root.get("Camera.fx").is_some();
+    (has_both && !is_raw_pair(doc)).then(|| {
+        "has LEFT.* and RIGHT.* that do not belong to its Camera.fx (LEFT.P has another, or LEFT.D and LEFT.R are empty): the \
+         images are taken as rectified already, with Camera.* and Camera.bf"
+            .into()
+    })
+}
+
+/// Whether the images are raw, as by `LEFT.*` and `RIGHT.*`, and to be rectified into `Camera.*`. Files of cameras that rectify
+/// themselves often keep what was there of another.
+fn is_raw_pair(doc: &Document) -> bool {
+    let of = |key: &str| doc.root.get(key).and_then(|node| doc.matrix(node, key).ok());
+    let Some(fx) = doc.root.get("Camera.fx").and_then(|node| doc.number(node).ok()) else {
+        return doc.root.get("LEFT.K").is_some();
+    };
+    let is_rectified_into = of("LEFT.P").is_none_or(|p| (p.first().unwrap_or(&0.0) / fx - 1.0).abs() < 0.01);
+    let lens = doc.root.get("LEFT.D").and_then(|node| node.get("data").unwrap_or(node).list());
+    let is_there =
+        lens.is_none_or(|d| !d.is_empty()) && of("LEFT.R").is_none_or(|r| r.iter().any(|v| *v != 0.0));
+    doc.root.get("LEFT.K").is_some() && is_rectified_into && is_there
+}
+
 /// Body from camera, by its names; the last two of R-VIO, whose `INI.UseGroundTruthCalib` says which of them.
 const PLACED: [&str; 4] = ["IMU.T_b_c1", "Tbc", "Camera.T_BC0", "Camera.T_BC0_GT"];
 
 fn resolution(doc: &Document, size: Option<[usize; 2]>) -> Result<[usize; 2], SourceError> {
     // The raw images of a pair that is to be rectified can have another size than the rectified ones.
     let any = |keys: [&str; 3]| keys.iter().find_map(|key| doc.root.get(key));
-    let (width, height) = match doc.root.get("LEFT.K") {
-        Some(_) => (
+    let (width, height) = match is_raw_pair(doc) {
+        true => (
             any(["LEFT.width", "Camera.width", "image_width"]),
             any(["LEFT.height", "Camera.height", "image_height"]),
         ),
-        None => (doc.root.get("Camera.width"), doc.root.get("Camera.height")),
+        false => (doc.root.get("Camera.width"), doc.root.get("Camera.height")),
     };
     match (width, height, size) {
         (Some(w), Some(h), _) => doc.size(w.line, [doc.number(w)?, doc.number(h)?]),
@@ -105,10 +129,10 @@ impl<'a> Reader<'a> {
 
     fn first_camera(&self) -> Result<Camera, SourceError> {
         // Before version 1.0 raw stereo images had their own matrices, and Camera.* were the rectified ones.
-        match self.doc.root.get("LEFT.K") {
-            Some(_) => self.matrix_camera("LEFT"),
-            None if self.doc.root.get("Camera1.fx").is_some() => self.camera("Camera1"),
-            None => self.camera("Camera"),
+        match is_raw_pair(self.doc) {
+            true => self.matrix_camera("LEFT"),
+            false if self.doc.root.get("Camera1.fx").is_some() => self.camera("Camera1"),
+            false => self.camera("Camera"),
         }
     }
 
@@ -159,7 +183,7 @@ impl<'a> Reader<'a> {
     fn second_camera(&self, first: &Camera) -> Result<Option<(Camera, Se3)>, SourceError> {
         let along_x = |baseline: f64| Se3::new(So3::identity(), Vec3::new(baseline, 0.0, 0.0));
         let doc = self.doc;
-        if doc.root.get("LEFT.K").is_some() {
+        if is_raw_pair(doc) {
             return Ok(Some((self.matrix_camera("RIGHT")?, self.rectified_extrinsics()?)));
         }
         let baseline = match (self.optional("Stereo.b")?, self.optional("Camera.bf")?) {

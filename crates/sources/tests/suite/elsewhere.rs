@@ -503,6 +503,37 @@ fn a_bitmap_is_an_image() {
 }
 
 #[test]
+fn pictures_of_fewer_bits_than_sixteen_are_not_black_and_it_is_told() {
+    use png::{BitDepth, ColorType};
+    let folder = |colour: ColorType, samples: usize, values: [u16; 2]| {
+        let folder = Folder::new();
+        for k in 0..20 {
+            // Most are darker than the brightest, which decides for all.
+            let value = if k == 10 { values[1] } else { values[0] };
+            let data: Vec<u8> = (0..48 * samples).flat_map(|_| value.to_be_bytes()).collect();
+            folder.write(&format!("{k}.png"), common::png(8, 6, colour, BitDepth::Sixteen, &data));
+        }
+        folder
+    };
+    for (colour, samples, values, bits, gray) in [
+        (ColorType::Grayscale, 1, [512, 1023], 10, 128),
+        (ColorType::Rgb, 3, [2048, 4000], 12, 128),
+        (ColorType::Grayscale, 1, [100, 255], 8, 100),
+        (ColorType::Grayscale, 1, [128 << 8, 255 << 8], 16, 128),
+    ] {
+        let folder = folder(colour, samples, values);
+        let mut source = opened(&folder, OpenOptions::default());
+        assert_eq!(source.next_packet().unwrap().unwrap().images[0].at(3, 3), gray, "{bits} bits");
+        let told = source.skipped().join(" ");
+        assert_eq!(
+            told.contains(&format!("of the 16 bits of a pixel {bits} are in use")),
+            bits < 16,
+            "{told}"
+        );
+    }
+}
+
+#[test]
 fn an_android_phones_sensors_are_joined_in_its_axes() {
     let folder = Folder::new();
     folder.write("images/frame_1.png", gray_png(8, 6, 1));

@@ -249,3 +249,178 @@ fn pictures_side_by_side_are_two_cameras_of_a_rig_and_are_told_without_one() {
     (0..2).for_each(|k| drop(other.write(&format!("{k}.png"), both(0, true))));
     assert!(opened(&other, None).skipped().is_empty(), "a wide picture is one camera's");
 }
+
+#[test]
+fn numbered_colour_and_depth_beside_each_other_are_rgbd_whatever_they_are_called() {
+    for (colour, before, of_depth) in [
+        ("rgb", "rgb_", "depth_"),
+        ("color", "", ""),
+        ("image", "0000001-00000", "0000001-00000"),
+        ("images", "frame", "d"),
+    ] {
+        let folder = Folder::new();
+        for k in 0..3 {
+            // Two before ten, and depth in another order of writing.
+            let number = [2, 10, 100][k];
+            folder.write(&format!("{colour}/{before}{number}.png"), gray_png(16, 12, k as u8));
+            folder.write(&format!("depth/{of_depth}{number}.png"), depth_png(8, 6, 1, 1000 + k as u16));
+        }
+        let mut source = opened(&folder, None);
+        let assumed = source.info().assumed.clone().unwrap();
+        assert!(assumed.contains("focal length of 11 px") && assumed.contains("millimetres"), "{assumed}");
+        let all = packets(&mut *source);
+        assert_eq!(all.len(), 3);
+        for (k, packet) in all.iter().enumerate() {
+            assert_eq!(packet.images[0].at(0, 0), k as u8, "{colour}");
+            assert_eq!(packet.depth.as_ref().unwrap().at(3, 3), 1000 + k as u16, "{colour}");
+        }
+        folder.write(
+            "camera_intrinsic.json",
+            r#"{"width": 16, "height": 12, "intrinsic_matrix": [14.0, 0, 0, 0, 15.0, 0, 8.0, 6.0, 1]}"#,
+        );
+        folder.write("times.txt", "5.0\n5.1\n5.3\n");
+        folder.write("traj_w_c.txt", "1 0 0 7 0 1 0 0 0 0 1 0 0 0 0 1\n".repeat(101));
+        let source = opened(&folder, None);
+        let camera = source.rig().cameras[0].camera;
+        assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (14.0, 15.0, 8.0, 6.0));
+        let assumed = source.info().assumed.as_deref();
+        assert_eq!(assumed, Some("depth in millimetres, registered to the camera"));
+        assert_eq!((source.info().truth.len(), source.info().truth[0].1.translation.x), (3, 7.0));
+        let stamps: Vec<i64> =
+            packets(&mut *opened(&folder, None)).iter().map(|p| p.stamp.0 / 1_000_000).collect();
+        assert_eq!(stamps, [5000, 5100, 5300]);
+    }
+}
+
+#[test]
+fn depth_that_is_there_and_not_read_is_told() {
+    let folder = stray([0.0, -1.0, 0.0]);
+    for k in 0..3 {
+        folder.remove(&format!("depth/00000{k}.png"));
+        folder.write(&format!("depth/00000{k}.npy"), "\u{93}NUMPY");
+    }
+    let told = opened(&folder, None).skipped().join(" ");
+    assert!(told.contains("has no numbered PNG") && told.contains("000000.npy"), "{told}");
+    let folder = Folder::new();
+    folder.write("rgb.txt", "1.0 rgb/a.png\n1.1 rgb/b.png\n");
+    for name in ["a", "b"] {
+        folder.write(&format!("rgb/{name}.png"), gray_png(8, 6, 0));
+        folder.write(&format!("depth/{name}.png"), depth_png(8, 6, 1, 5000));
+    }
+    folder.write("calibration.txt", "7 7 4 3\n");
+    let source = opened(&folder, None);
+    assert!(source.rig().depth.is_none() && source.info().assumed.is_none());
+    let told = source.skipped().join(" ");
+    assert!(told.contains("depth/ is not used: no depth.txt with times lists its images"), "{told}");
+    // A little late for each is paired, and told; with a rig of one camera nobody wants depth.
+    folder.write("depth.txt", "1.04 depth/a.png\n1.14 depth/b.png\n");
+    let mut source = opened(&folder, None);
+    let told = source.skipped().join(" ");
+    assert!(told.contains("colour and depth images 40.0 ms apart"), "{told}");
+    assert!(packets(&mut *source).iter().all(|p| p.depth.is_some()));
+    folder.remove("depth.txt");
+    let rig = Rig::mono(Camera::pinhole(8, 6, 7.0, 7.0, 4.0, 3.0));
+    assert_eq!(opened(&folder, Some(rig)).skipped(), [""; 0]);
+}
+
+#[test]
+fn ground_truth_of_another_time_or_form_is_told() {
+    let folder = Folder::new();
+    folder.write("rgb.txt", "100.0 rgb/a.png\n100.1 rgb/b.png\n");
+    ["a", "b"].iter().for_each(|name| drop(folder.write(&format!("rgb/{name}.png"), gray_png(8, 6, 0))));
+    folder.write("calibration.txt", "7 7 4 3\n");
+    let told = |truth: &str| {
+        folder.write("groundtruth.txt", truth);
+        opened(&folder, None).skipped().join(" ")
+    };
+    assert_eq!(told("99.9 0 0 0 0 0 0 1\n100.2 1 0 0 0 0 0 1\n"), "");
+    for other in ["0.0 0 0 0 0 0 0 1\n0.1 1 0 0 0 0 0 1\n", "1e5 0 0 0 0 0 0 1\n1.001e5 1 0 0 0 0 0 1\n"] {
+        let told = told(other);
+        assert!(
+            told.contains("no time in common with the images") && told.contains("100.000 to 100.100 s"),
+            "{told}"
+        );
+    }
+    let of_another_form = told("1.0 0 0\n1.1 0 0 1\n");
+    assert!(of_another_form.contains("groundtruth.txt, line 2: no line is a pose"), "{of_another_form}");
+}
+
+#[test]
+fn openloris_brings_its_calibration_and_millimetres() {
+    let folder = Folder::new();
+    folder.write("color.txt", "#Time\n1.0 color/a.png\n1.1 color/b.png\n");
+    folder.write("aligned_depth.txt", "#Time\n1.0 aligned_depth/a.png\n1.1 aligned_depth/b.png\n");
+    for name in ["a", "b"] {
+        folder.write(&format!("color/{name}.png"), gray_png(8, 6, 0));
+        folder.write(&format!("aligned_depth/{name}.png"), depth_png(8, 6, 1, 2000));
+    }
+    folder.write(
+        "sensors.yaml",
+        "%YAML:1.0\nd400_color_optical_frame:\n   sensor_type: camera\n   fps: 30\n   width: 8\n   height: 6\n   model: pinhole\n   \
+         intrinsics: !!opencv-matrix\n      rows: 1\n      cols: 4\n      dt: d\n      data: [ 7.5e+00, 4.25,\n          7.25, 3.5 ]\n",
+    );
+    let source = opened(&folder, None);
+    let rig = source.rig();
+    let camera = rig.cameras[0].camera;
+    assert_eq!((camera.fx, camera.cx, camera.fy, camera.cy), (7.5, 4.25, 7.25, 3.5));
+    assert_eq!((rig.depth.as_ref().unwrap().metres_per_unit, source.info().assumed.as_ref()), (0.001, None));
+}
+
+#[test]
+fn images_of_a_kind_that_is_not_read_are_named_with_a_way_out() {
+    let folder = Folder::new();
+    (0..3).for_each(|k| drop(folder.write(&format!("{k}.webp"), "RIFF1234WEBPVP8 ")));
+    let told = refused(&folder);
+    assert!(
+        told.contains("0.webp is an image of a kind that is not read") && told.contains("mogrify"),
+        "{told}"
+    );
+    let folder = Folder::new();
+    folder.write("rgb.txt", "1.0 rgb/a.tif\n1.1 rgb/b.tif\n");
+    folder.write("calibration.txt", "7 7 4 3\n");
+    ["a", "b"].iter().for_each(|name| drop(folder.write(&format!("rgb/{name}.tif"), b"II*\0....")));
+    let told = refused(&folder);
+    assert!(told.contains("calibration.txt") && told.contains("a.tif is an image of a kind"), "{told}");
+    folder.write(
+        "rig.toml",
+        cairn_sources::write_rig(&Rig::mono(Camera::pinhole(8, 6, 7.0, 7.0, 4.0, 3.0))).unwrap(),
+    );
+    let told = refused(&folder);
+    assert!(told.contains("a.tif: TIFF, which is not read: JPEG, PNG and BMP are"), "{told}");
+}
+
+#[test]
+fn images_of_two_cameras_in_one_folder_are_told() {
+    let folder = Folder::new();
+    for k in 0..12 {
+        folder.write(&format!("left_{k:04}.png"), gray_png(8, 6, k));
+        folder.write(&format!("right_{k:04}.png"), gray_png(8, 6, k));
+    }
+    let told = opened(&folder, None).skipped().join(" ");
+    assert!(told.contains("names of 2 kinds (left_... and right_...)"), "{told}");
+    let folder = Folder::new();
+    for k in 0..12 {
+        folder.write(&format!("IMG_{k}.png"), gray_png(8, 6, k));
+    }
+    folder.write("cover.png", gray_png(8, 6, 0));
+    assert_eq!(opened(&folder, None).skipped(), [""; 0]);
+}
+
+#[test]
+fn euroc_without_folders_of_data_is_read() {
+    let folder = Folder::new();
+    for camera in ["cam0", "cam1"] {
+        for k in 0..3 {
+            folder.write(
+                &format!("{camera}/{}.png", 1_403_636_580_000_000_000_i64 + 50_000_000 * k),
+                gray_png(8, 6, k as u8),
+            );
+        }
+    }
+    let mut rig = Rig::mono(Camera::pinhole(8, 6, 7.0, 7.0, 4.0, 3.0));
+    let mut second = rig.cameras[0].clone();
+    (second.name, second.body_from_camera.translation.x) = ("cam1".into(), 0.1);
+    rig.cameras.push(second);
+    let all = packets(&mut *opened(&folder, Some(rig)));
+    assert_eq!((all.len(), all[0].images.len(), all[1].stamp - all[0].stamp), (3, 2, 0.05));
+}

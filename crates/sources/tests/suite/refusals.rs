@@ -45,6 +45,19 @@ fn folder_of_recordings_is_refused_with_a_hint() {
 }
 
 #[test]
+fn folders_of_a_pair_are_refused_with_the_layouts_of_pairs() {
+    for [left, right] in [["left", "right"], ["cam_0", "cam_1"], ["camera1", "camera2"]] {
+        let folder = Folder::new();
+        for (name, k) in [(left, 0), (left, 1), (right, 0), (right, 1)] {
+            folder.write(&format!("{name}/{k}.png"), gray_png(8, 6, k));
+        }
+        let text = refused(folder.name());
+        assert!(text.contains(&format!("did you mean {}/{left}?", folder.name())), "{text}");
+        assert!(text.contains("mav0/cam1/data"), "{text}");
+    }
+}
+
+#[test]
 fn two_kinds_in_one_folder_are_refused() {
     let folder = Folder::new();
     folder.write("rgb.txt", "1 a.png\n");

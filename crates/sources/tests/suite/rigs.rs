@@ -4,7 +4,7 @@ use crate::common;
 
 use cairn_geometry::{So3, Vec2, Vec3};
 use cairn_sensor::{Camera, Distortion, Rig};
-use cairn_sources::{read_rig, read_rig_for, write_rig};
+use cairn_sources::{assumed_in, read_rig, read_rig_for, write_rig};
 use common::{Folder, data};
 
 fn refused(text: &str, name: &str) -> String {
@@ -177,6 +177,43 @@ fn old_orbslam_settings_with_rectification() {
     let right_angle = So3::exp(&Vec3::new(0.0, 0.0, -std::f64::consts::FRAC_PI_2));
     assert!((second.translation - Vec3::new(0.0, -47.9 / 435.2, 0.0)).norm() < 1e-12, "{second:?}");
     assert!((second.rotation.inverse() * right_angle).angle() < 1e-9, "{second:?}");
+}
+
+/// Cameras that rectify themselves come with a file of EuRoC's in which only `Camera.*` was changed.
+#[test]
+fn raw_cameras_of_another_pair_are_not_taken_and_it_is_told() {
+    let matrix = |rows: usize, columns: usize, data: &str| {
+        format!("!!opencv-matrix\n  rows: {rows}\n  cols: {columns}\n  dt: d\n  data:[{data}]\n")
+    };
+    let file = |fx: f64, lens: &str, rotation: &str| {
+        let k = matrix(3, 3, "458.6, 0, 367.2, 0, 457.2, 248.3, 0, 0, 1");
+        let [r, d] = [matrix(3, 3, rotation), matrix(1, 5, lens)];
+        let p =
+            |along: &str| matrix(3, 4, &format!("435.2, 0, 367.4, {along}, 0, 435.2, 252.2, 0, 0, 0, 1, 0"));
+        format!(
+            "%YAML:1.0\nCamera.type: \"PinHole\"\nCamera.fx: {fx}\nCamera.fy: {fx}\nCamera.cx: 639.3\nCamera.cy: 412.3\n\
+             Camera.bf: 64.4\nCamera.width: 1280\nCamera.height: 720\nLEFT.width: 752\nLEFT.height: 480\nLEFT.K: {k}LEFT.D: {d}\
+             LEFT.R: {r}LEFT.P: {}RIGHT.K: {k}RIGHT.D: {d}RIGHT.R: {r}RIGHT.P: {}",
+            p("0"),
+            p("-47.9")
+        )
+    };
+    let (lens, none) = ("-0.28, 0.07, 0.0001, 1.7e-05, 0.0", "0, 0, 0, 0, 0, 0, 0, 0, 0");
+    let eye = "1, 0, 0, 0, 1, 0, 0, 0, 1";
+    let folder = Folder::new();
+    for (fx, lens, rotation) in [(859.0, lens, eye), (435.2, "", eye), (435.2, lens, none)] {
+        let path = folder.write("oak.yaml", file(fx, lens, rotation));
+        let rig = read_rig(&path).unwrap();
+        assert_eq!((rig.cameras[0].camera.fx, rig.cameras[0].camera.width), (fx, 1280));
+        assert_eq!(rig.cameras[0].camera.distortion, Distortion::None);
+        assert!((rig.cameras[1].body_from_camera.translation.x - 64.4 / fx).abs() < 1e-12);
+        let told = assumed_in(&path).unwrap();
+        assert!(told.contains("do not belong to its Camera.fx"), "{told}");
+    }
+    let path = folder.write("euroc.yaml", file(435.2, lens, eye));
+    let rig = read_rig(&path).unwrap();
+    assert_eq!((rig.cameras[0].camera.fx, rig.cameras[0].camera.width), (458.6, 752));
+    assert_eq!(assumed_in(&path), None);
 }
 
 #[test]

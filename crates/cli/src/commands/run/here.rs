@@ -7,7 +7,7 @@ use super::played::{self, Played};
 use super::poses::Poses;
 use super::sink::{Here, Run};
 use super::sinks::{Follow, Sinks};
-use super::status::StatusLines;
+use super::status::{StatusLines, Watch};
 use super::tally::Tally;
 use super::{journal, map, mcap, rerun, results, route, source, surface, team, truth, walker};
 use crate::commands::map::attach_doubts;
@@ -67,6 +67,8 @@ pub fn run(a: &Arguments, outputs: &Outputs, output: &Output, began: Instant) ->
     let mut session = Session::new(engine, walker::session_config(a, outputs, live, config.route));
     surface::watch_way(a, &mut session, &rig, sensor.mode())?;
     status.iter_mut().for_each(|lines| lines.update_from(&session));
+    let is_timed = a.realtime || live;
+    let watched = status.as_ref().filter(|_| is_timed).map(|lines| lines.watch(info.rate_hz)).transpose()?;
     sinks.add(status);
     walker::begin(&mut session, a, outputs, map.as_ref())?;
     sinks.at_end(move |ended| journal::end(a, ended));
@@ -95,7 +97,7 @@ pub fn run(a: &Arguments, outputs: &Outputs, output: &Output, began: Instant) ->
         info,
         skips: Skips::default(),
     };
-    let played = run.play(a, source, stamps, &mut script, &mut sinks)?;
+    let played = run.play(a, source, stamps, &mut script, &mut sinks, watched)?;
     results::conclude(a, output, sinks.end(&mut run, played.driven.err().map(Failure::from)))
 }
 
@@ -124,6 +126,7 @@ impl OneProcess {
         stamps: Option<Vec<Stamp>>,
         script: &mut Script,
         sinks: &mut Sinks,
+        watched: Option<Watch>,
     ) -> Result<Played, Failure> {
         let live = is_live(&a.source);
         let terminal = Terminal::new(a.lines, a.realtime || live, a.speaking.language);
@@ -133,7 +136,7 @@ impl OneProcess {
             true => played::live(a, source, session, script, &mut follow)?,
             false => played::recorded(a, source, stamps, session, script, &mut follow),
         };
-        drop(follow);
+        drop((follow, watched));
         self.here.finished = self.here.session.engine_mut().finish();
         self.here.last = self.engine().log().frames().last().map_or(Stamp::default(), |f| f.stamp);
         self.tally.dropped = played.dropped;

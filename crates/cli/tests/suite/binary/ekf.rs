@@ -99,6 +99,45 @@ fn a_robot_of_a_real_log_records_a_route() {
 }
 
 #[test]
+fn a_log_in_other_units_or_signs_is_doubted() {
+    let folder = folder("ekf-units");
+    let csv = folder.join("log.csv");
+    let right = log(&[(10.0, 0.3), (3.0, FRAC_PI_2), (8.0, 0.2), (3.0, FRAC_PI_2), (9.0, -0.4)]);
+    let without_noise = |text: &str| -> String {
+        text.lines().filter(|line| !line.contains(",noise,")).map(|line| format!("{line}\n")).collect()
+    };
+    // The numbers of a line are TIME, kind, then its own.
+    let changed = |kind: &str, column: usize, by: f64| -> String {
+        let line = |line: &str| {
+            let mut words: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if words[1] == kind {
+                words[column] = (words[column].parse::<f64>().unwrap() * by).to_string();
+            }
+            words.join(",") + "\n"
+        };
+        right.lines().map(line).collect()
+    };
+    let told = |text: &str| {
+        std::fs::write(&csv, text).unwrap();
+        let notes = json(&cairn(&["ekf", csv.to_str().unwrap(), "--json"]))["notes"].to_string();
+        notes.contains("contradict each other")
+    };
+    assert!(!told(&right) && !told(&without_noise(&right)));
+    let degrees = 1.0_f64.to_degrees();
+    for (kind, column, by) in [
+        ("range_bearing", 4, degrees),
+        ("range_bearing", 4, -1.0),
+        ("range_bearing", 3, 1000.0),
+        ("travel", 3, degrees),
+        ("travel", 3, -1.0),
+        ("travel", 2, 100.0),
+    ] {
+        assert!(told(&changed(kind, column, by)), "{kind} {column} times {by}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
 fn files_of_mrclam_that_break_off_are_read_to_there_and_it_is_said() {
     let folder = folder("ekf-torn");
     let path = |name: &str| folder.join(name);

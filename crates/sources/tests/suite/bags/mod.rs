@@ -308,17 +308,24 @@ fn cameras_of_ten_bits_are_not_black_and_compressed_metres_are_depth() {
     encoder.set_depth(png::BitDepth::Sixteen);
     let depth: Vec<u8> = (0..32 * 24).flat_map(|_| 3031u16.to_be_bytes()).collect();
     encoder.write_header().unwrap().write_image_data(&depth).unwrap();
+    // The same as RVL, in groups of three bits: none is empty, 768 are full, the first is 3031 more than zero, the others none.
+    let mut groups = vec![0, 8, 8, 12, 1, 14, 13, 14, 11, 1];
+    groups.resize(groups.len() + 767, 0);
+    let mut rvl = [&file[..12], &SIZE[0].to_le_bytes(), &SIZE[1].to_le_bytes()].concat();
+    let word = |groups: &[u32]| (0..8).fold(0, |w, k| w << 4 | groups.get(k).unwrap_or(&0));
+    rvl.extend(groups.chunks(8).flat_map(|groups| word(groups).to_le_bytes()));
     for i in 0..4 {
         let ns = T0 + i * STEP;
         messages.push(image(false, "/cam/image_raw", ns, "cam", SIZE, "mono16", &pixels));
-        let of = "32FC1; compressedDepth png";
-        messages.push(compressed(false, "/depth/image_rect/compressedDepth", ns, "cam", of, &file));
+        let (of, file) =
+            if i < 2 { ("32FC1; compressedDepth png", &file) } else { ("32FC1; compressedDepth rvl", &rvl) };
+        messages.push(compressed(false, "/depth/image_rect/compressedDepth", ns, "cam", of, file));
     }
     let bag = Temporary::new("bits.mcap", &mcap(&messages, "cdr", "lz4", 3));
     let (source, packets) = play(&bag, OpenOptions::default()).unwrap();
     assert_eq!(packets.len(), 4);
     assert_eq!((packets[0].images[0].at(0, 0), packets[0].images[0].at(9, 0)), (128, 255));
-    assert_eq!(packets[0].depth.as_ref().unwrap().at(3, 3), 2500);
+    assert!(packets.iter().all(|p| p.depth.as_ref().unwrap().at(3, 3) == 2500));
     let told = source.skipped().join("; ");
     assert!(told.contains("/cam/image_raw: of the 16 bits of a pixel 10 are in use"), "{told}");
 }
