@@ -8,6 +8,8 @@ use crate::Stamp;
 pub enum SkipKind {
     /// The images of one instant: a frame that counts against coverage.
     Frame,
+    /// The images of one instant, which repeat those before: no frame of its own.
+    Repeat,
     /// A depth image; its frame was delivered without depth.
     Depth,
     /// A reading of the IMU.
@@ -23,6 +25,7 @@ impl SkipKind {
     pub fn name(self) -> &'static str {
         match self {
             Self::Frame => "frame",
+            Self::Repeat => "repeated frame",
             Self::Depth => "depth image",
             Self::Imu => "IMU reading",
             Self::Line => "line",

@@ -167,6 +167,7 @@ pub struct Skip {
 #[serde(remote = "SkipKind")]
 enum Kind {
     Frame,
+    Repeat,
     Depth,
     Imu,
     Line,

@@ -1,6 +1,7 @@
 //! The integration tests of this crate, as one program.
 
 mod bare_walls;
+mod baseline;
 mod delayed;
 mod dense;
 mod first_seconds;
@@ -12,13 +13,18 @@ mod lost_by_depth;
 mod odometry;
 mod resume;
 
-/// The kitchen recording; prints "skipped" where it is missing.
+/// The kitchen recording.
 fn kitchen() -> Option<String> {
+    recording("7scenes-kitchen")
+}
+
+/// A recording; prints "skipped" where it is missing.
+fn recording(name: &str) -> Option<String> {
     let data = std::env::var_os("CAIRN_DATA").map_or_else(
         || std::path::PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")),
         std::path::PathBuf::from,
     );
-    let folder = data.join("7scenes-kitchen");
+    let folder = data.join(name);
     if !folder.exists() {
         println!("skipped: {} is missing", folder.display());
         return None;

@@ -4,6 +4,7 @@
 //! In: the pictures of the first camera, twice a second. Blocks are compared with what they showed at first, without their mean, so that
 //! exposure does not matter.
 
+use super::watch::Watch;
 use cairn_sensor::{FramePacket, GrayImage, Stamp};
 use std::sync::Arc;
 
@@ -48,9 +49,10 @@ impl FixedWatch {
     pub fn new(name: &str) -> Self {
         Self { name: name.to_owned(), ..Self::default() }
     }
+}
 
-    /// Takes a packet; the doubt, once.
-    pub fn packet(&mut self, packet: &FramePacket) -> Option<String> {
+impl Watch for FixedWatch {
+    fn packet(&mut self, packet: &FramePacket) -> Option<String> {
         let is_due = self.last.is_none_or(|last| packet.stamp - last >= APART_S);
         let image = packet.images.first().filter(|_| is_due && !self.is_reported)?;
         self.last = Some(packet.stamp);

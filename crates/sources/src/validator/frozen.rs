@@ -42,6 +42,11 @@ impl FrozenWatch {
         }
     }
 
+    /// Whether the picture is repeated more often than by a source that delivers each several times.
+    pub fn is_frozen(&self) -> bool {
+        self.repeated >= REPEATED
+    }
+
     /// Takes a packet; the doubt, once.
     pub fn packet(&mut self, packet: &FramePacket) -> Option<String> {
         let image = packet.images.get(self.camera)?;
@@ -57,7 +62,7 @@ impl FrozenWatch {
         let seconds = packet.stamp - self.since;
         self.is_stale = self.turned_rad > TURNING_RAD_S * seconds;
         let turns = self.is_stale && self.turned_rad > TURNED_RAD;
-        if self.is_reported || self.repeated < REPEATED || !(turns || seconds > STILL_S) {
+        if self.is_reported || !self.is_frozen() || !(turns || seconds > STILL_S) {
             return None;
         }
         self.is_reported = true;

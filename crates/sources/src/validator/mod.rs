@@ -1,7 +1,8 @@
 //! Plausibility checks of packets as they come: an assumed calibration, implausible IMU data, clocks that are not
-//! synchronised, depth that is missing, in another unit or not registered, pictures that do not change, a pair that is not the
+//! synchronised, depth that is missing, in another unit, not registered or late, pictures that do not change, a pair that is not the
 //! calibrated one, pictures that turn otherwise than the gyroscope. Each doubt is reported once, as text with numbers.
 
+mod delay;
 mod fixed;
 mod frozen;
 mod matched;
@@ -9,12 +10,14 @@ mod pair;
 mod registration;
 mod turns;
 mod unit;
+mod watch;
 
 use cairn_inertial::Readings;
 use cairn_sensor::{
     DepthSensor, FramePacket, ImuSample, ImuSensor, Live, Rig, SkipKind, Skipped, Skips, Source, SourceError,
     SourceInfo, Stamp,
 };
+use delay::DelayWatch;
 use fixed::FixedWatch;
 use frozen::FrozenWatch;
 use pair::PairWatch;
@@ -22,6 +25,7 @@ use registration::RegistrationWatch;
 use std::sync::Arc;
 use turns::TurnWatch;
 use unit::UnitWatch;
+use watch::Watch;
 
 /// Longest plausible time in seconds from an image to the IMU sample after it.
 const MAX_AFTER_S: f64 = 0.05;
@@ -163,16 +167,28 @@ impl DepthWatch {
     }
 }
 
+/// All that may be found in the packets of these sensors, in the order in which it is reported.
+fn watches(rig: &Rig) -> Vec<Box<dyn Watch>> {
+    fn boxed<'a>(watch: impl Watch + 'a) -> Box<dyn Watch + 'a> {
+        Box::new(watch)
+    }
+    let mut all = vec![
+        boxed(FixedWatch::new(rig.cameras.first().map_or("", |c| &c.name))),
+        boxed(UnitWatch::default()),
+        boxed(DelayWatch::default()),
+    ];
+    all.extend(RegistrationWatch::new(rig).map(boxed));
+    all.extend(PairWatch::new(rig).map(boxed));
+    all.extend(TurnWatch::new(rig).map(boxed));
+    all
+}
+
 /// Checks packets as they come, wherever they come from; each doubt is returned once, as text with numbers.
 pub struct PacketValidator {
     imu: Option<(ImuWatch, ImuSensor)>,
     depth: Option<(DepthWatch, DepthSensor)>,
     frozen: Vec<FrozenWatch>,
-    fixed: FixedWatch,
-    unit: UnitWatch,
-    registration: Option<RegistrationWatch>,
-    pair: Option<PairWatch>,
-    turns: Option<TurnWatch>,
+    watches: Vec<Box<dyn Watch>>,
     may_lack_imu: bool,
 }
 
@@ -183,28 +199,19 @@ impl PacketValidator {
             imu: rig.imu.clone().map(|sensor| (ImuWatch::default(), sensor)),
             depth: rig.depth.clone().map(|sensor| (DepthWatch::default(), sensor)),
             frozen: rig.cameras.iter().enumerate().map(|(k, c)| FrozenWatch::new(k, &c.name)).collect(),
-            fixed: FixedWatch::new(rig.cameras.first().map_or("", |c| &c.name)),
-            unit: UnitWatch::default(),
-            registration: RegistrationWatch::new(rig),
-            pair: PairWatch::new(rig),
-            turns: TurnWatch::new(rig),
+            watches: watches(rig),
             may_lack_imu: false,
         }
     }
 
-    /// Takes a packet. Depth is judged after a second, the IMU after ten; the pictures, a pair, the unit of depth and
-    /// its registration at any time.
+    /// Takes a packet. Depth is judged after a second, the IMU after ten, all else at any time.
     pub fn packet(&mut self, packet: &FramePacket) -> Vec<String> {
         let depth_is_seen = self.depth.as_mut().is_some_and(|(watch, _)| watch.packet(packet));
         let imu_is_seen = self.imu.as_mut().is_some_and(|(watch, _)| watch.packet(packet) >= CHECKED_S);
         let depth = if depth_is_seen { self.depth_doubt() } else { None };
         let mut doubts: Vec<String> = depth.into_iter().collect();
         doubts.extend(self.frozen.iter_mut().filter_map(|watch| watch.packet(packet)));
-        doubts.extend(self.fixed.packet(packet));
-        doubts.extend(self.unit.packet(packet));
-        doubts.extend(self.registration.as_mut().and_then(|watch| watch.packet(packet)));
-        doubts.extend(self.pair.as_mut().and_then(|watch| watch.packet(packet)));
-        doubts.extend(self.turns.as_mut().and_then(|watch| watch.packet(packet)));
+        doubts.extend(self.watches.iter_mut().filter_map(|watch| watch.packet(packet)));
         doubts.extend(if imu_is_seen { self.imu_doubts() } else { Vec::new() });
         doubts
     }
@@ -217,6 +224,11 @@ impl PacketValidator {
     /// Whether all pictures of the last packet repeat those of the one before although the IMU turns.
     fn is_stale(&self) -> bool {
         !self.frozen.is_empty() && self.frozen.iter().all(|watch| watch.is_stale)
+    }
+
+    /// Whether a camera delivers its last picture again and again, rather than each a second time.
+    fn is_frozen(&self) -> bool {
+        self.frozen.iter().any(FrozenWatch::is_frozen)
     }
 
     fn depth_doubt(&mut self) -> Option<String> {
@@ -289,9 +301,10 @@ impl Source for Validator {
             }
             self.readings.extend(packet.imu.into_iter().filter(|sample| !sample.is_synthesised()));
             self.readings.drain(..self.readings.len().saturating_sub(MOST_READINGS));
+            let kind = if self.packets.is_frozen() { SkipKind::Frame } else { SkipKind::Repeat };
             let at = format!("at {:.3} s of the source's clock", packet.stamp.seconds());
             let why = "the picture repeats the one before bit by bit, while the IMU turns";
-            self.skips.add(&Skipped::new(SkipKind::Frame, why, at).at(packet.stamp));
+            self.skips.add(&Skipped::new(kind, why, at).at(packet.stamp));
         }
     }
 

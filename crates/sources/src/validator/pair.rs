@@ -8,6 +8,7 @@
 //! the length of the baseline stays open.
 
 use super::matched::matched;
+use super::watch::Watch;
 use cairn_random::Random;
 use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_vision::{Features, OrbConfig, OrbExtractor, RectifiedPair, rectify_pair};
@@ -67,27 +68,6 @@ impl PairWatch {
         })
     }
 
-    /// Takes a packet; the doubt, once.
-    pub fn packet(&mut self, packet: &FramePacket) -> Option<String> {
-        let is_due = self.last.is_none_or(|last| packet.stamp - last >= APART_S);
-        let [left, right, ..] = &packet.images[..] else { return None };
-        if !is_due || self.bad.len() >= LOOKS {
-            return None;
-        }
-        self.last = Some(packet.stamp);
-        let Self { extractors, features, .. } = self;
-        for ((extractor, features), image) in extractors.iter_mut().zip(features).zip([left, right]) {
-            extractor.extract(image, features);
-        }
-        let focal = self.pair.camera.fx;
-        let found = look(&self.matches(), focal)?;
-        let off = off_px(&found, &Shapes::zeros(), focal);
-        if off > OFF_PX && off > 2.0 * off_px(&found, &solve(&found)?, focal) {
-            self.bad.push(found);
-        }
-        if self.bad.len() < LOOKS { None } else { self.words() }
-    }
-
     /// Matches in rectified coordinates of focal length one: left and right.
     fn matches(&self) -> Vec<[[f64; 2]; 2]> {
         let [left, right] = &self.features;
@@ -120,6 +100,28 @@ impl PairWatch {
              use one camera",
             self.names[1], self.names[0]
         ))
+    }
+}
+
+impl Watch for PairWatch {
+    fn packet(&mut self, packet: &FramePacket) -> Option<String> {
+        let is_due = self.last.is_none_or(|last| packet.stamp - last >= APART_S);
+        let [left, right, ..] = &packet.images[..] else { return None };
+        if !is_due || self.bad.len() >= LOOKS {
+            return None;
+        }
+        self.last = Some(packet.stamp);
+        let Self { extractors, features, .. } = self;
+        for ((extractor, features), image) in extractors.iter_mut().zip(features).zip([left, right]) {
+            extractor.extract(image, features);
+        }
+        let focal = self.pair.camera.fx;
+        let found = look(&self.matches(), focal)?;
+        let off = off_px(&found, &Shapes::zeros(), focal);
+        if off > OFF_PX && off > 2.0 * off_px(&found, &solve(&found)?, focal) {
+            self.bad.push(found);
+        }
+        if self.bad.len() < LOOKS { None } else { self.words() }
     }
 }
 

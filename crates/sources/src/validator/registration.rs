@@ -1,5 +1,6 @@
 //! Whether depth that is said to be registered to the first camera's picture is: [`RegistrationCheck`] twice a second, until it knows.
 
+use super::watch::Watch;
 use cairn_sensor::{FramePacket, Rig, Stamp};
 use cairn_vision::RegistrationCheck;
 
@@ -19,9 +20,10 @@ impl RegistrationWatch {
         let depth = rig.depth.as_ref().filter(|depth| depth.registered);
         depth.map(|_| Self { check: RegistrationCheck::default(), last: None })
     }
+}
 
-    /// Takes a packet; the doubt, once.
-    pub fn packet(&mut self, packet: &FramePacket) -> Option<String> {
+impl Watch for RegistrationWatch {
+    fn packet(&mut self, packet: &FramePacket) -> Option<String> {
         let is_due = self.last.is_none_or(|last| packet.stamp - last >= APART_S);
         let (depth, picture) = packet.depth.as_ref().zip(packet.images.first())?;
         if self.check.is_sure() || !is_due {

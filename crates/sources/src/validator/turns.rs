@@ -7,6 +7,7 @@
 //! turns as one turned by 180 degrees about its x or y axis: rotations are pseudovectors.
 
 use super::matched::matched;
+use super::watch::Watch;
 use cairn_geometry::{So3, Vec3, umeyama};
 use cairn_random::Random;
 use cairn_sensor::{Camera, FramePacket, GrayImage, ImuSample, Rig, Stamp};
@@ -82,38 +83,6 @@ impl TurnWatch {
         })
     }
 
-    /// Takes a packet; the doubt, once.
-    pub fn packet(&mut self, packet: &FramePacket) -> Option<String> {
-        if self.turns.len() >= LOOKS {
-            return None;
-        }
-        for reading in &packet.imu {
-            if let Some(before) = self.reading.replace(*reading) {
-                let middle = (before.gyro + reading.gyro) * 0.5;
-                self.turned =
-                    self.turned * So3::exp(&(middle * (reading.stamp - before.stamp).clamp(0.0, 0.1)));
-            }
-        }
-        let image = packet.images.first()?;
-        let since = self.before.as_ref().map_or(f64::INFINITY, |(stamp, _)| packet.stamp - *stamp);
-        let turns = since >= BETWEEN_S[0] && self.turned.angle() >= LEAST_TURN;
-        if !turns && since < BETWEEN_S[1] {
-            return None;
-        }
-        let (now, turned) =
-            ((packet.stamp, image.clone()), std::mem::replace(&mut self.turned, So3::identity()));
-        let (_, before) = self.before.replace(now).filter(|_| turns && since < BETWEEN_S[1])?;
-        if self.last.is_some_and(|last| packet.stamp - last < APART_S)
-            || !turned.log().iter().all(|v| v.is_finite())
-        {
-            return None;
-        }
-        self.last = Some(packet.stamp);
-        let seen = self.between(&before, image)?;
-        self.turns.push([seen.log(), self.camera_from_imu * turned.log()]);
-        if self.turns.len() < LOOKS { None } else { self.words() }
-    }
-
     /// `before_from_now` as two pictures show it.
     fn between(&mut self, before: &GrayImage, now: &GrayImage) -> Option<So3> {
         for (image, features) in [before, now].into_iter().zip(&mut self.features) {
@@ -148,6 +117,39 @@ impl TurnWatch {
             self.name,
             names.join(", or ")
         ))
+    }
+}
+
+impl Watch for TurnWatch {
+    fn packet(&mut self, packet: &FramePacket) -> Option<String> {
+        if self.turns.len() >= LOOKS {
+            return None;
+        }
+        for reading in &packet.imu {
+            if let Some(before) = self.reading.replace(*reading) {
+                let middle = (before.gyro + reading.gyro) * 0.5;
+                self.turned =
+                    self.turned * So3::exp(&(middle * (reading.stamp - before.stamp).clamp(0.0, 0.1)));
+            }
+        }
+        let image = packet.images.first()?;
+        let since = self.before.as_ref().map_or(f64::INFINITY, |(stamp, _)| packet.stamp - *stamp);
+        let turns = since >= BETWEEN_S[0] && self.turned.angle() >= LEAST_TURN;
+        if !turns && since < BETWEEN_S[1] {
+            return None;
+        }
+        let (now, turned) =
+            ((packet.stamp, image.clone()), std::mem::replace(&mut self.turned, So3::identity()));
+        let (_, before) = self.before.replace(now).filter(|_| turns && since < BETWEEN_S[1])?;
+        if self.last.is_some_and(|last| packet.stamp - last < APART_S)
+            || !turned.log().iter().all(|v| v.is_finite())
+        {
+            return None;
+        }
+        self.last = Some(packet.stamp);
+        let seen = self.between(&before, image)?;
+        self.turns.push([seen.log(), self.camera_from_imu * turned.log()]);
+        if self.turns.len() < LOOKS { None } else { self.words() }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Depth that changes its unit between two images: all depths are many times what they were, and the scene is the same.
 
+use super::watch::Watch;
 use cairn_sensor::{DepthImage, FramePacket, Stamp};
 use std::sync::Arc;
 
@@ -25,9 +26,8 @@ pub(super) struct UnitWatch {
     is_reported: bool,
 }
 
-impl UnitWatch {
-    /// Takes a packet; the doubt, once.
-    pub fn packet(&mut self, packet: &FramePacket) -> Option<String> {
+impl Watch for UnitWatch {
+    fn packet(&mut self, packet: &FramePacket) -> Option<String> {
         let depth = packet.depth.as_ref().filter(|_| !self.is_reported)?;
         let first = *self.first.get_or_insert(packet.stamp);
         let (before, last) = self.last.replace((packet.stamp, depth.clone()))?;

@@ -33,11 +33,16 @@ pub fn of(r: &RunReport) -> Vec<String> {
     if r.dropped > 0 {
         all.push(format!("Processing was slower than the camera: {} frames were dropped.", r.dropped));
     }
+    let metres = r.scale.iter().find_map(wrong_metres);
     if r.standing.imu.as_ref().is_some_and(|imu| !imu.initialised) {
-        all.push("The IMU was never initialised: scale and gravity are not known from it.".to_owned());
+        let why = match metres {
+            Some(_) => "its metres are not those of the map",
+            None => "scale and gravity are not known from it",
+        };
+        all.push(format!("The IMU was never initialised: {why}."));
     }
     all.extend(r.standing.imu.as_ref().and_then(without_imu));
-    all.extend(r.scale.iter().find_map(wrong_metres));
+    all.extend(metres);
     for s in r.skips.iter().filter(|s| s.what != "frame") {
         let what = match s.what.as_str() {
             "other" => "The source reports".to_owned(),

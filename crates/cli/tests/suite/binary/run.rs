@@ -178,6 +178,38 @@ fn a_recording_fails_when_under_half_of_its_frames_have_a_pose_however_short_it_
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+/// Each picture of the recording has a second line in its index, half a frame later.
+#[test]
+fn a_recording_that_gives_each_picture_twice_has_a_pose_for_each_picture_and_counts_the_repeats() {
+    let folder = folder("run-doubled");
+    let recording = folder.join("recording");
+    let out = recording.to_str().unwrap();
+    let world = "corridor?duration=6&start=14&rate=10&resolution=320x240&sensor=mono-imu";
+    let written = cairn(&["sim", world, "--out", out]);
+    assert_eq!(written.status.code(), Some(0), "{}", stderr(&written));
+    let index = recording.join("mav0/cam0/data.csv");
+    let lines = std::fs::read_to_string(&index).unwrap();
+    let twice = lines.lines().map(|line| match line.split_once(',') {
+        Some((stamp, file)) if !line.starts_with('#') => {
+            format!("{line}\n{},{file}\n", stamp.parse::<u64>().unwrap() + 50_000_000)
+        }
+        _ => format!("{line}\n"),
+    });
+    std::fs::write(&index, twice.collect::<String>()).unwrap();
+    let pictures = lines.lines().filter(|line| !line.starts_with('#')).count();
+    let output = cairn(&["run", out, "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let report = json(&output);
+    let number = |of: &serde_json::Value| of.as_u64().unwrap_or_default() as usize;
+    assert_eq!((&report["skipped"], &report["coverage"]), (&0.into(), &1.0.into()), "{report}");
+    let skips = report["skips"].as_array().expect("what was left out");
+    let repeats = skips.iter().find(|skip| skip["what"] == "repeated frame").expect("repeats");
+    let repeats = number(&repeats["count"]);
+    assert_eq!(number(&report["tracked"]) + repeats, 2 * pictures, "{report}");
+    assert!(4 * repeats > 3 * pictures, "{repeats} of {pictures}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 #[test]
 fn realtime_run_is_replayed_and_events_are_written() {
     let folder = folder("run-journal");
