@@ -9,8 +9,9 @@ use cairn_sensor::{DepthImage, FramePacket, GrayImage, Stamp};
 use nalgebra::{Matrix2, Vector2};
 use std::collections::VecDeque;
 
-/// Columns of the small images.
+/// Columns of the small images, and pixels along an edge of a block that are looked at: all of them would be a fourth of a run.
 const COLUMNS: usize = 40;
+const SAMPLES: usize = 4;
 /// Images that one look correlates, and new ones before the next.
 const WINDOW: usize = 60;
 const NEW: usize = 30;
@@ -27,7 +28,7 @@ const LAST: usize = 10;
 /// A motion counts as so many times the middle one at most: where something comes near, all of the image seems to jump.
 const MOST_MOTION: f64 = 4.0;
 
-/// An image made small: means of blocks, none where less than half of one is known.
+/// An image made small: means of blocks, none where less than half of what was looked at is known.
 #[derive(Clone, Debug, Default)]
 struct Small {
     width: usize,
@@ -127,16 +128,18 @@ fn of_depth(image: &DepthImage) -> Small {
 
 fn small<R: Iterator<Item = Option<f64>>>([width, height]: [usize; 2], row: impl Fn(usize) -> R) -> Small {
     let side = width.div_ceil(COLUMNS).max(1);
+    let apart = (side / SAMPLES).max(1);
     let (width, height) = (width / side, height / side);
-    let mut sums = vec![(0.0, 0); width * height];
-    for y in 0..height * side {
-        for (x, value) in row(y).take(width * side).enumerate() {
-            let (sum, known) = &mut sums[y / side * width + x / side];
+    let mut sums = vec![(0.0, 0, 0); width * height];
+    for y in (0..height * side).step_by(apart) {
+        for (x, value) in row(y).take(width * side).enumerate().step_by(apart) {
+            let (sum, known, all) = &mut sums[y / side * width + x / side];
             *sum += value.unwrap_or(0.0);
             *known += usize::from(value.is_some());
+            *all += 1;
         }
     }
-    let mean = |(sum, known): (f64, usize)| (2 * known >= side * side).then(|| sum / known as f64);
+    let mean = |(sum, known, all): (f64, usize, usize)| (2 * known >= all).then(|| sum / known as f64);
     Small { width, blocks: sums.into_iter().map(mean).collect() }
 }
 
