@@ -2,6 +2,7 @@
 
 use cairn_files::yaml::{self, Node};
 use cairn_geometry::Se2;
+use std::f64::consts::TAU;
 use std::path::PathBuf;
 
 /// How pixels are converted to occupancy.
@@ -54,6 +55,9 @@ pub fn read_description(text: &str) -> Result<Description, (usize, String)> {
         Some([x, y, yaw]) => [finite("origin", x)?, finite("origin", y)?, finite("origin", yaw)?],
         _ => return Err((origin.line, "`origin` needs three numbers: x, y and yaw".to_owned())),
     };
+    if yaw.abs() > TAU {
+        return Err((origin.line, format!("the yaw of `origin` is in radians: is {yaw} in degrees?")));
+    }
     let description = Description {
         image: PathBuf::from(name),
         resolution_m: number("resolution")?,

@@ -185,6 +185,7 @@ fn wrong_map_files_say_what_is_wrong() {
         ("resolution: 0.1", "resolution: -0.1", "resolution of -0.1 m"),
         ("[0, 0, 0]", "[0, 0]", "three numbers"),
         ("[0, 0, 0]", "[0, inf, 0]", "`origin`"),
+        ("[0, 0, 0]", "[0, 0, 90]", "is 90 in degrees?"),
         ("negate: 0", "negate: 7", "negate"),
         ("negate: 0", "negate 0", "line "),
         ("negate: 0", "image: c", "twice"),
