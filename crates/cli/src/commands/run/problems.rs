@@ -127,6 +127,21 @@ mod tests {
     }
 
     #[test]
+    fn an_imu_that_contradicts_the_metres_is_not_said_to_know_none() {
+        let said = |metres_by_imu| {
+            let scale = ScaleReport { metric: true, metres_by_imu, ..ScaleReport::default() };
+            let mut r = RunReport { scale: vec![scale], ..RunReport::default() };
+            r.standing.imu = Some(ImuSummary::default());
+            of(&r)
+        };
+        let none = said(None);
+        assert!(matches!(&none[..], [one] if one.contains("are not known from it")), "{none:?}");
+        let other = said(Some(0.1));
+        assert!(other[0].ends_with("its metres are not those of the map."), "{other:?}");
+        assert!(other[1].starts_with("By the IMU the map is 10 times too large"), "{other:?}");
+    }
+
+    #[test]
     fn an_imu_that_failed_is_told() {
         let fault = |from_s, until_s| ImuFaultSummary { from_s, until_s, words: "why".into() };
         let told = |faults| without_imu(&ImuSummary { faults, ..ImuSummary::default() });
