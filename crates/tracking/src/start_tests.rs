@@ -1,4 +1,4 @@
-//! What tracking does around a start, on synthetic maps: frames that wait for a map, and a view that goes on behind a blank one.
+//! What tracking does around a start, on synthetic maps: frames that wait for a map, and a map that begins behind a blank view.
 
 use crate::synthetic::{World, mono, off, pose, sideways, stereo};
 use crate::tests::{STEP_S, now, step, tracker, tracker_at_end};
@@ -46,11 +46,11 @@ fn frames_that_waited_for_a_map_get_their_poses_once_it_is_there() {
 }
 
 #[test]
-fn what_is_seen_behind_a_blank_view_enters_the_map_where_the_camera_must_be() {
+fn behind_a_blank_view_a_map_begins_where_a_steady_motion_leads_and_says_how_uncertain_that_is() {
     let (world, behind) = (World::around(stereo(), 42), World::around(stereo(), 43));
     let (atlas, ids) = world.exact_map(&sideways(6, 0.2));
     let truth = |k: f64| pose(1.0 - 0.03 * k, 0.0, 0.004 * k);
-    for (few, expected) in [(100, true), (usize::MAX, false)] {
+    for few in [100, usize::MAX] {
         let (mut tracker, from_s) = tracker_at_end(&world, &atlas, &ids);
         // The view runs out of features while it is tracked.
         let mut sparse = World::around(stereo(), 42);
@@ -62,21 +62,19 @@ fn what_is_seen_behind_a_blank_view_enters_the_map_where_the_camera_must_be() {
                 sparse.keep(&view.points[..few]);
             }
         }
-        // A third of a second later another world is in view.
-        let view = behind.see(&truth(19.0), from_s + STEP_S * 19.0);
-        let bridged = tracker.bridge(&now(&view.frame, atlas.latest()));
-        assert_eq!(bridged.is_some(), expected, "after {few} features");
-        let Some(request) = bridged else { continue };
-        let KeyFrameRequest::Next { frame, anchored, landmarks, .. } = request else { panic!("{request:?}") };
-        assert!(Arc::ptr_eq(&frame, &view.frame) && landmarks.iter().all(Option::is_none));
-        let (metres, radians) = off(&anchored.world_from_camera, &truth(19.0));
-        assert!(
-            metres < 0.01 && radians < 0.01,
-            "{metres} m, {radians} rad from where a steady motion leads"
-        );
-        let late = behind.see(&truth(39.0), from_s + STEP_S * 39.0);
-        tracker.lose(&now(&late.frame, atlas.latest()), 0);
-        let later = behind.see(&truth(45.0), from_s + STEP_S * 45.0);
-        assert!(tracker.bridge(&now(&later.frame, atlas.latest())).is_none());
+        // More than half a second later another world is in view: nothing relates it to what was seen before.
+        let view = behind.see(&truth(29.0), from_s + STEP_S * 29.0);
+        tracker.lose(&now(&view.frame, atlas.latest()), 0);
+        let request = tracker.begin_new_map(&now(&view.frame, atlas.latest()));
+        let Some(KeyFrameRequest::First { frame, relocation_prior: Some(prior), .. }) = request else {
+            panic!("{request:?}")
+        };
+        assert!(Arc::ptr_eq(&frame, &view.frame));
+        let led_to = if few == 100 { truth(29.0) } else { truth(12.0) };
+        let (metres, radians) = off(&prior.anchored.world_from_camera, &led_to);
+        assert!(metres < 0.02 && radians < 0.02, "{metres} m, {radians} rad from there after {few} features");
+        // Somebody may have turned in the meantime.
+        let blind_s = STEP_S * 17.0;
+        assert!(prior.sigma_rad > 1.0 * blind_s && prior.sigma > 1.0 * blind_s, "{prior:?}");
     }
 }

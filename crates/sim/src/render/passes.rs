@@ -17,21 +17,26 @@ pub(crate) fn run(seen: &mut Visibility, setups: &[Setup], textures: &[&Texture]
         }
         return;
     }
-    all(seen, setups, textures, grey);
+    all::<false>(seen, setups, textures, grey);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn wide(seen: &mut Visibility, setups: &[Setup], textures: &[&Texture], grey: &mut [u16]) {
-    all(seen, setups, textures, grey);
+    all::<true>(seen, setups, textures, grey);
 }
 
 #[inline(always)]
-pub(crate) fn all(seen: &mut Visibility, setups: &[Setup], textures: &[&Texture], grey: &mut [u16]) {
+pub(crate) fn all<const AVX2: bool>(
+    seen: &mut Visibility,
+    setups: &[Setup],
+    textures: &[&Texture],
+    grey: &mut [u16],
+) {
     seen.clear();
     for (i, s) in setups.iter().enumerate() {
         seen.draw(s, i as u32 + 1);
     }
-    shade::shade(seen, setups, textures, grey);
+    shade::shade::<AVX2>(seen, setups, textures, grey);
     edges::smooth(seen, setups, textures, grey);
 }

@@ -70,7 +70,13 @@ impl Filter {
 
     /// Looks up a block; the result is 256 times the grey level.
     #[inline(always)]
-    pub fn block(&self, texture: &Texture, u: &[f32; BLOCK], v: &[f32; BLOCK], out: &mut [i32; BLOCK]) {
+    pub fn block<const AVX2: bool>(
+        &self,
+        texture: &Texture,
+        u: &[f32; BLOCK],
+        v: &[f32; BLOCK],
+        out: &mut [i32; BLOCK],
+    ) {
         *out = [0; BLOCK];
         let tap_weight = WEIGHT_ONE / self.taps;
         let rest = WEIGHT_ONE - tap_weight * self.taps;
@@ -79,9 +85,11 @@ impl Filter {
             let k = tap as f32 - 0.5 * (self.taps - 1) as f32;
             let (su, sv) = (k * self.step.0, k * self.step.1);
             let coarse = weight * self.next / WEIGHT_ONE;
-            bilinear(&texture.levels[self.level], self.level, u, v, (su, sv), weight - coarse, out);
+            let shift = (su, sv);
+            bilinear::<AVX2>(&texture.levels[self.level], self.level, u, v, shift, weight - coarse, out);
             if coarse > 0 {
-                bilinear(&texture.levels[self.level + 1], self.level + 1, u, v, (su, sv), coarse, out);
+                let next = self.level + 1;
+                bilinear::<AVX2>(&texture.levels[next], next, u, v, shift, coarse, out);
             }
         }
         for o in out.iter_mut() {
@@ -90,9 +98,65 @@ impl Filter {
     }
 }
 
+impl Level {
+    /// Two texels beside each other in the low bytes, of the upper and of the lower row, at places in 1/256 texels; 0 outside.
+    #[inline(always)]
+    fn pairs<const AVX2: bool>(&self, px: &[i32; BLOCK], py: &[i32; BLOCK]) -> ([i32; BLOCK], [i32; BLOCK]) {
+        #[cfg(target_arch = "x86_64")]
+        if AVX2 {
+            #[allow(unsafe_code)]
+            // SAFETY: only the passes that were compiled for AVX2, on a processor that has it, ask for it.
+            return unsafe { self.pairs_avx2(px, py) };
+        }
+        let (mut upper, mut lower) = ([0; BLOCK], [0; BLOCK]);
+        for i in 0..BLOCK {
+            let o = (py[i] >> 8) as usize * self.stride + (px[i] >> 8) as usize;
+            if let Some(t) = self.texels.get(o..o + self.stride + 2) {
+                upper[i] = i32::from(u16::from_le_bytes([t[0], t[1]]));
+                lower[i] = i32::from(u16::from_le_bytes([t[self.stride], t[self.stride + 1]]));
+            }
+        }
+        (upper, lower)
+    }
+
+    /// As [`Level::pairs`], eight at once; above the pair each has two more texels.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    #[inline]
+    #[allow(unsafe_code)]
+    fn pairs_avx2(&self, px: &[i32; BLOCK], py: &[i32; BLOCK]) -> ([i32; BLOCK], [i32; BLOCK]) {
+        use std::arch::x86_64::{
+            __m256i, _mm256_add_epi32, _mm256_and_si256, _mm256_cmpgt_epi32, _mm256_loadu_si256,
+            _mm256_mask_i32gather_epi32, _mm256_mullo_epi32, _mm256_set1_epi32, _mm256_setzero_si256,
+            _mm256_srai_epi32, _mm256_storeu_si256,
+        };
+        let (mut upper, mut lower) = ([0; BLOCK], [0; BLOCK]);
+        // Four bytes are read from each row: that is two more than the pair, which a level has added at its end.
+        let end = self.texels.len() as i32 - self.stride as i32 - 3;
+        let (least, end) = (_mm256_set1_epi32(-1), _mm256_set1_epi32(end));
+        let (none, stride) = (_mm256_setzero_si256(), _mm256_set1_epi32(self.stride as i32));
+        for i in (0..BLOCK).step_by(8) {
+            // SAFETY: eight values are left in each array. What is gathered lies between the first and the last texel: elsewhere the
+            // mask is not set, and nothing is read.
+            unsafe {
+                let x = _mm256_srai_epi32::<8>(_mm256_loadu_si256(px[i..].as_ptr().cast::<__m256i>()));
+                let y = _mm256_srai_epi32::<8>(_mm256_loadu_si256(py[i..].as_ptr().cast::<__m256i>()));
+                let o = _mm256_add_epi32(_mm256_mullo_epi32(y, stride), x);
+                let inside = _mm256_and_si256(_mm256_cmpgt_epi32(o, least), _mm256_cmpgt_epi32(end, o));
+                let first = self.texels.as_ptr();
+                let above = _mm256_mask_i32gather_epi32::<1>(none, first.cast(), o, inside);
+                let below = _mm256_mask_i32gather_epi32::<1>(none, first.add(self.stride).cast(), o, inside);
+                _mm256_storeu_si256(upper[i..].as_mut_ptr().cast::<__m256i>(), above);
+                _mm256_storeu_si256(lower[i..].as_mut_ptr().cast::<__m256i>(), below);
+            }
+        }
+        (upper, lower)
+    }
+}
+
 /// Adds one bilinear lookup of a level to each pixel of a block.
 #[inline(always)]
-fn bilinear(
+fn bilinear<const AVX2: bool>(
     level: &Level,
     index: usize,
     u: &[f32; BLOCK],
@@ -113,21 +177,11 @@ fn bilinear(
         px[i] = (x + MAGIC).to_bits() as i32 - MAGIC.to_bits() as i32;
         py[i] = (y + MAGIC).to_bits() as i32 - MAGIC.to_bits() as i32;
     }
-    let stride = level.stride;
-    let mut quad = [[0u8; BLOCK]; 4];
-    for i in 0..BLOCK {
-        let o = (py[i] >> 8) as usize * stride + (px[i] >> 8) as usize;
-        if let Some(t) = level.texels.get(o..o + stride + 2) {
-            quad[0][i] = t[0];
-            quad[1][i] = t[1];
-            quad[2][i] = t[stride];
-            quad[3][i] = t[stride + 1];
-        }
-    }
+    let (upper, lower) = level.pairs::<AVX2>(&px, &py);
     for i in 0..BLOCK {
         let (fx, fy) = (px[i] & 255, py[i] & 255);
-        let (a, b) = (i32::from(quad[0][i]), i32::from(quad[1][i]));
-        let (c, d) = (i32::from(quad[2][i]), i32::from(quad[3][i]));
+        let (a, b) = (upper[i] & 255, upper[i] >> 8 & 255);
+        let (c, d) = (lower[i] & 255, lower[i] >> 8 & 255);
         let top = (a << 8) + (b - a) * fx;
         let bottom = (c << 8) + (d - c) * fx;
         let value = ((top << 8) + (bottom - top) * fy) >> 8;

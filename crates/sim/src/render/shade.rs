@@ -10,7 +10,12 @@ const NOTHING: u16 = 200 << 8;
 
 /// Shades the whole image into 256 times the grey level.
 #[inline(always)]
-pub(crate) fn shade(seen: &Visibility, setups: &[Setup], textures: &[&Texture], out: &mut [u16]) {
+pub(crate) fn shade<const AVX2: bool>(
+    seen: &Visibility,
+    setups: &[Setup],
+    textures: &[&Texture],
+    out: &mut [u16],
+) {
     for y in 0..seen.height {
         let row = y * seen.width;
         let faces = &seen.face[row..row + seen.width];
@@ -28,7 +33,8 @@ pub(crate) fn shade(seen: &Visibility, setups: &[Setup], textures: &[&Texture], 
                 line[x..end].fill(NOTHING);
             } else {
                 let setup = &setups[id as usize - 1];
-                block(setup, textures[setup.texture], (x, y), &depths[x..end], &mut line[x..end]);
+                let texture = textures[setup.texture];
+                block::<AVX2>(setup, texture, (x, y), &depths[x..end], &mut line[x..end]);
             }
             x = end;
         }
@@ -36,7 +42,13 @@ pub(crate) fn shade(seen: &Visibility, setups: &[Setup], textures: &[&Texture], 
 }
 
 #[inline(always)]
-fn block(setup: &Setup, texture: &Texture, (x, y): (usize, usize), depths: &[f32], out: &mut [u16]) {
+fn block<const AVX2: bool>(
+    setup: &Setup,
+    texture: &Texture,
+    (x, y): (usize, usize),
+    depths: &[f32],
+    out: &mut [u16],
+) {
     let mut inverse = [1f32; BLOCK];
     inverse[..depths.len()].copy_from_slice(depths);
     let (xf, yf) = (x as f64, y as f64);
@@ -51,7 +63,7 @@ fn block(setup: &Setup, texture: &Texture, (x, y): (usize, usize), depths: &[f32
     let middle = depths.len() / 2;
     let filter = footprint(setup, texture, u[middle], v[middle], inverse[middle]);
     let mut grey = [0i32; BLOCK];
-    filter.block(texture, &u, &v, &mut grey);
+    filter.block::<AVX2>(texture, &u, &v, &mut grey);
     for (o, g) in out.iter_mut().zip(&grey) {
         *o = *g as u16;
     }

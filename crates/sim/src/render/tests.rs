@@ -113,7 +113,7 @@ fn avx2_and_portable_builds_agree() {
     let (mut a, mut b) = (Visibility::new(640, 480), Visibility::new(640, 480));
     let (mut grey_a, mut grey_b) = (vec![0; 640 * 480], vec![0; 640 * 480]);
     passes::run(&mut a, &setups, &textures, &mut grey_a);
-    passes::all(&mut b, &setups, &textures, &mut grey_b);
+    passes::all::<false>(&mut b, &setups, &textures, &mut grey_b);
     assert_eq!(grey_a, grey_b);
     assert_eq!(a.inverse_depth, b.inverse_depth);
 }

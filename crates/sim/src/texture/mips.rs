@@ -3,7 +3,7 @@
 //! Level 0 texel `i` covers `i..i+1` texel units; level `l` texel `i` covers `i * 2^l .. (i + 1) * 2^l`, so a
 //! point keeps its place at every level and only its sharpness changes.
 
-/// One level: `(width + 2) * (height + 2)` bytes, border included.
+/// One level: `(width + 2) * (height + 2)` texels, border included.
 #[derive(Clone, Debug)]
 pub(crate) struct Level {
     /// Width without border, in texels.
@@ -12,7 +12,7 @@ pub(crate) struct Level {
     pub height: usize,
     /// Bytes from row to row.
     pub stride: usize,
-    /// The texels, border included.
+    /// The texels, border included, and two bytes more: four are read at once.
     pub texels: Vec<u8>,
 }
 
@@ -44,7 +44,7 @@ impl Texture {
 impl Level {
     fn bordered(width: usize, height: usize, inner: &[u8]) -> Self {
         let stride = width + 2;
-        let mut texels = vec![0u8; stride * (height + 2)];
+        let mut texels = vec![0u8; stride * (height + 2) + 2];
         for y in 0..height + 2 {
             let source = y.clamp(1, height) - 1;
             let row = &inner[source * width..(source + 1) * width];

@@ -93,7 +93,7 @@ impl Tracker {
     /// Begins a new map when tracking has been lost for a while. Nothing is discarded: the previous map stays and can
     /// be recognised later. The new map begins at the last known pose, with an uncertainty that grows with the time
     /// since.
-    pub(super) fn begin_new_map(&mut self, now: &Now) -> Option<KeyFrameRequest> {
+    pub(crate) fn begin_new_map(&mut self, now: &Now) -> Option<KeyFrameRequest> {
         let frame = now.frame;
         self.start.wait(frame);
         let since = self.clock.located.max(self.clock.map_created)?;

@@ -1,7 +1,6 @@
-//! Too few matches: the IMU or another measured motion carries the pose for a while (coasting), a short blank view (a plain wall) is
-//! bridged by the motion model, and after that tracking is lost.
+//! Too few matches: the IMU or another measured motion carries the pose for a while (coasting), and after that tracking is lost.
 
-use super::{BLANK_S, Miss, Now, Tracker};
+use super::{Miss, Now, Tracker};
 use crate::on_the_spot::PureRotation;
 use crate::reckoned::Estimate;
 use crate::state::{AnchoredPose, Evidence, KeyFrameRequest, Last, State, Tracked, anchored_at};
@@ -94,23 +93,6 @@ impl Tracker {
 
     fn at_last_reference(&self, now: &Now, world_from_camera: &Se3) -> Option<AnchoredPose> {
         anchored_at(now.snapshot, self.last.as_ref()?.reference(now.snapshot)?, *world_from_camera)
-    }
-
-    /// Bridges a blank view: once features with depth are seen again, they enter the map at the pose that the motion
-    /// model predicts across the gap. The frame itself counts as lost; the next ones are tracked from it. Only where
-    /// the view had run out of features: after a sudden motion, constant velocity is not a sound assumption.
-    pub(crate) fn bridge(&mut self, now: &Now) -> Option<KeyFrameRequest> {
-        let (last, frame) = (self.last.as_ref()?, now.frame);
-        let is_blank = self.setup.camera.has_depth() && self.setup.is_blank(&last.frame);
-        let is_short = self.clock.is_recent(frame.stamp, BLANK_S);
-        if !is_blank || !is_short || self.setup.usable(frame) < self.setup.need_of_new() {
-            return None;
-        }
-        let moved = self.priors.velocity.over(frame.stamp - last.frame.stamp)?;
-        let anchored = self.at_last_reference(now, &(last.anchored.world_from_camera * moved))?;
-        self.begin_key_frame(now, anchored);
-        let imu = self.priors.take_segment(frame.stamp);
-        Some(KeyFrameRequest::carried(frame.clone(), anchored, imu, false))
     }
 
     /// The pose of a frame is not known.

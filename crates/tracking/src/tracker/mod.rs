@@ -40,7 +40,7 @@ use waiting::MapStart;
 /// Seconds without a pose up to which matches are still searched around the pose predicted by the motion
 /// model.
 const BRIDGE_S: f64 = 0.6;
-/// Longest blank view, in seconds, across which the motion model may place what is seen next.
+/// Longest blank view, in seconds, across which the motion model guesses where a new map begins.
 const BLANK_S: f64 = 1.0;
 
 /// The tracking stage.
@@ -252,10 +252,10 @@ impl Tracker {
         self.priors.remember_depth(now.snapshot, tracked, is_elsewhere, enough);
     }
 
-    /// Decides whether a map begins with the frame, or what was lost is bridged: where tracking or the unit of length is lost.
+    /// Decides whether a map begins with the frame: where tracking or the unit of length is lost.
     fn decide(&mut self, now: &Now, mapping: bool, tracked: &mut Tracked) {
         match (self.mode.is_lost(), mapping) {
-            (true, true) => tracked.request = self.bridge(now).or_else(|| self.begin_new_map(now)),
+            (true, true) => tracked.request = self.begin_new_map(now),
             (true, false) => {}
             (false, true) if self.unit.is_lost() => {
                 tracked.request = self.begin_with_own_scale(now).or(tracked.request.take());
