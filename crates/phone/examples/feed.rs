@@ -67,7 +67,7 @@ fn setup(source: &dyn Source) -> Setup {
         pinhole: known.then_some([camera.fx, camera.fy, camera.cx, camera.cy]),
         distortion,
         motion: rig.imu.is_some(),
-        phone: None,
+        phone: (!known && rig.imu.is_some()).then(|| "unknown".into()),
         library: Library { folder: "routes".into(), ..Library::default() },
     }
 }

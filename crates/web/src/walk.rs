@@ -100,6 +100,7 @@ fn begin(
             knowledge = LensKnowledge::of(is_certain, has_imu).filter(|_| !is_given);
             // Phones expose row after row, each type with a time of its own.
             config.tracker.estimate_readout |= has_imu;
+            config.tracker.clocks_by_flow |= has_imu && !is_given;
             let to_pages = hub.clone();
             let watched =
                 Validator::new(Box::new(phone), move |doubt| to_pages.broadcast(&ToPage::Doubt(doubt)))

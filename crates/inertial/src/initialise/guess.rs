@@ -4,8 +4,9 @@
 //! velocities are not unknowns here: with the visual rotations, the position at each key frame is linear in the first
 //! position and velocity, gravity, scale and the accelerometer's bias.
 
+use super::link::Link;
 use super::problem::Problem;
-use crate::{Bias, Gravity, Preintegrated};
+use crate::{Bias, Gravity};
 use cairn_geometry::{Manifold, Mat3, So3, Vec3};
 use cairn_sensor::GRAVITY_M_S2;
 use nalgebra::{Cholesky, SMatrix, SVector};
@@ -25,17 +26,17 @@ pub struct Guess {
 }
 
 /// The gyro bias that best explains the visual rotations.
-pub fn gyro_bias(rotations: &[So3], links: &mut [Preintegrated], iterations: usize) -> Vec3 {
+pub fn gyro_bias(rotations: &[So3], links: &mut [Link], iterations: usize) -> Vec3 {
     let mut bias = Bias::default();
     for _ in 0..iterations {
         let (mut h, mut b) = (Mat3::identity() * 1e-12, Vec3::zeros());
         for (pair, link) in rotations.windows(2).zip(links.iter_mut()) {
             link.reintegrate(bias);
-            let (turn, ..) = link.gained(&bias);
+            let (turn, ..) = link.sum().gained(&bias);
             let residual = (turn.inverse() * pair[0].inverse() * pair[1]).log();
             let by_bias = -(So3::right_jacobian_inverse(&residual)
                 * So3::exp(&-residual).matrix()
-                * link.sums().rotation_by_gyro);
+                * link.sum().sums().rotation_by_gyro);
             h += by_bias.transpose() * by_bias;
             b += by_bias.transpose() * residual;
         }
@@ -58,7 +59,7 @@ struct Integrated {
     place_by_bias: Mat3,
 }
 
-fn integrated(rotations: &[So3], links: &[Preintegrated]) -> Vec<Integrated> {
+fn integrated(rotations: &[So3], links: &[Link]) -> Vec<Integrated> {
     let mut out = vec![Integrated {
         seconds: 0.0,
         velocity: Vec3::zeros(),
@@ -68,7 +69,7 @@ fn integrated(rotations: &[So3], links: &[Preintegrated]) -> Vec<Integrated> {
     }];
     for (rotation, link) in rotations.iter().zip(links) {
         let last = &out[out.len() - 1];
-        let (r, t, sums) = (rotation.matrix(), link.seconds(), link.sums());
+        let (r, t, sums) = (rotation.matrix(), link.sum().seconds(), link.sum().sums());
         out.push(Integrated {
             seconds: last.seconds + t,
             velocity: last.velocity + r * sums.velocity,

@@ -8,7 +8,7 @@
 use super::chain::{Chain, Shared};
 use super::estimate::{Initial, tilt_sigma};
 use super::guess::{self, Guess};
-use super::problem::{NORM_SIGMA, Problem, State, worse};
+use super::problem::{NORM_SIGMA, Problem, State};
 use super::unmodelled;
 use cairn_geometry::Vec3;
 use cairn_sensor::GRAVITY_M_S2;
@@ -96,7 +96,7 @@ fn fit_imu_noise(problem: &mut Problem, (mut cost, mut state): (f64, State)) -> 
             break;
         }
         problem.noise_times = [0, 1].map(|i| problem.noise_times[i] * times[i]);
-        problem.links = problem.links.iter().map(|link| worse(link, times)).collect();
+        problem.links = problem.links.iter().map(|link| link.worse(times)).collect();
         (cost, state) = descend(problem, state)?;
     }
     Some((cost, state))
@@ -111,7 +111,7 @@ fn surprise(problem: &mut Problem, cost: f64, state: &State) -> Option<f64> {
     let mut measured = 0.0;
     for link in &problem.links {
         // Of the whitening, the inverse of the covariance's root.
-        measured -= link.motion_whitening()?.diagonal().iter().map(|x| x.abs().ln()).sum::<f64>();
+        measured -= link.white()?.diagonal().iter().map(|x| x.abs().ln()).sum::<f64>();
     }
     Some(cost + half_log_det + seen + measured)
 }

@@ -14,6 +14,7 @@ mod estimate;
 mod gates;
 mod guess;
 mod input;
+mod link;
 mod map;
 mod problem;
 mod unmodelled;

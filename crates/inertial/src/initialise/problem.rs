@@ -9,9 +9,10 @@
 
 use super::chain::{Block, Chain, SHARED, STATE, Step};
 use super::input::{InitialiseConfig, Scale, Seen};
+use super::link::Link;
 use crate::{Bias, Gravity, NavState, Preintegrated};
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3, hat};
-use cairn_sensor::{GRAVITY_M_S2, ImuNoise};
+use cairn_sensor::GRAVITY_M_S2;
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Standard deviation that holds gravity's norm, relative.
@@ -30,7 +31,7 @@ pub struct Problem {
     pub places: Vec<Vec3>,
     /// The gyroscope's reading at each key frame, rad/s.
     pub rates: Vec<Vec3>,
-    pub links: Vec<Preintegrated>,
+    pub links: Vec<Link>,
     pub imu_from_camera: Se3,
     pub scale: Scale,
     pub config: InitialiseConfig,
@@ -38,13 +39,6 @@ pub struct Problem {
     pub position_sigma: f64,
     /// Of the gyroscope and the accelerometer.
     pub noise_times: [f64; 2],
-}
-
-/// The same sum with the white noise of (gyroscope, accelerometer) so many times larger.
-pub fn worse(link: &Preintegrated, times: [f64; 2]) -> Preintegrated {
-    let n = link.noise();
-    let noise = ImuNoise { gyro: n.gyro * times[0], accel: n.accel * times[1], ..*n };
-    Preintegrated::of(noise, *link.bias(), link.samples().to_vec())
 }
 
 /// The gyroscope's reading at each end of the links.
@@ -90,7 +84,7 @@ impl Problem {
             rotations: seen.poses.iter().map(|p| p.world_from_camera.rotation * camera_from_imu).collect(),
             places: seen.poses.iter().map(|p| p.world_from_camera.translation).collect(),
             rates: rates(links),
-            links: links.iter().map(|link| worse(link, [config.noise_times; 2])).collect(),
+            links: links.iter().map(|link| Link::new(link, [config.noise_times; 2])).collect(),
             noise_times: [config.noise_times; 2],
             imu_from_camera: *imu_from_camera,
             scale,
@@ -107,8 +101,8 @@ impl Problem {
     /// The whitened residual of a link; its first three rows are of the rotation alone.
     pub fn whitened(&self, s: &State, k: usize) -> Option<SVector<f64, 9>> {
         let link = &self.links[k];
-        let r = link.residual(&self.nav(s, k), &self.nav(s, k + 1), &s.gravity);
-        Some(link.motion_whitening()? * r.fixed_rows::<9>(0))
+        let r = link.sum().residual(&self.nav(s, k), &self.nav(s, k + 1), &s.gravity);
+        Some(link.white()? * r.fixed_rows::<9>(0))
     }
 
     pub fn follow(&mut self, state: &State) {
@@ -219,8 +213,8 @@ impl Problem {
     pub fn rows(&self, s: &State, k: usize) -> Option<Rows> {
         let (link, scale) = (&self.links[k], s.log_scale.exp());
         let (from, to) = (self.nav(s, k), self.nav(s, k + 1));
-        let l = link.linearise(&from, &to, &s.gravity);
-        let white = link.motion_whitening()?;
+        let l = link.sum().linearise(&from, &to, &s.gravity);
+        let white = link.white()?;
         let shift = (self.places[k + 1] + s.errors[k + 1] - self.places[k] - s.errors[k]) * scale;
         let by_first = self.by_state(&l.by_from, &from, s, k, scale);
         let by_second = self.by_state(&l.by_to, &to, s, k + 1, scale);
@@ -228,7 +222,7 @@ impl Problem {
         by_shared.set_column(0, &l.by_log_scale(&shift).fixed_rows::<9>(0));
         by_shared.fixed_view_mut::<9, 2>(0, 1).copy_from(&l.by_gravity.fixed_view::<9, 2>(0, 0));
         // By the logarithm of gravity's norm.
-        let (t, g) = (link.seconds(), from.world_from_imu.rotation.inverse() * s.gravity.vector());
+        let (t, g) = (link.sum().seconds(), from.world_from_imu.rotation.inverse() * s.gravity.vector());
         by_shared.fixed_view_mut::<3, 1>(3, 3).copy_from(&(g * -t));
         by_shared.fixed_view_mut::<3, 1>(6, 3).copy_from(&(g * (-0.5 * t * t)));
         by_shared.fixed_view_mut::<9, 6>(0, BIAS).copy_from(&l.by_from.fixed_view::<9, 6>(0, 9));
@@ -270,7 +264,7 @@ impl Problem {
 mod tests {
     use super::*;
     use crate::initialise::SeenPose;
-    use cairn_sensor::{ImuSample, Stamp};
+    use cairn_sensor::{ImuNoise, ImuSample, Stamp};
     use nalgebra::SMatrix;
 
     /// Three key frames of a motion that does not fit the readings, so that every residual counts.

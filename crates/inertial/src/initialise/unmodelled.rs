@@ -30,10 +30,10 @@ pub fn covariance(problem: &Problem, state: &State, chain: &Chain) -> Option<Sha
     let influence = Influence::of(problem, state, chain)?;
     let mut covariance = influence.sensitivity * influence.sensitivity.transpose() * SENSITIVITY.powi(2);
     for (link, by_step) in problem.links.iter().zip(&influence.steps) {
-        let noise = link.noise();
+        let noise = link.sum().noise();
         for (first, density) in [(0, noise.gyro_walk), (3, noise.accel_walk)] {
             let by_step = by_step.fixed_columns::<3>(first);
-            covariance += by_step * by_step.transpose() * (density.powi(2) * link.seconds());
+            covariance += by_step * by_step.transpose() * (density.powi(2) * link.sum().seconds());
         }
     }
     Some(covariance)
@@ -57,7 +57,7 @@ impl Influence {
             let rows = problem.rows(state, k)?;
             let moved = rows.by_first * states[k] + rows.by_second * states[k + 1] + rows.by_shared * shared;
             let by_residual = -moved.transpose();
-            sensitivity += by_residual * rows.white * residual_by_sensitivity(link, &state.bias);
+            sensitivity += by_residual * rows.white * residual_by_sensitivity(link.sum(), &state.bias);
             earlier += by_residual * rows.by_shared.fixed_columns::<6>(BIAS);
             steps.push(earlier);
         }
