@@ -34,10 +34,10 @@ pub(crate) enum View {
     Dies,
 }
 
-/// A pose in a map and in the odometry, both in the unit of that map.
+/// A pose in the odometry, and that in a map, both in the unit of that map.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PoseView {
-    pub world_from_camera: Se3,
+    pub world_from_odom: Se3,
     pub odom_from_camera: Se3,
     pub segment: u32,
     /// Seconds since the map was last seen, where the motion sensors alone carry the pose.
@@ -280,15 +280,18 @@ impl Estimator {
         let turn = Vec3::new(white(1.0), white(1.0), white(1.0)) * (self.noise * 0.5_f64.to_radians());
         let seen = Se3::new(truth.rotation * So3::exp(&turn), truth.translation + shake);
         let odom = self.odom_from_world * seen;
-        let world = self.known_odom_from_world.inverse() * odom;
         let scaled = |pose: Se3, units: f64| Se3::new(pose.rotation, pose.translation / units);
-        let in_units = |pose: Se3| scaled(pose, self.unit_m);
-        let (world, odom) = match &self.held.own_map {
-            Some(own) => (own.root * scaled(own.truth.inverse() * world, own.units), scaled(odom, own.units)),
-            None => (world, odom),
+        let known = self.known_odom_from_world.inverse();
+        // The same bits until a correction.
+        let (world_from_odom, odom) = match &self.held.own_map {
+            Some(own) => {
+                (own.root * scaled(own.truth.inverse() * known, own.units), scaled(odom, own.units))
+            }
+            None => (known, odom),
         };
+        let in_units = |pose: Se3| scaled(pose, self.unit_m);
         PoseView {
-            world_from_camera: in_units(world),
+            world_from_odom: in_units(world_from_odom),
             odom_from_camera: in_units(odom),
             segment: self.segment,
             coasts_s: coasts.map(|since| now - since),

@@ -119,7 +119,7 @@ impl Modelled {
     }
 
     fn frame_pose(&mut self, view: &PoseView) -> FramePose {
-        let world = view.world_from_camera;
+        let world = view.world_from_odom * view.odom_from_camera;
         let (reference, at) = match view.own_map {
             Some(began) => self.own_root(began),
             None => {
@@ -135,7 +135,7 @@ impl Modelled {
                 segment: view.segment,
                 source: if first { MotionSource::None } else { MotionSource::Map },
                 odom_from_body: Pose::new(view.odom_from_camera),
-                world_from_odom: Similarity::new(Sim3::from(world * view.odom_from_camera.inverse())),
+                world_from_odom: Similarity::new(Sim3::from(view.world_from_odom)),
             },
             anchored: AnchoredPose {
                 reference,

@@ -37,6 +37,10 @@ impl Sentence {
         Self { text, priority, interrupts, pose, own: None }
     }
 
+    fn is_old(&self, now: Stamp) -> bool {
+        self.pose.is_some_and(|pose| 1e3 * (now - pose) > STALE_MS)
+    }
+
     fn stop(own: Own, language: Language) -> Self {
         let id = match own {
             Own::Late => "page-pictures-late",
@@ -65,6 +69,7 @@ struct Voice {
 
 impl Voice {
     fn say(&mut self, sentence: Sentence, now: Stamp) {
+        self.speaking = self.speaking.filter(|(_, until)| now < *until);
         if self.said.as_ref().is_some_and(|(text, at)| *text == sentence.text && now - *at < SAME_S) {
             return;
         }
@@ -87,13 +92,20 @@ impl Voice {
         self.begun.push(sentence);
     }
 
-    fn next(&mut self, now: Stamp) {
+    /// Says what waits, where the voice is free. True where it has become too old.
+    fn next(&mut self, now: Stamp) -> bool {
         self.speaking = self.speaking.filter(|(_, until)| now < *until);
-        if self.speaking.is_none()
-            && let Some((sentence, _)) = self.waiting.take_if(|_| true).filter(|(_, at)| now - *at <= WAIT_S)
-        {
+        if self.speaking.is_some() {
+            return false;
+        }
+        let Some((sentence, _)) = self.waiting.take().filter(|(_, at)| now - *at <= WAIT_S) else {
+            return false;
+        };
+        let is_old = sentence.is_old(now);
+        if !is_old {
             self.speak(sentence, now);
         }
+        is_old
     }
 
     fn drop(&mut self, own: Own) {
@@ -144,8 +156,7 @@ impl Page {
     /// Words came. True where the server has to hear that they come too late.
     pub fn said(&mut self, sentence: Sentence, now: Stamp) -> bool {
         self.heard = Some(now);
-        let is_old = sentence.pose.is_some_and(|pose| 1e3 * (now - pose) > STALE_MS);
-        if is_old {
+        if sentence.is_old(now) {
             return self.became_late(now);
         }
         if !(self.late.is_late() && sentence.pose.is_some()) {
@@ -156,7 +167,8 @@ impl Page {
 
     fn became_late(&mut self, now: Stamp) -> bool {
         let begins = self.late.begin();
-        if begins && self.voice.urgent.is_none_or(|at| now - at >= AGAIN_S) {
+        let rest_s = if begins { AGAIN_S } else { AGAIN_S + 0.5 };
+        if self.voice.urgent.is_none_or(|at| now - at >= rest_s) {
             self.voice.say(Sentence::stop(Own::Late, self.language), now);
         }
         begins
@@ -164,7 +176,7 @@ impl Page {
 
     /// A tenth of a second has passed. What the server has to hear of lateness, if anything.
     pub fn look(&mut self, now: Stamp) -> Option<bool> {
-        self.voice.next(now);
+        let waited = self.voice.next(now);
         let silence_s = self.heard.map_or(0.0, |heard| now - heard);
         if silence_s > GONE_S {
             self.is_gone = true;
@@ -176,7 +188,7 @@ impl Page {
             self.voice.say(Sentence::stop(Own::Gone, self.language), now);
         }
         let age_ms = self.pictured.map(|pictured| 1e3 * (now - pictured));
-        if self.guiding && age_ms.is_some_and(|age| age > STALE_MS) {
+        if waited || self.guiding && age_ms.is_some_and(|age| age > STALE_MS) {
             return self.became_late(now).then_some(true);
         }
         let clock = self.began + Duration::from_nanos(now.0.max(0) as u64);

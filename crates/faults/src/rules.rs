@@ -1,7 +1,7 @@
 //! The rules that never break, checked at every event of a walk, and what each of them needs to remember.
 
 use crate::estimator::{Reading, View};
-use cairn_guide::{GuideState, Side, StopReason, wrap};
+use cairn_guide::{GuideState, Match, Side, StopReason, wrap};
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 use cairn_session::Said;
@@ -23,8 +23,9 @@ const TURNED_RAD: f64 = 0.17;
 const GONE_M: f64 = 0.5;
 /// Both sides lead to what lies behind, radians.
 const BEHIND_RAD: f64 = 2.6;
-/// Nobody who was stopped is stopped anew sooner, seconds.
+/// Nobody who was stopped is stopped anew sooner, seconds. Times of pictures count, which a network shifts by a little.
 const STOP_AND_GO_S: f64 = 1.0;
+const SHIFTED_S: f64 = 0.2;
 /// After so long without the map in view nobody who walks is sent on, nor by a pose that runs away, seconds.
 const BLIND_S: f64 = 3.0;
 const RUNAWAY_S: f64 = 1.5;
@@ -91,6 +92,8 @@ pub(crate) struct Moment {
     pub state: Option<GuideState>,
     pub has_arrived: bool,
     pub walker: (f64, f64, f64),
+    /// The session's clock.
+    pub clock: Stamp,
 }
 
 /// Watches a walk.
@@ -227,7 +230,9 @@ impl Rules {
                 && gone < GONE_M
                 && is_clear
         });
-        if contradicts && !self.is_forgiven(now) {
+        // A corner turns to its own side, whatever correction came before it.
+        let is_corner = !self.truth.is_wrong(side, Sent::Round, reading.walker, place_m);
+        if contradicts && !is_corner && !self.is_forgiven(now) {
             self.broken(Rule::NoContradiction, now, said.text.clone());
         }
         self.directed = Some(Directed { at: now, side, walker: reading.walker, turn_rad });
@@ -242,10 +247,12 @@ impl Rules {
     pub fn server(&mut self, moment: &Moment, now: Stamp) {
         let is_stopped = |state: Option<GuideState>| matches!(state, Some(GuideState::Stopped(_)));
         if is_stopped(moment.state) && !is_stopped(self.state) {
-            if let Some(before) = self.stopped.filter(|before| now - *before < STOP_AND_GO_S) {
-                self.broken(Rule::NoStopAndGo, now, format!("stopped again after {:.2} s", now - before));
+            let clock = moment.clock;
+            let least_s = STOP_AND_GO_S - if self.over_network { SHIFTED_S } else { 0.01 };
+            if let Some(before) = self.stopped.filter(|before| clock - *before < least_s) {
+                self.broken(Rule::NoStopAndGo, now, format!("stopped again after {:.2} s", clock - before));
             }
-            self.stopped = Some(now);
+            self.stopped = Some(clock);
             self.directed = None;
         }
         self.state = moment.state;
@@ -301,6 +308,11 @@ impl Rules {
     /// What was said to be saved is not there.
     pub fn lost(&mut self, how: String, now: Stamp) {
         self.broken(Rule::KeepsRoutes, now, how);
+    }
+
+    /// Where the walker truly is on the route.
+    pub fn place(&self) -> Option<Match> {
+        self.truth.place()
     }
 
     /// Metres from the end at arrival.

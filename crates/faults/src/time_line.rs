@@ -3,7 +3,7 @@
 use crate::estimator::{PoseView, Reading, View};
 use crate::rules::Violation;
 use crate::scenario::Scenario;
-use cairn_guide::GuideState;
+use cairn_guide::{GuideState, Match};
 use cairn_random::mix;
 use cairn_sensor::Stamp;
 use std::fmt::Write as _;
@@ -19,6 +19,8 @@ pub enum What {
     Sent,
     /// The walker begins to hear this.
     Heard,
+    /// The walker hears a sound.
+    Sound,
     /// The walker asked for this.
     Asked,
     /// A rule was broken.
@@ -32,6 +34,8 @@ pub struct Line {
     pub t_s: f64,
     /// Where the walker truly is: metres, and radians.
     pub walker: (f64, f64, f64),
+    /// And on the route: metres along it, and to its left.
+    pub place: (f64, f64),
     /// What it is about.
     pub what: What,
     /// What there is to say.
@@ -43,13 +47,14 @@ pub(crate) struct Lines {
     kept: Option<Vec<Line>>,
     digest: u64,
     walker: (f64, f64, f64),
+    place: (f64, f64),
     /// What was seen, and what the guide did.
     before: [String; 2],
 }
 
 impl Lines {
     pub fn counting() -> Self {
-        Self { kept: None, digest: 0, walker: (0.0, 0.0, 0.0), before: Default::default() }
+        Self { kept: None, digest: 0, walker: (0.0, 0.0, 0.0), place: (0.0, 0.0), before: Default::default() }
     }
 
     pub fn kept() -> Self {
@@ -57,9 +62,9 @@ impl Lines {
     }
 
     fn add(&mut self, now: Stamp, what: What, text: &str) {
-        let walker = self.walker;
+        let (walker, place) = (self.walker, self.place);
         if let Some(kept) = &mut self.kept {
-            kept.push(Line { t_s: now.seconds(), walker, what, text: text.to_owned() });
+            kept.push(Line { t_s: now.seconds(), walker, place, what, text: text.to_owned() });
         }
     }
 
@@ -68,8 +73,9 @@ impl Lines {
     }
 
     /// The walker is here now.
-    pub fn walker(&mut self, now: Stamp, walker: (f64, f64, f64)) {
+    pub fn walker(&mut self, now: Stamp, walker: (f64, f64, f64), place: Option<Match>) {
         self.walker = walker;
+        self.place = place.map_or((0.0, 0.0), |m| (m.along_m, m.cross_m));
         [now.0 as u64, walker.0.to_bits(), walker.1.to_bits(), walker.2.to_bits()]
             .into_iter()
             .for_each(|value| self.count(value));
@@ -133,7 +139,7 @@ impl Lines {
         lines.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
         for k in 1..lines.len() {
             if lines[k].what == What::Broken {
-                lines[k].walker = lines[k - 1].walker;
+                (lines[k].walker, lines[k].place) = (lines[k - 1].walker, lines[k - 1].place);
             }
         }
         (self.digest, lines)
@@ -146,7 +152,9 @@ pub fn text(lines: &[Line]) -> String {
     for line in lines {
         let (x, y, heading) = line.walker;
         let what = format!("{:?}", line.what).to_lowercase();
-        let at = format!("{x:7.2} {y:7.2} {:5.0} deg", heading.to_degrees());
+        let (along_m, left_m) = line.place;
+        let at =
+            format!("{x:6.1} {y:6.1} {:4.0} deg {along_m:6.1} m {left_m:5.1} left", heading.to_degrees());
         let _ = writeln!(text, "{:8.2} s  {at}  {what:6}  {}", line.t_s, line.text);
     }
     text

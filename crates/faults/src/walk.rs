@@ -16,12 +16,12 @@ use crate::storage::VirtualDisk;
 use crate::time_line::{Line as TimeLine, Lines, What};
 use cairn_geometry::Se3;
 use cairn_guide::{
-    CleanConfig, Ground, ManeuverPlan, ManeuverPlanConfig, PhraseConfig, PlacedPoint, Route, Travel, clean,
-    speaking_time,
+    CleanConfig, Earcon, Ground, ManeuverPlan, ManeuverPlanConfig, PhraseConfig, PlacedPoint, Route, Travel,
+    clean, speaking_time,
 };
 use cairn_random::Random;
 use cairn_sensor::{ClockReading, Stamp};
-use cairn_session::{Command, Event, Session, SessionConfig};
+use cairn_session::{Command, Event, Session, SessionConfig, earcon_name};
 use cairn_trial::walk::{RouteTruth, STEP_S, walked_poses};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -35,6 +35,8 @@ const ARRIVED_S: f64 = 4.0;
 const STANDS_S: f64 = 2.0;
 /// What the way of the words is taken to be longer while the page finds them late, seconds (`sources::live::phone_port`).
 const LATE_S: f64 = 1.0;
+/// Who has wandered off may be led to either of two legs that are this near, metres.
+const REACH_M: f64 = 3.0;
 /// Pictures on their way at one time.
 const IN_FLIGHT: usize = 3;
 
@@ -71,7 +73,7 @@ enum Happening {
     Emits(Vec<Event>, Option<Stamp>, bool),
     /// Words and sounds reach the phone.
     Words(Sentence),
-    Sound,
+    Sound(Earcon),
     Status(Option<Stamp>, bool),
     /// The phone looks round, each tenth of a second.
     PageLooks,
@@ -198,7 +200,7 @@ fn gone(scenario: &Scenario, lines: Lines) -> (Outcome, Vec<TimeLine>) {
         Travel::Again => poses.first(),
     };
     let at = start.map_or((0.0, 0.0, 0.0), |(walker, _)| *walker);
-    let truth = RouteTruth::new(plan, shape.facing, 1.5);
+    let truth = RouteTruth::new(plan, shape.facing, REACH_M);
     let is_phone = scenario.faults.has(Fault::Phone);
     let mut world = World {
         now: ends,
@@ -380,7 +382,7 @@ impl World {
             Happening::Steps => {
                 self.person.step(STEP_S, now);
                 self.rules.stepped(self.person.pose(), now);
-                self.lines.walker(now, self.person.pose());
+                self.lines.walker(now, self.person.pose(), self.rules.place());
                 self.plan.at(now.plus_seconds(STEP_S), Happening::Steps);
             }
             Happening::Picture => self.picture(),
@@ -401,7 +403,10 @@ impl World {
             Happening::Ready(_) | Happening::Tick(_) => {}
             Happening::Emits(events, pictured, guiding) => self.emitted(events, pictured, guiding),
             Happening::Words(sentence) => self.words(sentence),
-            Happening::Sound => self.rules.heard(None, 0.0, now),
+            Happening::Sound(earcon) => {
+                self.rules.heard(None, 0.0, now);
+                self.lines.said(now, What::Sound, earcon_name(earcon));
+            }
             Happening::Status(pictured, guiding) => {
                 if let Some(phone) = &mut self.phone {
                     phone.page.status(pictured, guiding, now);
@@ -449,6 +454,7 @@ impl World {
         self.plan.at(arrives, Happening::Arrives(Box::new(reading)));
     }
 
+    /// Sets what the server knows of the clock of the pictures.
     fn set_clock(&mut self, now: Stamp) {
         let reading = match &mut self.phone {
             None => Some(ClockReading { now, bound_s: 0.0, delivery_s: 0.0 }),
@@ -485,15 +491,18 @@ impl World {
         let session = &self.server.session;
         let has_arrived = session.has_arrived();
         let state = session.guide_state().filter(|_| guiding);
-        self.rules.server(&Moment { state, has_arrived, walker }, now);
+        let clock = session.now();
+        self.rules.server(&Moment { state, has_arrived, walker, clock }, now);
         self.lines.guide(now, state);
         for event in events {
             match event {
                 Event::Said(said) => {
-                    let place_m = said.pose.and_then(|_| self.place_m());
-                    self.rules.said(&said, walker, place_m, now);
+                    let place = said.pose.and_then(|_| self.place());
+                    self.rules.said(&said, walker, place.map(|(along_m, _)| along_m), now);
                     self.directions += usize::from(said.pose.is_some());
-                    self.lines.said(now, What::Sent, &said.text);
+                    let taken =
+                        place.map_or(String::new(), |(m, left)| format!(" [{m:.1} m, {left:.1} left]"));
+                    self.lines.said(now, What::Sent, &format!("{}{taken}", said.text));
                     let sentence = Sentence::of(&said);
                     match &mut self.phone {
                         None => self.hear(&sentence, said.duration_s),
@@ -503,9 +512,9 @@ impl World {
                         }
                     }
                 }
-                Event::Sound(_) => {
+                Event::Sound(sound) => {
                     let at = self.phone.as_mut().map_or(now, |phone| phone.down.arrives(now));
-                    self.plan.at(at, Happening::Sound);
+                    self.plan.at(at, Happening::Sound(sound.earcon));
                 }
             }
         }
@@ -518,10 +527,10 @@ impl World {
         self.ended = if has_ended { self.ended.or(Some(now)) } else { None };
     }
 
-    /// Where the guide takes the walker to be on the route.
-    fn place_m(&self) -> Option<f64> {
+    /// Where the guide takes the walker to be on the route: metres along it and to its left.
+    fn place(&self) -> Option<(f64, f64)> {
         let status = self.server.session.status();
-        status.guiding.filter(|_| status.metric).map(|guiding| guiding.along_m)
+        status.guiding.filter(|_| status.metric).map(|guiding| (guiding.along_m, guiding.cross_m))
     }
 
     fn words(&mut self, sentence: Sentence) {

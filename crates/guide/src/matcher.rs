@@ -55,12 +55,14 @@ pub struct Matcher {
     /// The walker was guided past this point and is not matched before it.
     passed_m: f64,
     far_since: Option<Stamp>,
+    /// The next match may be anywhere on the route.
+    anywhere: bool,
 }
 
 impl Matcher {
     /// Starts at the beginning of the route.
     pub fn new(config: MatcherConfig) -> Self {
-        Self { config, along_m: 0.0, passed_m: 0.0, far_since: None }
+        Self { config, along_m: 0.0, passed_m: 0.0, far_since: None, anywhere: false }
     }
 
     /// Sets the walker's place.
@@ -79,6 +81,11 @@ impl Matcher {
     /// does not decide which of them the walker is on. Forgotten when the walker is lost from the window.
     pub fn pass(&mut self, along_m: f64) {
         self.passed_m = along_m;
+    }
+
+    /// The walker is not where the poses before had him: the whole route is searched for his place.
+    pub fn search_anywhere(&mut self) {
+        self.anywhere = true;
     }
 
     /// Whether a walker who is matched before a corner stands nearer to the leg after it: he has cut it, or came round it while
@@ -137,6 +144,12 @@ impl Matcher {
 
     /// The match for a position on the ground plane.
     pub fn update(&mut self, plan: &ManeuverPlan, position: &Vec2, now: Stamp) -> Match {
+        if std::mem::take(&mut self.anywhere) {
+            (self.far_since, self.passed_m) = (None, 0.0);
+            let found = self.nearest(plan, position, f64::NEG_INFINITY, f64::INFINITY);
+            self.along_m = found.along_m;
+            return found;
+        }
         let from = (self.along_m - self.config.behind_m).max(self.passed_m);
         let to = self.along_m.max(self.passed_m) + self.config.ahead_m;
         let mut found = self.nearest(plan, position, from, to);

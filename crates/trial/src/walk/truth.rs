@@ -72,7 +72,7 @@ impl RouteTruth {
         });
         [Some(along_m), there, self.faced_leg(&truth).map(|leg| leg[1])].into_iter().flatten().all(|m| {
             match sent {
-                Sent::Aside => Self::against(side, truth.to_left(&self.plan.point_at(m)), 0.1),
+                Sent::Aside => Self::against(side, to_left(&truth, self.plan.point_at(m)), 0.1),
                 Sent::Round => self.is_wrong_turn(side, &truth, m),
                 Sent::Along => self.is_wrong_way(side, &truth, m),
                 Sent::RoundOrAlong => {
@@ -100,7 +100,7 @@ impl RouteTruth {
             m.turn_rad != 0.0 && m.at_m - along_m < 4.0 && along_m - m.end_m < 4.0
         };
         !self.plan.maneuvers().iter().filter(here).any(|m| {
-            let needed = truth.turn_to(m.exit_heading);
+            let needed = turn_to(truth, m.exit_heading);
             !Self::against(side, needed, AWAY_DEG.to_radians()) || needed.abs() >= EITHER_DEG.to_radians()
         })
     }
@@ -109,7 +109,7 @@ impl RouteTruth {
     fn is_wrong_way(&self, side: Side, truth: &Heading, along_m: f64) -> bool {
         [1.0, 3.0].iter().all(|ahead| {
             let target = self.plan.point_at((along_m + ahead).min(self.plan.length()));
-            let needed = truth.turn_to(heading_of(&(target - truth.position)));
+            let needed = turn_to(truth, heading_of(&(target - truth.position)));
             Self::against(side, needed, AWAY_DEG.to_radians()) && needed.abs() < EITHER_DEG.to_radians()
         })
     }
@@ -125,7 +125,7 @@ impl RouteTruth {
             let next = (*k == 0 || corners[k - 1].end_m <= along_m)
                 && corners.get(k + 1).is_none_or(|after| along_m <= after.at_m);
             let near = (m.at_m - along_m).abs() <= HAIRPIN_M;
-            let faces = truth.turn_to(m.exit_heading).abs() < PI / 3.0;
+            let faces = turn_to(truth, m.exit_heading).abs() < PI / 3.0;
             next && near && faces && m.turn_rad.abs() > PI / 2.0
         })?;
         let end_m = corners[taken].end_m;
@@ -149,6 +149,19 @@ impl RouteTruth {
             self.matcher.pass(end_m);
         }
     }
+}
+
+// Not those of the guide, which may be wrong.
+
+/// The turn from a walker's course to a heading, radians, positive to the left.
+fn turn_to(walker: &Heading, heading: f64) -> f64 {
+    wrap(heading - walker.course)
+}
+
+/// Metres from a walker to a point, to the left of where the chest looks.
+fn to_left(walker: &Heading, point: Vec2) -> f64 {
+    let to = point - walker.position;
+    to.y * walker.heading.cos() - to.x * walker.heading.sin()
 }
 
 #[cfg(test)]
