@@ -284,9 +284,7 @@ impl Estimator {
         let known = self.known_odom_from_world.inverse();
         // The same bits until a correction.
         let (world_from_odom, odom) = match &self.held.own_map {
-            Some(own) => {
-                (own.root * scaled(own.truth.inverse() * known, own.units), scaled(odom, own.units))
-            }
+            Some(own) => (own.root * scaled(own.truth.inverse() * known, own.units), scaled(odom, own.units)),
             None => (known, odom),
         };
         let in_units = |pose: Se3| scaled(pose, self.unit_m);

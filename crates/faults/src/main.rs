@@ -98,7 +98,7 @@ fn many(seeds: Range<u64>, arguments: &Arguments) -> ExitCode {
 
 fn print(tally: &Tally) {
     println!(
-        "{} walks, {} guided, {} arrived, {} directions, {:.0} h in {:.0} s of threads: {:.0} times real time a thread",
+        "{} walks, {} guided, {} arrived, {} directions, {:.0} h in {:.0} s of processors: {:.0} times real time a core",
         tally.walks,
         tally.guided,
         tally.arrived,

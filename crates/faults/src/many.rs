@@ -19,9 +19,9 @@ pub struct Tally {
     pub arrived: u64,
     /// Directions.
     pub directions: u64,
-    /// Virtual seconds, and those of processors.
+    /// Virtual seconds.
     pub seconds: f64,
-    /// Seconds that the threads took together.
+    /// Seconds of processors that the threads took together.
     pub busy_s: f64,
     /// Why there was no guidance, how often.
     pub refused: BTreeMap<String, u64>,
@@ -62,22 +62,29 @@ impl Tally {
         }
     }
 
-    /// How many times faster than in life, on one thread.
+    /// How many times faster than in life, on one core.
     pub fn times_real(&self) -> f64 {
         self.seconds / self.busy_s.max(1e-9)
     }
+}
+
+/// Seconds that this thread has been on a processor, where the system says so.
+fn processor_s() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    text.split(' ').next()?.parse::<f64>().ok().map(|ns| 1e-9 * ns)
 }
 
 /// Goes the walks of some seeds on so many threads. Stops after the first walk on which a rule is broken where `first` says so.
 pub fn walks(seeds: Range<u64>, threads: usize, first: bool) -> Tally {
     let next = AtomicU64::new(seeds.start);
     let work = || {
-        let began = Instant::now();
+        let (began, processor) = (Instant::now(), processor_s());
         let mut tally = Tally::default();
         loop {
             let seed = next.fetch_add(1, Ordering::Relaxed);
             if seed >= seeds.end {
-                tally.busy_s = began.elapsed().as_secs_f64();
+                let on_processor = processor_s().zip(processor).map(|(now, then)| now - then);
+                tally.busy_s = on_processor.unwrap_or_else(|| began.elapsed().as_secs_f64());
                 return tally;
             }
             tally.add(seed, walk(&Scenario::of(seed)));

@@ -25,7 +25,7 @@ const GONE_M: f64 = 0.5;
 const BEHIND_RAD: f64 = 2.6;
 /// Nobody who was stopped is stopped anew sooner, seconds. Times of pictures count, which a network shifts by a little.
 const STOP_AND_GO_S: f64 = 1.0;
-const SHIFTED_S: f64 = 0.2;
+const SHIFTED_S: f64 = 0.3;
 /// After so long without the map in view nobody who walks is sent on, nor by a pose that runs away, seconds.
 const BLIND_S: f64 = 3.0;
 const RUNAWAY_S: f64 = 1.5;
@@ -57,7 +57,7 @@ pub enum Rule {
     NoContradiction,
     /// Nobody is stopped more than once a second.
     NoStopAndGo,
-    /// Nobody who is stopped is given directions.
+    /// Nobody who is stopped, or has paused guidance, is given directions.
     StoppedIsStopped,
     /// When nothing fails any more, guidance or a clear refusal comes within 10 s.
     GoesOn,
@@ -90,6 +90,7 @@ struct Directed {
 pub(crate) struct Moment {
     /// `None` where nobody is guided, or guidance is paused.
     pub state: Option<GuideState>,
+    pub is_paused: bool,
     pub has_arrived: bool,
     pub walker: (f64, f64, f64),
     /// The session's clock.
@@ -108,6 +109,7 @@ pub(crate) struct Rules {
     voice_until: Stamp,
     directed: Option<Directed>,
     state: Option<GuideState>,
+    is_paused: bool,
     stopped: Option<Stamp>,
     /// Until when something was heard; since when the walker waits.
     heard: Stamp,
@@ -131,6 +133,7 @@ impl Rules {
             voice_until: never,
             directed: None,
             state: None,
+            is_paused: false,
             stopped: None,
             heard: never,
             waits: None,
@@ -186,7 +189,8 @@ impl Rules {
         if now - pose > POSE_S + 1e-6 {
             self.broken(Rule::FreshPose, now, format!("sent {:.2} s old: {}", now - pose, said.text));
         }
-        if matches!(self.state, Some(GuideState::Stopped(reason)) if !reason.is_in_the_way()) {
+        let is_stopped = matches!(self.state, Some(GuideState::Stopped(reason)) if !reason.is_in_the_way());
+        if is_stopped || self.is_paused {
             self.broken(Rule::StoppedIsStopped, now, said.text.clone());
         }
         if let Some(reading) = reading {
@@ -202,7 +206,7 @@ impl Rules {
         place_m: Option<f64>,
         now: Stamp,
     ) {
-        if reading.blind_s > BLIND_S {
+        if reading.blind_s > BLIND_S && !self.is_forgiven(now) {
             let how = format!("{:.1} s without the map: {}", reading.blind_s, said.text);
             self.broken(Rule::SeesTheMap, now, how);
         }
@@ -213,7 +217,9 @@ impl Rules {
         let sent = if steps { Sent::Aside } else { Sent::RoundOrAlong };
         let wrong = |at| self.truth.is_wrong(side, sent, at, place_m);
         if wrong(reading.walker) && wrong(walker) && !self.is_forgiven(now) {
-            self.broken(Rule::RightSide, now, said.text.clone());
+            let turns =
+                [reading.walker, walker].map(|at| self.truth.turns(at).map(|a| a.to_degrees().round()));
+            self.broken(Rule::RightSide, now, format!("{} {turns:?} deg lead there", said.text));
         }
         if steps {
             self.directed = None;
@@ -255,7 +261,7 @@ impl Rules {
             self.stopped = Some(clock);
             self.directed = None;
         }
-        self.state = moment.state;
+        (self.state, self.is_paused) = (moment.state, moment.is_paused);
         if moment.has_arrived && self.arrived.is_none() {
             self.arrived = Some((now, self.truth.from_end_m(moment.walker)));
         }

@@ -24,7 +24,7 @@ use cairn_sensor::{ClockReading, Stamp};
 use cairn_session::{Command, Event, Session, SessionConfig, earcon_name};
 use cairn_trial::walk::{RouteTruth, STEP_S, walked_poses};
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BinaryHeap, VecDeque};
 use std::path::{Path, PathBuf};
 
 /// After everything is calm a walk lasts at most so long, seconds.
@@ -35,8 +35,8 @@ const ARRIVED_S: f64 = 4.0;
 const STANDS_S: f64 = 2.0;
 /// What the way of the words is taken to be longer while the page finds them late, seconds (`sources::live::phone_port`).
 const LATE_S: f64 = 1.0;
-/// Who has wandered off may be led to either of two legs that are this near, metres.
-const REACH_M: f64 = 3.0;
+/// Who has wandered off may be led back to the leg that was left, as long as that is this near, metres: as the matcher of the guide does.
+const REACH_M: f64 = 6.0;
 /// Pictures on their way at one time.
 const IN_FLIGHT: usize = 3;
 
@@ -165,6 +165,8 @@ struct World {
     lines: Lines,
     turn: u64,
     commands: Option<Random>,
+    /// Commands that the server has not carried out yet.
+    asked: VecDeque<Command>,
     is_paused: bool,
     ended: Option<Stamp>,
     directions: usize,
@@ -213,6 +215,7 @@ fn gone(scenario: &Scenario, lines: Lines) -> (Outcome, Vec<TimeLine>) {
         lines,
         turn: 0,
         commands: scenario.faults.has(Fault::Commands).then(|| scenario.random(Fault::Commands as u64)),
+        asked: VecDeque::new(),
         is_paused: false,
         ended: None,
         directions: 0,
@@ -388,10 +391,7 @@ impl World {
             Happening::Picture => self.picture(),
             Happening::Arrives(reading) => {
                 self.server.put(*reading, now);
-                if now >= self.server.ready {
-                    self.turn += 1;
-                    self.serve();
-                }
+                self.serve_if_ready();
             }
             Happening::Ready(turn) if turn == self.turn => self.serve(),
             Happening::Tick(turn) if turn == self.turn => {
@@ -418,7 +418,10 @@ impl World {
                     phone.late = late;
                 }
             }
-            Happening::Commands(command) => self.command(&command),
+            Happening::Commands(command) => {
+                self.asked.push_back(command);
+                self.serve_if_ready();
+            }
             Happening::Acknowledged => {
                 if let Some(phone) = &mut self.phone {
                     phone.in_flight = phone.in_flight.saturating_sub(1);
@@ -463,9 +466,19 @@ impl World {
         self.server.clock.set(reading);
     }
 
-    /// The server takes what waits, or waits itself.
+    fn serve_if_ready(&mut self) {
+        if self.now >= self.server.ready {
+            self.turn += 1;
+            self.serve();
+        }
+    }
+
+    /// The server takes what waits, commands first, or waits itself.
     fn serve(&mut self) {
         let now = self.now;
+        while let Some(command) = self.asked.pop_front() {
+            self.command(&command);
+        }
         let Some((reading, ready)) = self.server.take(now) else {
             self.plan.at(now.plus_seconds(TICK_S), Happening::Tick(self.turn));
             return;
@@ -492,7 +505,7 @@ impl World {
         let has_arrived = session.has_arrived();
         let state = session.guide_state().filter(|_| guiding);
         let clock = session.now();
-        self.rules.server(&Moment { state, has_arrived, walker, clock }, now);
+        self.rules.server(&Moment { state, is_paused: self.is_paused, has_arrived, walker, clock }, now);
         self.lines.guide(now, state);
         for event in events {
             match event {
@@ -582,7 +595,7 @@ impl World {
         if let (Command::Guide { .. }, Err(why)) = (command, &done) {
             self.refused = Some(why.words.clone());
         }
-        self.emit(now.max(self.server.ready));
+        self.emit(now);
         let Some(random) = &mut self.commands else { return };
         let wait_s = random.uniform(4.0, 25.0);
         let next = match (command, random.below(4)) {

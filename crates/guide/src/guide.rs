@@ -276,7 +276,7 @@ impl Guide {
 
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
         let moved = self.follower.config.facing.heading(&self.ground, &input.odom_from_camera);
-        let stop = self.stops.due(input, moved.as_ref(), &self.follower.config, self.started);
+        let stop = self.stops.due(input, moved.as_ref(), &self.follower.config);
         if let Some(walker) = &moved {
             self.jumps.step(input.pose_stamp, walker.position);
         }
@@ -380,6 +380,7 @@ impl Guide {
             Recovery::Waiting => false,
             Recovery::Ends { in_the_way } => {
                 (self.cleared, self.again) = (in_the_way, false);
+                self.follower.matcher.search_if_far();
                 self.follower.motion.clear();
                 self.corrections.clear();
                 self.follower.phase = Phase::Begin;

@@ -60,6 +60,19 @@ impl RouteTruth {
         (self.heading(walker).position - self.plan.end()).norm()
     }
 
+    /// The turns that lead a walker to the points one metre and three ahead on the route, radians, positive to the left.
+    pub fn turns(&self, walker: (f64, f64, f64)) -> [f64; 2] {
+        let truth = self.heading(walker);
+        self.turns_at(&truth, self.at.map_or(0.0, |m| m.along_m))
+    }
+
+    fn turns_at(&self, truth: &Heading, along_m: f64) -> [f64; 2] {
+        [1.0, 3.0].map(|ahead| {
+            let target = self.plan.point_at((along_m + ahead).min(self.plan.length()));
+            turn_to(truth, heading_of(&(target - truth.position)))
+        })
+    }
+
     /// Whether words that name a side send a walker away from the route. `place_m`: where their speaker takes him to be, metres along.
     pub fn is_wrong(&self, side: Side, sent: Sent, walker: (f64, f64, f64), place_m: Option<f64>) -> bool {
         let truth = self.heading(walker);
@@ -107,9 +120,7 @@ impl RouteTruth {
 
     /// Away from the route at look-ahead distances of both one and three metres.
     fn is_wrong_way(&self, side: Side, truth: &Heading, along_m: f64) -> bool {
-        [1.0, 3.0].iter().all(|ahead| {
-            let target = self.plan.point_at((along_m + ahead).min(self.plan.length()));
-            let needed = turn_to(truth, heading_of(&(target - truth.position)));
+        self.turns_at(truth, along_m).into_iter().all(|needed| {
             Self::against(side, needed, AWAY_DEG.to_radians()) && needed.abs() < EITHER_DEG.to_radians()
         })
     }
