@@ -17,6 +17,8 @@ pub(crate) struct Reading {
     pub view: View,
     /// The pose is wrong, and says that it is good.
     pub is_false: bool,
+    /// How far the map has the walker from where they truly are, metres.
+    pub error_m: f64,
     /// For how long it has run away, faster than anyone walks, seconds.
     pub runaway_s: f64,
     /// For how long the walker has walked with the motion sensors alone, seconds.
@@ -192,8 +194,11 @@ impl Estimator {
             () if lost => View::Lost,
             () => View::Pose(self.pose(walker, now, coasts)),
         };
+        let off = self.known_odom_from_world.inverse() * self.odom_from_world;
+        let at = Vec3::new(walker.0, walker.1, 0.0);
+        let error_m = if self.held.own_map.is_some() { f64::INFINITY } else { (off * at - at).norm() };
         let runaway_s = self.failures.runaway.since(now).map_or(0.0, |since| now - since);
-        Reading { stamp: now, walker, view, is_false, runaway_s, blind_s: self.held.blind_s }
+        Reading { stamp: now, walker, view, is_false, error_m, runaway_s, blind_s: self.held.blind_s }
     }
 
     /// Whether the pose will be wrong without saying so; prepares how.

@@ -1,13 +1,15 @@
 //! The rules that never break, checked at every event of a walk, and what each of them needs to remember.
 
 use crate::estimator::{Reading, View};
-use cairn_guide::{GuideState, Match, Side, StopReason, wrap};
+use crate::scenario::Shape;
+use cairn_guide::{Facing, GuideState, Match, Side, StopReason, wrap};
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 use cairn_session::Said;
 use cairn_trial::direction_of;
 use cairn_trial::walk::{RouteTruth, Sent};
 use std::collections::VecDeque;
+use std::f64::consts::PI;
 
 /// No direction comes from an older pose, seconds.
 const POSE_S: f64 = 0.5;
@@ -31,6 +33,9 @@ const BLIND_S: f64 = 3.0;
 const RUNAWAY_S: f64 = 1.5;
 /// After a pose that was wrong without saying so, words are not judged by the truth for this long, seconds.
 const FORGIVEN_S: f64 = 4.0;
+/// A step to a side, and as far as which steps lead to the route, metres.
+const STEP_M: f64 = 0.3;
+const BESIDE_M: f64 = 3.0;
 /// When nothing fails any more, guidance or a clear refusal comes within this time, seconds.
 const LIVE_S: f64 = 10.0;
 
@@ -101,6 +106,7 @@ pub(crate) struct Moment {
 pub(crate) struct Rules {
     truth: RouteTruth,
     language: Language,
+    backwards: bool,
     over_network: bool,
     calm: Stamp,
     readings: VecDeque<Reading>,
@@ -121,11 +127,12 @@ pub(crate) struct Rules {
 
 impl Rules {
     /// On a route; nothing fails from `calm` on.
-    pub fn new(truth: RouteTruth, language: Language, over_network: bool, calm: Stamp) -> Self {
+    pub fn new(truth: RouteTruth, shape: &Shape, over_network: bool, calm: Stamp) -> Self {
         let never = Stamp(i64::MIN / 2);
         Self {
             truth,
-            language,
+            language: shape.language,
+            backwards: shape.facing == Facing::Backwards,
             over_network,
             calm,
             readings: VecDeque::new(),
@@ -216,7 +223,8 @@ impl Rules {
         let Some((side, steps)) = direction_of(&said.text, self.language) else { return };
         let sent = if steps { Sent::Aside } else { Sent::RoundOrAlong };
         let wrong = |at| self.truth.is_wrong(side, sent, at, place_m);
-        if wrong(reading.walker) && wrong(walker) && !self.is_forgiven(now) {
+        let may_be_right = if steps { !self.is_sure(reading) } else { self.leads_to_foot(side, walker) };
+        if wrong(reading.walker) && wrong(walker) && !may_be_right && !self.is_forgiven(now) {
             let turns =
                 [reading.walker, walker].map(|at| self.truth.turns(at).map(|a| a.to_degrees().round()));
             self.broken(Rule::RightSide, now, format!("{} {turns:?} deg lead there", said.text));
@@ -242,6 +250,19 @@ impl Rules {
             self.broken(Rule::NoContradiction, now, said.text.clone());
         }
         self.directed = Some(Directed { at: now, side, walker: reading.walker, turn_rad });
+    }
+
+    /// Whether a step to a side can be judged: by a pose that is right to less than a step, beside the route.
+    fn is_sure(&self, reading: &Reading) -> bool {
+        reading.error_m < STEP_M && self.truth.place().is_some_and(|at| at.cross_m.abs() < BESIDE_M)
+    }
+
+    /// Whether a turn to a side leads straight back to the route, from well beside it.
+    fn leads_to_foot(&self, side: Side, (x, y, heading): (f64, f64, f64)) -> bool {
+        let Some(at) = self.truth.place().filter(|at| at.cross_m.abs() > STEP_M) else { return false };
+        let course = if self.backwards { heading + PI } else { heading };
+        let turn = wrap((at.foot.y - y).atan2(at.foot.x - x) - course);
+        Side::of(turn) == side && turn.abs() > TURNED_RAD
     }
 
     /// The guide is told anew what to do: what it said before says nothing.

@@ -35,8 +35,9 @@ const ARRIVED_S: f64 = 4.0;
 const STANDS_S: f64 = 2.0;
 /// What the way of the words is taken to be longer while the page finds them late, seconds (`sources::live::phone_port`).
 const LATE_S: f64 = 1.0;
-/// Who has wandered off may be led back to the leg that was left, as long as that is this near, metres: as the matcher of the guide does.
-const REACH_M: f64 = 6.0;
+/// Who has wandered off may be led back to the leg that was left, as long as that is this near, metres: the matcher of the guide waits for
+/// five seconds beyond six metres.
+const REACH_M: f64 = 9.0;
 /// Pictures on their way at one time.
 const IN_FLIGHT: usize = 3;
 
@@ -211,7 +212,7 @@ fn gone(scenario: &Scenario, lines: Lines) -> (Outcome, Vec<TimeLine>) {
         camera: Camera::new(scenario, begins, calm),
         person: Person::new(scenario, at, shape.language, begins, calm),
         phone: is_phone.then(|| Phone::new(scenario, &shape, begins, calm)),
-        rules: Rules::new(truth, shape.language, is_phone, calm),
+        rules: Rules::new(truth, &shape, is_phone, calm),
         lines,
         turn: 0,
         commands: scenario.faults.has(Fault::Commands).then(|| scenario.random(Fault::Commands as u64)),
