@@ -13,7 +13,7 @@ use cairn_sensor::Stamp;
 const TURNING_RAD_S: f64 = 0.35;
 /// The turn rate is averaged over about this time, so that sway cancels out, seconds.
 const AVERAGED_S: f64 = 0.5;
-/// Longer gaps between poses than this count as this, seconds.
+/// In longer gaps between poses than this nothing is known of turn and velocity, seconds.
 const LONGEST_STEP_S: f64 = 0.5;
 
 /// Within this distance of where the map was seen last, metres, and slower than this, m/s, the walker stands; ...
@@ -45,7 +45,8 @@ impl Blind {
         let [seen_at, was_at] = self.at.unwrap_or([position; 2]);
         self.at = Some([if confidence == Confidence::Good { position } else { seen_at }, position]);
         let Some((then, old)) = before else { return self.blind_s };
-        let dt = (stamp - then).clamp(0.0, LONGEST_STEP_S);
+        let gone_s = (stamp - then).max(0.0);
+        let dt = gone_s.min(LONGEST_STEP_S);
         if dt > 0.0 {
             let share = (dt / AVERAGED_S).min(1.0);
             self.rate += (wrap(heading - old) / dt - self.rate) * share;
@@ -55,7 +56,7 @@ impl Blind {
         match confidence {
             Confidence::Good => self.blind_s = 0.0,
             _ if self.rate.abs() >= TURNING_RAD_S => {}
-            _ => self.blind_s += if stands { STANDING * dt } else { dt },
+            _ => self.blind_s += if stands { STANDING * gone_s } else { gone_s },
         }
         self.blind_s
     }

@@ -16,6 +16,7 @@ use crate::follow::{Follower, Now, Phase, Turning};
 use crate::free_way::FreeWay;
 use crate::ground::{Ground, heading_of};
 use crate::input::GuideInput;
+use crate::jumps::Jumps;
 use crate::maneuvers::ManeuverPlan;
 use crate::matcher::Match;
 use crate::route::Confidence;
@@ -56,6 +57,7 @@ pub struct Guide {
     ground: Ground,
     follower: Follower,
     stops: Stops,
+    jumps: Jumps,
     corrections: Corrections,
     /// The walker has been told to move.
     started: bool,
@@ -91,8 +93,9 @@ const WARNING_S: f64 = 8.0;
 const RIGHT_AHEAD_M: f64 = 1.0;
 /// A walker nearer to the route than this can join it, metres.
 const JOIN_REACH_M: f64 = 5.0;
-/// Whoever is stopped or waits hears at least a sound at this interval, seconds.
-const QUIET_S: f64 = 3.0;
+/// Whoever is stopped or waits hears at least a sound at this interval, seconds: with a step of the engine that takes a second, and the
+/// way of the sound, still every three.
+const QUIET_S: f64 = 2.0;
 /// A walker who is farther away is told so at this interval, seconds.
 const AWAY_AGAIN_S: f64 = 12.0;
 
@@ -109,6 +112,7 @@ impl Guide {
             ground,
             follower: Follower::new(plan, config),
             stops: Stops::default(),
+            jumps: Jumps::default(),
             corrections: Corrections::default(),
             started: false,
             again: false,
@@ -167,6 +171,7 @@ impl Guide {
         self.ground = ground;
         self.corrections.begin_segment();
         self.stops.begin_segment();
+        self.jumps = Jumps::default();
         self.follower.motion.clear();
     }
 
@@ -271,13 +276,24 @@ impl Guide {
 
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
         let moved = self.follower.config.facing.heading(&self.ground, &input.odom_from_camera);
-        let stop = self.stops.due(input, moved.as_ref(), &self.follower.config, self.started);
+        let stop = self.stops.due(input, moved.as_ref(), &self.follower.config);
+        if let Some(walker) = &moved {
+            self.jumps.step(input.pose_stamp, walker.position);
+        }
         let (Some(moved), None) = (moved, stop) else {
             let along_m = self.follower.matcher.along_m();
             let reason = stop.unwrap_or(StopReason::TrackingLost);
             let reason = self.stops.or_given_up(reason, along_m, input.now, self.started);
             return self.halt(reason, input.now);
         };
+        if self.jumps.is_doubted() {
+            return None;
+        }
+        if self.jumps.has_landed() {
+            self.follower.matcher.search_anywhere();
+            self.again = self.started;
+            self.follower.phase = Phase::Begin;
+        }
         if self.stops.final_at(self.follower.matcher.along_m(), input.now).is_some() {
             // The walker may come on along the route with the help of others.
             let at = self.follower.update_match(&moved, input.now);
@@ -364,6 +380,7 @@ impl Guide {
             Recovery::Waiting => false,
             Recovery::Ends { in_the_way } => {
                 (self.cleared, self.again) = (in_the_way, false);
+                self.follower.matcher.search_if_far();
                 self.follower.motion.clear();
                 self.corrections.clear();
                 self.follower.phase = Phase::Begin;

@@ -16,6 +16,7 @@ mod ground;
 mod guide;
 mod info;
 mod input;
+mod jumps;
 mod losses;
 mod maneuvers;
 mod matcher;

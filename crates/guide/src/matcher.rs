@@ -55,12 +55,15 @@ pub struct Matcher {
     /// The walker was guided past this point and is not matched before it.
     passed_m: f64,
     far_since: Option<Stamp>,
+    /// The next match may be anywhere on the route: in any case, or where the walker is far from the window.
+    anywhere: bool,
+    if_far: bool,
 }
 
 impl Matcher {
     /// Starts at the beginning of the route.
     pub fn new(config: MatcherConfig) -> Self {
-        Self { config, along_m: 0.0, passed_m: 0.0, far_since: None }
+        Self { config, along_m: 0.0, passed_m: 0.0, far_since: None, anywhere: false, if_far: false }
     }
 
     /// Sets the walker's place.
@@ -79,6 +82,16 @@ impl Matcher {
     /// does not decide which of them the walker is on. Forgotten when the walker is lost from the window.
     pub fn pass(&mut self, along_m: f64) {
         self.passed_m = along_m;
+    }
+
+    /// The walker is not where the poses before had him: the whole route is searched for his place.
+    pub fn search_anywhere(&mut self) {
+        self.anywhere = true;
+    }
+
+    /// Nobody knows where the walker has gone meanwhile: where that is far from the window, it is not waited for.
+    pub fn search_if_far(&mut self) {
+        self.if_far = true;
     }
 
     /// Whether a walker who is matched before a corner stands nearer to the leg after it: he has cut it, or came round it while
@@ -137,19 +150,26 @@ impl Matcher {
 
     /// The match for a position on the ground plane.
     pub fn update(&mut self, plan: &ManeuverPlan, position: &Vec2, now: Stamp) -> Match {
+        if std::mem::take(&mut self.anywhere) {
+            (self.far_since, self.passed_m) = (None, 0.0);
+            let found = self.nearest(plan, position, f64::NEG_INFINITY, f64::INFINITY);
+            self.along_m = found.along_m;
+            return found;
+        }
         let from = (self.along_m - self.config.behind_m).max(self.passed_m);
         let to = self.along_m.max(self.passed_m) + self.config.ahead_m;
         let mut found = self.nearest(plan, position, from, to);
         let far = (found.foot - position).norm() > self.config.lost_m;
+        let at_once = std::mem::take(&mut self.if_far);
         match (far, self.far_since) {
             (false, _) => self.far_since = None,
-            (true, None) => self.far_since = Some(now),
-            (true, Some(since)) if now - since >= self.config.lost_s => {
+            (true, None) if !at_once => self.far_since = Some(now),
+            (true, since) if at_once || since.is_some_and(|since| now - since >= self.config.lost_s) => {
                 found = self.nearest(plan, position, f64::NEG_INFINITY, f64::INFINITY);
                 self.far_since = None;
                 self.passed_m = 0.0;
             }
-            (true, Some(_)) => {}
+            (true, _) => {}
         }
         self.along_m = found.along_m;
         found

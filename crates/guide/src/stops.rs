@@ -51,7 +51,7 @@ pub(crate) enum Recovery {
     },
 }
 
-/// The stops of a walk. `started` says whether the walker has been told to move.
+/// The stops of a walk. Where `started` is asked for, it says whether the walker has been told to move.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Stops {
     halted: Option<Halt>,
@@ -132,7 +132,6 @@ impl Stops {
         input: &GuideInput,
         walker: Option<&Heading>,
         config: &GuideConfig,
-        started: bool,
     ) -> Option<StopReason> {
         let blind_s = walker
             .map_or(0.0, |w| self.blind.step(input.confidence, input.pose_stamp, w.position, w.heading));
@@ -146,7 +145,7 @@ impl Stops {
             Some(StopReason::TrackingLost)
         } else if input.now - input.pose_stamp > config.stale_s {
             Some(StopReason::PoseStale)
-        } else if started && (blind_s > config.blind_s || runs_away) {
+        } else if blind_s > config.blind_s || runs_away {
             Some(StopReason::TrackingLost)
         } else {
             None

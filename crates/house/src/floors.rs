@@ -24,7 +24,7 @@ const FLOORS: &[(u8, &[&str])] = &[
     (11, &["cairn-phone", "cairn-web", "cairn-workers"]),
     (12, &["cairn"]),
     (13, &["cairn-fleet"]),
-    (14, &["cairn-cli", "cairn-house", "cairn-python", "cairn-ros", "bench"]),
+    (14, &["cairn-cli", "cairn-faults", "cairn-house", "cairn-python", "cairn-ros", "bench"]),
 ];
 
 fn workspace_root() -> &'static Path {

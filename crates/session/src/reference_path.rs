@@ -185,7 +185,7 @@ impl ReferencePath {
         let at = frame.odom_from_world.sim3 * place.world_from_camera.se3.translation;
         let jumped = frame.odom_from_world.sim3 * (self.frame.odom_from_world.sim3.inverse() * at) - at;
         if now - self.checked < MAP_CHECK_S && jumped.norm() <= MOVED_M
-            || map.version() == self.version && jumped.norm() == 0.0
+            || map.version() == self.version && frame.odom_from_world == self.frame.odom_from_world
         {
             return None;
         }

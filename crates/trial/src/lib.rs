@@ -14,4 +14,4 @@ pub mod way;
 pub use pace::{LEVELS, Pace};
 pub use page::{Lateness, PageClock, STALE_MS};
 pub use picture::{encoded, smaller};
-pub use walker::{Walker, side_of};
+pub use walker::{Walker, direction_of, side_of};

@@ -315,20 +315,19 @@ impl Walker {
 
 /// The side of the first direction in a text, as a walker with this language understands it.
 pub fn side_of(text: &str, language: Language) -> Option<Side> {
+    direction_of(text, language).map(|(side, _)| side)
+}
+
+/// The same, and whether it is a step to that side.
+pub fn direction_of(text: &str, language: Language) -> Option<(Side, bool)> {
     for sentence in text.to_lowercase().split('.') {
         for clause in sentence.split(',').map(str::trim) {
             if is_future(language, clause) {
                 break;
             }
             match understand(language, clause) {
-                Some(
-                    Meaning::Turn(side)
-                    | Meaning::Bear(side)
-                    | Meaning::Step(side)
-                    | Meaning::SmallStep(side),
-                ) => {
-                    return Some(Side::of(side));
-                }
+                Some(Meaning::Turn(side) | Meaning::Bear(side)) => return Some((Side::of(side), false)),
+                Some(Meaning::Step(side) | Meaning::SmallStep(side)) => return Some((Side::of(side), true)),
                 // What follows is for later.
                 Some(Meaning::Forward | Meaning::ForwardSlowly | Meaning::Back) => break,
                 _ => {}

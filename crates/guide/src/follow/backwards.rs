@@ -41,8 +41,7 @@ impl Follower {
         if !self.backwards() || !rested || off.abs() <= self.config.backwards_off_m {
             return None;
         }
-        // Beyond a corner or the end the line is not beside the walker.
-        if off * now.walker.to_left(&now.at.foot) <= 0.0 || now.at.along_m > self.plan.length() - 0.1 {
+        if !self.is_beside(now) {
             return None;
         }
         // Already returning to the line: the path's left is the walker's right when he moves backwards.
@@ -66,6 +65,12 @@ impl Follower {
         now.walker.to_left(&(now.walker.position + across))
     }
 
+    /// Whether the line is beside the walker: beyond a corner or the end it is not.
+    fn is_beside(&self, now: &Now) -> bool {
+        self.off_line(now) * now.walker.to_left(&now.at.foot) > 0.0
+            && now.at.along_m <= self.plan.length() - 0.1
+    }
+
     /// One step back towards the line; from farther away, or where such a step would hardly approach the line, a turn
     /// that leads back.
     fn aside(&mut self, now: &Now) -> Option<CueKind> {
@@ -75,11 +80,7 @@ impl Follower {
         let step = direction(now.walker.heading + off.signum() * 0.75 * std::f64::consts::PI);
         let across = (now.at.foot - now.walker.position).dot(&step);
         let gain = cross(&direction(now.at.heading), &step).abs();
-        if across < 0.0
-            || gain < STEP_GAIN
-            || off.abs() > STEP_ASIDE_LIMIT * self.config.backwards_off_m
-            || now.at.along_m > self.plan.length() - 0.1
-        {
+        if across < 0.0 || gain < STEP_GAIN || off.abs() > STEP_ASIDE_LIMIT * self.config.backwards_off_m {
             self.direction_given(now);
             self.phase = Phase::Turning(Turning::new(now, false));
             return Some(CueKind::Rotate(aim));
@@ -99,7 +100,7 @@ impl Follower {
         if let Some(kind) = self.turn_now(now) {
             return Some(kind);
         }
-        if self.off_line(now).abs() > 0.6 * self.config.backwards_off_m {
+        if self.off_line(now).abs() > 0.6 * self.config.backwards_off_m && self.is_beside(now) {
             return self.aside(now);
         }
         self.go_or_rotate(now)

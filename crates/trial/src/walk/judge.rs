@@ -2,16 +2,12 @@
 
 use super::config::{STEP_S, TrialConfig, guide_config};
 use super::rules::Rule;
+use super::truth::{RouteTruth, Sent};
 use crate::walker::{Walker, side_of};
-use cairn_geometry::Vec2;
-use cairn_guide::{
-    Cue, CueKind, Facing, Heading, ManeuverPlan, Match, Matcher, MatcherConfig, Side, Utterance, heading_of,
-    wrap,
-};
+use cairn_guide::{Cue, CueKind, ManeuverPlan, Match, Utterance};
 use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 
 /// One line of a transcript.
 #[derive(Clone, Debug, PartialEq)]
@@ -125,17 +121,11 @@ impl Tally {
     }
 }
 
-/// So far from a sharp corner its two legs lie within reach of each other, metres along each.
-const HAIRPIN_M: f64 = 8.0;
-
 pub(crate) struct Judge {
-    plan: ManeuverPlan,
+    truth: RouteTruth,
     language: Language,
-    facing: Facing,
     off_m: f64,
     dwell_s: f64,
-    matcher: Matcher,
-    at: Option<Match>,
     place_m: Option<f64>,
     off_s: f64,
     off: bool,
@@ -148,13 +138,10 @@ impl Judge {
         let s = guide_config(config.facing, config.corridor_m);
         let outcome = Outcome { length_m: plan.length(), ..Outcome::default() };
         Self {
-            plan,
+            truth: RouteTruth::new(plan, config.facing, s.off_m),
             language: config.phrases.language,
-            facing: config.facing,
             off_m: s.off_m,
             dwell_s: s.off_dwell_s,
-            matcher: Matcher::new(MatcherConfig::default()),
-            at: None,
             place_m: None,
             off_s: 0.0,
             off: false,
@@ -164,57 +151,12 @@ impl Judge {
     }
 
     pub fn length(&self) -> f64 {
-        self.plan.length()
-    }
-
-    fn true_heading(&self, walker: &Walker) -> Heading {
-        let (x, y, heading) = walker.pose();
-        let course = if self.facing == Facing::Backwards { wrap(heading + PI) } else { heading };
-        Heading { position: Vec2::new(x, y), height: 1.3, heading, course }
-    }
-
-    /// The leg after a hairpin, for a walker who faces along it: metres along the route of its begin and of its nearest point. Where
-    /// two legs lie at an acute angle the matcher alone would keep him on the first, backwards, while he goes away from it.
-    fn faced_leg(&self, truth: &Heading) -> Option<[f64; 2]> {
-        let along_m = self.at?.along_m;
-        let corners: Vec<_> = self.plan.maneuvers().iter().filter(|m| m.turn_rad != 0.0).collect();
-        let taken = (0..corners.len()).find(|k| {
-            let m = corners[*k];
-            // No other corner lies between the walker and this one.
-            let next = (*k == 0 || corners[k - 1].end_m <= along_m)
-                && corners.get(k + 1).is_none_or(|after| along_m <= after.at_m);
-            let near = (m.at_m - along_m).abs() <= HAIRPIN_M;
-            let faces = truth.turn_to(m.exit_heading).abs() < PI / 3.0;
-            next && near && faces && m.turn_rad.abs() > PI / 2.0
-        })?;
-        let end_m = corners[taken].end_m;
-        // Not farther than that leg goes: the one after it may cross the leg that the walker is on.
-        let leg_m = corners.get(taken + 1).map_or(self.plan.length(), |next| next.at_m) - end_m;
-        let steps = (HAIRPIN_M.min(leg_m) / 0.1) as usize;
-        let after = (0..=steps).map(|k| end_m + 0.1 * k as f64);
-        let nearest = after.min_by(|a, b| self.away(*a, truth).total_cmp(&self.away(*b, truth)))?;
-        Some([end_m, nearest])
-    }
-
-    /// Metres from the walker to the route at a distance along it.
-    fn away(&self, along_m: f64, truth: &Heading) -> f64 {
-        (self.plan.point_at(along_m) - truth.position).norm()
-    }
-
-    /// A walker who faces along the leg after a hairpin and is nearer to it than to the leg before is on it.
-    fn pass_hairpin(&mut self, truth: &Heading) {
-        let (Some(at), Some([end_m, nearest_m])) = (self.at, self.faced_leg(truth)) else { return };
-        if self.away(nearest_m, truth) < self.away(at.along_m, truth) {
-            self.matcher.pass(end_m);
-        }
+        self.outcome.length_m
     }
 
     /// `place_m`: the guide's own estimate of the distance along the route.
     pub fn see(&mut self, walker: &Walker, cue: Option<&Cue>, place_m: Option<f64>, now: Stamp) {
-        let truth = self.true_heading(walker);
-        self.pass_hairpin(&truth);
-        let at = self.matcher.update(&self.plan, &truth.position, now);
-        self.at = Some(at);
+        let at = self.truth.see(walker.pose(), now);
         self.place_m = place_m;
         self.off_s = if at.cross_m.abs() > self.off_m { self.off_s + STEP_S } else { 0.0 };
         if self.off_s >= self.dwell_s && !self.off {
@@ -235,72 +177,34 @@ impl Judge {
 
     /// Where the walker truly is on the route.
     pub fn place(&self) -> Option<Match> {
-        self.at
+        self.truth.place()
     }
 
     pub fn hear(&mut self, said: &Utterance, walker: &Walker, now: Stamp) -> Said {
-        let truth = self.true_heading(walker);
-        let along_m = self.at.map_or(0.0, |m| m.along_m);
-        // Where two legs lie within reach of each other, or the walker is as near to either, the words may refer to either. Who has
-        // turned at a hairpin goes along the leg after it, however far beside it he turned.
-        let there = self.place_m.filter(|m| {
-            let reach_m = self.off_m.max(self.away(along_m, &truth));
-            self.away(*m, &truth) <= reach_m && (*m - along_m).abs() > 1.0
-        });
         // Who looks round for his place is sent nowhere.
         let side = side_of(&said.text, self.language)
             .filter(|_| !matches!(self.last_kind, Some(CueKind::LookRound(_))));
-        let wrong_side = side.is_some_and(|side| {
-            [Some(along_m), there, self.faced_leg(&truth).map(|leg| leg[1])]
-                .into_iter()
-                .flatten()
-                .all(|m| self.wrong(side, &truth, m))
-        });
+        let sent = match self.last_kind {
+            Some(CueKind::Step(_)) => Sent::Aside,
+            Some(CueKind::TurnNow { .. }) => Sent::Round,
+            _ => Sent::Along,
+        };
+        let wrong_side =
+            side.is_some_and(|side| self.truth.is_wrong(side, sent, walker.pose(), self.place_m));
         self.outcome.wrong_side += usize::from(wrong_side);
         if let Some(kind) = &self.last_kind {
             *self.outcome.kinds.entry(name(kind)).or_default() += 1;
         }
-        let (x, y) = (truth.position.x, truth.position.y);
+        let (x, y, _) = walker.pose();
+        let along_m = self.place().map_or(0.0, |m| m.along_m);
         let said = Said { t: now.seconds(), along_m, text: said.text.clone(), x, y, wrong_side };
         self.outcome.said.push(said.clone());
         said
     }
 
-    /// Whether the words truly send the walker away from the route.
-    fn wrong(&self, side: Side, truth: &Heading, along_m: f64) -> bool {
-        let limit = 20.0_f64.to_radians();
-        let against = |needed: f64, limit: f64| match side {
-            Side::Left => needed < -limit,
-            Side::Right => needed > limit,
-        };
-        match self.last_kind {
-            Some(CueKind::Step(_)) => {
-                let foot = self.plan.point_at(along_m);
-                against(truth.to_left(&foot), 0.1)
-            }
-            Some(CueKind::TurnNow { .. }) => {
-                // One of the corners here must turn that route, seen from the walker's heading.
-                let here = |m: &&cairn_guide::Maneuver| {
-                    m.turn_rad != 0.0 && m.at_m - along_m < 4.0 && along_m - m.end_m < 4.0
-                };
-                !self.plan.maneuvers().iter().filter(here).any(|m| {
-                    let needed = truth.turn_to(m.exit_heading);
-                    // From 150 degrees on both sides lead there.
-                    !against(needed, limit) || needed.abs() >= 150.0_f64.to_radians()
-                })
-            }
-            // Away from the route at look-ahead distances of both one and three metres.
-            _ => [1.0, 3.0].iter().all(|ahead| {
-                let target = self.plan.point_at((along_m + ahead).min(self.plan.length()));
-                let needed = truth.turn_to(heading_of(&(target - truth.position)));
-                against(needed, limit) && needed.abs() < 150.0_f64.to_radians()
-            }),
-        }
-    }
-
     pub fn finish(mut self, walker: &Walker, arrived: bool) -> Outcome {
         self.outcome.arrived = arrived;
-        self.outcome.error_m = (self.true_heading(walker).position - self.plan.end()).norm();
+        self.outcome.error_m = self.truth.from_end_m(walker.pose());
         self.outcome
     }
 }
@@ -344,32 +248,7 @@ mod tests {
     use super::*;
     use crate::walk::Noise;
     use cairn_geometry::Vec3;
-    use cairn_guide::Priority;
-    use cairn_guide::{Ground, ManeuverPlanConfig};
-
-    /// The leg after the next one crosses the leg that the walker is on: being near to it is not being past a hairpin before it.
-    #[test]
-    fn a_walker_near_a_crossing_is_not_past_the_hairpin_before_it() {
-        let corners = [[-0.9, 7.2], [-2.7, 9.1], [-4.5, 7.2], [-5.2, 9.3], [-2.5, 10.7], [-3.4, -3.0]];
-        let line: Vec<Vec3> = corners.iter().map(|c| Vec3::new(c[0], c[1], 0.0)).collect();
-        let plan = ManeuverPlan::new(&line, &Ground::z_up(), &ManeuverPlanConfig::default()).unwrap();
-        let config = TrialConfig {
-            facing: Facing::Home,
-            travel: cairn_guide::Travel::Again,
-            noise: Noise::None,
-            corridor_m: 3.0,
-            cut_detours: false,
-            phrases: cairn_guide::PhraseConfig::default(),
-            seed: 0,
-        };
-        let mut judge = Judge::new(plan, &config);
-        let walker = Walker::new(0, (-2.2, 7.7, 2.06));
-        for k in 0..3 {
-            judge.see(&walker, None, None, Stamp::from_seconds(k as f64 * STEP_S));
-        }
-        let along_m = judge.at.unwrap().along_m;
-        assert!((0.9..1.6).contains(&along_m), "{along_m}");
-    }
+    use cairn_guide::{Facing, Ground, ManeuverPlanConfig, Priority};
 
     #[test]
     fn judge_counts_wrong_sides_and_off_path_events() {
@@ -386,7 +265,7 @@ mod tests {
         };
         for (text, wrong) in [("Turn left now.", 0), ("Turn right now.", 1), ("Turn around.", 0)] {
             let mut judge = Judge::new(plan.clone(), &config);
-            judge.matcher.place(8.5);
+            judge.truth.matcher.place(8.5);
             let walker = Walker::new(0, (8.5, 0.0, 0.0));
             let kind = CueKind::TurnNow { turn_rad: 1.5, stairs: None };
             let cue = Cue { stamp: Stamp(0), facing: Facing::Home, kind };

@@ -8,12 +8,14 @@ mod routes;
 mod rules;
 mod time_line;
 mod trial;
+mod truth;
 
 pub use config::{STEP_S, TrialConfig, guide_config};
 pub use judge::{Outcome, Said, Tally};
 pub use noise::{Noise, PoseNoise};
-pub use routes::{crosses_itself, random_route, walk_out};
+pub use routes::{crosses_itself, random_route, walk_out, walked_poses};
 pub use rules::Rule;
+pub use truth::{RouteTruth, Sent};
 
 use cairn_geometry::Vec2;
 use trial::{Moment, Trial};

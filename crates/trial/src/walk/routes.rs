@@ -82,15 +82,12 @@ fn keeps_away(line: &[Vec2]) -> bool {
         .all(|(i, (p, a))| points[i..].iter().all(|(q, b)| b - a < 8.0 || (p - q).norm() > 3.0))
 }
 
-/// Simulates a person who walks the line at 1 m/s with the camera on the chest, swaying up to 15 cm and rounding
-/// corners, with the recorder running.
-pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Route {
-    let mut random = Random::new(seed ^ 0x0DD);
-    let mut recorder = Recorder::new(RecorderConfig::default(), true, &Ground::z_up(), "simulated walk");
-    let phase = random.uniform(0.0, 6.0);
+/// The poses of a camera on the chest of a person who walks the line at 1 m/s, one each [`STEP_S`], swaying up to 15 cm and rounding
+/// corners; `phase` is that of the sway, radians. With the metres walked.
+pub fn walked_poses(line: &[Vec2], phase: f64) -> Vec<(Se3, f64)> {
     let (mut k, mut p) = (0, line[0]);
     let mut heading = heading_of(&(line[1] - line[0]));
-    let (mut tick, mut walked) = (0i64, 0.0);
+    let (mut poses, mut walked) = (Vec::new(), 0.0);
     let total: f64 = line.windows(2).map(|w| (w[1] - w[0]).norm()).sum();
     while walked < 2.0 * total + 10.0 {
         // Aim 0.6 m ahead on the present segment; change to the next when near its end.
@@ -115,16 +112,25 @@ pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Route {
             p += direction(heading) * STEP_S;
             walked += STEP_S;
         }
-        tick += 1;
-        let s = if noise == Noise::None { 0.0 } else { 1.0 };
+        poses.push((camera_pose(p.x, p.y, heading, 0.25), walked));
+    }
+    poses
+}
+
+/// Simulates a person who walks the line with the recorder running.
+pub fn walk_out(line: &[Vec2], noise: Noise, seed: u64) -> Route {
+    let mut random = Random::new(seed ^ 0x0DD);
+    let mut recorder = Recorder::new(RecorderConfig::default(), true, &Ground::z_up(), "simulated walk");
+    let phase = random.uniform(0.0, 6.0);
+    let s = if noise == Noise::None { 0.0 } else { 1.0 };
+    for (tick, (pose, walked)) in walked_poses(line, phase).into_iter().enumerate() {
         let shake =
             Vec3::new(random.normal(0.0, 0.02), random.normal(0.0, 0.02), random.normal(0.0, 0.02)) * s;
         let twist = So3::exp(&(Vec3::z() * random.normal(0.0, 0.01) * s));
-        let pose = camera_pose(p.x, p.y, heading, 0.25);
         let pose = Se3::new(twist * pose.rotation, pose.translation + shake);
         let anchor = Anchor { robot: 0, seq: (walked / 2.0) as u32 };
         let input = RecordInput {
-            stamp: Stamp::from_seconds(tick as f64 * STEP_S),
+            stamp: Stamp::from_seconds((tick + 1) as f64 * STEP_S),
             odom_from_camera: Pose::new(pose),
             segment: 0,
             anchor,

@@ -302,15 +302,17 @@ let holder = null;
 let isQuiet = true;
 
 function said(words) {
-  const old = typeof words.pose_ms === 'number' && camera.running && clockMs() - words.pose_ms > STALE_MS;
-  if (old || (late && typeof words.pose_ms === 'number')) {
-    // The server is informed that the direction came too late; it then stops and directs anew.
+  const isDirection = typeof words.pose_ms === 'number';
+  // The server is informed that the direction came too late; it then stops and directs anew.
+  const tooOld = () => {
+    const old = isDirection && camera.running && clockMs() - words.pose_ms > STALE_MS;
     if (old) becameLate();
-    return;
-  }
+    return old;
+  };
+  if (tooOld() || (late && isDirection)) return;
   // A note in the walker's own voice is heard after its name and side, unless something more important is said.
   if (words.priority < 2) voices.hush();
-  senses.say({ ...words, after: voices.named(words.text) });
+  senses.say({ ...words, tooOld, after: voices.named(words.text) });
   write(words);
   camera.heard?.(words.text);
 }
@@ -390,14 +392,16 @@ function ownAge() {
 
 function becameLate() {
   freshSince = null;
-  if (late) return;
-  late = true;
-  link.sendCopies({ late: true });
+  // The server may have said it already, or something equally urgent, and repeats it unless nothing of it arrives.
+  const rest = late ? AGAIN_MS + 500 : AGAIN_MS;
   const text = t('page-pictures-late');
-  set('state-now', text);
-  $('state-now').classList.add('urgent');
-  // The server may have said it already, or something equally urgent.
-  if (performance.now() - senses.urgentAt < AGAIN_MS) return;
+  if (!late) {
+    late = true;
+    link.sendCopies({ late: true });
+    set('state-now', text);
+    $('state-now').classList.add('urgent');
+  }
+  if (performance.now() - senses.urgentAt < rest) return;
   senses.say({ text, priority: 0, kind: 'late' });
   write({ text, priority: 0 });
 }

@@ -64,8 +64,8 @@ export class Senses {
     this.audio?.resume();
   }
 
-  // `after` is called once the text has been heard to its end.
-  say({ text, priority, interrupts, turn_rad, kind, language, after }) {
+  // `after` is called once the text has been heard to its end; `tooOld` says of one that waited whether it may not be said any more.
+  say({ text, priority, interrupts, turn_rad, kind, language, after, tooOld }) {
     const now = performance.now();
     if (text === this.said.text && now - this.said.at < SAME_MS) return;
     this.said = { text, at: now };
@@ -73,7 +73,7 @@ export class Senses {
       this.urgentAt = now;
       this.shake('stop');
     } else if (typeof turn_rad === 'number' && priority === 1) this.shake(Math.abs(turn_rad) > 2.6 ? 'around' : turn_rad > 0 ? 'left' : 'right');
-    const line = { text, priority, kind: kind ?? '', at: now, language: language ?? this.language, after };
+    const line = { text, priority, kind: kind ?? '', at: now, language: language ?? this.language, after, tooOld };
     if (this.told === 'reader') {
       this.show(line);
       if (after) setTimeout(after, READ_MS);
@@ -118,7 +118,7 @@ export class Senses {
     if (this.speaking || !this.waiting) return;
     const line = this.waiting;
     this.waiting = null;
-    if (now - line.at <= WAIT_MS) this.speak(line);
+    if (now - line.at <= WAIT_MS && !line.tooOld?.()) this.speak(line);
   }
 
   shake(name) {

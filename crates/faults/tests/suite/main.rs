@@ -1,0 +1,3 @@
+//! Walks in which everything may fail.
+
+mod walks;
