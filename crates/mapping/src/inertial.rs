@@ -225,12 +225,9 @@ impl Inertial {
         } else if self.soft_scale && self.take_metres_by_tracks(atlas, camera, map, chain) {
             self.refined.insert(map, Refined::of_age(seconds));
         } else {
-            let now = last.frame.stamp;
-            let longer_s = if seconds > EACH_S { LONGER * seconds.min(INITIALISATION_S) } else { 0.0 };
-            if self.tried.is_some_and(|(tried, at)| tried == map && now - at < longer_s) {
+            if !self.is_due(map, last.frame.stamp, seconds) {
                 return None;
             }
-            self.tried = Some((map, now));
             let mut attempt = of.attempt(&snapshot, chain, INITIALISATION_S)?;
             if let Some(found) = attempt.found.as_ref().filter(|f| is_far_offset(f)) {
                 // The poses were taken along their velocities for so long, as if it did not change.
@@ -263,6 +260,14 @@ impl Inertial {
             atlas.commit(better_sigma.into_iter().collect());
         }
         attempt_made
+    }
+
+    /// Whether a map without metres that has lasted for so many seconds is tried now.
+    fn is_due(&mut self, map: MapId, now: Stamp, seconds: f64) -> bool {
+        let longer_s = if seconds > EACH_S { LONGER * seconds.min(INITIALISATION_S) } else { 0.0 };
+        let is_due = self.tried.is_none_or(|(tried, at)| tried != map || now - at >= longer_s);
+        self.tried = if is_due { Some((map, now)) } else { self.tried };
+        is_due
     }
 
     /// Gives a map metres by its tracks, where these tell them.
@@ -541,6 +546,21 @@ mod tests {
         };
         assert_eq!(failed(0.09), [GateKind::GyroBias], "nothing else is softened");
         assert_eq!(failed(0.11), [GateKind::ScaleSigma, GateKind::GyroBias]);
+    }
+
+    #[test]
+    fn a_map_without_metres_is_tried_with_each_key_frame_at_first_and_later_as_it_gets_longer() {
+        let mut inertial = inertial();
+        let mut tried = |map: u32, from_s: f64, to_s: f64| {
+            let times = (0..).map(|n| from_s + 0.06 * f64::from(n)).take_while(|t| *t < to_s);
+            let map = MapId(KeyFrameId::from_index(map as usize).unwrap());
+            times.filter(|t| inertial.is_due(map, Stamp::from_seconds(*t), *t)).count()
+        };
+        assert_eq!(tried(0, 0.0, 4.99), 84, "each of them");
+        let later = tried(0, 5.0, 20.0);
+        assert!((20..35).contains(&later), "{later} of 250");
+        assert_eq!(tried(0, 100.0, 110.0), 10, "once a second");
+        assert_eq!(tried(1, 110.0, 110.1), 1, "another map at once");
     }
 
     #[test]

@@ -54,7 +54,7 @@ pub enum Noise {
     DrawnRolling,
     /// The same; the engine is told the readout time.
     DrawnRollingTold,
-    /// The same; the engine estimates the readout time, and both clocks before the map begins, as for the phone of a page.
+    /// The same; the engine estimates the readout time.
     DrawnRollingEstimated,
 }
 
@@ -87,10 +87,7 @@ pub fn walk(
     let mut options = options.clone();
     match noise {
         Noise::DrawnRollingTold => options.config.tracker.readout_s = traits.readout_s,
-        Noise::DrawnRollingEstimated => {
-            options.config.tracker.estimate_readout = true;
-            options.config.tracker.clocks_by_flow = true;
-        }
+        Noise::DrawnRollingEstimated => options.config.tracker.estimate_readout = true,
         _ => {}
     }
     let options = &options;
