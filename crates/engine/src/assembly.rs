@@ -12,7 +12,7 @@ use cairn_geometry::Se3;
 use cairn_mapping::{Closer, DepthViews, Mapper};
 use cairn_sensor::{DepthSensor, Host, ImuSensor, Rig, RigError};
 use cairn_tracking::Tracker;
-use cairn_vision::{FrontEnd, RectifiedCamera, SensorMode};
+use cairn_vision::{FrontEnd, RectifiedCamera, RegistrationCheck, SensorMode};
 
 /// What an engine is made for.
 #[derive(Clone, Copy)]
@@ -75,6 +75,8 @@ impl Engine {
             snapshot = snapshot.with_imu_from_camera(imu_from_camera);
         }
         let Stages { tracker, mapper, closer, depth_views, .. } = stages;
+        let registration = setup.depth().filter(|_| !config.tracker.dense);
+        let registration = registration.and_then(|_| RegistrationCheck::of(rig));
         let scale = ScaleReport::new(model.has_depth());
         Self {
             front_end,
@@ -83,6 +85,7 @@ impl Engine {
             observers: Observers::new(depth_views, scale, StatusReport::new(status)),
             mode,
             has_colours: has_colours(rig),
+            registration,
             localize_only: false,
             find_by_depth_s: config.tracker.find_by_depth_s,
             header: Header::of(mode, rate_hz, rig, config),

@@ -13,7 +13,7 @@ use cairn_atlas::{KeyFrameId, MapId, Readout, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, World};
 use cairn_sensor::{FramePacket, Host, Stamp};
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, MeasuredMotion, State, Tracked, Tracker};
-use cairn_vision::{Frame, FrontEnd, FrontEndError, SensorMode};
+use cairn_vision::{Frame, FrontEnd, FrontEndError, Misregistration, RegistrationCheck, SensorMode};
 use nalgebra::SMatrix;
 use std::io::Write;
 use std::sync::Arc;
@@ -28,6 +28,8 @@ pub struct Engine {
     pub(crate) mode: SensorMode,
     /// Whether the first camera shows the pixels of the depth.
     pub(crate) has_colours: bool,
+    /// Looks whether it does, where poses are by features and the rig says so.
+    pub(crate) registration: Option<RegistrationCheck>,
     /// True where the map must stay unchanged.
     pub(crate) localize_only: bool,
     pub(crate) find_by_depth_s: f64,
@@ -68,11 +70,23 @@ impl Engine {
         let frame = extracted.inspect_err(|e| self.observers.refused(packet, &e.to_string()))?;
         let frame = Arc::new(frame);
         let extract_ms = self.host.clock.ms_since(begin);
+        let found = self.check_depth(packet);
         let mut done = Done::default();
         let mut step = Step { extract_ms, ..self.track(packet, &frame, &mut done) };
         let created = self.submit(&mut step.tracked, &mut done);
         self.mapping.poll(&mut done);
-        Ok(self.observe(packet, frame, step, created, done))
+        let mut output = self.observe(packet, frame, step, created, done);
+        output.events.extend(found.map(StageEvent::Misregistered));
+        Ok(output)
+    }
+
+    /// Takes poses from depth once it is certain that depths at features are those of other points: by what the packets show, so that
+    /// whoever gives them gets the same poses.
+    fn check_depth(&mut self, packet: &FramePacket) -> Option<Misregistration> {
+        let found = self.registration.as_mut()?.packet(packet)?;
+        self.tracker.take_poses_from_depth();
+        self.observers.depth_views = None;
+        Some(found)
     }
 
     /// Tracks a frame in the map as it is.

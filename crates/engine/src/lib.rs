@@ -31,7 +31,7 @@ pub use dense::{
     SavedDepthError, SearchCounts, Views, saved_dense_map,
 };
 pub use engine::Engine;
-pub use first_seconds::{with_checked_depth, with_found_lens};
+pub use first_seconds::with_found_lens;
 pub use journal::{Journal, JournalError, ReplayError};
 pub use log::{Log, Logged};
 pub use mapping::{Delays, Replayed, Runner, Stopped};

@@ -7,7 +7,7 @@ use cairn_inertial::Attempt;
 use cairn_mapping::{ScaleCheck, Verdict};
 use cairn_sensor::Stamp;
 use cairn_tracking::{AnchoredPose, Evidence, Odometry, State};
-use cairn_vision::Frame;
+use cairn_vision::{Frame, Misregistration};
 use nalgebra::SMatrix;
 use std::sync::Arc;
 
@@ -82,6 +82,8 @@ pub enum StageEvent {
     ScaleCheck(ScaleCheck),
     /// The verdict of closing on a place that may have been seen before.
     Verdict(Verdict),
+    /// How the picture lies against the depth, which the rig says is registered to it: poses are those of the depth from here on.
+    Misregistered(Misregistration),
     /// Why a stage failed, told once; tracking goes on with the map as it is.
     Failed(String),
 }
@@ -100,6 +102,11 @@ impl StageEvent {
     /// The check of the scale, if it is one.
     pub fn scale_check(&self) -> Option<&ScaleCheck> {
         if let Self::ScaleCheck(check) = self { Some(check) } else { None }
+    }
+
+    /// How the picture lies against the depth, where that was found.
+    pub fn misregistered(&self) -> Option<&Misregistration> {
+        if let Self::Misregistered(found) = self { Some(found) } else { None }
     }
 
     /// Why a stage failed, if one did.

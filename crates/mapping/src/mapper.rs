@@ -112,6 +112,8 @@ pub struct KeyFrameInput<'a> {
     pub rescale: Option<(f64, f64)>,
     /// What other sensors measured of the camera's motion since the key frame asked for before.
     pub motion: Option<&'a MotionSince>,
+    /// Whether its pose is that of its depth: from now on poses stay where they are found.
+    pub by_depth: bool,
 }
 
 /// The result of one mapping step.
@@ -288,6 +290,12 @@ impl Mapper {
             atlas.commit(changes);
         }
         let depth = self.camera.has_depth();
+        if input.by_depth
+            && let Some(views) = self.depth_views.take()
+        {
+            self.config.window.hold_poses = true;
+            views.hold_from(atlas.latest().next_key_frame_id());
+        }
         let snapshot = atlas.latest().clone();
         let (parent, _) = snapshot.surviving_ancestor(reference)?;
         let world_from_camera = snapshot.resolve(reference, &reference_from_camera)?;

@@ -27,6 +27,7 @@ fn submit(
         orientation_only: false,
         rescale: None,
         motion: None,
+        by_depth: false,
     };
     change(&mut submitted);
     mapper.step(atlas, &submitted, || false).expect("a key frame")
@@ -248,6 +249,7 @@ fn a_step_fuses_the_landmarks_of_two_visits_that_its_key_frame_shows() {
         orientation_only: false,
         rescale: None,
         motion: None,
+        by_depth: false,
     };
     let mut mapper = Mapper::new(world.camera, MapperConfig::default());
     let mapped = mapper.step(&mut atlas, &input, || false).expect("a key frame");

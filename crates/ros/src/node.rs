@@ -21,7 +21,7 @@ use cairn::geometry::Se3;
 use cairn::guide::Facing;
 use cairn::sensor::{ClockReading, FramePacket, Live, SkipKind, Stamp};
 use cairn::session::{Event, Inbox, Item};
-use cairn::{Config, Output, Slam};
+use cairn::{Config, Output, Slam, StageEvent};
 use diagnostics::Counts;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -296,6 +296,9 @@ impl<'a> Node<'a> {
             self.counts.ages_ms.push((now.0.saturating_sub(stamp.0)) as f64 * 1e-6);
         }
         self.counts.steps_ms.push(started.elapsed().as_secs_f64() * 1e3);
+        if let Some(found) = output.events.iter().find_map(StageEvent::misregistered) {
+            self.faults.say(Severity::Warn, &format!("{found}: poses are taken from depth from here on"));
+        }
         if let Some(why) = output.stage_failed() {
             self.faults.say(Severity::Error, &format!("mapping has stopped: {why}"));
         }

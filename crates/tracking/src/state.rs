@@ -145,6 +145,8 @@ pub enum KeyFrameRequest {
         rescale: Option<(f64, f64)>,
         /// What other sensors measured of the camera's motion since the frame of the request before.
         motion: Option<MotionSince>,
+        /// Whether poses are those of the depth, and stay where it found them.
+        by_depth: bool,
     },
 }
 
@@ -157,7 +159,16 @@ impl KeyFrameRequest {
         orientation_only: bool,
     ) -> Self {
         let landmarks = vec![None; frame.len()];
-        Self::Next { frame, landmarks, anchored, imu, orientation_only, rescale: None, motion: None }
+        Self::Next {
+            frame,
+            landmarks,
+            anchored,
+            imu,
+            orientation_only,
+            rescale: None,
+            motion: None,
+            by_depth: false,
+        }
     }
 
     /// When the newest of its frames was taken.

@@ -4,7 +4,7 @@
 //! sizes and places: where its edges are stronger there than in place, the two are not registered, and depths looked up at features are
 //! those of other points. Nothing is asked of poses, so that this is known from the first images on.
 
-use cairn_sensor::{DepthImage, GrayImage};
+use cairn_sensor::{DepthImage, FramePacket, GrayImage, Rig, Stamp};
 
 /// Depth steps of one image that are laid over the picture, and how many it needs.
 const MOST_STEPS: usize = 600;
@@ -21,6 +21,8 @@ const SIZE_STEP: f64 = 0.02;
 const COLUMNS: usize = 13;
 const ROWS: usize = 5;
 const PLACE_STEP: f64 = 4.0;
+/// Seconds between two looks: eight take little more than a second.
+const APART_S: f64 = 0.15;
 /// Looks that are needed, and by how much edges have to be stronger elsewhere than in place, in the mean of the looks. 7-Scenes'
 /// kitchen, whose picture is 0.90 times as large: 1.32 to 2.19 for eight images within 1.2 s, from nine starts. Five simulated worlds,
 /// two seeds each: 1.00.
@@ -55,11 +57,12 @@ pub struct RegistrationCheck {
     /// Strength of the edges at each size and place, against the mean of its image; the sum of all looks.
     strengths: Vec<f64>,
     looks: usize,
+    last: Option<Stamp>,
 }
 
 impl Default for RegistrationCheck {
     fn default() -> Self {
-        Self { strengths: vec![0.0; SIZES * COLUMNS * ROWS], looks: 0 }
+        Self { strengths: vec![0.0; SIZES * COLUMNS * ROWS], looks: 0, last: None }
     }
 }
 
@@ -70,8 +73,25 @@ struct Step {
 }
 
 impl RegistrationCheck {
-    /// Looks at a depth image and the picture of the same instant. One in a second or two says more than many of one view.
-    pub fn look(&mut self, depth: &DepthImage, picture: &GrayImage) {
+    /// For the depth sensor of a rig; `None` where it is not said to be registered.
+    pub fn of(rig: &Rig) -> Option<Self> {
+        rig.depth.as_ref().filter(|depth| depth.registered).map(|_| Self::default())
+    }
+
+    /// Takes the next packet, and looks at it where the last look is long enough ago. How the picture lies against the depth, once, with
+    /// the packet that makes it certain.
+    pub fn packet(&mut self, packet: &FramePacket) -> Option<Misregistration> {
+        let is_due = self.last.is_none_or(|last| packet.stamp - last >= APART_S);
+        let (depth, picture) = packet.depth.as_ref().zip(packet.images.first())?;
+        if self.is_sure() || !is_due {
+            return None;
+        }
+        self.last = Some(packet.stamp);
+        self.look(depth, picture);
+        self.found()
+    }
+
+    fn look(&mut self, depth: &DepthImage, picture: &GrayImage) {
         let steps = steps(depth);
         if steps.len() < LEAST_STEPS {
             return;
@@ -86,12 +106,12 @@ impl RegistrationCheck {
     }
 
     /// Whether enough was seen to judge.
-    pub fn is_sure(&self) -> bool {
+    fn is_sure(&self) -> bool {
         self.looks >= LEAST_LOOKS
     }
 
     /// How the picture lies against the depth, where that is certainly not pixel by pixel.
-    pub fn found(&self) -> Option<Misregistration> {
+    fn found(&self) -> Option<Misregistration> {
         let all = || places().zip(&self.strengths);
         let (best, strongest) = all().max_by(|a, b| a.1.total_cmp(b.1))?;
         let in_place = all().filter(|(place, _)| is_in_place(place)).map(|(_, s)| *s).fold(0.0, f64::max);

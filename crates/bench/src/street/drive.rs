@@ -107,6 +107,7 @@ impl Walk {
             orientation_only,
             rescale,
             motion: motion.as_ref(),
+            by_depth: false,
         };
         let start = Instant::now();
         let mapped = self.mapper.step(&mut self.atlas, &input, || false)?;

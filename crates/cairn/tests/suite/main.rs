@@ -6,6 +6,7 @@ mod examples;
 mod merge;
 mod mixed;
 mod refusals;
+mod registration;
 mod team;
 mod team_atlas;
 mod team_graph;

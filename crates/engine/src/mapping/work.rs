@@ -25,7 +25,16 @@ pub(super) fn take(
             let map_start = MapStart { clocks, ..map_start(relocation_prior, imu, false) };
             mapper.start_pair(atlas, first, second, *first_from_second, points, &map_start)
         }
-        KeyFrameRequest::Next { frame, landmarks, anchored, imu, orientation_only, rescale, motion } => {
+        KeyFrameRequest::Next {
+            frame,
+            landmarks,
+            anchored,
+            imu,
+            orientation_only,
+            rescale,
+            motion,
+            by_depth,
+        } => {
             let AnchoredPose { reference, reference_from_camera, .. } = *anchored;
             let imu = imu.as_ref();
             let (orientation_only, rescale) = (*orientation_only, *rescale);
@@ -38,6 +47,7 @@ pub(super) fn take(
                 orientation_only,
                 rescale,
                 motion: motion.as_ref(),
+                by_depth: *by_depth,
             };
             let mapped = mapper.step(atlas, &submitted, stop);
             return mapped.map_or(Taken::default(), |m| Taken {

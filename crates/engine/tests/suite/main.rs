@@ -4,13 +4,13 @@ mod bare_walls;
 mod baseline;
 mod delayed;
 mod dense;
-mod first_seconds;
 mod frames;
 mod inertial;
 mod journal;
 mod locate;
 mod lost_by_depth;
 mod odometry;
+mod registration;
 mod resume;
 
 /// The kitchen recording.

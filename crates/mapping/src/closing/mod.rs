@@ -121,6 +121,9 @@ impl Closer {
     /// Checks whether a key frame shows a place seen before, and closes the loop or merges the maps if so.
     pub fn step(&mut self, snapshot: &Snapshot, id: KeyFrameId) -> Closed {
         let mut closed = Closed::default();
+        if self.depth_views.as_ref().is_some_and(|views| views.is_held(id)) {
+            (self.window.hold_poses, self.depth_views) = (true, None);
+        }
         if let Some(views) = &self.depth_views {
             views.drop_removed(snapshot);
         }

@@ -20,7 +20,7 @@ use cairn_geometry::Se3;
 use cairn_sensor::{DepthImage, DepthSensor, Stamp};
 use pairs::pairs;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use view::{Shrink, View};
 
 /// Images of frames that wait to become key frames, at most; the oldest are dropped.
@@ -38,6 +38,8 @@ struct Shared {
     kept: Mutex<Kept>,
     /// Held as long as a map is aligned: mapping does not wait for that.
     aligner: Mutex<Aligner>,
+    /// The first key frame whose pose is that of its depth: poses that stay where depth put them are not aligned again.
+    held: OnceLock<KeyFrameId>,
 }
 
 #[derive(Debug, Default)]
@@ -58,7 +60,18 @@ impl DepthViews {
             camera_from_depth,
             kept: Mutex::default(),
             aligner: Mutex::new(aligner),
+            held: OnceLock::new(),
         })))
+    }
+
+    /// Poses are those of the depth, from this key frame on.
+    pub(crate) fn hold_from(&self, id: KeyFrameId) {
+        let _ = self.0.held.set(id);
+    }
+
+    /// Whether the pose of a key frame is that of its depth.
+    pub(crate) fn is_held(&self, id: KeyFrameId) -> bool {
+        self.0.held.get().is_some_and(|first| id >= *first)
     }
 
     /// Takes the depth of a frame that may become a key frame.

@@ -17,11 +17,11 @@ use cairn_sensor::{
     DepthSensor, FramePacket, ImuSample, ImuSensor, Live, Rig, SkipKind, Skipped, Skips, Source, SourceError,
     SourceInfo, Stamp,
 };
+use cairn_vision::RegistrationCheck;
 use delay::DelayWatch;
 use fixed::FixedWatch;
 use frozen::FrozenWatch;
 use pair::PairWatch;
-use registration::RegistrationWatch;
 use std::sync::Arc;
 use turns::TurnWatch;
 use unit::UnitWatch;
@@ -177,7 +177,7 @@ fn watches(rig: &Rig) -> Vec<Box<dyn Watch>> {
         boxed(UnitWatch::default()),
         boxed(DelayWatch::default()),
     ];
-    all.extend(RegistrationWatch::new(rig).map(boxed));
+    all.extend(RegistrationCheck::of(rig).map(boxed));
     all.extend(PairWatch::new(rig).map(boxed));
     all.extend(TurnWatch::new(rig).map(boxed));
     all

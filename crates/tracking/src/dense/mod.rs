@@ -45,9 +45,15 @@ const FIXED_M: f64 = 0.02;
 /// pictures are not registered, they differ by 25 mm.
 const JUMP: [f64; 2] = [0.03, 0.03];
 const JUMP_SIGMAS: f64 = 10.0;
-const USUAL_STEPS: f64 = 20.0;
-/// What steps differ by before any was seen.
+const USUAL_STEPS: usize = 20;
+/// What steps differ by before any was seen. One step counts for at most so many times what is usual: a depth that begins to slide must not
+/// make sliding usual (apartment, seed 11, 320x240: 5, 5, 8, 9, 12 cm, then 1.2 m).
 const USUALLY_OFF: f64 = 0.05;
+const MOST_OFF: f64 = 1.5;
+/// Features that locate the camera farther than this from where its depth does, so many frames in a row, are right: depth has slid along
+/// what it sees. Metres and radians. In the kitchen, whose pictures are not registered, they differ by up to 0.06 m and 0.05 rad.
+const ELSEWHERE: [f64; 2] = [0.25, 0.25];
+const ELSEWHERE_FRAMES: usize = 3;
 /// Frames in a row that features must locate by themselves before alignment ends.
 const LOCATED: usize = 5;
 
@@ -101,6 +107,10 @@ pub(crate) struct DenseAligner {
     by_features: [Option<Se3>; 2],
     /// Mean squares of what steps by depth differ from those by features: translation, rotation.
     usually_off: [f64; 2],
+    /// Steps that were compared, up to [`USUAL_STEPS`].
+    steps: usize,
+    /// Frames in a row that features have located elsewhere.
+    elsewhere: usize,
     was_tried: bool,
     limit_m: f64,
 }
@@ -140,6 +150,8 @@ impl DenseAligner {
             aligned: None,
             by_features: [None; 2],
             usually_off: [USUALLY_OFF * USUALLY_OFF; 2],
+            steps: 1,
+            elsewhere: 0,
             was_tried: false,
             limit_m,
         })
@@ -170,27 +182,36 @@ impl DenseAligner {
     }
 
     /// The pose of the present frame where features give one too: theirs, or where each frame's pose is that of its depth, theirs
-    /// along what the surface leaves free. A step of the depth that features contradict is not taken: theirs is.
+    /// along what the surface leaves free. A step of the depth that features contradict is not taken: theirs is. Where they have located the
+    /// camera elsewhere for some frames, so is their pose, and depth begins anew there.
     pub fn chosen(&mut self, by_features: Se3) -> Se3 {
         self.by_features[1] = Some(by_features);
         let Some(aligned) = self.aligned.filter(|_| self.is_front_end) else { return by_features };
         let pose = aligned.reckoned.world_from_camera;
+        let off = pose.local(&by_features);
+        let is_elsewhere = is_beyond(&(off - aligned.free * off), ELSEWHERE);
+        self.elsewhere = if is_elsewhere { self.elsewhere + 1 } else { 0 };
+        if self.elsewhere == ELSEWHERE_FRAMES {
+            self.moved_elsewhere();
+            return by_features;
+        }
         if let Some(step) = self.by_features[0].map(|before| before.inverse() * by_features)
             && self.contradicts(&step.local(&aligned.last_from_now))
         {
             self.aligned = None;
             return pose * aligned.last_from_now.inverse() * step;
         }
-        pose.retract(&(aligned.free * pose.local(&by_features)))
+        pose.retract(&(aligned.free * off))
     }
 
     /// Whether a step by depth differs from that by features by more than such steps do here.
-    fn contradicts(&mut self, off: &Vector6<f64>) -> bool {
-        let off = [0, 3].map(|k| off.fixed_rows::<3>(k).norm());
-        let is_far = |k: usize| off[k] > f64::max(JUMP[k], JUMP_SIGMAS * self.usually_off[k].sqrt());
-        let contradicts = is_far(0) || is_far(1);
-        for (usual, off) in self.usually_off.iter_mut().zip(off) {
-            *usual += (off.min(JUMP_SIGMAS * usual.sqrt()).powi(2) - *usual) / USUAL_STEPS;
+    pub(crate) fn contradicts(&mut self, off: &Vector6<f64>) -> bool {
+        let usual = self.usually_off.map(f64::sqrt);
+        let contradicts = is_beyond(off, [0, 1].map(|k| JUMP[k].max(JUMP_SIGMAS * usual[k])));
+        self.steps = USUAL_STEPS.min(self.steps + 1);
+        for (k, usual) in usual.into_iter().enumerate() {
+            let off = off.fixed_rows::<3>(3 * k).norm().min(MOST_OFF * usual);
+            self.usually_off[k] += (off * off - usual * usual) / self.steps as f64;
         }
         contradicts
     }
@@ -198,6 +219,11 @@ impl DenseAligner {
     /// Whether the pose of each frame is that of its depth.
     pub fn is_front_end(&self) -> bool {
         self.is_front_end
+    }
+
+    /// The pose of each frame is that of its depth from now on.
+    pub fn become_front_end(&mut self) {
+        (self.is_front_end, self.is_active) = (true, true);
     }
 
     /// Features contradict the alignment: it counts for nothing.
@@ -308,7 +334,7 @@ impl DenseAligner {
     pub fn moved_elsewhere(&mut self) {
         self.surface.clear();
         (self.last, self.aligned, self.is_active) = (None, None, self.is_front_end);
-        self.by_features = [None; 2];
+        (self.by_features, self.elsewhere) = ([None; 2], 0);
     }
 
     /// Goes on where a search has found the camera: images that were aligned there, oldest first, and the covariance of the last
@@ -346,6 +372,11 @@ pub(crate) enum Placement {
     Weak,
     /// By the depth or what else carries it.
     Carried,
+}
+
+/// Whether a motion is longer than so many metres, or turns by more than so many radians.
+fn is_beyond(motion: &Vector6<f64>, [m, rad]: [f64; 2]) -> bool {
+    motion.fixed_rows::<3>(0).norm() > m || motion.fixed_rows::<3>(3).norm() > rad
 }
 
 fn sigmas(m: f64, rad: f64) -> Vector6<f64> {

@@ -162,6 +162,7 @@ impl Tracker {
             orientation_only: self.unit.is_depthless(),
             rescale: self.unit.due_rescale(snapshot, reference),
             motion: None,
+            by_depth: self.priors.is_front_end(),
         })
     }
 }

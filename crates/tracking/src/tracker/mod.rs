@@ -184,6 +184,11 @@ impl Tracker {
         }
     }
 
+    /// From the next frame on the pose is that of the depth, as with [`TrackerConfig::dense`].
+    pub fn take_poses_from_depth(&mut self) {
+        self.priors.depth.iter_mut().for_each(DenseAligner::become_front_end);
+    }
+
     /// A search by depth has found where the camera is; to be told before [`Tracker::step`]. Used if tracking is lost.
     pub fn found_by_depth(&mut self, found: FoundByDepth) {
         self.found = Some(found);

@@ -33,9 +33,9 @@ pub struct Arguments {
     /// Which sensors to use; by default all the source has.
     #[arg(help_heading = SOURCE, long, value_parser = sensors(), value_name = "WHICH")]
     pub sensor: Option<Sensors>,
-    /// What gives the pose of each frame: features, which depth helps out where they do not suffice; or the shape of what the
-    /// depth sensor sees (dense; only with a depth sensor), while features find places again. By default features, unless the first
-    /// seconds of a recording show that depth is not registered to the picture.
+    /// Take the pose of each frame from the shape of what the depth sensor sees (dense; only with a depth sensor), while features find
+    /// places again. Without it so is done where the first seconds show that depth is not registered to the picture; elsewhere features
+    /// give the pose, and depth where they do not suffice.
     #[arg(help_heading = SOURCE, long, value_enum, value_name = "WHICH")]
     pub front_end: Option<FrontEnd>,
     /// A calibration file to use instead of the source's own, or the name of a built-in
@@ -281,8 +281,6 @@ pub struct Isolated {
 /// What gives the pose of each frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum FrontEnd {
-    /// Features, helped out by depth.
-    Features,
     /// Depth.
     Dense,
 }

@@ -1,12 +1,12 @@
 //! What a run begins with: its configuration, its source with the sensors that are used, its vocabulary.
 
-use super::arguments::{Arguments, FrontEnd, Kind, TrajectoryFrame};
+use super::arguments::{Arguments, Kind, TrajectoryFrame};
 use crate::commands::given::{read_config, rig_of};
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::{note, warn};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, SensorMode, Sensors, with_checked_depth, with_found_lens};
+use cairn_engine::{Config, SensorMode, Sensors, with_found_lens};
 use cairn_files::MIB;
 use cairn_geometry::Se3;
 use cairn_sensor::{Rig, Source};
@@ -42,20 +42,6 @@ pub fn fitted(
         true => with_found_lens(source, config)?,
         false => source,
     };
-    let is_open = a.front_end.is_none() && !config.tracker.dense && sensor.mode() == SensorMode::Rgbd;
-    let source = match is_open && !is_live(&a.source) {
-        true => {
-            let (source, found) = with_checked_depth(source)?;
-            if let Some(found) = found {
-                config.tracker.dense = true;
-                note(&format!(
-                    "note: {found}: poses are taken from depth (--front-end features takes them from features)"
-                ));
-            }
-            source
-        }
-        false => source,
-    };
     let source: Box<dyn Source> = Box::new(Validator::new(source, warn));
     let info = source.info();
     debug!(source = %info.name, frames = ?info.frames, rate_hz = info.rate_hz, sensor = sensor.name(), "opened");
@@ -66,9 +52,7 @@ pub fn fitted(
         let why = format!("--sensor {} needs an IMU, but the rig has none", sensor.name());
         return Err(Failure::new(&a.source, why, "give a rig with an IMU using --rig, or leave out -imu"));
     }
-    if let Some(which) = a.front_end {
-        config.tracker.dense = which == FrontEnd::Dense;
-    }
+    config.tracker.dense |= a.front_end.is_some();
     if config.tracker.dense && sensor.mode() != SensorMode::Rgbd {
         let why = format!("the dense front end needs a depth sensor, not --sensor {}", sensor.name());
         return Err(Failure::new(&a.source, why, "use --sensor rgbd, or leave out --front-end dense"));
