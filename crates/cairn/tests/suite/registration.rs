@@ -1,6 +1,6 @@
 //! Who uses the library gets poses from depth where depth is not registered to the picture, without having asked for it.
 
-use cairn::{Slam, Source, StageEvent};
+use cairn::{Slam, StageEvent};
 use std::path::PathBuf;
 
 #[test]
