@@ -9,7 +9,7 @@ use crate::{DepthPlaced, FoundByDepth, MotionSource, Tracker, TrackerConfig};
 use cairn_atlas::{Atlas, KeyFrameId};
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{Camera, DepthImage, DepthSensor, GrayImage, Stamp};
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::Matrix6;
 use std::sync::Arc;
 
 fn sensor() -> DepthSensor {
@@ -372,7 +372,7 @@ fn a_key_frame_carried_by_depth_knows_the_motion_since_the_one_before() {
 
 /// The depth of an apartment slid by centimetres a frame, more each time, while features saw the room; then they stayed 1.2 m apart.
 #[test]
-fn chosen_is_the_pose_of_features_that_stay_elsewhere_and_a_slide_does_not_become_usual() {
+fn chosen_is_the_pose_of_features_that_stay_elsewhere() {
     let (atlas, id, mut aligner) = begun(true);
     let mut step = |n: usize, by_features: Se3| {
         aligner.next(Some(room(&at(n), RIGHT)), None);
@@ -386,8 +386,4 @@ fn chosen_is_the_pose_of_features_that_stay_elsewhere_and_a_slide_does_not_becom
     let elsewhere = pose(0.3, 0.0, 0.0);
     let apart: Vec<f64> = [3, 4, 5].map(|n| step(n, elsewhere * at(n))).to_vec();
     assert!(apart[1] > 0.2 && apart[2] == 0.0, "the third is believed: {apart:?}");
-    let (_, _, mut aligner) = begun(true);
-    let mut contradicts = |m: f64| aligner.contradicts(&Vector6::new(m, 0.0, 0.0, 0.0, 0.0, 0.0));
-    assert_eq!((0..40).filter(|_| contradicts(0.004)).count(), 0);
-    assert_eq!((0..10).filter(|_| contradicts(0.12)).count(), 10, "each step of a slide");
 }

@@ -65,7 +65,7 @@ fn kitti_mono_accuracy() {
 
 #[test]
 fn kitchen_rgbd_accuracy() {
-    check("7scenes-kitchen-rgbd", 0.0290, 1.0);
+    check("7scenes-kitchen-rgbd", 0.0208, 1.0);
 }
 
 /// The pose of each frame from its depth: better than features here, whose depth is not registered to the picture exactly.

@@ -45,11 +45,9 @@ const FIXED_M: f64 = 0.02;
 /// pictures are not registered, they differ by 25 mm.
 const JUMP: [f64; 2] = [0.03, 0.03];
 const JUMP_SIGMAS: f64 = 10.0;
-const USUAL_STEPS: usize = 20;
-/// What steps differ by before any was seen. One step counts for at most so many times what is usual: a depth that begins to slide must not
-/// make sliding usual (apartment, seed 11, 320x240: 5, 5, 8, 9, 12 cm, then 1.2 m).
+const USUAL_STEPS: f64 = 20.0;
+/// What steps differ by before any was seen.
 const USUALLY_OFF: f64 = 0.05;
-const MOST_OFF: f64 = 1.5;
 /// Features that locate the camera farther than this from where its depth does, so many frames in a row, are right: depth has slid along
 /// what it sees. Metres and radians. In the kitchen, whose pictures are not registered, they differ by up to 0.06 m and 0.05 rad.
 const ELSEWHERE: [f64; 2] = [0.25, 0.25];
@@ -107,8 +105,6 @@ pub(crate) struct DenseAligner {
     by_features: [Option<Se3>; 2],
     /// Mean squares of what steps by depth differ from those by features: translation, rotation.
     usually_off: [f64; 2],
-    /// Steps that were compared, up to [`USUAL_STEPS`].
-    steps: usize,
     /// Frames in a row that features have located elsewhere.
     elsewhere: usize,
     was_tried: bool,
@@ -150,7 +146,6 @@ impl DenseAligner {
             aligned: None,
             by_features: [None; 2],
             usually_off: [USUALLY_OFF * USUALLY_OFF; 2],
-            steps: 1,
             elsewhere: 0,
             was_tried: false,
             limit_m,
@@ -205,13 +200,12 @@ impl DenseAligner {
     }
 
     /// Whether a step by depth differs from that by features by more than such steps do here.
-    pub(crate) fn contradicts(&mut self, off: &Vector6<f64>) -> bool {
+    fn contradicts(&mut self, off: &Vector6<f64>) -> bool {
         let usual = self.usually_off.map(f64::sqrt);
         let contradicts = is_beyond(off, [0, 1].map(|k| JUMP[k].max(JUMP_SIGMAS * usual[k])));
-        self.steps = USUAL_STEPS.min(self.steps + 1);
         for (k, usual) in usual.into_iter().enumerate() {
-            let off = off.fixed_rows::<3>(3 * k).norm().min(MOST_OFF * usual);
-            self.usually_off[k] += (off * off - usual * usual) / self.steps as f64;
+            let off = off.fixed_rows::<3>(3 * k).norm().min(JUMP_SIGMAS * usual);
+            self.usually_off[k] += (off * off - usual * usual) / USUAL_STEPS;
         }
         contradicts
     }
