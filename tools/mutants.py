@@ -20,7 +20,7 @@ MUTANTS = [
     ("turns to the other side", GUIDE + "facing.rs", "", "wrap(heading - self.course)", "wrap(self.course - heading)"),
     ("left and right are exchanged", GUIDE + "direction.rs", "if ", "angle_rad >= 0.0", "angle_rad < 0.0"),
     ("a corner turns to the other side", GUIDE + "follow/at_maneuver.rs", "CueKind::TurnNow { turn_rad: ", "turn", "-turn"),
-    ("corrections go to the other side", GUIDE + "follow/steer.rs", "let turn = ", "-led.signum()", "led.signum()"),
+    ("corrections go to the other side", GUIDE + "follow/steer.rs", "Some(CueKind::Adjust(", "turn", "-turn"),
     ("a step back goes to the other side", GUIDE + "follow/backwards.rs", "Step::BackAside(", "self.off_line(now)", "-self.off_line(now)"),
     ("the turn after a stop goes to the other side", GUIDE + "guide.rs", "First::Turn(", "follower.worded(turn)", "follower.worded(-turn)"),
     ("who walks backwards is taken to walk forwards", GUIDE + "facing.rs", "Facing::Backwards => ", "(camera, wrap(camera + PI))", "(camera, camera)"),

@@ -31,6 +31,8 @@ const SHIFTED_S: f64 = 0.3;
 /// After so long without the map in view nobody who walks is sent on, nor by a pose that runs away, seconds.
 const BLIND_S: f64 = 3.0;
 const RUNAWAY_S: f64 = 1.5;
+/// Guidance that was begun anew has to see this for itself, seconds.
+const NEW_S: f64 = 6.0;
 /// After a pose that was wrong without saying so, words are not judged by the truth for this long, seconds.
 const FORGIVEN_S: f64 = 4.0;
 /// A step to a side, and as far as which steps lead to the route, metres.
@@ -114,6 +116,8 @@ pub(crate) struct Rules {
     lied: Option<Stamp>,
     voice_until: Stamp,
     directed: Option<Directed>,
+    /// When guidance was begun anew: it does not know what the poses before were.
+    commanded: Stamp,
     state: Option<GuideState>,
     is_paused: bool,
     stopped: Option<Stamp>,
@@ -139,6 +143,7 @@ impl Rules {
             lied: None,
             voice_until: never,
             directed: None,
+            commanded: never,
             state: None,
             is_paused: false,
             stopped: None,
@@ -213,11 +218,12 @@ impl Rules {
         place_m: Option<f64>,
         now: Stamp,
     ) {
-        if reading.blind_s > BLIND_S && !self.is_forgiven(now) {
+        let is_new = now - self.commanded < NEW_S;
+        if reading.blind_s > BLIND_S && !is_new && !self.is_forgiven(now) {
             let how = format!("{:.1} s without the map: {}", reading.blind_s, said.text);
             self.broken(Rule::SeesTheMap, now, how);
         }
-        if reading.runaway_s > RUNAWAY_S {
+        if reading.runaway_s > RUNAWAY_S && !is_new {
             self.broken(Rule::NoRunaway, now, format!("{:.1} s: {}", reading.runaway_s, said.text));
         }
         let Some((side, steps)) = direction_of(&said.text, self.language) else { return };
@@ -266,7 +272,8 @@ impl Rules {
     }
 
     /// The guide is told anew what to do: what it said before says nothing.
-    pub fn commanded(&mut self) {
+    pub fn commanded(&mut self, now: Stamp) {
+        self.commanded = now;
         (self.stopped, self.directed) = (None, None);
     }
 

@@ -585,7 +585,7 @@ impl World {
         self.set_clock(now);
         let done = self.server.session.command(command);
         self.lines.said(now, What::Asked, &format!("{command:?}"));
-        self.rules.commanded();
+        self.rules.commanded(now);
         if done.is_ok() {
             self.is_paused = match command {
                 Command::Pause => true,

@@ -277,8 +277,11 @@ impl Guide {
     fn decide(&mut self, input: &GuideInput) -> Option<CueKind> {
         let moved = self.follower.config.facing.heading(&self.ground, &input.odom_from_camera);
         let stop = self.stops.due(input, moved.as_ref(), &self.follower.config);
-        if let Some(walker) = &moved {
-            self.jumps.step(input.pose_stamp, walker.position);
+        match &moved {
+            // After a loss the walker may be anywhere.
+            _ if input.confidence == Confidence::Lost => self.jumps = Jumps::default(),
+            Some(walker) => self.jumps.step(input.pose_stamp, walker.position),
+            None => {}
         }
         let (Some(moved), None) = (moved, stop) else {
             let along_m = self.follower.matcher.along_m();
