@@ -21,7 +21,6 @@ mod rendered;
 mod sample;
 mod shaded;
 mod submap;
-mod temporal;
 mod track;
 mod tsdf;
 mod view;
@@ -47,6 +46,5 @@ pub use submap::{
     PackedGray, Place, Progress, SavedFrame, SavedSubmap, SubmapConfig, SubmapView, SurfaceChange,
     SurfaceChanges,
 };
-pub use temporal::TemporalFilter;
 pub use track::{DenseTracked, TrackConfig, track, track_from};
 pub use tsdf::{Fused, TsdfConfig, TsdfVolume};

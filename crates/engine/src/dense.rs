@@ -115,7 +115,6 @@ impl DenseMapper {
         let mut all =
             Self::following(from, sensor.camera, sensor.metres_per_unit, camera_from_depth, config)?;
         (all.has_colours, all.views) = (has_colours, Some(Views::default()));
-        all.offered = OfferedDepth::of(sensor);
         let locator = all.map.locator(RegisterConfig::default())?;
         let (after_s, threaded) = (engine.find_by_depth_s, engine.mapping.is_threaded());
         let link = engine.depth_link();
@@ -163,8 +162,10 @@ impl DenseMapper {
     /// Takes the depth of a packet that the engine has processed, where its frame may become a key frame, and follows
     /// the changes of the map so far.
     pub fn on_packet(&mut self, packet: &FramePacket, output: &Output) {
-        let gray = packet.images.first().filter(|_| self.has_colours).cloned();
-        self.offered.on_packet(packet, output, gray);
+        if let Some(depth) = packet.depth.as_ref().filter(|_| output.key_frame_requested) {
+            let gray = packet.images.first().filter(|_| self.has_colours).cloned();
+            self.offer(packet.stamp, depth.clone(), gray);
+        }
         self.follow();
         self.look_for_camera(packet, matches!(output.state, State::Lost { .. }));
     }

@@ -14,10 +14,8 @@ use crate::seen::Seen;
 use crate::{mode_of, pixels};
 use cairn_atlas::{Change, KeyFrameId, Mirror, Published, Snapshot, Subscription};
 use cairn_dense::{PackedDepth, PackedGray};
-use cairn_engine::{
-    Config, Engine, Joined, Offered, OfferedDepth, Output, Runner, Verdict, Views, record_input,
-};
-use cairn_sensor::{FramePacket, ImuSample, Rig, Stamp};
+use cairn_engine::{Config, Engine, Joined, Offered, OfferedDepth, Runner, Verdict, Views, record_input};
+use cairn_sensor::{FramePacket, ImuSample, Stamp};
 use cairn_session::TrackedPlace;
 use cairn_sources::std_host;
 use std::collections::BTreeMap;
@@ -36,7 +34,11 @@ pub fn run(mut from: impl Read, mut to: impl Write, config: &Config, runner: Run
         return;
     };
     let (config, whole) = (session.as_deref().unwrap_or(config), session.is_some());
-    let said = Slam::begin(&ring, &folder, &opened, start, config, runner, surfaces)
+    let said = Slam::begin(&ring, &folder, &opened, start, config, runner)
+        .map(|slam| match surfaces {
+            Some(what) => slam.with_depth(what),
+            None => slam,
+        })
         .map(|slam| Slam { whole, ..slam })
         .and_then(|slam| slam.work(&mut from, &mut to));
     if let Err(why) = said {
@@ -80,21 +82,17 @@ struct DepthOf {
 
 impl DepthOf {
     /// Goes on in the file of a folder, for a map that is this by now.
-    fn begin(
-        folder: &Path,
-        map: &Snapshot,
-        offered: OfferedDepth,
-        what: SurfaceInput,
-    ) -> Result<Self, crate::JournalError> {
+    fn begin(folder: &Path, map: &Snapshot, what: SurfaceInput) -> Result<Self, crate::JournalError> {
         let to = DepthWriter::open(folder, map)?;
         let mut views = Views::default();
         to.key_frames().for_each(|id| views.add(id));
-        Ok(Self { to, what, offered, mirror: Mirror::of(map), views })
+        Ok(Self { to, what, offered: OfferedDepth::default(), mirror: Mirror::of(map), views })
     }
 
-    fn on_packet(&mut self, packet: &FramePacket, output: &Output) {
+    fn offer(&mut self, packet: &FramePacket) {
+        let Some(depth) = &packet.depth else { return };
         let gray = packet.images.first().filter(|_| self.what == SurfaceInput::DepthAndGray);
-        self.offered.on_packet(packet, output, gray.cloned());
+        self.offered.offer(Offered { stamp: packet.stamp, depth: depth.clone(), gray: gray.cloned() });
     }
 
     /// Writes the depth of the key frames that a commit adds, and drops that of those it removes where it is superfluous; to be called
@@ -143,7 +141,6 @@ impl<'a> Slam<'a> {
         start: u64,
         config: &Config,
         runner: Runner,
-        surfaces: Option<SurfaceInput>,
     ) -> Result<Self, Failure> {
         let ring =
             Ring::open(ring).map_err(|e| Failure::new("the shared frames", e, "start the run again"))?;
@@ -174,7 +171,7 @@ impl<'a> Slam<'a> {
         };
         let commits =
             engine.subscribe().ok_or_else(|| Failure::new("mapping", "it does not run", "try again"))?;
-        let slam = Self {
+        Ok(Self {
             engine,
             ring,
             folder,
@@ -189,17 +186,12 @@ impl<'a> Slam<'a> {
             resumes: recovered.is_some(),
             whole: false,
             bytes: Vec::new(),
-        };
-        Ok(match surfaces {
-            Some(what) => slam.with_depth(&rig, what),
-            None => slam,
         })
     }
 
     /// With the depth of its key frames in a file of the folder.
-    fn with_depth(self, rig: &Rig, what: SurfaceInput) -> Self {
-        let offered = rig.depth.as_ref().map_or_else(OfferedDepth::default, OfferedDepth::of);
-        match DepthOf::begin(self.folder, &self.commits.start, offered, what) {
+    fn with_depth(self, what: SurfaceInput) -> Self {
+        match DepthOf::begin(self.folder, &self.commits.start, what) {
             Ok(depth) => Self { depth: Some(depth), ..self },
             Err(e) => Self { depth_failed: Some(depth_failed(e)), ..self },
         }
@@ -273,8 +265,8 @@ impl<'a> Slam<'a> {
         match self.engine.on_packet(&packet) {
             Ok(output) => {
                 self.count(output.verdicts());
-                if let Some(depth) = &mut self.depth {
-                    depth.on_packet(&packet, &output);
+                if let (Some(depth), true) = (&mut self.depth, output.key_frame_requested) {
+                    depth.offer(&packet);
                 }
                 tracked.outcome = Outcome::State(format!("{:?}", output.state));
                 tracked.pose = output.pose.as_ref().map(|pose| Anchored::of(&pose.anchored));

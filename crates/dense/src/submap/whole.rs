@@ -15,7 +15,7 @@ use std::hash::BuildHasherDefault;
 const WALL_M: f64 = 0.1;
 const LEAST_BAND: f64 = 2.5;
 /// Bytes of the field that a surface is meshed from at a time; a larger map is meshed in parts.
-const PART_BYTES: usize = 24 << 20;
+const PART_BYTES: usize = 48 << 20;
 
 impl DenseMap {
     /// One field of a whole map. It has colours where they are asked for and images of the map have them.

@@ -1,9 +1,6 @@
 //! Images of frames that may become key frames: kept until mapping has decided.
 
-use crate::Output;
-use cairn_dense::TemporalFilter;
-use cairn_geometry::Se3;
-use cairn_sensor::{DepthImage, DepthSensor, FramePacket, GrayImage, Stamp};
+use cairn_sensor::{DepthImage, GrayImage, Stamp};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -22,56 +19,21 @@ pub struct Offered {
 
 /// The depth of frames that may become key frames.
 #[derive(Default)]
-pub struct OfferedDepth {
-    waiting: VecDeque<Offered>,
-    /// Averages it with that of the frames before, where the depth sensor is known.
-    filter: Option<(TemporalFilter, Se3)>,
-    /// Of the odometry in which these frames have their poses.
-    segment: u32,
-}
+pub struct OfferedDepth(VecDeque<Offered>);
 
 impl OfferedDepth {
-    /// For the frames of a depth sensor.
-    pub fn of(sensor: &DepthSensor) -> Self {
-        let filter = TemporalFilter::new(sensor.camera, sensor.metres_per_unit);
-        Self { filter: filter.map(|filter| (filter, sensor.body_from_depth)), ..Self::default() }
-    }
-
-    /// Takes the depth of a packet that the engine has processed, and keeps it where its frame may become a key frame, with the gray image
-    /// of the same pixels.
-    pub fn on_packet(&mut self, packet: &FramePacket, output: &Output, gray: Option<Arc<GrayImage>>) {
-        let Some(depth) = &packet.depth else { return };
-        let mut filtered = None;
-        if let Some((filter, body_from_depth)) = &mut self.filter
-            && let Some(odometry) = output.pose.as_ref().map(|pose| &pose.odometry)
-        {
-            if odometry.segment != self.segment {
-                self.segment = odometry.segment;
-                filter.clear();
-            }
-            let pose = odometry.odom_from_body.se3 * *body_from_depth;
-            // Images of another size are refused where they are fused.
-            filtered = output.key_frame_requested.then(|| filter.filter(&pose, depth).ok()).flatten();
-            filter.add(pose, depth);
-        }
-        if output.key_frame_requested {
-            let depth = filtered.map_or_else(|| depth.clone(), Arc::new);
-            self.offer(Offered { stamp: packet.stamp, depth, gray });
-        }
-    }
-
     /// Keeps the images of a frame, later than those before.
     pub fn offer(&mut self, offered: Offered) {
-        if self.waiting.len() >= MOST {
-            self.waiting.pop_front();
+        if self.0.len() >= MOST {
+            self.0.pop_front();
         }
-        self.waiting.push_back(offered);
+        self.0.push_back(offered);
     }
 
     /// The images of the frame of this stamp, which is a key frame now; those before it will be none.
     pub fn take(&mut self, stamp: Stamp) -> Option<Offered> {
-        let at = self.waiting.iter().position(|o| o.stamp == stamp)?;
-        self.waiting.drain(..=at).next_back()
+        let at = self.0.iter().position(|o| o.stamp == stamp)?;
+        self.0.drain(..=at).next_back()
     }
 }
 
@@ -86,7 +48,7 @@ mod tests {
         for t in 0..MOST as i64 + 2 {
             all.offer(Offered { stamp: Stamp(t), depth: image.clone(), gray: None });
         }
-        assert!(all.take(Stamp(1)).is_none() && all.waiting.len() == MOST);
+        assert!(all.take(Stamp(1)).is_none() && all.0.len() == MOST);
         assert_eq!(all.take(Stamp(9)).map(|o| o.stamp), Some(Stamp(9)));
         assert!(all.take(Stamp(8)).is_none() && all.take(Stamp(9)).is_none());
         assert_eq!(all.take(Stamp(10)).map(|o| o.stamp), Some(Stamp(10)));
