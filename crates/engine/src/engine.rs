@@ -81,8 +81,12 @@ impl Engine {
     }
 
     /// Takes poses from depth once it is certain that depths at features are those of other points: by what the packets show, so that
-    /// whoever gives them gets the same poses.
+    /// whoever gives them gets the same poses. In a map that stays as it is features tell where the camera is, and the next depth would go
+    /// on from there (the halves of the kitchen: 0.080 m by features, 0.092 by depth).
     fn check_depth(&mut self, packet: &FramePacket) -> Option<Misregistration> {
+        if self.localize_only {
+            return None;
+        }
         let found = self.registration.as_mut()?.packet(packet)?;
         self.tracker.take_poses_from_depth();
         self.observers.depth_views = None;
