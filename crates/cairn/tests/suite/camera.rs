@@ -2,12 +2,12 @@
 
 #![cfg(all(target_os = "linux", target_pointer_width = "64"))]
 
+use crate::recordings::recording;
 use cairn::geometry::{Se3, So3, Vec3};
 use cairn::sensor::{Camera, DepthSensor, Rig};
 use cairn::sources::camera::{CameraAddress, CameraSource, Simulated};
 use cairn::sources::{OpenOptions, open};
 use cairn::{Slam, Source};
-use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Frames of the recording that are played, and how many a second: SLAM keeps up on a machine that is busy with other tests.
@@ -16,13 +16,7 @@ const RATE_HZ: f64 = 15.0;
 
 #[test]
 fn the_map_of_a_live_depth_camera_is_as_accurate_as_that_of_the_recording() {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let root = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(beside), PathBuf::from);
-    let folder = root.join("7scenes-kitchen");
-    if !folder.is_dir() {
-        println!("skipped: {} is missing", folder.display());
-        return;
-    }
+    let Some(folder) = recording("7scenes-kitchen") else { return };
     let mut recorded =
         open(folder.to_str().unwrap(), OpenOptions { frames: Some(FRAMES), ..Default::default() }).unwrap();
     let mut slam = Slam::for_source(&*recorded).build().unwrap();

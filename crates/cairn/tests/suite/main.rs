@@ -5,6 +5,7 @@ mod corner_size;
 mod examples;
 mod merge;
 mod mixed;
+mod recordings;
 mod refusals;
 mod registration;
 mod team;

@@ -1,17 +1,11 @@
 //! Who uses the library gets poses from depth where depth is not registered to the picture, without having asked for it.
 
+use crate::recordings::recording;
 use cairn::{Slam, StageEvent};
-use std::path::PathBuf;
 
 #[test]
 fn depth_gives_the_poses_of_the_kitchen() {
-    let beside = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let root = std::env::var_os("CAIRN_DATA").map_or_else(|| PathBuf::from(beside), PathBuf::from);
-    let folder = root.join("7scenes-kitchen");
-    if !folder.is_dir() {
-        println!("skipped: {} is missing", folder.display());
-        return;
-    }
+    let Some(folder) = recording("7scenes-kitchen") else { return };
     let mut source = cairn::open(folder.to_str().unwrap()).unwrap();
     let mut slam = Slam::for_source(&*source).build().unwrap();
     let mut found = Vec::new();
