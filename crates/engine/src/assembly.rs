@@ -137,7 +137,7 @@ impl Stages {
     fn with_imu(self, imu: &ImuSensor, imu_from_camera: Se3, config: &Config) -> Self {
         let inertial = config.inertial;
         Self {
-            tracker: self.tracker.with_imu(imu, imu_from_camera, inertial.noise_times),
+            tracker: self.tracker.with_imu(imu, imu_from_camera),
             mapper: self.mapper.with_imu(imu, imu_from_camera, inertial),
             closer: self.closer.with_imu(imu, imu_from_camera, inertial),
             ..self

@@ -12,9 +12,6 @@ pub struct TrackerConfig {
     /// Key frames in the local map, at most.
     #[setting(default = 40, range = 1..=10000)]
     pub local_key_frames: usize,
-    /// Frames between two key frames, at least.
-    #[setting(default = 1, range = 0..=10000)]
-    pub min_key_frame_gap: usize,
     /// Seconds without a pose after which a new map begins, if the place has not been recognised by then.
     #[setting(default = 0.5, range = 0.0..=1e4)]
     pub new_map_s: f64,

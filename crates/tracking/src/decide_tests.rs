@@ -33,7 +33,7 @@ fn with_situation_of(camera: RectifiedCamera, change: impl FnOnce(&mut Situation
         idle: true,
     };
     change(&mut situation);
-    wants_key_frame(&situation, RATE_HZ, 1)
+    wants_key_frame(&situation, RATE_HZ)
 }
 
 #[test]

@@ -17,6 +17,9 @@ use cairn_sensor::{ImuNoise, ImuSample, ImuSensor, MotionProfile, Stamp};
 use nalgebra::SMatrix;
 use std::collections::VecDeque;
 
+/// White noise of readings that carry the pose by themselves, in that of the data sheet: how far it may be off by then is better stated
+/// too large.
+const NOISE_TIMES: f64 = 5.0;
 /// Seconds during which rotations are collected to estimate the time offset of the clocks.
 const CLOCKS_S: f64 = 16.0;
 /// Orientations buffered between two key frame requests, at most.
@@ -109,9 +112,9 @@ pub(crate) struct InertialFilter {
 }
 
 impl InertialFilter {
-    /// `imu_from_camera` in metres; `noise_times` scales the white noise of the data sheet.
-    pub fn new(sensor: &ImuSensor, imu_from_camera: Se3, noise_times: f64) -> Self {
-        let noise = of_data_sheet(&sensor.noise).times([noise_times; 2]);
+    /// `imu_from_camera` in metres.
+    pub fn new(sensor: &ImuSensor, imu_from_camera: Se3) -> Self {
+        let noise = of_data_sheet(&sensor.noise).times([NOISE_TIMES; 2]);
         Self {
             buffer: ImuBuffer::in_stream(&ImuSensor { noise, ..*sensor }),
             noise: sensor.noise,

@@ -23,7 +23,7 @@ fn at(t: f64) -> Se3 {
 
 fn filter() -> InertialFilter {
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
-    InertialFilter::new(&sensor, Se3::identity(), 5.0)
+    InertialFilter::new(&sensor, Se3::identity())
 }
 
 pub(crate) fn readings(from_s: f64, to_s: f64) -> Vec<ImuSample> {
@@ -310,7 +310,7 @@ fn walked_on(coast_s: f64, lit: i32, change: impl Fn(ImuSample) -> ImuSample) ->
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
     let config = TrackerConfig { coast_s, ..TrackerConfig::default() };
     let mut tracker =
-        Tracker::new(world.camera, FEATURES, RATE_HZ, config).with_imu(&sensor, Se3::identity(), 5.0);
+        Tracker::new(world.camera, FEATURES, RATE_HZ, config).with_imu(&sensor, Se3::identity());
     tracker.map_created(atlas.latest(), id);
     let dark = World::empty(stereo());
     let mut states = Vec::new();
@@ -360,7 +360,7 @@ fn up_is_told_by_an_imu_in_a_map_that_is_aligned_with_gravity() {
         tracker.up(seconds(2.1))
     };
     // y of the camera points down.
-    let up = up_after(tracker().with_imu(&sensor, Se3::identity(), 5.0)).expect("a direction");
+    let up = up_after(tracker().with_imu(&sensor, Se3::identity())).expect("a direction");
     assert!((up + Vec3::y()).norm() < 0.01, "{up:?}");
     assert_eq!(up_after(tracker()), None);
 }
@@ -378,7 +378,7 @@ fn one_who_sets_out_gently_is_not_held_where_he_stood() {
     atlas.commit(changes);
     let noise = ImuNoise { gyro: 3e-3, gyro_walk: 1e-4, accel: 3e-2, accel_walk: 1e-3 };
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 60.0, noise, offset_s: 0.0 };
-    let mut filter = InertialFilter::new(&sensor, Se3::identity(), 5.0);
+    let mut filter = InertialFilter::new(&sensor, Se3::identity());
     let pushed = |s: ImuSample| match s.stamp.seconds() >= 4.0 {
         true => ImuSample { accel: s.accel + Vec3::x() * 0.6, ..s },
         false => s,
@@ -435,7 +435,7 @@ fn after_a_turn(off_m: f64, is_old: bool) -> (Tracked, f64) {
     atlas.commit(changes);
 
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise: NOISE, offset_s: 0.0 };
-    let mut tracker = new_tracker(world.camera).with_imu(&sensor, Se3::identity(), 5.0);
+    let mut tracker = new_tracker(world.camera).with_imu(&sensor, Se3::identity());
     tracker.map_created(atlas.latest(), id);
     let rate = PI / 2.0;
     let turning = |s: ImuSample| match s.stamp.seconds() {

@@ -150,7 +150,7 @@ impl Tracker {
             since_s: filter.and_then(|i| i.seconds_since_request(frame.stamp)),
             idle,
         };
-        if !wants_key_frame(&situation, self.setup.rate_hz, self.setup.config.min_key_frame_gap) {
+        if !wants_key_frame(&situation, self.setup.rate_hz) {
             return None;
         }
         self.clock.since_key_frame = 0;

@@ -100,10 +100,10 @@ impl Tracker {
         }
     }
 
-    /// Adds an IMU, whose white noise is `noise_times` that of its data sheet; `imu_from_camera` in metres.
-    pub fn with_imu(mut self, sensor: &ImuSensor, imu_from_camera: Se3, noise_times: f64) -> Self {
+    /// Adds an IMU; `imu_from_camera` in metres.
+    pub fn with_imu(mut self, sensor: &ImuSensor, imu_from_camera: Se3) -> Self {
         let config = &self.setup.config;
-        let mut filter = InertialFilter::new(sensor, imu_from_camera, noise_times);
+        let mut filter = InertialFilter::new(sensor, imu_from_camera);
         filter.standing_m_s = config.motion.standing_m_s;
         self.priors.inertial = Some(InertialPrior::new(filter, (config.coast_sigma, config.coast_s)));
         self

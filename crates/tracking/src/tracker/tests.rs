@@ -83,7 +83,7 @@ fn with_imu_data_gives_a_beginning_map_the_readings_between_its_frames() {
     let world = World::around(stereo(), 114);
     let noise = ImuNoise { gyro: 3e-4, gyro_walk: 1e-4, accel: 3e-3, accel_walk: 1e-3 };
     let sensor = ImuSensor { body_from_imu: Se3::identity(), rate_hz: 100.0, noise, offset_s: 0.0 };
-    let mut with_imu = tracker(world.camera).with_imu(&sensor, Se3::identity(), 5.0);
+    let mut with_imu = tracker(world.camera).with_imu(&sensor, Se3::identity());
     let reading = |i: u32| {
         let stamp = Stamp::from_seconds(f64::from(i) / 100.0);
         ImuSample::new(stamp, Vec3::zeros(), Vec3::y() * -GRAVITY_M_S2)
