@@ -6,12 +6,11 @@
 use crate::place_index::Reader;
 use crate::shelf::blob_name;
 use crate::task::Blob;
-use crate::words::heaviest;
 use crate::{Digest, FleetError, Store};
 use cairn::Slam;
 use cairn::atlas::store::MapFile;
 use cairn::sensor::GrayImage;
-use cairn::vision::bow::Vocabulary;
+use cairn::vision::bow::{BagOfWords, Vocabulary};
 use cairn::vision::{Features, OrbConfig, OrbExtractor};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -100,6 +99,14 @@ fn words(extractor: &mut OrbExtractor, image: &GrayImage) -> Vec<(u32, f32)> {
     let mut features = Features::default();
     extractor.extract(image, &mut features);
     heaviest(&Vocabulary::current().bag(&features.descriptors), WORDS)
+}
+
+/// The heaviest words of a bag, heaviest first.
+fn heaviest(bag: &BagOfWords, most: usize) -> Vec<(u32, f32)> {
+    let mut words: Vec<(u32, f32)> = bag.words().iter().map(|(word, weight)| (word.0, *weight)).collect();
+    words.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    words.truncate(most);
+    words
 }
 
 #[derive(Deserialize)]

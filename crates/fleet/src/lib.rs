@@ -6,6 +6,7 @@ mod error;
 mod fetch;
 mod job;
 mod place_index;
+mod places;
 mod recording;
 mod run;
 mod scale;
@@ -13,7 +14,6 @@ mod shelf;
 mod steps;
 mod store;
 mod task;
-mod words;
 
 pub use build::{Build, Cost, Report};
 pub use digest::{Digest, NotADigest};

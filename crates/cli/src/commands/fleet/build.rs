@@ -161,9 +161,9 @@ fn text(r: &Value) -> String {
     }
     let _ = writeln!(
         text,
-        "pairs      {}; {} compared by key frames, {} alike by words, {} verified by geometry",
+        "pairs      {}; {} have a key in common, {} enough of them, {} verified by geometry",
         number("pairs"),
-        number("compared"),
+        number("met"),
         number("candidates"),
         number("verified")
     );
