@@ -6,9 +6,7 @@ use crate::{Digest, FleetError, Job, places, recording};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Keys that two maps must have in common before geometry verifies whether they share places.
-const LEAST_KEYS: u32 = 2;
-/// Of each map so many pairs for each of its places are verified, those with the most keys in common first.
+/// Of each map so many pairs for each of its stretches are verified, those with the most keys in common first.
 const PARTNERS: usize = 4;
 
 /// A build under way.
@@ -21,8 +19,7 @@ pub struct Build {
     /// The maps by digest, each with the recordings that gave it.
     maps: BTreeMap<Digest, (Mapped, Vec<String>)>,
     shards: Vec<Digest>,
-    /// Pairs of maps with the keys that they have in common.
-    pairs: BTreeMap<(Digest, Digest), u32>,
+    pairs: Vec<Pair>,
     /// Pairs that geometry verified, each with the roots of the maps of both files.
     joined: Vec<((Digest, usize), (Digest, usize))>,
     /// What is connected, each with its map file.
@@ -58,9 +55,9 @@ pub struct Report {
     pub recorded_s: f64,
     /// Pairs of maps that there are.
     pub pairs: u64,
-    /// Of which so many have a key in common,
-    pub met: usize,
-    /// so many of those have enough of them to share places,
+    /// Keys that stretches of two maps must have in common before geometry verifies whether they share places:
+    pub enough: u32,
+    /// so many pairs have and are verified,
     pub candidates: usize,
     /// and so many do by geometry.
     pub verified: usize,
@@ -116,7 +113,7 @@ impl Build {
             step: Step::Map,
             maps: BTreeMap::new(),
             shards: Vec::new(),
-            pairs: BTreeMap::new(),
+            pairs: Vec::new(),
             joined: Vec::new(),
             parts: Vec::new(),
             tiles: Vec::new(),
@@ -173,9 +170,8 @@ impl Build {
             (Task::Map { recording }, Found::Unmapped { why }) => self.report.unmapped.push((recording, why)),
             (Task::Index { .. }, Found::Indexed { shard }) => self.shards.push(shard.digest),
             (Task::Pairs { .. }, Found::Paired(found)) => {
-                for Pair { a, b, keys } in found.pairs {
-                    *self.pairs.entry((a, b)).or_default() += keys;
-                }
+                self.report.enough = found.enough;
+                self.pairs = found.pairs;
             }
             (Task::Verify { a, b }, Found::Verified(found)) => {
                 if found.joined.is_empty() {
@@ -233,9 +229,8 @@ impl Build {
             }
             Step::Index => (self.index(), Step::Pairs),
             Step::Pairs => {
-                let shards = self.shards.clone();
-                let part = |part| Task::Pairs { shards: shards.clone(), part };
-                ((0..shards.len()).map(part).collect(), Step::Verify)
+                let task = (!self.shards.is_empty()).then(|| Task::Pairs { shards: self.shards.clone() });
+                (task.into_iter().collect(), Step::Verify)
             }
             Step::Verify => (self.verify(), Step::Merge),
             Step::Merge => (self.merge(), Step::Tiles),
@@ -264,12 +259,12 @@ impl Build {
         shards.into_values().map(|maps| Task::Index { maps }).collect()
     }
 
-    /// The pairs with enough keys in common; of each map those with the most, as many as it has places.
+    /// Of each map those pairs that have the most keys in common, some for each of its stretches.
     fn verify(&mut self) -> Vec<Task> {
         let mut of_map: BTreeMap<Digest, Vec<(u32, Digest, Digest)>> = BTreeMap::new();
-        for ((a, b), keys) in self.pairs.iter().filter(|(_, keys)| **keys >= LEAST_KEYS) {
+        for Pair { a, b, keys } in std::mem::take(&mut self.pairs) {
             for map in [a, b] {
-                of_map.entry(*map).or_default().push((*keys, *a, *b));
+                of_map.entry(map).or_default().push((keys, a, b));
             }
         }
         let mut chosen = BTreeSet::new();
@@ -278,7 +273,7 @@ impl Build {
             pairs.sort_by(|x, y| y.cmp(x));
             chosen.extend(pairs.into_iter().take(PARTNERS * stretches).map(|(_, a, b)| (a, b)));
         }
-        (self.report.met, self.report.candidates) = (self.pairs.len(), chosen.len());
+        self.report.candidates = chosen.len();
         chosen.into_iter().map(|(a, b)| Task::Verify { a, b }).collect()
     }
 

@@ -26,12 +26,10 @@ pub enum Task {
         /// The maps, each with its keys.
         maps: Vec<(Digest, Digest)>,
     },
-    /// Find pairs of maps that may share places, by the keys of one part: there are as many parts as shards.
+    /// Find pairs of maps that may share places.
     Pairs {
         /// All shards.
         shards: Vec<Digest>,
-        /// The part.
-        part: usize,
     },
     /// Verify by geometry whether two map files share places.
     Verify {
@@ -143,11 +141,13 @@ pub struct Mapped {
     pub recorded_s: f64,
 }
 
-/// Pairs of maps that have keys in common.
+/// Pairs of maps that may share places.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Paired {
     /// The pairs, each in rising order.
     pub pairs: Vec<Pair>,
+    /// Keys that two of their stretches must have in common.
+    pub enough: u32,
 }
 
 /// Two maps that may share places.
@@ -157,7 +157,7 @@ pub struct Pair {
     pub a: Digest,
     /// Another, greater one.
     pub b: Digest,
-    /// Keys that they have in common.
+    /// Keys that two stretches of theirs have in common, at most.
     pub keys: u32,
 }
 

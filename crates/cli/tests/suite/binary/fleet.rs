@@ -54,6 +54,41 @@ fn a_walk_is_built_fetched_by_place_and_localised_in() {
     std::fs::remove_dir_all(&root).unwrap();
 }
 
+/// A driver that is left alone ends when its input does, as that of the Python package: this one says so.
+#[cfg(unix)]
+#[test]
+fn a_driver_ends_with_the_program_that_started_it() {
+    use std::os::unix::fs::PermissionsExt;
+    let root = folder("fleet-killed");
+    let (python, began, ended) = (root.join("python"), root.join("began"), root.join("ended"));
+    let script = format!(
+        "#!/bin/sh\n[ \"$1\" = -c ] && exit 0\necho >{}\ncat >/dev/null\necho >{}\n",
+        began.display(),
+        ended.display()
+    );
+    std::fs::write(&python, script).unwrap();
+    std::fs::set_permissions(&python, std::fs::Permissions::from_mode(0o755)).unwrap();
+    let mut build = Command::new(env!("CARGO_BIN_EXE_cairn"))
+        .args(["fleet", "build", root.to_str().unwrap(), "--out", root.join("store").to_str().unwrap()])
+        .env("CAIRN_PYTHON", &python)
+        .spawn()
+        .unwrap();
+    let appears = |path: &std::path::Path, seconds: u32| {
+        (0..20 * seconds).any(|_| {
+            path.exists() || {
+                std::thread::sleep(std::time::Duration::from_millis(50));
+                false
+            }
+        })
+    };
+    assert!(appears(&began, 20), "the driver was not started");
+    assert!(!appears(&ended, 1), "it ended while its program waits for it");
+    build.kill().unwrap();
+    build.wait().unwrap();
+    assert!(appears(&ended, 20), "it goes on alone");
+    std::fs::remove_dir_all(&root).unwrap();
+}
+
 #[test]
 fn what_is_missing_is_told_with_a_cure() {
     let root = folder("fleet-missing");
