@@ -183,7 +183,7 @@ impl City {
 /// The rows as a table; the exponent is that of the seconds of `index` and `pairs` between a row and the one before.
 pub fn table(rows: &[Row]) -> String {
     let mut text = String::from(
-        "| walks | key frames | index and pairs, s | exponent | ms a walk | verify, s | keys asked for | candidates | clear pairs, found | found, false |\n|---|---|---|---|---|---|---|---|---|---|\n",
+        "| walks | key frames | index and pairs, s | exponent | ms a walk | verify, s | bits asked for | candidates | clear pairs, found | found, false |\n|---|---|---|---|---|---|---|---|---|---|\n",
     );
     let pairs =
         |r: &Row| r.seconds.iter().filter(|(s, _)| !["map", "verify"].contains(s)).map(|s| s.1).sum::<f64>();

@@ -6,7 +6,7 @@ use crate::{Digest, FleetError, Job, places, recording};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Of each map so many pairs for each of its stretches are verified, those with the most keys in common first.
+/// Of each map so many pairs for each of its stretches are verified, the most alike first.
 const PARTNERS: usize = 4;
 
 /// A build under way.
@@ -55,7 +55,7 @@ pub struct Report {
     pub recorded_s: f64,
     /// Pairs of maps that there are.
     pub pairs: u64,
-    /// Keys that stretches of two maps must have in common before geometry verifies whether they share places:
+    /// By how many bits two stretches must be more alike than by chance before geometry verifies whether their maps share places:
     pub enough: u32,
     /// so many pairs have and are verified,
     pub candidates: usize,
@@ -259,12 +259,12 @@ impl Build {
         shards.into_values().map(|maps| Task::Index { maps }).collect()
     }
 
-    /// Of each map those pairs that have the most keys in common, some for each of its stretches.
+    /// Of each map the pairs that are most alike, some for each of its stretches.
     fn verify(&mut self) -> Vec<Task> {
         let mut of_map: BTreeMap<Digest, Vec<(u32, Digest, Digest)>> = BTreeMap::new();
-        for Pair { a, b, keys } in std::mem::take(&mut self.pairs) {
+        for Pair { a, b, bits } in std::mem::take(&mut self.pairs) {
             for map in [a, b] {
-                of_map.entry(map).or_default().push((keys, a, b));
+                of_map.entry(map).or_default().push((bits, a, b));
             }
         }
         let mut chosen = BTreeSet::new();

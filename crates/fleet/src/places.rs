@@ -19,13 +19,13 @@ pub(crate) const STRETCH: usize = 8;
 /// Key frames of a stretch that must show a landmark, where there are as many.
 const SHOWN: u32 = 2;
 /// Keys of a key frame, and of the landmarks of a stretch.
-const KEYS: [u64; 2] = [256, 64];
+const KEYS: [u64; 2] = [256, 128];
 /// Words of a key.
 const WORDS: usize = 3;
 /// Bits that decide which word a hash function draws.
 const BITS: usize = 21;
 
-/// A key with its stretch.
+/// A key with its stretch. Its lowest bit says whether it is of a key frame (0) or of landmarks (1).
 pub(crate) type Key = (u64, u32);
 
 /// The keys of a map file, rising, and how many stretches it has.
@@ -38,7 +38,9 @@ pub(crate) fn of_map(file: &MapFile) -> (Vec<Key>, u32) {
             let own = key_frames.iter().map(|k| weighed(k.bag.words().iter().map(|(word, _)| *word)));
             let sets = own.map(|words| (words, 0..KEYS[0])).chain([(landmarks, KEYS[0]..KEYS[0] + KEYS[1])]);
             for (words, tables) in sets.filter(|(words, _)| !words.is_empty()) {
-                keys.extend(tables.map(|table| (key(&words, table), stretch)));
+                keys.extend(
+                    tables.map(|table| (key(&words, table) << 1 | u64::from(table >= KEYS[0]), stretch)),
+                );
             }
             stretch += 1;
         }

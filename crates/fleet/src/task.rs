@@ -146,7 +146,7 @@ pub struct Mapped {
 pub struct Paired {
     /// The pairs, each in rising order.
     pub pairs: Vec<Pair>,
-    /// Keys that two of their stretches must have in common.
+    /// Bits that two of their stretches must have.
     pub enough: u32,
 }
 
@@ -157,8 +157,8 @@ pub struct Pair {
     pub a: Digest,
     /// Another, greater one.
     pub b: Digest,
-    /// Keys that two stretches of theirs have in common, at most.
-    pub keys: u32,
+    /// How unlikely what two stretches of theirs have in common is by chance: minus the logarithm to the base 2, the most of all.
+    pub bits: u32,
 }
 
 /// Whether two map files share places, by geometry.

@@ -167,7 +167,7 @@ fn text(r: &Value) -> String {
     }
     let _ = writeln!(
         text,
-        "pairs      {}; {} with {} keys in common, {} verified by geometry",
+        "pairs      {}; {} alike by {} bits or more, {} verified by geometry",
         number("pairs"),
         number("candidates"),
         number("enough"),

@@ -42,13 +42,23 @@ fn a_walk_is_built_fetched_by_place_and_localised_in() {
     };
     let fetched = fetch(&path("c"), "tile.map");
     assert!(fetched.status.success(), "{}", stderr(&fetched));
-    assert!(json(&fetched)["tracked"][0].as_u64().unwrap() > 15, "{}", json(&fetched));
+    assert!(json(&fetched)["evidence"]["tracked"][0].as_u64().unwrap() > 15, "{}", json(&fetched));
     let run = cairn(&["run", &path("c"), "--map-in", &path("tile.map"), "--json"]);
     assert!(run.status.success(), "{}", stderr(&run));
     let image = std::fs::read_dir(root.join("c/rgb")).unwrap().next().unwrap().unwrap().path();
     let by_image = fetch(image.to_str().unwrap(), "other.map");
-    assert!(json(&by_image)["tracked"].is_null());
+    assert!(json(&by_image)["evidence"]["seen"]["landmarks"].as_u64().unwrap() >= 25, "{}", json(&by_image));
     assert_eq!(json(&by_image)["tile"]["map"], json(&fetched)["tile"]["map"]);
+    // Of another house, both the walk and an image of it are of an unknown place.
+    let world = "demo?seed=12&sensor=rgbd&resolution=320x240&focal=210&rate=10&duration=3";
+    assert!(cairn(&["sim", world, "--out", &path("d")]).status.success());
+    let other = std::fs::read_dir(root.join("d/rgb")).unwrap().next().unwrap().unwrap().path();
+    for query in [path("d"), other.to_str().unwrap().to_owned()] {
+        let unknown = fetch(&query, "unknown.map");
+        assert_eq!(unknown.status.code(), Some(3), "{}", stderr(&unknown));
+        assert!(stderr(&unknown).contains("unknown place: at most"), "{}", stderr(&unknown));
+        assert!(!root.join("unknown.map").exists());
+    }
     let refused = fetch(&path("c"), "tile.map");
     assert!(!refused.status.success() && stderr(&refused).contains("--overwrite"), "{}", stderr(&refused));
     std::fs::remove_dir_all(&root).unwrap();
