@@ -235,6 +235,31 @@ pub enum Command {
         #[arg(long)]
         write: bool,
     },
+    /// A city of generated walks, with real recordings among them: what finding and verifying the pairs that share places costs by
+    /// the number of walks, and whether they are the true ones.
+    City {
+        /// Numbers of walks, separated by commas.
+        #[arg(long, value_delimiter = ',', default_value = "10,30,100,300")]
+        walks: Vec<usize>,
+        /// Length of a walk, metres.
+        #[arg(long, default_value_t = 40.0)]
+        metres: f64,
+        /// Other walks that each overlaps with, on average.
+        #[arg(long, default_value_t = 10.0)]
+        meets: f64,
+        /// Shards of the index of places.
+        #[arg(long, default_value_t = 1)]
+        shards: usize,
+        /// Real recordings that are no part of the street.
+        #[arg(long)]
+        among: Vec<PathBuf>,
+        /// Stops before geometry verifies the pairs.
+        #[arg(long)]
+        words: bool,
+        /// Folder to build in; default the system's temporary folder.
+        #[arg(long)]
+        folder: Option<PathBuf>,
+    },
     /// Saves and opens a large map: seconds, and bytes by kind of part.
     Store {
         /// Key frames.

@@ -3,6 +3,7 @@
 pub mod accuracy;
 pub mod build;
 pub mod busy;
+pub mod city;
 mod darkened;
 pub mod dense;
 pub mod depth_scale;

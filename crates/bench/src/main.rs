@@ -9,8 +9,9 @@ use bench::recordings::{RECORDINGS, data_folder, recording};
 use bench::revisit::{Revisit, Trial};
 use bench::walks::{WORLDS, Walk};
 use bench::{
-    RunOptions, Sensors, accuracy, busy, dense, depth_scale, figures, graphs, halves, imu_faults, inertial,
-    live, long, measure, phone, places, revisit, scale_sigma, store, street, visual_inertial, walks,
+    RunOptions, Sensors, accuracy, busy, city, dense, depth_scale, figures, graphs, halves, imu_faults,
+    inertial, live, long, measure, phone, places, revisit, scale_sigma, store, street, visual_inertial,
+    walks,
 };
 use cairn_engine::Config;
 use cairn_sim::WorldKind;
@@ -192,6 +193,16 @@ fn run(command: Command) -> Result<(), MeasureError> {
                 put("figures/large-maps.md", "street", &format!("```text\n{table}```"))?;
             }
             json.map_or(Ok(()), |path| save(path, &text(&figures)?))
+        }
+        Command::City { walks, metres, meets, shards, among, words, folder } => {
+            let folder = folder.unwrap_or_else(std::env::temp_dir);
+            let mut rows = Vec::new();
+            for walks in walks {
+                let city = city::City { walks, metres, meets, shards, among: among.clone(), words };
+                rows.push(city.build(&folder)?);
+                print!("{}", city::table(&rows));
+            }
+            Ok(())
         }
         Command::Dense { data, only, json, write } => {
             let rows = dense::run(&data.unwrap_or_else(data_folder), &only)?;

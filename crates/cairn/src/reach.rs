@@ -98,11 +98,6 @@ impl MapWords {
         Self { seqs, bags, own, lists }
     }
 
-    /// The bags of words of the key frames, in their order.
-    pub fn bags(&self) -> &[BagOfWords] {
-        &self.bags
-    }
-
     /// Number of key frames.
     pub fn len(&self) -> usize {
         self.bags.len()

@@ -12,9 +12,9 @@ pub struct Failure {
     pub why: String,
     /// What the user can do.
     pub hint: String,
-    /// Whether the command line itself is wrong (exit code 2 instead of 1).
+    /// The exit code: 1; 2 where the command line itself is wrong; 3 for a place that is unknown.
     #[serde(skip)]
-    pub usage: bool,
+    pub code: u8,
     /// Further failures of the same run, when one did not stop the others.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub also: Vec<Failure>,
@@ -23,12 +23,17 @@ pub struct Failure {
 impl Failure {
     /// From the three parts of a good message.
     pub fn new(what: impl Into<String>, why: impl Into<String>, hint: impl Into<String>) -> Self {
-        Self { what: what.into(), why: why.into(), hint: hint.into(), usage: false, also: Vec::new() }
+        Self { what: what.into(), why: why.into(), hint: hint.into(), code: 1, also: Vec::new() }
     }
 
     /// A command line that contradicts itself: exit code 2.
     pub fn usage(what: impl Into<String>, why: impl Into<String>, hint: impl Into<String>) -> Self {
-        Self { usage: true, ..Self::new(what, why, hint) }
+        Self { code: 2, ..Self::new(what, why, hint) }
+    }
+
+    /// A place that no map shows: exit code 3.
+    pub fn unknown_place(what: impl Into<String>, why: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self { code: 3, ..Self::new(what, why, hint) }
     }
 
     /// All failures as one, in their order.

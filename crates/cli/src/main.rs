@@ -1,7 +1,7 @@
 //! The `cairn` command: arguments in, text or JSON out. All computation happens in the library crates.
 //!
 //! Results go to stdout, everything else to stderr. Exit code 0: done; 1: the work failed (one line that
-//! says what failed, why, and what to do); 2: wrong usage; 130: interrupted, and everything until then is written.
+//! says what failed, why, and what to do); 2: wrong usage; 3: an unknown place; 130: interrupted, and everything until then is written.
 
 mod commands;
 mod demo;

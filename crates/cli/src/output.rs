@@ -69,7 +69,7 @@ impl Output {
         for failure in std::iter::once(failure).chain(&failure.also) {
             note(&format!("{} {failure}", style::on_stderr(Paint::Wrong, "error:")));
         }
-        ExitCode::from(if failure.usage { 2 } else { 1 })
+        ExitCode::from(failure.code)
     }
 }
 

@@ -2,9 +2,12 @@
 //! tasks of a step in any order, anywhere, and gives back what came of them in the order of the tasks.
 
 use crate::task::{Atlas, Blob, Mapped, Merged, Outcome, Pair, Result as Found, Source, Task};
-use crate::{Digest, FleetError, Job, recording};
+use crate::{Digest, FleetError, Job, places, recording};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
+
+/// Of each map so many pairs for each of its stretches are verified, the most alike first.
+const PARTNERS: usize = 4;
 
 /// A build under way.
 pub struct Build {
@@ -16,7 +19,7 @@ pub struct Build {
     /// The maps by digest, each with the recordings that gave it.
     maps: BTreeMap<Digest, (Mapped, Vec<String>)>,
     shards: Vec<Digest>,
-    pairs: BTreeSet<(Digest, Digest)>,
+    pairs: Vec<Pair>,
     /// Pairs that geometry verified, each with the roots of the maps of both files.
     joined: Vec<((Digest, usize), (Digest, usize))>,
     /// What is connected, each with its map file.
@@ -52,9 +55,9 @@ pub struct Report {
     pub recorded_s: f64,
     /// Pairs of maps that there are.
     pub pairs: u64,
-    /// Of which so many were compared key frame by key frame,
-    pub compared: u64,
-    /// so many may share places by their words,
+    /// By how many bits two stretches must be more alike than by chance before geometry verifies whether their maps share places:
+    pub enough: u32,
+    /// so many pairs have and are verified,
     pub candidates: usize,
     /// and so many do by geometry.
     pub verified: usize,
@@ -110,7 +113,7 @@ impl Build {
             step: Step::Map,
             maps: BTreeMap::new(),
             shards: Vec::new(),
-            pairs: BTreeSet::new(),
+            pairs: Vec::new(),
             joined: Vec::new(),
             parts: Vec::new(),
             tiles: Vec::new(),
@@ -167,9 +170,8 @@ impl Build {
             (Task::Map { recording }, Found::Unmapped { why }) => self.report.unmapped.push((recording, why)),
             (Task::Index { .. }, Found::Indexed { shard }) => self.shards.push(shard.digest),
             (Task::Pairs { .. }, Found::Paired(found)) => {
-                self.report.pairs += found.all;
-                self.report.compared += found.compared;
-                self.pairs.extend(found.pairs.into_iter().map(|Pair { a, b }| (a, b)));
+                self.report.enough = found.enough;
+                self.pairs = found.pairs;
             }
             (Task::Verify { a, b }, Found::Verified(found)) => {
                 if found.joined.is_empty() {
@@ -227,17 +229,10 @@ impl Build {
             }
             Step::Index => (self.index(), Step::Pairs),
             Step::Pairs => {
-                let shards = &self.shards;
-                let pair = |(n, a): (usize, &Digest)| {
-                    let a = *a;
-                    shards[..=n].iter().map(move |b| Task::Pairs { a, b: *b }).collect::<Vec<_>>()
-                };
-                (shards.iter().enumerate().flat_map(pair).collect(), Step::Verify)
+                let task = (!self.shards.is_empty()).then(|| Task::Pairs { shards: self.shards.clone() });
+                (task.into_iter().collect(), Step::Verify)
             }
-            Step::Verify => {
-                self.report.candidates = self.pairs.len();
-                (self.pairs.iter().map(|(a, b)| Task::Verify { a: *a, b: *b }).collect(), Step::Merge)
-            }
+            Step::Verify => (self.verify(), Step::Merge),
             Step::Merge => (self.merge(), Step::Tiles),
             Step::Tiles => {
                 let atlas = |part: &(Vec<Digest>, Option<Merged>)| Task::Tiles { atlas: self.atlas_of(part) };
@@ -252,15 +247,34 @@ impl Build {
 
     fn index(&mut self) -> Vec<Task> {
         self.report.maps = self.maps.len();
+        self.report.pairs = (self.maps.len() * self.maps.len().saturating_sub(1) / 2) as u64;
         self.report.key_frames = self.maps.values().map(|(mapped, _)| mapped.key_frames).sum();
         self.report.recorded_s = self.maps.values().map(|(mapped, _)| mapped.recorded_s).sum();
         let mut shards: BTreeMap<u64, Vec<(Digest, Digest)>> = BTreeMap::new();
         for (map, (mapped, _)) in &self.maps {
             // By the content alone, so that a map that is added changes one shard.
             let start = map.0.iter().take(4).fold(0, |n, b| n << 8 | u64::from(*b));
-            shards.entry(start % self.job.shards as u64).or_default().push((*map, mapped.words.digest));
+            shards.entry(start % self.job.shards as u64).or_default().push((*map, mapped.places.digest));
         }
         shards.into_values().map(|maps| Task::Index { maps }).collect()
+    }
+
+    /// Of each map the pairs that are most alike, some for each of its stretches.
+    fn verify(&mut self) -> Vec<Task> {
+        let mut of_map: BTreeMap<Digest, Vec<(u32, Digest, Digest)>> = BTreeMap::new();
+        for Pair { a, b, bits } in std::mem::take(&mut self.pairs) {
+            for map in [a, b] {
+                of_map.entry(map).or_default().push((bits, a, b));
+            }
+        }
+        let mut chosen = BTreeSet::new();
+        for (map, mut pairs) in of_map {
+            let stretches = self.maps.get(&map).map_or(0, |(m, _)| m.key_frames.div_ceil(places::STRETCH));
+            pairs.sort_by(|x, y| y.cmp(x));
+            chosen.extend(pairs.into_iter().take(PARTNERS * stretches).map(|(_, a, b)| (a, b)));
+        }
+        self.report.candidates = chosen.len();
+        chosen.into_iter().map(|(a, b)| Task::Verify { a, b }).collect()
     }
 
     fn merge(&mut self) -> Vec<Task> {

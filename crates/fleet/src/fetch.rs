@@ -1,17 +1,17 @@
 //! Fetching a tile by place: from an image or the beginning of a recording to the tile that shows the same place.
 //!
-//! By words first, reading of the index only the lists of the heaviest words. A recording is then tracked in the best tiles until one of
-//! them holds it; of a single image no more is known than its words.
+//! By words first, reading of the index only the lists of the heaviest words. Geometry decides: a recording is tracked in the best tiles until
+//! one of them holds it, and an image must show landmarks of one of them ([`crate::seen`]). Otherwise the place is unknown.
 
 use crate::place_index::Reader;
+use crate::seen::{Image, Seen};
 use crate::shelf::blob_name;
 use crate::task::Blob;
-use crate::words::heaviest;
 use crate::{Digest, FleetError, Store};
 use cairn::Slam;
 use cairn::atlas::store::MapFile;
 use cairn::sensor::GrayImage;
-use cairn::vision::bow::Vocabulary;
+use cairn::vision::bow::{BagOfWords, Vocabulary};
 use cairn::vision::{Features, OrbConfig, OrbExtractor};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -29,8 +29,7 @@ const TRIED: usize = 3;
 /// What is looked for.
 pub struct Query {
     address: String,
-    /// For each image its heaviest words.
-    images: Vec<Vec<(u32, f32)>>,
+    images: Vec<Image>,
     recording: bool,
 }
 
@@ -49,14 +48,50 @@ pub struct Found {
     pub score: f64,
 }
 
+/// What geometry says of a query in a tile.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Evidence {
+    /// Of a recording: so many of the first frames have a pose in it, of so many.
+    Tracked([usize; 2]),
+    /// Of an image.
+    Seen(Seen),
+}
+
+impl Evidence {
+    /// Whether it is enough.
+    pub fn suffices(&self) -> bool {
+        match self {
+            Self::Tracked([held, of]) => 2 * held > *of,
+            Self::Seen(seen) => seen.position.is_some(),
+        }
+    }
+
+    /// How much there is, to compare tiles by.
+    fn amount(&self) -> usize {
+        match self {
+            Self::Tracked([held, _]) => *held,
+            Self::Seen(seen) => seen.landmarks,
+        }
+    }
+}
+
+/// Where a query is.
+#[derive(Debug)]
+pub enum Answer {
+    /// In this tile, whose bytes are those of a map file.
+    Place(Fetched, Vec<u8>),
+    /// In no tile; with the most that speaks for any that was tried.
+    Unknown(Option<Evidence>),
+}
+
 /// What was fetched.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fetched {
     /// The tile.
     pub tile: Found,
-    /// Of the first frames of the recording so many have a pose in it, and so many there were; none for an image, where only
-    /// words speak for the tile.
-    pub tracked: Option<[usize; 2]>,
+    /// What speaks for it.
+    pub evidence: Evidence,
     /// The score of the best other tile.
     pub next_score: f64,
     /// Bytes read: index, and tiles.
@@ -78,7 +113,7 @@ pub fn query_of(address: &str) -> Result<Query, FleetError> {
         let image = cairn::sources::read_gray(path).map_err(|e| {
             FleetError::new(address, e.to_string(), "give a PNG or JPEG image, or a recording")
         })?;
-        vec![words(&mut extractor, &image)]
+        vec![features(&mut extractor, &image)]
     } else {
         let unread = |e: &dyn std::fmt::Display| FleetError::new(address, e, "give an image or a recording");
         let mut source = cairn::open(address).map_err(|e| unread(&e))?;
@@ -88,7 +123,7 @@ pub fn query_of(address: &str) -> Result<Query, FleetError> {
             if n % EVERY == 0
                 && let Some(image) = packet.images.first()
             {
-                images.push(words(&mut extractor, image));
+                images.push(features(&mut extractor, image));
             }
         }
         images
@@ -96,10 +131,19 @@ pub fn query_of(address: &str) -> Result<Query, FleetError> {
     Ok(Query { address: address.to_owned(), images, recording: !image })
 }
 
-fn words(extractor: &mut OrbExtractor, image: &GrayImage) -> Vec<(u32, f32)> {
+fn features(extractor: &mut OrbExtractor, image: &GrayImage) -> Image {
     let mut features = Features::default();
     extractor.extract(image, &mut features);
-    heaviest(&Vocabulary::current().bag(&features.descriptors), WORDS)
+    let bag = Vocabulary::current().bag(&features.descriptors);
+    Image { bag, features, size: [image.width(), image.height()] }
+}
+
+/// The heaviest words of a bag, heaviest first.
+fn heaviest(bag: &BagOfWords, most: usize) -> Vec<(u32, f32)> {
+    let mut words: Vec<(u32, f32)> = bag.words().iter().map(|(word, weight)| (word.0, *weight)).collect();
+    words.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    words.truncate(most);
+    words
 }
 
 #[derive(Deserialize)]
@@ -128,7 +172,7 @@ pub fn find(store: &dyn Store, query: &Query, most: usize) -> Result<(Vec<Found>
     })?;
     let mut sum = std::collections::BTreeMap::<u32, f64>::new();
     for image in &query.images {
-        for (tile, score) in reader.scores(image)? {
+        for (tile, score) in reader.scores(&heaviest(&image.bag, WORDS))? {
             *sum.entry(tile).or_default() += score / query.images.len() as f64;
         }
     }
@@ -142,35 +186,38 @@ pub fn find(store: &dyn Store, query: &Query, most: usize) -> Result<(Vec<Found>
     Ok((found, read_bytes))
 }
 
-/// Fetches the tile for a query; its bytes are those of a map file. `None` where no tile shows any of its words, or the recording is tracked in
-/// none of the best.
+/// Fetches the tile for a query: of those with most of its words the first in which geometry finds it.
 ///
 /// # Errors
 /// When nothing was published in the store, or it cannot be read, or the recording cannot be.
-pub fn fetch(store: &dyn Store, query: &Query) -> Result<Option<(Fetched, Vec<u8>)>, FleetError> {
+pub fn fetch(store: &dyn Store, query: &Query) -> Result<Answer, FleetError> {
     let (found, index_bytes) = find(store, query, TRIED + 1)?;
     let next_score = |n: usize| found.iter().enumerate().find(|(k, _)| *k != n).map_or(0.0, |(_, f)| f.score);
-    let mut tile_bytes = 0;
+    let (mut tile_bytes, mut most) = (0, None::<Evidence>);
     for (n, tile) in found.iter().enumerate().take(TRIED) {
         let name = blob_name(tile.map.digest);
         let bytes = store.get(&name)?.filter(|bytes| Digest::of(bytes) == tile.map.digest);
         let bytes = bytes.ok_or_else(|| FleetError::damaged(&name, "the tile is missing or damaged"))?;
         tile_bytes += bytes.len() as u64;
-        let tracked = if query.recording { Some(tracked(&query.address, &bytes)?) } else { None };
-        if tracked.is_none_or(|[held, of]| 2 * held > of) {
-            let fetched =
-                Fetched { tile: tile.clone(), tracked, next_score: next_score(n), index_bytes, tile_bytes };
-            return Ok(Some((fetched, bytes)));
+        let file = MapFile::read(&bytes).map_err(|e| FleetError::damaged(&name, e))?;
+        let evidence = match query.images.first() {
+            Some(image) if !query.recording => Evidence::Seen(image.in_tile(&file)),
+            _ => Evidence::Tracked(tracked(&query.address, file)?),
+        };
+        if evidence.suffices() {
+            let (tile, next_score) = (tile.clone(), next_score(n));
+            let fetched = Fetched { tile, evidence, next_score, index_bytes, tile_bytes };
+            return Ok(Answer::Place(fetched, bytes));
         }
+        most = most.into_iter().chain([evidence]).max_by_key(Evidence::amount);
     }
-    Ok(None)
+    Ok(Answer::Unknown(most))
 }
 
 /// How many of the first frames of a recording have a pose in a tile, and how many there were.
-fn tracked(address: &str, tile: &[u8]) -> Result<[usize; 2], FleetError> {
+fn tracked(address: &str, file: MapFile) -> Result<[usize; 2], FleetError> {
     let failed =
         |e: &dyn std::fmt::Display| FleetError::new(address, e, "check the recording with cairn run");
-    let file = MapFile::read(tile).map_err(|e| failed(&e))?;
     let mut source = cairn::open(address).map_err(|e| failed(&e))?;
     let mut slam = match Slam::for_source(&*source).localize_in(file).build() {
         Ok(slam) => slam,

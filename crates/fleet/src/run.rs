@@ -60,7 +60,7 @@ pub fn run(job: &Job, task: &Task) -> Result<Outcome, FleetError> {
 fn other(shelf: &Shelf, task: &Task, config: &Config) -> Result<Found, FleetError> {
     match task {
         Task::Index { maps } => steps::index(shelf, maps),
-        Task::Pairs { a, b } => steps::pairs(shelf, *a, *b),
+        Task::Pairs { shards } => steps::pairs(shelf, shards),
         Task::Merge { maps, pairs } => steps::merge(shelf, maps, pairs, config),
         Task::Publish { atlases } => steps::publish(shelf, atlases),
         Task::Map { .. } | Task::Verify { .. } | Task::Tiles { .. } => {

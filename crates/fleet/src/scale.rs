@@ -3,7 +3,7 @@
 //! Assumptions, all as the program works today:
 //!
 //! 1. Mapping costs in proportion to seconds recorded; a walk makes key frames at the measured rate.
-//! 2. Words of every two maps are looked at, in proportion to pairs and to key frames of a map. Shards have 256 maps.
+//! 2. Keys of places are looked up in proportion to key frames. Shards have 256 maps; one task sorts all keys, in memory.
 //! 3. Each walk shares places with `meets` others; of the pairs that look alike by words as many are right as in the report.
 //! 4. An atlas is `together` walks; within one task each joins those before it, as a robot of a team joins maps
 //!    ([`cairn::team_scale`]): each key frame is compared, the pose graph relaxed, and up to a certain size all adjusted as a whole.
@@ -21,7 +21,6 @@ pub struct Built {
     maps: f64,
     key_frames: f64,
     recorded_s: f64,
-    pairs: f64,
     candidates: f64,
     verified: f64,
     tiles: f64,
@@ -103,7 +102,7 @@ impl Built {
     /// # Errors
     /// With what is missing.
     pub fn check(&self) -> Result<(), ReportError> {
-        if !(self.maps >= 2.0 && self.key_frames > 0.0 && self.recorded_s > 0.0 && self.pairs > 0.0) {
+        if !(self.maps >= 2.0 && self.key_frames > 0.0 && self.recorded_s > 0.0) {
             return Err(ReportError::FewMaps);
         }
         if !(self.candidates > 0.0 && self.verified > 0.0 && self.tiles > 0.0) {
@@ -149,9 +148,7 @@ impl City {
             StepLoad { step, tasks, seconds, longest_s, read_bytes, written_bytes, memory_bytes }
         };
         let mapping = map.seconds / built.recorded_s * self.walk_s;
-        let pair_s = pairs.seconds / built.pairs * longer;
-        let pair_tasks = 0.5 * shards * (shards + 1.0);
-        let all_pairs = 0.5 * self.walks * (self.walks - 1.0);
+        let pairs_s = pairs.seconds / built.key_frames * all;
         let verify_s = verify.seconds / built.candidates * longer;
         let merge_s = costs.merge_s(self.together as usize, own);
         let merged = if self.together > 1.0 { atlases } else { 0.0 };
@@ -169,15 +166,7 @@ impl City {
                 words * all,
                 None,
             ),
-            step(
-                "pairs",
-                pair_tasks,
-                pair_s * all_pairs,
-                pair_s * SHARD * SHARD,
-                pair_tasks * 2.0 * SHARD.min(self.walks) * own * words,
-                0.0,
-                None,
-            ),
+            step("pairs", 1.0, pairs_s, pairs_s, words * all, 0.0, None),
             step(
                 "verify",
                 candidates,
@@ -228,7 +217,6 @@ mod tests {
             maps: 10.0,
             key_frames: 200.0,
             recorded_s: 100.0,
-            pairs: 45.0,
             candidates: 6.0,
             verified: 5.0,
             tiles: 12.0,
@@ -272,22 +260,22 @@ mod tests {
         // 40 key frames a walk, twice as many as in the report.
         near(of(&load, "map").seconds, 9.0 / 100.0 * 20.0 * 1000.0);
         near(of(&load, "map").written_bytes, 3e6 / 200.0 * 40_000.0);
-        near(of(&load, "pairs").seconds, 9.0 / 45.0 * 2.0 * 499_500.0);
-        near(of(&load, "pairs").tasks, 10.0);
+        near(of(&load, "pairs").seconds, 9.0 / 200.0 * 40_000.0);
+        near(of(&load, "pairs").tasks, 1.0);
         near(of(&load, "verify").tasks, 6000.0);
         near(of(&load, "merge").longest_s, 40.0 * 1e-2 + 80.0 * 1e-5 + 80.0 * 1e-3);
         near(of(&load, "merge").memory_bytes.unwrap(), 80.0 * 100e3);
         near(of(&load, "tiles").written_bytes, 8e6 / 200.0 * 40_000.0);
     }
 
-    /// What no two recordings share, mapping and mapping alone grows with; pairs grow with the square.
+    /// With ten times as many walks, of which each meets as many others, nothing costs more than ten times as much.
     #[test]
     fn costs_grow_as_they_must() {
         let city = |walks| City { walks, walk_s: 10.0, meets: 4.0, together: 10.0 }.load(&built(), &costs());
         let (less, more) = (city(1e4), city(1e5));
         let times = |step: &str| of(&more, step).seconds / of(&less, step).seconds;
         assert!((times("map") - 10.0).abs() < 1e-9 && (times("verify") - 10.0).abs() < 1e-9);
-        assert!((times("pairs") - 100.0).abs() < 0.1);
+        assert!((times("pairs") - 10.0).abs() < 1e-9);
         assert_eq!(of(&less, "merge").longest_s, of(&more, "merge").longest_s);
     }
 

@@ -21,17 +21,15 @@ pub enum Task {
         /// Its name, below the address of the recordings.
         recording: String,
     },
-    /// Put the words of maps into one shard of the index of places.
+    /// Put the keys of the places of maps into one shard of the index of places.
     Index {
-        /// The maps, each with its words.
+        /// The maps, each with its keys.
         maps: Vec<(Digest, Digest)>,
     },
-    /// Find pairs of maps that may share places, between two shards or within one.
+    /// Find pairs of maps that may share places.
     Pairs {
-        /// A shard.
-        a: Digest,
-        /// Another, or the same.
-        b: Digest,
+        /// All shards.
+        shards: Vec<Digest>,
     },
     /// Verify by geometry whether two map files share places.
     Verify {
@@ -131,8 +129,8 @@ pub enum Result {
 pub struct Mapped {
     /// The map file.
     pub map: Blob,
-    /// The words of its key frames.
-    pub words: Blob,
+    /// The keys of its places.
+    pub places: Blob,
     /// Key frames.
     pub key_frames: usize,
     /// Maps in the file: more than one where the walk was lost and found no way back.
@@ -148,10 +146,8 @@ pub struct Mapped {
 pub struct Paired {
     /// The pairs, each in rising order.
     pub pairs: Vec<Pair>,
-    /// Pairs of maps that there are.
-    pub all: u64,
-    /// Of which so many share enough heavy words to be compared key frame by key frame.
-    pub compared: u64,
+    /// Bits that two of their stretches must have.
+    pub enough: u32,
 }
 
 /// Two maps that may share places.
@@ -161,6 +157,8 @@ pub struct Pair {
     pub a: Digest,
     /// Another, greater one.
     pub b: Digest,
+    /// How unlikely what two stretches of theirs have in common is by chance: minus the logarithm to the base 2, the most of all.
+    pub bits: u32,
 }
 
 /// Whether two map files share places, by geometry.

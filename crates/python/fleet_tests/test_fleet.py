@@ -1,12 +1,13 @@
 """Whole builds over Ray: the same atlas in order, over two workers, with one of them killed, and in S3."""
 
 import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
 import cairn.fleet
 import pytest
-from conftest import arguments, build, kill_a_worker
+from conftest import arguments, build, children, kill_a_worker
 
 
 def upload(client: Any, folder: Path, prefix: str) -> None:
@@ -41,6 +42,25 @@ def test_two_workers_make_the_same_atlas_though_some_are_killed(
     again = build(recordings, tmp_path / "store", "--in-order")
     assert again["digest"] == in_order["digest"]
     assert [(cost["tasks"], cost["reused"]) for cost in again["costs"]] == [(cost["tasks"],) * 2 for cost in again["costs"]]
+
+
+def test_a_build_that_is_killed_leaves_no_process_and_goes_on_where_it_was(
+    recordings: Path, in_order: dict[str, Any], tmp_path: Path
+) -> None:
+    program = subprocess.Popen(
+        arguments(recordings, tmp_path / "store", "--workers", "2"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    kill_a_worker(program.pid)
+    below = children(program.pid)
+    assert any("cairn.fleet" in line for line in below.values()), below
+    program.kill()
+    program.wait()
+    until = time.monotonic() + 60
+    while left := [pid for pid in below if Path(f"/proc/{pid}").exists()]:
+        assert time.monotonic() < until, {pid: below[pid] for pid in left}
+        time.sleep(0.1)
+    again = build(recordings, tmp_path / "store", "--workers", "2")
+    assert again["digest"] == in_order["digest"]
 
 
 def test_recordings_and_store_in_s3(recordings: Path, in_order: dict[str, Any], s3: Any) -> None:

@@ -33,8 +33,8 @@ pub struct Built {
     pub along_m: f64,
 }
 
-/// The map of a stretch of a street, from one distance along the way to another.
-pub fn build(street: &mut Street, from_m: f64, to_m: f64) -> Built {
+/// The map of a stretch of a street, from one distance along the way to another; `seed` draws the noise.
+pub fn build(street: &mut Street, from_m: f64, to_m: f64, seed: u64) -> Built {
     let mut built = Built {
         atlas: Atlas::new(Snapshot::with_octaves(OCTAVES)),
         commit_s: Vec::new(),
@@ -45,7 +45,7 @@ pub fn build(street: &mut Street, from_m: f64, to_m: f64) -> Built {
     let count = ((to_m - from_m) / STEP_M) as usize;
     for n in 0..count {
         let along_m = from_m + STEP_M * n as f64;
-        let view = street.see(along_m, along_m / SPEED_MPS, 1);
+        let view = street.see(along_m, along_m / SPEED_MPS, seed);
         let snapshot = built.atlas.latest();
         let id = snapshot.next_key_frame_id();
         let mut next = snapshot.next_landmark_id().index();

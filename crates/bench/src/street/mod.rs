@@ -1,11 +1,11 @@
 //! `street`: a large map. A street of kilometres, closed to a ring, is mapped on generated frames (no images); then the
 //! real stages walk on in it: tracking, mapping, place recognition, the loop over all of it, saving and opening.
 
-mod build;
+pub(crate) mod build;
 mod drive;
 mod memory;
 mod table;
-mod world;
+pub(crate) mod world;
 
 use crate::MeasureError;
 use crate::memory::resident_mb;
@@ -108,11 +108,11 @@ pub fn run(folder: &Path, length_m: usize, features: usize, times: usize) -> Res
     let length = length_m as f64;
     let mut street = Street::new(length_m, features);
     eprintln!("new walking alone");
-    let small = build(&mut street, length - LEFT_M - ALONE_M, length - LEFT_M);
+    let small = build(&mut street, length - LEFT_M - ALONE_M, length - LEFT_M, 1);
     let alone = walk_new(&mut street, &mut Walk::new(small, features))?;
     let mut street = Street::new(length_m, features);
     let before = resident_mb();
-    let large = build(&mut street, 0.0, length - LEFT_M);
+    let large = build(&mut street, 0.0, length - LEFT_M, 1);
     let map = large.atlas.latest().clone();
     let commit_ms = large.commit_s.chunks(large.commit_s.len().div_ceil(10)).map(median_ms).collect();
     let resident = resident_for_each(before, map.key_frame_count());

@@ -2,7 +2,10 @@
 //! fetching a tile by place.
 
 use cairn::sim::{SimConfig, SimSource, write_tum};
-use cairn_fleet::{Build, Digest, Job, Outcome, Report, StepResult, Task, fetch, open, query_of, run};
+use cairn_fleet::{
+    Answer, Build, Digest, Evidence, Fetched, Job, Outcome, Report, StepResult, Task, fetch, open, query_of,
+    run,
+};
 use std::path::{Path, PathBuf};
 
 /// A fresh folder.
@@ -125,7 +128,9 @@ fn walks_of_one_house_become_one_atlas_and_interruptions_change_nothing() {
     let store = open(root.join("whole").to_str().unwrap()).unwrap();
     record(&root.join("third"), 11, "start=3&duration=4&height=1.35");
     let query = query_of(root.join("third").to_str().unwrap()).unwrap();
-    let (fetched, bytes) = fetch(&*store, &query).unwrap().expect("a tile of this house");
+    let Answer::Place(fetched, bytes) = fetch(&*store, &query).unwrap() else {
+        panic!("a tile of this house")
+    };
     println!("{}", serde_json::to_string_pretty(&fetched).unwrap());
     let about: serde_json::Value = serde_json::from_slice(&published("whole")).unwrap();
     let source = &about["atlases"][fetched.tile.atlas as usize]["sources"][0]["recordings"][0];
@@ -133,7 +138,7 @@ fn walks_of_one_house_become_one_atlas_and_interruptions_change_nothing() {
     assert_eq!((Digest::of(&bytes), bytes.len() as u64), (fetched.tile.map.digest, fetched.tile.map.bytes));
     record(&root.join("elsewhere"), 77, "start=3&duration=4&height=1.35");
     let query = query_of(root.join("elsewhere").to_str().unwrap()).unwrap();
-    assert!(fetch(&*store, &query).unwrap().is_none());
+    assert!(matches!(fetch(&*store, &query).unwrap(), Answer::Unknown(Some(Evidence::Tracked([0..15, _])))));
 
     // A recording that is added is mapped; all other maps stay.
     record(&from.join("a-3"), 11, "start=3&duration=8&height=1.35");
@@ -142,6 +147,73 @@ fn walks_of_one_house_become_one_atlas_and_interruptions_change_nothing() {
     assert_eq!((costs.tasks, costs.reused), (6, 4));
     assert_ne!(digest_of(&more), digest_of(&whole));
     assert_eq!(more.atlases.len(), 2, "{:?}", more.atlases);
+    std::fs::remove_dir_all(&root).unwrap();
+}
+
+/// Every so many images below a folder.
+fn images(folder: &Path, every: usize) -> Vec<PathBuf> {
+    let mut below = vec![folder.to_owned()];
+    let mut found = Vec::new();
+    while let Some(entries) = below.pop().and_then(|folder| std::fs::read_dir(folder).ok()) {
+        for path in entries.flatten().map(|e| e.path()) {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().to_string();
+            if path.is_dir() && !name.contains("depth") {
+                below.push(path);
+            } else if !name.contains("depth") && (name.ends_with(".png") || name.ends_with(".jpg")) {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    found.into_iter().step_by(every).collect()
+}
+
+/// How many landmarks each image shows, and whether that is a place.
+fn seen(store: &Path, images: &[PathBuf]) -> Vec<(usize, bool)> {
+    let store = open(store.to_str().unwrap()).unwrap();
+    let one = |image: &PathBuf| match fetch(&*store, &query_of(image.to_str().unwrap()).unwrap()).unwrap() {
+        Answer::Place(Fetched { evidence: Evidence::Seen(seen), .. }, _) => (seen.landmarks, true),
+        Answer::Unknown(Some(Evidence::Seen(seen))) => (seen.landmarks, false),
+        Answer::Unknown(None) => (0, false),
+        other => panic!("{other:?}"),
+    };
+    let mut all: Vec<_> = images.iter().map(one).collect();
+    all.sort_unstable();
+    all
+}
+
+/// Single images of walks of two houses, of places that are in the atlas and in none: rendered, and of real recordings where they are.
+#[test]
+fn an_unknown_place_is_said_to_be_unknown() {
+    let root = folder("unknown");
+    let (from, store) = (root.join("recordings"), root.join("store"));
+    record(&from.join("a"), 11, "start=0&duration=12&height=1.3");
+    record(&from.join("b"), 12, "start=0&duration=12&height=1.3");
+    let job = Job { tile_m: 6.0, margin_m: 2.0, ..Job::new(from.to_str().unwrap(), store.to_str().unwrap()) };
+    drive(&job, |job, task| run(job, task).unwrap());
+    let (mut known, mut unknown) = (Vec::new(), Vec::new());
+    for seed in [11, 12] {
+        let walk = root.join(format!("again-{seed}"));
+        record(&walk, seed, "start=1&duration=8&speed=1.1&height=1.4");
+        known.extend(images(&walk, 4));
+    }
+    for seed in 71..77 {
+        let walk = root.join(format!("elsewhere-{seed}"));
+        record(&walk, seed, "start=1&duration=6&height=1.35");
+        unknown.extend(images(&walk, 4));
+    }
+    let data = std::env::var_os("CAIRN_DATA").map_or_else(|| "../../../shared/data".into(), PathBuf::from);
+    for (name, every) in
+        [("7scenes-kitchen", 10), ("photos", 1), ("atrium", 40), ("house", 40), ("kitti-a", 10)]
+    {
+        unknown.extend(images(&data.join(name), every));
+    }
+    let (known, unknown) = (seen(&store, &known), seen(&store, &unknown));
+    println!("known {known:?}\nunknown {unknown:?}");
+    let places = known.iter().filter(|(_, place)| *place).count();
+    println!("{places} of {} known, {} of others", known.len(), unknown.len());
+    assert!(unknown.iter().all(|(_, place)| !place), "{unknown:?}");
+    assert!(20 * places >= 19 * known.len(), "{places} of {}", known.len());
     std::fs::remove_dir_all(&root).unwrap();
 }
 

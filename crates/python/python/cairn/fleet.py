@@ -11,7 +11,9 @@ was stopped goes on where it was, and a task whose worker died is done again by 
 import argparse
 import importlib
 import json
+import os
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -134,8 +136,16 @@ def _deadly(task: str, death: Exception) -> str:
     )
 
 
+def _end_with_input() -> None:
+    """Ends this process at once when its standard input does: whoever started it is gone. What Ray started here ends with it."""
+    sys.stdin.buffer.read()
+    print("fleet: ended, as the program that started it did", file=sys.stderr, flush=True)
+    os._exit(1)
+
+
 def main() -> None:
     """What `cairn fleet build` starts: progress on stderr, the report as one line of JSON on stdout."""
+    threading.Thread(target=_end_with_input, daemon=True).start()
     parser = argparse.ArgumentParser(prog="python -m cairn.fleet", description="Use cairn fleet build, or cairn.fleet.build.")
     parser.add_argument("--job", required=True, help="the job as JSON")
     parser.add_argument("--workers", type=int)

@@ -125,11 +125,17 @@ fn over_ray(a: &Arguments, job: &Job) -> Result<Value, Failure> {
     if let Some(address) = &a.ray {
         command.args(["--ray", address]);
     }
-    let done = command
-        .stdin(Stdio::null())
+    let failed = |e: std::io::Error| Failure::new(&python, e.to_string(), INSTALL);
+    let mut driver = command
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
         .stderr(Stdio::inherit())
-        .output()
-        .map_err(|e| Failure::new(&python, e.to_string(), INSTALL))?;
+        .spawn()
+        .map_err(failed)?;
+    // Closed by the system when this process ends, however it does: the driver then ends, too.
+    let alive = driver.stdin.take();
+    let done = driver.wait_with_output().map_err(failed)?;
+    drop(alive);
     if !done.status.success() {
         let hint = "see above; give the command again to go on where it was";
         return Err(Failure::new("fleet build", format!("the driver ended with {}", done.status), hint));
@@ -161,10 +167,10 @@ fn text(r: &Value) -> String {
     }
     let _ = writeln!(
         text,
-        "pairs      {}; {} compared by key frames, {} alike by words, {} verified by geometry",
+        "pairs      {}; {} alike by {} bits or more, {} verified by geometry",
         number("pairs"),
-        number("compared"),
         number("candidates"),
+        number("enough"),
         number("verified")
     );
     for line in list("apart") {

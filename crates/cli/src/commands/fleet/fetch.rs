@@ -4,14 +4,15 @@ use super::failed;
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::outputs::Outputs;
-use cairn_fleet::Fetched;
+use cairn_fleet::{Answer, Evidence, Fetched};
 use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Fetches the tile that shows the place of an image, or where a recording begins.
 ///
-/// By visual words: only the parts of the index that the image needs are read. A recording is then tracked in the best tiles until one holds
-/// it; for a single image only the words speak, and the score of the best other tile tells how much. The tile is a map for cairn run --map-in.
+/// By visual words: only the parts of the index that the image needs are read. Geometry decides: a recording is tracked in the best tiles
+/// until one holds it, and a single image must show enough landmarks of one of them. Where none does, the place is unknown: exit code 3.
+/// The tile is a map for cairn run --map-in.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The store of cairn fleet build.
@@ -37,9 +38,21 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let out = outputs.file("--out").unwrap_or(&a.out);
     let store = cairn_fleet::open(&a.store).map_err(failed)?;
     let query = cairn_fleet::query_of(&a.query).map_err(failed)?;
-    let Some((fetched, bytes)) = cairn_fleet::fetch(&*store, &query).map_err(failed)? else {
-        let hint = "walk on and try another stretch, or build the atlas with a recording of this place";
-        return Err(Failure::new(&a.query, "no tile of the atlas shows this place", hint));
+    let (fetched, bytes) = match cairn_fleet::fetch(&*store, &query).map_err(failed)? {
+        Answer::Place(fetched, bytes) => (fetched, bytes),
+        Answer::Unknown(most) => {
+            let why = match most {
+                Some(Evidence::Tracked([held, of])) => {
+                    format!("at most {held} of {of} frames have a pose in a tile")
+                }
+                Some(Evidence::Seen(seen)) => {
+                    format!("at most {} landmarks of a tile are seen, {} needed", seen.landmarks, seen.needed)
+                }
+                None => "no tile has any of its words".to_owned(),
+            };
+            let hint = "try another view, or build the atlas with a recording of this place";
+            return Err(Failure::unknown_place(&a.query, format!("unknown place: {why}"), hint));
+        }
     };
     std::fs::write(out, bytes).map_err(|e| {
         Failure::new(out.display().to_string(), e.to_string(), "check that its folder is writable")
@@ -62,9 +75,16 @@ fn text(f: &Fetched) -> String {
         f.tile.map.bytes as f64 / 1e6
     );
     let _ = writeln!(text, "words     score {:.3}, the best other tile {:.3}", f.tile.score, f.next_score);
-    let _ = match f.tracked {
-        Some([held, of]) => writeln!(text, "tracked   {held} of {of} frames have a pose in it"),
-        None => writeln!(text, "tracked   not tried: a single image; the words alone may be wrong"),
+    let _ = match f.evidence {
+        Evidence::Tracked([held, of]) => writeln!(text, "tracked   {held} of {of} frames have a pose in it"),
+        Evidence::Seen(seen) => {
+            let [x, y, z] = seen.position.unwrap_or_default();
+            writeln!(
+                text,
+                "seen      {} landmarks of it, {} needed; the camera is at {x:.2} {y:.2} {z:.2} in the atlas",
+                seen.landmarks, seen.needed
+            )
+        }
     };
     let _ = writeln!(
         text,
