@@ -212,6 +212,18 @@ pub enum Command {
         #[arg(default_value_t = 1)]
         count: u64,
     },
+    /// The surface of a simulated walk with depth against the world's true one.
+    Surface {
+        /// The walk; seed=1-20 walks with each of these seeds, with a table.
+        #[arg(default_value = "sim:corridor?sensor=rgbd&seed=1")]
+        address: String,
+        /// Edge of a voxel, metres.
+        #[arg(long, default_value_t = 0.02)]
+        voxel: f64,
+        /// The camera is covered from one second to another.
+        #[arg(long, value_delimiter = ',', value_name = "FROM,TO")]
+        covered: Vec<f64>,
+    },
     /// Latency of a live stream: from the publisher over RTMP to the pose, and from the pose to the announcement. Needs
     /// ffmpeg.
     Live {

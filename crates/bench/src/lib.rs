@@ -28,6 +28,7 @@ pub mod source;
 pub mod spot;
 pub mod store;
 pub mod street;
+pub mod surface;
 
 pub use cairn_engine::Sensors;
 pub use error::MeasureError;

@@ -7,7 +7,7 @@ use bench::error::{file, of};
 use bench::scenario::{Bindings, Chosen, Scenario};
 use bench::{
     MeasureError, RunOptions, busy, data_folder, dense, ekf, figures, graphs, guide, halves, inertial, live,
-    measure, nextday, pages, places, robot, scale_sigma, scenario, spot, store, street,
+    measure, nextday, pages, places, robot, scale_sigma, scenario, spot, store, street, surface,
 };
 use cairn_engine::Config;
 use cairn_sources::{OpenOptions, open};
@@ -177,6 +177,14 @@ fn measured(command: Command, data: &Path) -> Result<Measured, MeasureError> {
             Measured::new(live::table(&figures)).json(&figures)
         }
         Command::Robot { .. } => Ok(Measured::default()),
+        Command::Surface { address, voxel, covered } => {
+            let covered_s = match covered[..] {
+                [] => [0.0; 2],
+                [from, to] => [from, to],
+                _ => return Err("--covered: write FROM,TO in seconds".into()),
+            };
+            surface::run(&address, voxel, covered_s).map(|()| Measured::default())
+        }
         Command::One { source, sensor, frames, verbose, config } => {
             let mut source = open(&source, OpenOptions::default())?;
             let config = read_config(config)?;

@@ -110,6 +110,9 @@ pub struct Table {
     /// And then for each combination of these.
     #[serde(default)]
     pub also_by: Vec<String>,
+    /// The table is left out where no run has this binding, `seeds=drawn`.
+    #[serde(default)]
+    pub only_with: String,
     /// A row for each part of each run.
     #[serde(default)]
     pub parts: bool,

@@ -10,7 +10,11 @@ use crate::MeasureError;
 /// # Errors
 /// When a column names what is not there.
 pub fn tables<'a>(scenario: &'a Scenario, rows: &[Row]) -> Result<Vec<(&'a Table, String)>, MeasureError> {
-    scenario.table.iter().map(|table| Ok((table, text(table, rows)?))).collect()
+    let shown = |table: &&Table| match table.only_with.split_once('=') {
+        Some((name, value)) => rows.iter().any(|row| row.bindings.get(name).is_some_and(|v| v == value)),
+        None => true,
+    };
+    scenario.table.iter().filter(shown).map(|table| Ok((table, text(table, rows)?))).collect()
 }
 
 fn text(table: &Table, rows: &[Row]) -> Result<String, MeasureError> {

@@ -1,9 +1,8 @@
-//! Accuracy of the surface of a simulated walk against the world's true surface:
-//! `cargo run --release -p cairn-engine --example surface -- sim:corridor?sensor=rgbd&seed=1 [VOXEL_M [FROM_S TO_S]]`.
+//! `surface`: accuracy of the surface of a simulated walk against the world's true surface.
 //!
 //! An address with `seed=1-20` is walked with each of these seeds, and the figures are printed as a table.
 //!
-//! From FROM_S to TO_S the camera is covered: it is lost, a new map begins, and is merged where a place is recognised.
+//! Where the camera is covered it is lost, a new map begins, and is merged where a place is recognised.
 //! A wall that is doubled then has vertices far from every face, in the surface or in the submaps together.
 //!
 //! Two surfaces are compared: one fused with the pose that each key frame had when it was made (what a dense map shows
@@ -19,8 +18,9 @@
 
 mod agree;
 mod judge;
-mod memory;
 
+use crate::MeasureError;
+use crate::memory::resident_mb;
 use agree::{Agreement, View, agreement};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Subscription};
 use cairn_dense::{
@@ -32,18 +32,18 @@ use cairn_sensor::{DepthImage, FramePacket, GrayImage, Source, Stamp};
 use cairn_sim::{SimConfig, SimSource};
 use cairn_sources::std_host;
 use judge::{Figures, aligned, engine_rms, report, seen, too_large};
-use memory::MemoryLines;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-type Failure = Box<dyn std::error::Error>;
+/// Seconds of a walk between two lines about its memory.
+const MEMORY_EACH_S: f64 = 300.0;
 
-fn main() -> Result<(), Failure> {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let address = arguments.first().map_or("sim:corridor?sensor=rgbd&seed=1", String::as_str);
-    let number = |i: usize, otherwise: f64| arguments.get(i).map_or(Ok(otherwise), |v| v.parse::<f64>());
-    let (voxel_m, covered_s) = (number(1, 0.02)?, [number(2, 0.0)?, number(3, 0.0)?]);
+/// Walks an address, with voxels of this size, and the camera covered from one second to another; prints what there is to tell.
+///
+/// # Errors
+/// When the walk cannot be simulated, or has no surface.
+pub fn run(address: &str, voxel_m: f64, covered_s: [f64; 2]) -> Result<(), MeasureError> {
     let Some((before, seeds)) = address.split_once("seed=").filter(|(_, after)| after.contains('-')) else {
         return walk(address, voxel_m, covered_s).map(drop);
     };
@@ -115,7 +115,7 @@ struct Run {
 }
 
 impl Run {
-    fn new(source: &SimSource, tsdf: TsdfConfig) -> Result<Self, Failure> {
+    fn new(source: &SimSource, tsdf: TsdfConfig) -> Result<Self, MeasureError> {
         let rig = source.rig().clone();
         let sensor = rig.depth.clone().ok_or("give a world with sensor=rgbd")?;
         let mut settings = Config::default();
@@ -140,7 +140,7 @@ impl Run {
     }
 
     /// Walks on by a packet, `at_s` after the walk began.
-    fn take(&mut self, packet: &FramePacket, at_s: f64) -> Result<(), Failure> {
+    fn take(&mut self, packet: &FramePacket, at_s: f64) -> Result<(), MeasureError> {
         let output = self.engine.on_packet(packet)?;
         for verdict in output.verdicts() {
             let Ok(accepted) = &verdict.result else { continue };
@@ -164,6 +164,22 @@ impl Run {
         self.mapper.step(&near, 4);
         self.step_ms += begin.elapsed().as_secs_f64() * 1e3;
         Ok(())
+    }
+
+    fn print_memory(&self, at_s: f64) {
+        let ([volumes, depth], counts) = (self.mapper.map().bytes(), self.mapper.counts());
+        let snapshot = self.engine.snapshot();
+        println!(
+            "| {:.0} | {} | {} | {} | {} | {:.1} MB | {:.1} MB | {} |",
+            at_s / 60.0,
+            snapshot.key_frame_count(),
+            snapshot.landmarks().count(),
+            counts.removed,
+            counts.key_frames - counts.spare,
+            depth as f64 / 1e6,
+            volumes as f64 / 1e6,
+            resident_mb().map_or("unknown".into(), |mb| format!("{mb:.0} MB")),
+        );
     }
 
     /// Ends the walk: the final adjustment, and all that moved fused again.
@@ -206,12 +222,12 @@ impl Run {
 }
 
 /// Walks once, and prints what there is to tell.
-fn walk(address: &str, voxel_m: f64, covered_s: [f64; 2]) -> Result<Walked, Failure> {
+fn walk(address: &str, voxel_m: f64, covered_s: [f64; 2]) -> Result<Walked, MeasureError> {
     let config = SimConfig::parse(address)?;
     let mut source = SimSource::new(&config)?;
     let tsdf = TsdfConfig { voxel_m, ..TsdfConfig::default() };
     let mut run = Run::new(&source, tsdf)?;
-    let (mut first, mut memory) = (None, MemoryLines::default());
+    let (mut first, mut lines) = (None, 0);
     while let Some(mut packet) = source.next_packet()? {
         let at_s = packet.stamp - *first.get_or_insert(packet.stamp);
         if (covered_s[0]..covered_s[1]).contains(&at_s) {
@@ -219,7 +235,10 @@ fn walk(address: &str, voxel_m: f64, covered_s: [f64; 2]) -> Result<Walked, Fail
             packet.depth = packet.depth.map(|d| Arc::new(DepthImage::new(d.width(), d.height())));
         }
         run.take(&packet, at_s)?;
-        memory.at(at_s, &run.engine, &run.mapper);
+        if at_s >= MEMORY_EACH_S * f64::from(lines + 1) {
+            lines += 1;
+            run.print_memory(at_s);
+        }
     }
     if run.follow_ms.is_empty() {
         return Err("the walk has no image".into());
@@ -229,7 +248,12 @@ fn walk(address: &str, voxel_m: f64, covered_s: [f64; 2]) -> Result<Walked, Fail
 }
 
 /// The surfaces of a walk, and the poses of its key frames, against the truth.
-fn judged(config: &SimConfig, source: &SimSource, mut run: Run, tsdf: TsdfConfig) -> Result<Walked, Failure> {
+fn judged(
+    config: &SimConfig,
+    source: &SimSource,
+    mut run: Run,
+    tsdf: TsdfConfig,
+) -> Result<Walked, MeasureError> {
     let body_from_depth = run.engine.front_end().model().body_from_camera * run.camera_from_depth;
     let truth: BTreeMap<Stamp, Se3> = source.info().truth.iter().copied().collect();
     let seen = seen(config, source, &body_from_depth, &truth)?;

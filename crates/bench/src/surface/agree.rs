@@ -4,6 +4,7 @@
 //! key frames that see it put it in the mean (bent), and how far apart any two of them put it (doubled). No field averages
 //! anything here, and no voxel hides two sheets.
 
+use crate::MeasureError;
 use cairn_geometry::{Se3, Vec3};
 use cairn_sensor::{DepthImage, GrayImage};
 use cairn_sim::{Renderer, SimConfig, World};
@@ -46,11 +47,7 @@ struct Piece {
 ///
 /// # Errors
 /// A camera that cannot be rendered.
-pub fn agreement(
-    config: &SimConfig,
-    world: &Arc<World>,
-    views: &[View],
-) -> Result<Agreement, Box<dyn std::error::Error>> {
+pub fn agreement(config: &SimConfig, world: &Arc<World>, views: &[View]) -> Result<Agreement, MeasureError> {
     let camera = config.camera;
     let mut renderer = Renderer::new(world, camera)?;
     let (mut image, mut depth) =

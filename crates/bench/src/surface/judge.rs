@@ -1,5 +1,6 @@
 //! A surface against the world's true one: distances of its vertices to the world's faces, and how much of what was seen it has.
 
+use crate::MeasureError;
 use cairn_dense::Mesh;
 use cairn_geometry::{Se3, Sim3, Vec3, umeyama};
 use cairn_sensor::{DepthImage, GrayImage, Stamp};
@@ -17,19 +18,13 @@ pub struct Figures {
     pub trajectory_mm: f64,
 }
 
-pub fn aligned(
-    poses: &BTreeMap<Stamp, Se3>,
-    truth: &BTreeMap<Stamp, Se3>,
-) -> Result<Sim3, Box<dyn std::error::Error>> {
+pub fn aligned(poses: &BTreeMap<Stamp, Se3>, truth: &BTreeMap<Stamp, Se3>) -> Result<Sim3, MeasureError> {
     let (target, from) = positions(poses, truth);
     Ok(umeyama(&target, &from, false)?)
 }
 
 /// By what share of its lengths a map is too large, by the trajectory.
-pub fn too_large(
-    poses: &BTreeMap<Stamp, Se3>,
-    truth: &BTreeMap<Stamp, Se3>,
-) -> Result<f64, Box<dyn std::error::Error>> {
+pub fn too_large(poses: &BTreeMap<Stamp, Se3>, truth: &BTreeMap<Stamp, Se3>) -> Result<f64, MeasureError> {
     let (target, from) = positions(poses, truth);
     Ok(1.0 / umeyama(&target, &from, true)?.scale - 1.0)
 }
@@ -53,7 +48,7 @@ pub fn seen(
     source: &SimSource,
     body_from_depth: &Se3,
     truth: &BTreeMap<Stamp, Se3>,
-) -> Result<Vec<Vec3>, Box<dyn std::error::Error>> {
+) -> Result<Vec<Vec3>, MeasureError> {
     let camera = config.camera;
     let mut renderer = Renderer::new(source.world(), camera)?;
     let (mut image, mut depth) =
