@@ -8,12 +8,12 @@
 use crate::MeasureError;
 use crate::Sensors;
 use crate::processor::thread_cpu_ms;
-use crate::revisit::Revisit;
+use crate::source::{Conditions, open_under};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_eval::Percentiles;
 use cairn_mapping::Closer;
-use cairn_sensor::{FramePacket, Rig, Source};
+use cairn_sensor::{FramePacket, Rig};
 use cairn_sources::{background, std_host};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -58,18 +58,22 @@ pub struct Busy {
     pub pairs: Vec<Pair>,
 }
 
-/// Runs `pairs` pairs of runs of `frames` frames.
+/// Runs `pairs` pairs of runs of `frames` frames, in two laps of the hall of a seed.
 ///
 /// # Errors
 /// When the world is unsuitable or a stage of the engine stops.
-pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, MeasureError> {
-    let mut source = walk.source()?;
+pub fn run(seed: u64, sensor: Sensors, pairs: usize, frames: usize) -> Result<Busy, MeasureError> {
+    let walk = format!(
+        "sim:hall?route=loop&laps=2&seed={seed}&sensor={}&rate=12&speed=1.1&detail=0.6",
+        sensor.name()
+    );
+    let mut source = open_under(&walk, &Conditions::default())?;
     let mut packets = Vec::new();
     while let Some(packet) = source.next_packet()? {
         packets.push(packet);
     }
     let (rate_hz, rig) = (source.info().rate_hz, source.rig());
-    let map = build_map(&packets, rig, walk.sensor, rate_hz)?;
+    let map = build_map(&packets, rig, sensor, rate_hz)?;
     let mut busy = Busy {
         key_frames: map.snapshot.key_frame_count(),
         landmarks: map.snapshot.landmark_count(),
@@ -77,7 +81,7 @@ pub fn run(walk: &Revisit, pairs: usize, frames: usize) -> Result<Busy, MeasureE
     };
     eprintln!("{} frames, {} key frames, {} landmarks", packets.len(), busy.key_frames, busy.landmarks);
     let part = &packets[..frames.min(packets.len())];
-    let once = |adjust: bool| run_once(part, rig, walk.sensor, rate_hz, &map, adjust);
+    let once = |adjust: bool| run_once(part, rig, sensor, rate_hz, &map, adjust);
     for i in 0..pairs {
         // The order alternates, because the load of the machine may change.
         let first = once(i % 2 == 0)?;
@@ -133,8 +137,7 @@ fn run_once(
         });
         let steps = run_in_real_time(&mut engine, packets);
         over.store(true, Ordering::Relaxed);
-        let took =
-            adjuster.join().map_err(|_| MeasureError::Program("the adjusting thread panicked".into()))?;
+        let took = adjuster.join().map_err(|_| "the adjusting thread panicked")?;
         Ok((steps?, took))
     })
 }
@@ -149,7 +152,7 @@ fn run_in_real_time(engine: &mut Engine, packets: &[FramePacket]) -> Result<Step
         let out = engine.on_packet(packet)?;
         let after = thread_cpu_ms();
         if let Some(cause) = out.stage_failed() {
-            return Err(MeasureError::Stage(cause.to_owned()));
+            return Err(MeasureError::from(cause.to_owned()));
         }
         if out.pose.is_some() {
             steps.ms.push(out.timings.step_ms());

@@ -2,6 +2,7 @@
 //! they cost by the number of walks, and whether the pairs are those of walks that overlap.
 
 use crate::MeasureError;
+use crate::error::{file, of};
 use crate::store::camera;
 use crate::street::build::build;
 use crate::street::world::Street;
@@ -69,12 +70,12 @@ impl City {
 
     fn build_in(&self, root: &Path) -> Result<Row, MeasureError> {
         let from = root.join("recordings");
-        std::fs::create_dir_all(&from).map_err(MeasureError::file(&from))?;
+        std::fs::create_dir_all(&from).map_err(file(&from))?;
         let starts = self.generate(&from)?;
         for path in &self.among {
-            let name = path.file_name().ok_or_else(|| MeasureError::of(path.display(), "no recording"))?;
-            let path = path.canonicalize().map_err(MeasureError::file(path))?;
-            std::os::unix::fs::symlink(&path, from.join(name)).map_err(MeasureError::file(&path))?;
+            let name = path.file_name().ok_or_else(|| of(path.display(), "no recording"))?;
+            let path = path.canonicalize().map_err(file(path))?;
+            std::os::unix::fs::symlink(&path, from.join(name)).map_err(file(&path))?;
         }
         let address = |path: &Path| path.display().to_string();
         let job = Job {
@@ -106,7 +107,7 @@ impl City {
     }
 
     fn pairs(&self, job: &Job, starts: &BTreeMap<String, f64>) -> Result<Row, MeasureError> {
-        let fleet = |e: cairn_fleet::FleetError| MeasureError::of("fleet", e.to_string());
+        let fleet = |e: cairn_fleet::FleetError| of("fleet", e.to_string());
         let mut build = Build::new(job.clone()).map_err(fleet)?;
         let mut names = BTreeMap::new();
         let mut candidates = BTreeSet::new();

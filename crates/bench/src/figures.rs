@@ -2,6 +2,7 @@
 //! written, and how many commits have changed the code since. Rows that nobody has measured again are at the top.
 
 use crate::MeasureError;
+use crate::error::of;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -115,12 +116,12 @@ pub fn table(all: &[Figures]) -> String {
 
 fn git(root: &Path, arguments: &[&str]) -> Result<String, MeasureError> {
     let out = Command::new("git").arg("-C").arg(root).args(arguments).output();
-    let out = out.map_err(|e| MeasureError::of("git", e))?;
+    let out = out.map_err(|e| of("git", e))?;
     match out.status.success() {
         true => Ok(String::from_utf8_lossy(&out.stdout).into_owned()),
         false => {
             let said = String::from_utf8_lossy(&out.stderr).trim().to_owned();
-            Err(MeasureError::of(format!("git {}", arguments.join(" ")), MeasureError::Program(said)))
+            Err(of(format!("git {}", arguments.join(" ")), MeasureError::from(said)))
         }
     }
 }

@@ -5,6 +5,7 @@
 //! table 1, to four digits); the digits beyond are certified by `tools/compare_graphs.py`.
 
 use crate::MeasureError;
+use crate::error::{file, of};
 use crate::processor::thread_cpu_ms;
 use cairn_solve::Report;
 use cairn_solve::g2o::{Graph, read};
@@ -68,8 +69,8 @@ pub fn run(data: &Path, only: Option<&str>, times: usize) -> Result<Vec<Row>, Me
             eprintln!("skipped: {} does not exist", path.display());
             continue;
         }
-        let text = std::fs::read_to_string(&path).map_err(MeasureError::file(&path))?;
-        rows.push(match read(&text).map_err(|e| MeasureError::of(path.display(), e))?.graph {
+        let text = std::fs::read_to_string(&path).map_err(file(&path))?;
+        rows.push(match read(&text).map_err(|e| of(path.display(), e))?.graph {
             Graph::Plane(named) => row(*known, &named.graph, times),
             Graph::Space(named) => row(*known, &named.graph, times),
         });
@@ -141,10 +142,4 @@ pub fn table(rows: &[Row]) -> String {
         );
     }
     t
-}
-
-/// The complete page `docs/figures/graphs.md`.
-pub fn page(rows: &[Row]) -> String {
-    let (head, tail) = (include_str!("graphs_head.md"), include_str!("graphs_tail.md"));
-    format!("{head}\n{}\nMeasured on {}.\n\n{tail}", table(rows), crate::build::measured_on())
 }

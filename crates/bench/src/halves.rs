@@ -1,7 +1,8 @@
 //! `halves`: maps and saves the first half of a recording, then localizes the second half in the loaded map.
 
 use crate::MeasureError;
-use crate::recordings::Recording;
+use crate::Sensors;
+use crate::scenario::{Bindings, Scenario};
 use cairn_atlas::store::MapFile;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_geometry::{Se3, Sim3, Vec3, umeyama};
@@ -31,14 +32,31 @@ pub struct Halves {
     pub most_m: f64,
 }
 
+/// All recordings of the scenario `accuracy` that are there.
+///
+/// # Errors
+/// As [`run`].
+pub fn all(data: &Path) -> Result<Vec<Halves>, MeasureError> {
+    let mut rows = Vec::new();
+    for recording in Scenario::read("accuracy")?.runs(&Bindings::new())? {
+        let folder = data.join(&recording["folder"]);
+        if folder.exists() {
+            let sensors = recording["sensors"].parse().map_err(|e| format!("{e}"))?;
+            rows.push(run(&recording["recording"], &folder, sensors)?);
+        } else {
+            eprintln!("skipped: {} is not there", folder.display());
+        }
+    }
+    Ok(rows)
+}
+
 /// Maps the first half, saves and loads the map, and localizes the second half in it.
 ///
 /// # Errors
 /// When the recording cannot be read, or the map cannot be saved or loaded.
-pub fn run(data: &Path, recording: &Recording) -> Result<Halves, MeasureError> {
-    let address = data.join(recording.folder);
-    let mut source = open(&address.to_string_lossy(), OpenOptions::default())?;
-    let (rig, rate_hz, mode) = (source.rig().clone(), source.info().rate_hz, recording.sensor.mode());
+pub fn run(name: &str, folder: &Path, sensors: Sensors) -> Result<Halves, MeasureError> {
+    let mut source = open(&folder.to_string_lossy(), OpenOptions::default())?;
+    let (rig, rate_hz, mode) = (source.rig().clone(), source.info().rate_hz, sensors.mode());
     let config = Config::default();
     let mut packets = Vec::new();
     while let Some(packet) = source.next_packet()? {
@@ -64,7 +82,7 @@ pub fn run(data: &Path, recording: &Recording) -> Result<Halves, MeasureError> {
         poses.iter().filter_map(|(t, p)| Some((true_from_map * p.translation - at(t)?).norm())).collect();
     let square: f64 = off.iter().map(|v| v * v).sum();
     Ok(Halves {
-        name: recording.name.into(),
+        name: name.into(),
         mapped: [engine.log().tracked(), one.len()],
         bytes: bytes.len(),
         found: [poses.len(), two.len()],

@@ -4,6 +4,7 @@
 //! of a run in which nothing dies.
 
 use crate::MeasureError;
+use crate::error::of;
 use cairn_dense::{SubmapConfig, TsdfConfig, write_ply};
 use cairn_engine::{Config, DenseMapper, Runner};
 use cairn_random::Random;
@@ -58,7 +59,7 @@ pub struct Row {
 pub fn run(data: &Path, times: usize) -> Result<Vec<Row>, MeasureError> {
     let recording = data.join("7scenes-kitchen");
     if !recording.is_dir() {
-        return Err(MeasureError::of(recording.display(), "not found"));
+        return Err(of(recording.display(), "not found"));
     }
     eprintln!("kills: none ...");
     let whole = once(&recording, &mut |_, _| ())?.1;
@@ -112,8 +113,7 @@ fn once(
     recording: &Path,
     tell: &mut dyn FnMut(&RunEvent, &BTreeMap<Role, u32>),
 ) -> Result<(Supervised, Vec<u8>), MeasureError> {
-    let folder =
-        RunFolder::create(Path::new(SHARED_MEMORY)).map_err(|e| MeasureError::of(SHARED_MEMORY, e))?;
+    let folder = RunFolder::create(Path::new(SHARED_MEMORY)).map_err(|e| of(SHARED_MEMORY, e))?;
     let program = std::env::current_exe()?;
     let recording = recording.to_owned();
     let command = move |role: Role| {
@@ -139,7 +139,7 @@ fn once(
     });
     let run = run?;
     if let Err(e) = &run.surfaces {
-        return Err(MeasureError::Program(e.to_string()));
+        return Err(MeasureError::from(e.to_string()));
     }
     let surface = std::fs::read(folder.path().join(dense::SURFACE))?;
     Ok((run, surface))

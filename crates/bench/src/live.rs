@@ -6,6 +6,7 @@
 //! camera looking backwards, again and again.
 
 use crate::MeasureError;
+use crate::error::of;
 use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
 use cairn_eval::Percentiles;
 use cairn_sensor::{Camera, FramePacket, GrayImage, Rig, Stamp};
@@ -68,7 +69,7 @@ pub fn run(minutes: f64) -> Result<Live, MeasureError> {
     let images = Arc::new(render()?);
     let port = TcpListener::bind("127.0.0.1:0")
         .and_then(|l| l.local_addr())
-        .map_err(|e| MeasureError::of("no free port", e))?
+        .map_err(|e| of("no free port", e))?
         .port();
     let place = format!("127.0.0.1:{port}/cairn");
     let handed = Arc::new(Mutex::new(Vec::new()));
@@ -92,7 +93,7 @@ pub fn run(minutes: f64) -> Result<Live, MeasureError> {
     let driven = drive(&mut session, Clock::Wall(&inbox), &mut Script::default(), &mut stopwatch);
     inbox.close();
     over.store(true, Ordering::Relaxed);
-    let published = publisher.join().map_err(|_| MeasureError::Program("the publisher failed".into()))?;
+    let published = publisher.join().map_err(|_| "the publisher failed")?;
     let _ = std::fs::remove_dir_all(folder);
     driven?;
     let reconnects = published?;
@@ -206,7 +207,7 @@ fn publisher(url: &str) -> Result<Child, MeasureError> {
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .spawn()
-        .map_err(|e| MeasureError::of("ffmpeg (Debian, Ubuntu: apt install ffmpeg)", e))
+        .map_err(|e| of("ffmpeg (Debian, Ubuntu: apt install ffmpeg)", e))
 }
 
 /// Measures the times and gives the commands of the walk.

@@ -2,31 +2,57 @@
 
 mod arguments;
 
-use arguments::{Arguments, Command};
-use bench::MeasureError;
-use bench::nextday::{self, Day};
-use bench::recordings::{RECORDINGS, data_folder, recording};
-use bench::revisit::{Revisit, Trial};
-use bench::walks::{WORLDS, Walk};
+use arguments::{Arguments, Command, RunArguments};
+use bench::error::{file, of};
+use bench::scenario::{Bindings, Chosen, Scenario};
 use bench::{
-    RunOptions, Sensors, accuracy, busy, city, dense, depth_scale, figures, graphs, halves, imu_faults,
-    inertial, live, long, measure, phone, places, revisit, scale_sigma, store, street, visual_inertial,
-    walks,
+    MeasureError, RunOptions, busy, data_folder, dense, ekf, figures, graphs, guide, halves, inertial, live,
+    measure, nextday, pages, places, robot, scale_sigma, scenario, spot, store, street, surface,
 };
 use cairn_engine::Config;
-use cairn_sim::WorldKind;
 use cairn_sources::{OpenOptions, open};
 use clap::Parser;
+use serde::Serialize;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-fn read_config(path: &Path) -> Result<Config, MeasureError> {
-    let text = std::fs::read_to_string(path).map_err(MeasureError::file(path))?;
-    Config::from_toml(&text).map_err(|e| MeasureError::of(path.display(), e.to_string()))
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+
+/// What a command measured.
+#[derive(Default)]
+struct Measured {
+    /// What is printed.
+    text: String,
+    /// What `--write` puts where: a page below the root of the checkout, the name of the figures there, and their text.
+    pages: Vec<(PathBuf, String, String)>,
+    /// What `--json` writes, where the command has it.
+    json: Option<Value>,
+    /// What it puts beside them: files below the root of the checkout.
+    files: Vec<(PathBuf, String)>,
+    /// What is beyond a limit.
+    beyond: Vec<String>,
+}
+
+impl Measured {
+    fn new(text: String) -> Self {
+        Self { text, ..Self::default() }
+    }
+
+    /// The text stands on a page too.
+    fn on(mut self, page: &str, name: &str, text: String) -> Self {
+        self.pages.push((Path::new("docs/figures").join(page), name.into(), text));
+        self
+    }
+
+    fn json(mut self, value: &impl Serialize) -> Result<Self, MeasureError> {
+        self.json = Some(serde_json::to_value(value)?);
+        Ok(self)
+    }
 }
 
 fn main() -> ExitCode {
-    match run(Arguments::parse().command) {
+    match run(Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
             eprintln!("bench: {why}");
@@ -35,294 +61,183 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(command: Command) -> Result<(), MeasureError> {
+fn run(arguments: Arguments) -> Result<(), MeasureError> {
+    if let Command::Robot { first, count } = arguments.command {
+        let page = Path::new(ROOT).join("docs/figures/plan.md");
+        return robot::run(first..first + count, arguments.write.then_some(&*page));
+    }
+    let measured = measured(arguments.command, &arguments.data.unwrap_or_else(data_folder))?;
+    print!("{}", measured.text);
+    if let Some(path) = arguments.json {
+        let json = measured.json.ok_or("this has no figures in JSON")?;
+        std::fs::write(&path, serde_json::to_string_pretty(&json)?).map_err(file(&path))?;
+    }
+    if arguments.write {
+        if measured.pages.is_empty() {
+            return Err("these figures have no page in docs/".into());
+        }
+        for (page, name, text) in measured.pages {
+            let path = Path::new(ROOT).join(page);
+            let page = std::fs::read_to_string(&path).map_err(file(&path))?;
+            let page = pages::with_figures(&page, &name, &text)?;
+            std::fs::write(&path, page).map_err(file(&path))?;
+        }
+        for (path, text) in measured.files {
+            let path = Path::new(ROOT).join(path);
+            std::fs::write(&path, text).map_err(file(&path))?;
+        }
+    }
+    match measured.beyond.is_empty() {
+        true => Ok(()),
+        false => Err(measured.beyond.join("\n").into()),
+    }
+}
+
+fn measured(command: Command, data: &Path) -> Result<Measured, MeasureError> {
+    let folder = |folder: Option<PathBuf>| folder.unwrap_or_else(std::env::temp_dir);
     match command {
-        Command::Accuracy { data, only, times, json, write } => {
-            let rows = accuracy::run(&data.unwrap_or_else(data_folder), only.as_deref(), times)?;
-            print!("{}", accuracy::table(&rows));
-            if write {
-                save(
-                    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/accuracy.md").into(),
-                    &accuracy::page(&rows),
-                )?;
-                let readme: PathBuf = concat!(env!("CARGO_MANIFEST_DIR"), "/../../README.md").into();
-                let text = std::fs::read_to_string(&readme).map_err(MeasureError::file(&readme))?;
-                let text = accuracy::readme(&text, &rows)?;
-                save(readme, &text)?;
-            }
-            json.map_or(Ok(()), |path| save(path, &text(&rows)?))
+        Command::Run(chosen) => run_scenario(chosen, data),
+        Command::Figures => Ok(Measured::new(figures::table(&figures::run(Path::new(ROOT))?))),
+        Command::Graphs { only, times } => {
+            let table = graphs::table(&graphs::run(data, only.as_deref(), times)?);
+            Ok(Measured::new(table.clone()).on("graphs.md", "graphs", table))
         }
-        Command::Walks { seeds, from, worlds, sensors, seconds, all, drawn, write, jobs, json } => {
-            let worlds = if worlds.is_empty() { WORLDS.to_vec() } else { worlds };
-            let sensors = if sensors.is_empty() { Sensors::VISUAL.to_vec() } else { sensors };
-            let mut list = Vec::new();
-            for seed in from..seeds {
-                let turn = seed as usize % worlds.len();
-                let here = if all { &worlds[..] } else { &worlds[turn..=turn] };
-                for world in here {
-                    list.extend(sensors.iter().map(|s| Walk::new(*world, *s, seed)));
-                }
-            }
-            let walked = walks::run(&list, seconds, jobs)?;
-            print!("{}", walks::table(&walked));
-            if let Some(number) = drawn {
-                let others: Vec<Walk> = list.iter().map(|walk| walk.drawn(number)).collect();
-                let table = walks::compared(&walked, &walks::run(&others, seconds, jobs)?);
-                print!("\n{table}");
-                if write {
-                    let figures = format!("Seeds drawn from {number}:\n\n{table}");
-                    put("figures/revisits.md", "walks", &figures)?;
-                }
-            }
-            json.map_or(Ok(()), |path| save(path, &text(&walked)?))
+        Command::ScaleSigma { only, seeds } => {
+            let rows = scale_sigma::run(data, only.as_deref(), seeds)?;
+            Measured::new(scale_sigma::table(&rows)).json(&rows)
         }
-        Command::Figures => {
-            let all = figures::run(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")))?;
-            print!("{}", figures::table(&all));
-            Ok(())
-        }
-        Command::Graphs { data, only, times, write } => {
-            let rows = graphs::run(&data.unwrap_or_else(data_folder), only.as_deref(), times)?;
-            print!("{}", graphs::table(&rows));
-            if write {
-                save(
-                    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/graphs.md").into(),
-                    &graphs::page(&rows),
-                )?;
-            }
-            Ok(())
-        }
-        Command::Revisit { trials, seeds, from, worlds, sensors, verbose, config } => {
-            let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
-            let sensors = if sensors.is_empty() { Sensors::VISUAL.to_vec() } else { sensors };
-            let alternating = [WorldKind::Corridor, WorldKind::Hall, WorldKind::Street];
-            for seed in from..from + seeds {
-                for trial in &trials {
-                    let world = match (*trial, worlds.is_empty()) {
-                        (Trial::Alike, true) => WorldKind::Office,
-                        (_, true) => alternating[seed as usize % alternating.len()],
-                        (_, false) => worlds[seed as usize % worlds.len()],
-                    };
-                    for sensor in &sensors {
-                        let walk = Revisit { trial: *trial, world, sensor: *sensor, seed };
-                        println!("{}", revisit::line(&walk.run(&config, verbose)?));
-                    }
-                }
-            }
-            Ok(())
-        }
-        Command::DepthScale { seeds, config } => {
-            let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
-            print!("{}", depth_scale::table(&depth_scale::run(seeds, &config)?));
-            Ok(())
-        }
-        Command::ScaleSigma { data, only, seeds } => {
-            let data = data.unwrap_or_else(data_folder);
-            print!("{}", scale_sigma::table(&scale_sigma::run(&data, only.as_deref(), seeds)?));
-            Ok(())
-        }
-        Command::ImuFaults { data, recording, faults, sensors, seeds, from, dark, config, json } => {
-            let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
-            let dark_s = dark;
-            let chosen = imu_faults::Chosen { recording, faults, sensors, seeds, from, dark_s, config };
-            let rows = imu_faults::run(&data.unwrap_or_else(data_folder), &chosen)?;
-            print!("{}", imu_faults::table(&rows));
-            json.map_or(Ok(()), |path| save(path, &text(&rows)?))
-        }
-        Command::Halves { data } => {
-            let data = data.unwrap_or_else(data_folder);
-            let rows: Result<Vec<_>, MeasureError> =
-                RECORDINGS.iter().map(|r| halves::run(&data, r)).collect();
-            print!("{}", halves::table(&rows?));
-            Ok(())
+        Command::Halves => {
+            let rows = halves::all(data)?;
+            Measured::new(halves::table(&rows)).json(&rows)
         }
         Command::NextDay { seeds, sensors, starts, each } => {
-            let sensors = if sensors.is_empty() { Sensors::VISUAL.to_vec() } else { sensors };
-            for sensor in sensors {
-                let mut all = Vec::new();
-                for seed in 1..=seeds {
-                    let world = WORLDS[seed as usize % WORLDS.len()];
-                    let day = Day::walk(world, sensor, seed)?;
-                    let found = nextday::starts(&day, seed, starts, each)?;
-                    eprintln!("{world} seed {seed} {}:\n{}", sensor.name(), nextday::table(&found));
-                    all.extend(found);
-                }
-                println!("{}:\n{}", sensor.name(), nextday::table(&all));
-            }
-            Ok(())
+            Ok(Measured::new(nextday::tables(seeds, &sensors, starts, each)?))
         }
-        Command::Long { world, route, sensor, minutes } => {
-            let seconds = minutes * 60.0;
-            // No lap takes less than half a minute.
-            let (laps, sensor_name) = (2.0 * minutes.ceil() + 1.0, sensor.name());
-            let address = format!(
-                "sim:{world}?route={route}&laps={laps}&sensor={sensor_name}&rate=15&duration={seconds}"
-            );
-            let mut source = open(&address, OpenOptions::default())?;
-            print!("{}", long::table(&long::run(source.as_mut(), sensor)?));
-            Ok(())
-        }
-        Command::Phone { data, only, starts, config, verbose } => {
-            let config = config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?;
-            let chosen = phone::Chosen { only, starts, config, verbose };
-            print!("{}", phone::table(&phone::run(&data.unwrap_or_else(data_folder), &chosen)?));
-            Ok(())
-        }
-        Command::Live { minutes, json } => {
-            let measured = live::run(minutes)?;
-            print!("{}", live::table(&measured));
-            json.map_or(Ok(()), |path| save(path, &text(&measured)?))
+        Command::Spot { seeds, from, delays, metres, every, guessed_lens, config, verbose } => {
+            let chosen = spot::Chosen { seeds: from..from + seeds, delays, metres, every, guessed_lens };
+            Ok(Measured::new(spot::table(&chosen, &read_config(config)?, verbose)?))
         }
         Command::Busy { pairs, frames, seed, sensor } => {
-            let walk = Revisit { trial: Trial::Laps, world: WorldKind::Hall, sensor, seed };
-            print!("{}", busy::table(&busy::run(&walk, pairs, frames)?));
-            Ok(())
+            Ok(Measured::new(busy::table(&busy::run(seed, sensor, pairs, frames)?)))
         }
-        Command::Store { key_frames, features, times, folder, json } => {
-            let folder = folder.unwrap_or_else(std::env::temp_dir);
-            let stored = store::run(&folder, key_frames, features, times)?;
-            print!("{}", store::table(&stored));
-            json.map_or(Ok(()), |path| save(path, &text(&stored)?))
-        }
-        Command::Street { metres, features, times, folder, json, write } => {
-            let folder = folder.unwrap_or_else(std::env::temp_dir);
-            let figures = street::run(&folder, metres, features, times)?;
+        Command::Street { metres, features, times, folder: chosen } => {
+            let figures = street::run(&folder(chosen), metres, features, times)?;
             let table = street::table(&figures);
-            print!("{table}");
-            if write {
-                put("figures/large-maps.md", "street", &format!("```text\n{table}```"))?;
-            }
-            json.map_or(Ok(()), |path| save(path, &text(&figures)?))
+            let on_page = format!("```text\n{table}```");
+            Measured::new(table).on("large-maps.md", "street", on_page).json(&figures)
         }
-        Command::City { walks, metres, meets, shards, among, words, folder } => {
-            let folder = folder.unwrap_or_else(std::env::temp_dir);
+        #[cfg(unix)]
+        Command::City { walks, metres, meets, shards, among, words, folder: chosen } => {
             let mut rows = Vec::new();
             for walks in walks {
-                let city = city::City { walks, metres, meets, shards, among: among.clone(), words };
-                rows.push(city.build(&folder)?);
-                print!("{}", city::table(&rows));
+                let city = bench::city::City { walks, metres, meets, shards, among: among.clone(), words };
+                rows.push(city.build(&folder(chosen.clone()))?);
+                eprint!("{}", bench::city::table(&rows));
             }
-            Ok(())
+            Ok(Measured::new(bench::city::table(&rows)))
         }
-        Command::Dense { data, only, json, write } => {
-            let rows = dense::run(&data.unwrap_or_else(data_folder), &only)?;
+        Command::Store { key_frames, features, times, folder: chosen } => {
+            let stored = store::run(&folder(chosen), key_frames, features, times)?;
+            Measured::new(store::table(&stored)).json(&stored)
+        }
+        Command::Dense { only } => {
+            let rows = dense::run(data, &only)?;
             let table = dense::table(&rows);
-            print!("{table}");
-            if write {
-                put("figures/dense.md", "dense", &table)?;
-            }
-            json.map_or(Ok(()), |path| save(path, &text(&rows)?))
+            Measured::new(table.clone()).on("dense.md", "dense", table).json(&rows)
         }
         #[cfg(unix)]
-        Command::Kills { data, times, write } => {
-            let table = bench::kills::table(&bench::kills::run(&data.unwrap_or_else(data_folder), times)?);
-            print!("{table}");
-            if write { put("figures/processes.md", "kills", &table) } else { Ok(()) }
+        Command::Kills { times } => {
+            let rows = bench::kills::run(data, times)?;
+            let table = bench::kills::table(&rows);
+            Measured::new(table.clone()).on("processes.md", "kills", table).json(&rows)
         }
         #[cfg(unix)]
-        Command::Worker { role } => bench::kills::work(&role),
-        Command::Places { data, vocab, loops, verbose, write } => {
-            let data = data.unwrap_or_else(data_folder);
-            let text = places::run(&data, &vocab, loops, verbose)?;
-            print!("{text}");
-            let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/places.md");
-            if write { save(path.into(), &places::page::page(&text)) } else { Ok(()) }
+        Command::Worker { role } => bench::kills::work(&role).map(|()| Measured::default()),
+        Command::Places { vocab, loops, verbose } => {
+            let text = places::run(data, &vocab, loops, verbose)?;
+            Ok(Measured::new(text.clone()).on("places.md", "places", text))
         }
-        Command::Inertial { data, only, condition, every, json, write } => {
+        Command::Inertial { only, condition, every } => {
             let chosen =
                 inertial::Chosen { recording: only.as_deref(), condition: condition.as_deref(), every };
-            let figures = inertial::run(&data.unwrap_or_else(data_folder), &chosen)?;
-            print!("{}", inertial::tables(&figures));
-            if write {
-                let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/inertial.md");
-                save(path.into(), &inertial::page(&figures))?;
-            }
-            json.map_or(Ok(()), |path| save(path, &text(&figures)?))
+            let figures = inertial::run(data, &chosen)?;
+            let tables = inertial::tables(&figures);
+            Measured::new(tables.clone()).on("inertial.md", "inertial", tables).json(&figures)
         }
-        Command::VisualInertial {
-            data,
-            trials,
-            only,
-            condition,
-            sensors,
-            seconds,
-            seeds,
-            from,
-            delays,
-            most_frames,
-            noise,
-            metres,
-            every,
-            guessed_lens,
-            times,
-            config,
-            verbose,
-            json,
-            write,
-        } => {
-            let chosen = visual_inertial::Chosen {
-                trials,
-                only,
-                condition,
-                sensors,
-                seconds,
-                seeds: from..=from + seeds.saturating_sub(1),
-                delays,
-                most_frames,
-                noise,
-                metres,
-                every,
-                guessed_lens,
-                times,
-                config: config.map_or_else(|| Ok(Config::default()), |path| read_config(&path))?,
-                verbose,
-            };
-            let measured = visual_inertial::run(&data.unwrap_or_else(data_folder), &chosen)?;
-            print!("{}", visual_inertial::tables(&measured));
-            if write {
-                let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/figures/visual-inertial.md");
-                save(path.into(), &visual_inertial::page(&measured))?;
+        Command::Ekf { only } => {
+            let mut measured = Measured::default();
+            for name in only {
+                let text = ekf::section(data, &name)?;
+                measured.text += &format!("{text}\n");
+                measured = measured.on("ekf.md", &name, text);
             }
-            json.map_or(Ok(()), |path| save(path, &text(&measured)?))
+            Ok(measured)
         }
-        Command::One { source, data, sensor, frames, verbose, config } => {
-            let config = match config {
-                Some(path) => read_config(&path)?,
-                None => Config::default(),
+        Command::Guide { row: Some(row), seed: Some(seed), .. } => Ok(Measured::new(guide::one(seed, row))),
+        Command::Guide { ways, from, row, .. } => {
+            let guide::Figures { text, table, broken, worst } = guide::run(from..from + ways, row);
+            let mut measured =
+                Measured { beyond: broken, ..Measured::new(text) }.on("guide.md", "guide", table);
+            let name = |k: usize| Path::new("docs/figures").join(format!("guide-worst-{}.txt", k + 1));
+            measured.files = worst.into_iter().enumerate().map(|(k, text)| (name(k), text)).collect();
+            Ok(measured)
+        }
+        Command::Live { minutes } => {
+            let figures = live::run(minutes)?;
+            Measured::new(live::table(&figures)).json(&figures)
+        }
+        Command::Robot { .. } => Ok(Measured::default()),
+        Command::Surface { address, voxel, covered } => {
+            let covered_s = match covered[..] {
+                [] => [0.0; 2],
+                [from, to] => [from, to],
+                _ => return Err("--covered: write FROM,TO in seconds".into()),
             };
-            let measured = match recording(&source) {
-                Some(r) => {
-                    let config = RunOptions { frames, verbose, config, ..RunOptions::new(r.sensor) };
-                    accuracy::run_here(&data.unwrap_or_else(data_folder), &r, &config)?
-                }
-                None => {
-                    let mut source = open(&source, OpenOptions::default())?;
-                    measure(
-                        source.as_mut(),
-                        &RunOptions { frames, verbose, config, ..RunOptions::new(sensor) },
-                    )?
-                }
-            };
-            println!("{}", text(&measured)?);
-            Ok(())
+            surface::run(&address, voxel, covered_s).map(|()| Measured::default())
+        }
+        Command::One { source, sensor, frames, verbose, config } => {
+            let mut source = open(&source, OpenOptions::default())?;
+            let config = read_config(config)?;
+            let options = RunOptions { frames, verbose, config, ..RunOptions::new(sensor) };
+            let figures = measure(source.as_mut(), &options)?;
+            Measured::new(serde_json::to_string_pretty(&figures)? + "\n").json(&figures)
         }
     }
 }
 
-fn text(value: &impl serde::Serialize) -> Result<String, MeasureError> {
-    Ok(serde_json::to_string_pretty(value)?)
-}
-
-fn save(path: PathBuf, text: &str) -> Result<(), MeasureError> {
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(MeasureError::file(folder))?;
+fn run_scenario(arguments: RunArguments, data: &Path) -> Result<Measured, MeasureError> {
+    let RunArguments { scenario: name, set, times, jobs, config, verbose, here } = arguments;
+    let Some(name) = name else {
+        let all = Scenario::all()?;
+        return Ok(Measured::new(all.iter().map(|(name, about)| format!("{name:<14} {about}\n")).collect()));
+    };
+    let pairs = set.iter().map(|pair| {
+        let pair = pair.split_once('=').ok_or_else(|| format!("--set {pair}: write NAME=VALUE"))?;
+        Ok((pair.0.to_owned(), pair.1.to_owned()))
+    });
+    let set = pairs.collect::<Result<Bindings, MeasureError>>()?;
+    let config = config.map_or_else(|| Ok(String::new()), |path| read(&path))?;
+    let scenario = Scenario::read(&name)?;
+    let chosen = Chosen { name, set, data: data.to_owned(), times, jobs, config, verbose, here };
+    let rows = scenario::run(&scenario, &chosen)?;
+    if here {
+        return Ok(Measured::new(serde_json::to_string(&rows)?));
     }
-    std::fs::write(&path, text).map_err(MeasureError::file(&path))
+    let mut measured =
+        Measured { beyond: scenario::judge(&scenario, &rows)?, ..Measured::default() }.json(&rows)?;
+    let stem = Path::new(&chosen.name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    for (table, text) in scenario::tables(&scenario, &rows)? {
+        measured.text += &format!("{text}\n");
+        measured.pages.extend(table.page.clone().map(|page| (page, stem.clone(), text)));
+    }
+    Ok(measured)
 }
 
-/// Writes these figures into a page of `docs/`.
-fn put(page: &str, name: &str, figures: &str) -> Result<(), MeasureError> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs")).join(page);
-    let text = std::fs::read_to_string(&path).map_err(MeasureError::file(&path))?;
-    save(path, &bench::pages::with_figures(&text, name, figures)?)
+fn read(path: &Path) -> Result<String, MeasureError> {
+    std::fs::read_to_string(path).map_err(file(path))
+}
+
+fn read_config(path: Option<PathBuf>) -> Result<Config, MeasureError> {
+    let Some(path) = path else { return Ok(Config::default()) };
+    Config::from_toml(&read(&path)?).map_err(|e| of(path.display(), e.to_string()))
 }

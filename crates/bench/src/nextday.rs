@@ -3,6 +3,7 @@
 
 use crate::MeasureError;
 use crate::Sensors;
+use crate::run::simulated;
 use cairn_engine::{Config, Engine, Runner};
 use cairn_geometry::{Se3, Sim3, So3, Vec3, umeyama};
 use cairn_random::Random;
@@ -12,6 +13,8 @@ use cairn_sources::std_host;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+/// The worlds, which alternate with the seeds.
+const WORLDS: [WorldKind; 4] = [WorldKind::Corridor, WorldKind::Office, WorldKind::Hall, WorldKind::Street];
 /// Frames per second.
 const RATE_HZ: f64 = 12.0;
 /// Seconds of the first day's walk.
@@ -61,7 +64,7 @@ impl Day {
         config.duration_s = Some(WALK_S);
         config.walker.speed = 1.1;
         config.options.detail = 0.6;
-        config.sensor = crate::run::simulated(sensor);
+        config.sensor = simulated(sensor);
         let mut source = SimSource::new(&config)?;
         let rig = source.rig().clone();
         let mut engine =
@@ -155,7 +158,7 @@ impl Day {
 ///
 /// # Errors
 /// As [`Day::start`].
-pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<Start>, MeasureError> {
+fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<Start>, MeasureError> {
     let mut rng = Random::stream(seed, 77);
     let mut found = Vec::new();
     let mut go = |beside: f64, aside: f64, wanted: usize| -> Result<(), MeasureError> {
@@ -185,8 +188,27 @@ pub fn starts(day: &Day, seed: u64, ordinary: usize, each: usize) -> Result<Vec<
     Ok(found)
 }
 
+/// The tables of each sensor, over so many seeds; progress on stderr.
+///
+/// # Errors
+/// As [`Day::walk`] and [`Day::start`].
+pub fn tables(seeds: u64, sensors: &[Sensors], ordinary: usize, each: usize) -> Result<String, MeasureError> {
+    let mut out = String::new();
+    for sensor in sensors {
+        let mut all = Vec::new();
+        for seed in 1..=seeds {
+            let world = WORLDS[seed as usize % WORLDS.len()];
+            let found = starts(&Day::walk(world, *sensor, seed)?, seed, ordinary, each)?;
+            eprintln!("{world} seed {seed} {}:\n{}", sensor.name(), table(&found));
+            all.extend(found);
+        }
+        let _ = writeln!(out, "{}:\n{}", sensor.name(), table(&all));
+    }
+    Ok(out)
+}
+
 /// Recall within two seconds, by distance and angle.
-pub fn table(starts: &[Start]) -> String {
+fn table(starts: &[Start]) -> String {
     let mut t = String::from("| beside the path |");
     // Writing to a string cannot fail.
     ASIDE_DEG.iter().for_each(|a| {

@@ -1,6 +1,8 @@
 //! CPU time of the calling thread, where the system tells it; `None` elsewhere. Other load on the machine affects it
 //! less than wall time.
 
+use std::time::Instant;
+
 /// CPU time of the calling thread so far, milliseconds.
 #[cfg(unix)]
 pub fn thread_cpu_ms() -> Option<f64> {
@@ -12,6 +14,12 @@ pub fn thread_cpu_ms() -> Option<f64> {
 #[cfg(not(unix))]
 pub fn thread_cpu_ms() -> Option<f64> {
     None
+}
+
+/// Processor time of this thread in milliseconds; wall time where the system does not tell it.
+pub fn now_ms() -> f64 {
+    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    thread_cpu_ms().unwrap_or_else(|| START.elapsed().as_secs_f64() * 1e3)
 }
 
 #[cfg(all(test, unix))]

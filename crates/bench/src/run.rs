@@ -1,27 +1,33 @@
-//! What every run of the engine over a source has in common: its engine, its next frame, and poses against the truth.
+//! Runs the engine over one source and computes its figures: accuracy, scale, maps, times, and a hash of all bits of the result.
 
-use crate::{MeasureError, Sensors};
-use cairn_engine::{Config, Engine, Output, Runner, SensorMode};
-use cairn_eval::{Align, EvalOptions, Evaluation, evaluate};
-use cairn_geometry::{Se3, Trajectory};
-use cairn_sensor::{FramePacket, Rig, Source, Stamp};
+mod accuracy;
+mod carried;
+mod costs;
+mod figures;
+mod live_scale;
+mod options;
+mod record;
+mod result;
+mod verbose;
+
+pub use accuracy::aligned;
+pub use figures::Figures;
+pub use live_scale::LiveScale;
+pub use options::RunOptions;
+
+use crate::MeasureError;
+use crate::error::of;
+use cairn_engine::{Engine, SensorMode, Sensors};
+use cairn_sensor::{Rig, Source};
 use cairn_sim::SimSensor;
 use cairn_sources::std_host;
+use record::Record;
 
 /// An engine; it uses the rig's IMU if the sensor mode includes it.
-///
-/// # Errors
-/// When the rig does not have the sensors.
-pub(crate) fn engine(
-    rig: &Rig,
-    sensor: Sensors,
-    rate_hz: f64,
-    runner: Runner,
-    config: &Config,
-) -> Result<Engine, MeasureError> {
-    let mut config = config.clone();
-    config.inertial.enabled = sensor.has_imu();
-    Ok(Engine::new(rig, sensor.mode(), rate_hz, runner, &config, &std_host())?)
+fn engine(rig: &Rig, rate_hz: f64, options: &RunOptions) -> Result<Engine, MeasureError> {
+    let mut config = options.config.clone();
+    config.inertial.enabled = options.sensor.has_imu();
+    Ok(Engine::new(rig, options.sensor.mode(), rate_hz, options.runner, &config, &std_host())?)
 }
 
 /// What a simulated rig has for these sensors, the IMU left aside.
@@ -33,36 +39,34 @@ pub(crate) fn simulated(sensors: Sensors) -> SimSensor {
     }
 }
 
-/// Tracks the next packet of a source, the `number`th; `None` at its end.
+/// Runs a source to its end.
 ///
 /// # Errors
-/// When the source or a stage fails, or the packet does not fit the rig.
-pub(crate) fn step(
-    source: &mut dyn Source,
-    engine: &mut Engine,
-    number: usize,
-) -> Result<Option<(FramePacket, Output)>, MeasureError> {
-    let Some(packet) = source.next_packet()? else { return Ok(None) };
-    let out = engine.on_packet(&packet)?;
-    match out.stage_failed() {
-        Some(cause) => {
-            Err(MeasureError::of(format!("frame {number}"), MeasureError::Stage(cause.to_owned())))
+/// When the source fails, the rig does not have the sensors, a packet does not fit the rig, or the final map is
+/// inconsistent.
+pub fn measure(source: &mut dyn Source, options: &RunOptions) -> Result<Figures, MeasureError> {
+    let mut engine = engine(source.rig(), source.info().rate_hz, options)?;
+    let truth = source.info().truth.clone();
+    let mut record = Record::new(&engine, &truth);
+    while record.stamps.len() < options.frames {
+        let Some(packet) = source.next_packet()? else { break };
+        if record.since_first_s(packet.stamp) > options.seconds {
+            break;
         }
-        None => Ok(Some((packet, out))),
+        record.end_part(packet.stamp, options, &engine);
+        let out = engine.on_packet(&packet)?;
+        if let Some(cause) = out.stage_failed() {
+            let what = format!("frame {}", record.stamps.len());
+            return Err(of(what, MeasureError::from(cause.to_owned())));
+        }
+        record.observe(&packet, &out, &engine, options, &truth)?;
     }
-}
-
-/// Poses after alignment with the truth; `None` with too few of them.
-///
-/// # Errors
-/// When the times of one of them do not increase.
-pub(crate) fn aligned(
-    truth: &[(Stamp, Se3)],
-    poses: &[(Stamp, Se3)],
-    align: Align,
-) -> Result<Option<Evaluation>, MeasureError> {
-    let trajectory =
-        |poses: &[(Stamp, Se3)]| Trajectory::from_unsorted(poses.iter().map(|(t, p)| (t.0, *p)).collect());
-    let options = EvalOptions { align, ..EvalOptions::default() };
-    Ok(evaluate(&trajectory(truth)?, &trajectory(poses)?, &options).ok())
+    record.times.map_ms.extend(engine.finish().timings.map_ms);
+    engine.snapshot().check()?;
+    // The rest counts as a part if it is longer than half of one.
+    let rest_s = record.part.step_ms.len() as f64 / source.info().rate_hz;
+    if options.parts_s.is_some_and(|seconds| rest_s > 0.5 * seconds) {
+        record.close_part(&engine);
+    }
+    record.figures(&engine, &truth, options)
 }

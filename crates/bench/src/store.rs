@@ -1,6 +1,7 @@
 //! `store`: saving and opening a large synthetic map: a walk along a corridor with plausible features.
 
 use crate::MeasureError;
+use crate::error;
 use cairn_atlas::store::{About, MapFile, Table};
 use cairn_atlas::{Change, ChangeSet, KeyFrame, LandmarkId, Snapshot};
 use cairn_eval::process::cpu_s;
@@ -154,7 +155,7 @@ pub fn run(folder: &Path, key_frames: usize, features: usize, times: usize) -> R
     let map = corridor(key_frames, features);
     let about = About { program: "cairn bench".into(), sensor: SensorMode::Stereo, camera: camera() };
     let file = MapFile { snapshot: map, about, attached: BTreeMap::new() };
-    std::fs::create_dir_all(folder).map_err(MeasureError::file(folder))?;
+    std::fs::create_dir_all(folder).map_err(error::file(folder))?;
     let path = folder.join(format!("cairn-bench-store-{}.map", std::process::id()));
     let measured = measure(&file, &path, times);
     let _ = std::fs::remove_file(&path);

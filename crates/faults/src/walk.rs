@@ -3,29 +3,23 @@
 //! All that happens is an event with a time; the earliest is next, and of two at one time the one that was planned first. Nothing
 //! reads a clock, so a scenario is the same walk every time.
 
-use crate::estimator::{Estimator, Reading};
-use crate::modelled::Modelled;
-use crate::network::Line;
-use crate::page::{Page, Sentence};
+use crate::estimator::Estimator;
+use crate::page::Sentence;
 use crate::person::Person;
+use crate::plan::{Happening, Plan};
 use crate::rules::{Moment, Rules, Violation};
 use crate::scenario::{Fault, Scenario, Shape};
 use crate::server::{Server, TICK_S};
-use crate::spells::{Since, Spells};
+use crate::setup::{Camera, Phone, new_session, record, true_plan, way_out};
+use crate::spells::Since;
 use crate::storage::VirtualDisk;
 use crate::time_line::{Line as TimeLine, Lines, What};
-use cairn_geometry::Se3;
-use cairn_guide::{
-    CleanConfig, Earcon, Ground, ManeuverPlan, ManeuverPlanConfig, PhraseConfig, PlacedPoint, Route, Travel,
-    clean, speaking_time,
-};
+use cairn_guide::{Travel, speaking_time};
 use cairn_random::Random;
 use cairn_sensor::{ClockReading, Stamp};
-use cairn_session::{Command, Event, Session, SessionConfig, earcon_name};
-use cairn_trial::walk::{RouteTruth, STEP_S, walked_poses};
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
-use std::path::{Path, PathBuf};
+use cairn_session::{Command, Event, earcon_name};
+use cairn_trial::walk::{RouteTruth, STEP_S};
+use std::collections::VecDeque;
 
 /// After everything is calm a walk lasts at most so long, seconds.
 const CALM_LASTS_S: f64 = 60.0;
@@ -33,8 +27,6 @@ const CALM_LASTS_S: f64 = 60.0;
 const ARRIVED_S: f64 = 4.0;
 /// The walker is at its place for so long before guidance is asked for, seconds.
 const STANDS_S: f64 = 2.0;
-/// What the way of the words is taken to be longer while the page finds them late, seconds (`sources::live::phone_port`).
-const LATE_S: f64 = 1.0;
 /// Who has wandered off may be led back to the leg that was left, as long as that is this near, metres: the matcher of the guide waits for
 /// five seconds beyond six metres.
 const REACH_M: f64 = 9.0;
@@ -56,99 +48,6 @@ pub struct Outcome {
     pub refused: Option<String>,
     /// Of all that happened: equal walks have equal ones.
     pub digest: u64,
-}
-
-/// What happens.
-enum Happening {
-    /// The walker goes on.
-    Steps,
-    /// The camera takes a picture.
-    Picture,
-    /// A picture has reached the server.
-    Arrives(Box<Reading>),
-    /// The server has time; the number says whether the plan still holds.
-    Ready(u64),
-    /// The server has had no picture for a while.
-    Tick(u64),
-    /// What the server had to say has come out of it.
-    Emits(Vec<Event>, Option<Stamp>, bool),
-    /// Words and sounds reach the phone.
-    Words(Sentence),
-    Sound(Earcon),
-    Status(Option<Stamp>, bool),
-    /// The phone looks round, each tenth of a second.
-    PageLooks,
-    /// The server hears whether words come late.
-    Late(bool),
-    /// A command of the walker.
-    Commands(Command),
-    /// A picture was acknowledged.
-    Acknowledged,
-}
-
-struct Planned {
-    at: Stamp,
-    number: u64,
-    what: Happening,
-}
-
-impl PartialEq for Planned {
-    fn eq(&self, other: &Self) -> bool {
-        self.number == other.number
-    }
-}
-
-impl Eq for Planned {}
-
-impl PartialOrd for Planned {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Planned {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        (self.at, self.number).cmp(&(other.at, other.number))
-    }
-}
-
-/// What is planned, in the order of time.
-#[derive(Default)]
-struct Plan {
-    queue: BinaryHeap<Reverse<Planned>>,
-    number: u64,
-}
-
-impl Plan {
-    fn at(&mut self, at: Stamp, what: Happening) {
-        self.number += 1;
-        self.queue.push(Reverse(Planned { at, number: self.number, what }));
-    }
-
-    fn next(&mut self) -> Option<(Stamp, Happening)> {
-        self.queue.pop().map(|Reverse(planned)| (planned.at, planned.what))
-    }
-}
-
-/// The phone and its connection.
-struct Phone {
-    page: Page,
-    up: Line,
-    down: Line,
-    in_flight: usize,
-    late: bool,
-    clock_s: f64,
-    bound_s: f64,
-    unknown: Option<Spells>,
-    /// How long the last two ways took together.
-    round_s: f64,
-}
-
-/// The camera.
-struct Camera {
-    each_s: f64,
-    stops: Option<Spells>,
-    calm: Stamp,
 }
 
 struct World {
@@ -242,118 +141,6 @@ impl Outcome {
             refused: Some(why.to_owned()),
             digest: 0,
         }
-    }
-}
-
-/// True places of who records the route, by time, and when that ends.
-type WayOut = Vec<((f64, f64, f64), Stamp)>;
-
-fn way_out(scenario: &Scenario, shape: &Shape) -> (WayOut, Stamp) {
-    let phase = scenario.random(1003).uniform(0.0, 6.0);
-    let ground = Ground::z_up();
-    let place = |(tick, (pose, _)): (usize, (Se3, f64))| {
-        let at = pose.translation;
-        let heading = ground.heading(&pose).unwrap_or(0.0);
-        ((at.x, at.y, heading), Stamp::from_seconds(STEP_S * tick as f64))
-    };
-    let poses: WayOut = walked_poses(&shape.line, phase).into_iter().enumerate().map(place).collect();
-    let ends = poses.last().map_or(Stamp::default(), |(_, at)| *at).plus_seconds(0.1);
-    (poses, ends)
-}
-
-fn new_session(scenario: &Scenario, shape: &Shape, disk: &VirtualDisk) -> Session<Modelled> {
-    let config = SessionConfig {
-        // Nothing is there, and nothing is made there: all files are on the virtual disk.
-        folder: PathBuf::from("no-folder-of-routes"),
-        facing: shape.facing,
-        phrases: PhraseConfig { language: shape.language, ..PhraseConfig::default() },
-        ..SessionConfig::default()
-    };
-    let engine = Modelled::new(!scenario.faults.has(Fault::NoMetres));
-    Session::new(engine, config).on_disk(Box::new(disk.clone()))
-}
-
-/// Records the way out; what was said to be saved and is not.
-fn record(
-    server: &mut Server,
-    estimator: &mut Estimator,
-    poses: &WayOut,
-    disk: &VirtualDisk,
-) -> Option<String> {
-    let file = Path::new("way-out.route");
-    for (tick, (walker, at)) in poses.iter().step_by(2).enumerate() {
-        server.clock.set(Some(ClockReading { now: *at, bound_s: 0.0, delivery_s: 0.0 }));
-        server.show(estimator.look(*walker, *at));
-        if tick == 0 {
-            // What it answers is of no interest before guidance.
-            let _ = server.session.record_to(file);
-        }
-        server.session.events();
-    }
-    let saved = server.session.command(&Command::Stop).is_ok();
-    server.session.events();
-    server.session.engine_mut().recorded();
-    let points = server.session.route()?.points.len();
-    // Recording goes on in memory where no file could be made, and this was said.
-    let bytes = disk.after_power_cut(file).filter(|_| saved)?;
-    match Route::read(bytes.as_slice()) {
-        Ok(route) if route.points.len() == points => None,
-        Ok(route) => Some(format!("{} of {points} points are saved", route.points.len())),
-        Err(why) => Some(why.to_string()),
-    }
-}
-
-/// The route in true metres.
-fn true_plan(route: &Route, shape: &Shape, unit_m: f64) -> Option<ManeuverPlan> {
-    let metres = |p: PlacedPoint| {
-        let pose = p.frame_from_camera;
-        PlacedPoint { frame_from_camera: Se3::new(pose.rotation, pose.translation * unit_m), ..p }
-    };
-    let placed: Vec<PlacedPoint> = route.as_recorded().into_iter().map(metres).collect();
-    let ground = Ground::z_up();
-    let cleaned = clean(&placed, 1.0, &ground, &CleanConfig::default());
-    ManeuverPlan::from_route(&cleaned, shape.travel, &ground, &ManeuverPlanConfig::default()).ok()
-}
-
-impl Camera {
-    fn new(scenario: &Scenario, begins: Stamp, calm: Stamp) -> Self {
-        let few = scenario.faults.has(Fault::FewPictures);
-        let stops = scenario.faults.has(Fault::CameraStops).then(|| {
-            let random = scenario.random(Fault::CameraStops as u64);
-            Spells::new(random, begins, calm, [3.0, 40.0], [0.3, 15.0])
-        });
-        Self { each_s: if few { 0.33 } else { 0.1 }, stops, calm }
-    }
-}
-
-impl Phone {
-    fn new(scenario: &Scenario, shape: &Shape, begins: Stamp, calm: Stamp) -> Self {
-        let mut random = scenario.random(Fault::ClockError as u64);
-        let bound_s = if scenario.faults.has(Fault::ClockError) { random.uniform(0.0, 0.2) } else { 0.01 };
-        let unknown = scenario.faults.has(Fault::ClockUnknown).then(|| {
-            let random = scenario.random(Fault::ClockUnknown as u64);
-            Spells::new(random, begins, calm, [5.0, 60.0], [0.5, 10.0])
-        });
-        Self {
-            page: Page::new(shape.language),
-            up: Line::new(scenario, 0, begins, calm),
-            down: Line::new(scenario, 1, begins, calm),
-            in_flight: 0,
-            late: false,
-            clock_s: random.uniform(-bound_s, bound_s),
-            bound_s,
-            unknown,
-            round_s: 0.02,
-        }
-    }
-
-    /// What the server knows of the phone's clock when it truly shows this.
-    fn reading(&mut self, now: Stamp) -> Option<ClockReading> {
-        if self.unknown.since(now).is_some() {
-            return None;
-        }
-        let delivery_s = 0.5 * self.round_s + if self.late { LATE_S } else { 0.0 };
-        Some(ClockReading { now: now.plus_seconds(self.clock_s), bound_s: self.bound_s, delivery_s })
     }
 }
 

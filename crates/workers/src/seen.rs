@@ -6,7 +6,7 @@ use crate::anchored::{Anchored, numbers, se3};
 use cairn_atlas::{KeyFrameId, MapId};
 use cairn_engine::{
     Evidence, FramePose, Gate, ImuStatus, MotionSource, Odometry, Output, Phase, Scale, StageEvent, State,
-    Status, Timings, Wait,
+    Status, StatusEvent, Timings, Wait,
 };
 use cairn_geometry::{Pose, Se3, Sim3, Similarity};
 use cairn_sensor::Stamp;
@@ -24,7 +24,8 @@ pub struct Seen {
     extract_ms: f64,
     track_ms: f64,
     stage_failed: Option<String>,
-    status: SeenStatus,
+    #[serde(with = "StatusForm")]
+    status: Status,
     /// Pixels of the features in the image as it came.
     raw: Vec<[f32; 2]>,
 }
@@ -56,9 +57,10 @@ struct SeenScale {
     supported: bool,
 }
 
-/// As `cairn_engine::Status`, without its events.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct SeenStatus {
+/// The form of [`Status`] in a message, without its events.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Status")]
+struct StatusForm {
     phase: Phase,
     t_s: f64,
     frames: u64,
@@ -69,38 +71,43 @@ struct SeenStatus {
     metric: bool,
     points: usize,
     imu: Option<ImuStatus>,
-    waits: Vec<SeenWait>,
+    #[serde(with = "waits")]
+    waits: Vec<Wait>,
+    #[serde(skip)]
+    events: Vec<StatusEvent>,
     gates: Vec<Gate>,
     error: Option<String>,
 }
 
-/// As `cairn_engine::Wait`, which is written as text.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-enum SeenWait {
-    Points {
-        have: usize,
-        need: usize,
-    },
-    Parallax {
-        matches: usize,
-    },
-    Reading {
-        silent_s: Option<f64>,
-    },
+/// The form of [`Wait`] in a message; elsewhere it is written as text.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "Wait")]
+enum WaitForm {
+    Points { have: usize, need: usize },
+    Parallax { matches: usize },
+    Reading { silent_s: Option<f64> },
     FirstTry,
     Gate(Gate),
-    #[serde(rename = "Sight")]
-    VisualMatches {
-        since_s: f64,
-        sigma: f64,
-    },
-    Translation {
-        since_s: f64,
-    },
-    Place {
-        have: usize,
-        need: usize,
-    },
+    VisualMatches { since_s: f64, sigma: f64 },
+    Translation { since_s: f64 },
+    Place { have: usize, need: usize },
+}
+
+/// Lists of [`Wait`] in the form of [`WaitForm`].
+mod waits {
+    use super::{Wait, WaitForm};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[derive(Serialize, Deserialize)]
+    struct Form(#[serde(with = "WaitForm")] Wait);
+
+    pub fn serialize<S: Serializer>(waits: &[Wait], to: S) -> Result<S::Ok, S::Error> {
+        waits.iter().map(|wait| Form(*wait)).collect::<Vec<_>>().serialize(to)
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>>(from: D) -> Result<Vec<Wait>, D::Error> {
+        Ok(Vec::<Form>::deserialize(from)?.into_iter().map(|form| form.0).collect())
+    }
 }
 
 impl Seen {
@@ -114,7 +121,7 @@ impl Seen {
             extract_ms: output.timings.extract_ms,
             track_ms: output.timings.track_ms,
             stage_failed: output.stage_failed().map(str::to_owned),
-            status: SeenStatus::of(&output.status),
+            status: Status { events: Vec::new(), ..output.status.clone() },
             raw: output.frame.raw.clone(),
         }
     }
@@ -137,7 +144,7 @@ impl Seen {
             key_frame_requested: self.key_frame_requested,
             events: self.stage_failed.clone().map(StageEvent::Failed).into_iter().collect(),
             timings: Timings { extract_ms, track_ms, ..Timings::default() },
-            status: self.status.to_status(),
+            status: self.status.clone(),
         })
     }
 }
@@ -186,72 +193,5 @@ impl SeenPose {
                 supported: s.supported,
             },
         })
-    }
-}
-
-impl SeenStatus {
-    fn of(s: &Status) -> Self {
-        Self {
-            phase: s.phase,
-            t_s: s.t_s,
-            frames: s.frames,
-            sequence: s.sequence,
-            valid: s.valid,
-            map: s.map,
-            initialised: s.initialised,
-            metric: s.metric,
-            points: s.points,
-            imu: s.imu,
-            waits: s.waits.iter().map(SeenWait::of).collect(),
-            gates: s.gates.clone(),
-            error: s.error.clone(),
-        }
-    }
-
-    fn to_status(&self) -> Status {
-        Status {
-            phase: self.phase,
-            t_s: self.t_s,
-            frames: self.frames,
-            sequence: self.sequence,
-            valid: self.valid,
-            map: self.map,
-            initialised: self.initialised,
-            metric: self.metric,
-            points: self.points,
-            imu: self.imu,
-            waits: self.waits.iter().map(|wait| wait.to_wait()).collect(),
-            events: Vec::new(),
-            gates: self.gates.clone(),
-            error: self.error.clone(),
-        }
-    }
-}
-
-impl SeenWait {
-    fn of(wait: &Wait) -> Self {
-        match *wait {
-            Wait::Points { have, need } => Self::Points { have, need },
-            Wait::Parallax { matches } => Self::Parallax { matches },
-            Wait::Reading { silent_s } => Self::Reading { silent_s },
-            Wait::FirstTry => Self::FirstTry,
-            Wait::Gate(gate) => Self::Gate(gate),
-            Wait::VisualMatches { since_s, sigma } => Self::VisualMatches { since_s, sigma },
-            Wait::Translation { since_s } => Self::Translation { since_s },
-            Wait::Place { have, need } => Self::Place { have, need },
-        }
-    }
-
-    fn to_wait(self) -> Wait {
-        match self {
-            Self::Points { have, need } => Wait::Points { have, need },
-            Self::Parallax { matches } => Wait::Parallax { matches },
-            Self::Reading { silent_s } => Wait::Reading { silent_s },
-            Self::FirstTry => Wait::FirstTry,
-            Self::Gate(gate) => Wait::Gate(gate),
-            Self::VisualMatches { since_s, sigma } => Wait::VisualMatches { since_s, sigma },
-            Self::Translation { since_s } => Wait::Translation { since_s },
-            Self::Place { have, need } => Wait::Place { have, need },
-        }
     }
 }

@@ -2,14 +2,26 @@
 
 use crate::synthetic as common;
 
-use cairn_adjust::{MatchFailure, RecogniseConfig, View, has_parallax, locate, recognise};
-use cairn_atlas::LandmarkId;
+use cairn_adjust::{MatchFailure, RecogniseConfig, Recognised, View, has_parallax, locate, recognise};
+use cairn_atlas::{Atlas, KeyFrameId, LandmarkId};
 use cairn_geometry::Se3;
 use common::{World, mono, off, pose, sideways, stereo};
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
 const CONFIG: RecogniseConfig = RecogniseConfig { seed: 20, need: 40, share: 0.5 };
+
+/// What recognising the place of a key frame in a view gives, with no landmark known.
+fn recognised(
+    world: &World,
+    atlas: &Atlas,
+    view: &common::View,
+    near: KeyFrameId,
+    config: &RecogniseConfig,
+) -> Result<Recognised, MatchFailure> {
+    let view = View::new(&world.camera, &view.frame);
+    recognise(atlas.latest(), &view, near, &BTreeSet::new(), config, 7)
+}
 
 #[test]
 fn locate_finds_the_pose_and_names_wrong_matches() {
@@ -43,15 +55,7 @@ fn recognise_accepts_the_right_place() {
         let (atlas, ids) = world.exact_map(&sideways(5, 0.2));
         let truth = pose(0.5, 0.3, -0.2);
         let view = world.see(&truth, 9.0);
-        let place = recognise(
-            atlas.latest(),
-            &View::new(&world.camera, &view.frame),
-            ids[2],
-            &BTreeSet::new(),
-            &CONFIG,
-            7,
-        )
-        .expect("the place is in the map");
+        let place = recognised(&world, &atlas, &view, ids[2], &CONFIG).expect("the place is in the map");
         let (metres, radians) = off(&place.world_from_camera, &truth);
         assert!(metres < 1e-3 && radians < 5e-4, "{metres} m, {radians} rad");
         let truly = world.matches(atlas.latest(), &view);
@@ -71,15 +75,7 @@ fn recognise_tells_how_few_features_of_another_world_look_alike() {
     let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
     // Another world, and the other side of this one.
     for view in [other.see(&pose(0.2, 0.0, 0.0), 9.0), world.see(&pose(0.2, 0.0, PI), 9.0)] {
-        let failure = recognise(
-            atlas.latest(),
-            &View::new(&world.camera, &view.frame),
-            ids[1],
-            &BTreeSet::new(),
-            &CONFIG,
-            7,
-        )
-        .expect_err("not in the map");
+        let failure = recognised(&world, &atlas, &view, ids[1], &CONFIG).expect_err("not in the map");
         let MatchFailure::Appearance { have, need } = failure else { panic!("{failure:?}") };
         assert!(have < need && need == CONFIG.seed, "{failure}");
         assert_eq!(failure.agreed(), 0);
@@ -99,15 +95,7 @@ fn recognise_tells_how_few_agree_on_a_pose_where_only_the_looks_match() {
         );
     }
     let view = world.see(&pose(0.2, 0.0, 0.0), 9.0);
-    let failure = recognise(
-        atlas.latest(),
-        &View::new(&world.camera, &view.frame),
-        ids[1],
-        &BTreeSet::new(),
-        &CONFIG,
-        7,
-    )
-    .expect_err("geometry does not match");
+    let failure = recognised(&world, &atlas, &view, ids[1], &CONFIG).expect_err("geometry does not match");
     let MatchFailure::Posed { have, need } = failure else { panic!("{failure:?}") };
     assert!(have < need && need == CONFIG.seed, "{failure}");
 }
@@ -128,15 +116,7 @@ fn recognise_tells_how_many_agree_where_more_are_needed() {
     let (atlas, ids) = world.exact_map(&sideways(4, 0.2));
     let view = world.see(&pose(0.2, 0.0, 0.0), 9.0);
     let config = RecogniseConfig { need: 10_000, ..CONFIG };
-    let failure = recognise(
-        atlas.latest(),
-        &View::new(&world.camera, &view.frame),
-        ids[1],
-        &BTreeSet::new(),
-        &config,
-        7,
-    )
-    .expect_err("more than there are");
+    let failure = recognised(&world, &atlas, &view, ids[1], &config).expect_err("more than there are");
     let MatchFailure::Agree { have, of, need } = failure else { panic!("{failure:?}") };
     assert!(have > 200 && of >= have && of <= view.frame.len() && need == 10_000, "{failure}");
     assert_eq!(failure.agreed(), have);
@@ -151,15 +131,8 @@ fn recognise_tells_how_many_landmarks_in_view_are_missing() {
     sparse.points.truncate(120);
     let view = sparse.see(&pose(0.2, 0.0, 0.0), 9.0);
     let config = RecogniseConfig { seed: 10, need: 10, share: 0.5 };
-    let failure = recognise(
-        atlas.latest(),
-        &View::new(&world.camera, &view.frame),
-        ids[1],
-        &BTreeSet::new(),
-        &config,
-        7,
-    )
-    .expect_err("nearly all of it is missing");
+    let failure =
+        recognised(&world, &atlas, &view, ids[1], &config).expect_err("nearly all of it is missing");
     let MatchFailure::Missing { have, expected, need } = failure else { panic!("{failure:?}") };
     assert!((10..need).contains(&have) && have <= view.frame.len(), "{failure}");
     assert!(expected > 200 && need < expected, "{failure}");

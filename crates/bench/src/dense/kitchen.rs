@@ -1,7 +1,7 @@
 //! The kitchen recording in memory, and what all sections share.
 
 use crate::MeasureError;
-use crate::processor::thread_cpu_ms;
+use crate::processor::now_ms;
 use cairn_dense::{Backend, DenseError, DepthConfig, DepthFrame, DepthPreparer, TsdfConfig, TsdfVolume};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, Image};
@@ -96,13 +96,6 @@ impl Kitchen {
         }
         Ok(volume)
     }
-}
-
-/// Processor time of this thread in milliseconds; wall time where the system does not tell it.
-pub fn now_ms() -> f64 {
-    use std::time::Instant;
-    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
-    thread_cpu_ms().unwrap_or_else(|| START.elapsed().as_secs_f64() * 1e3)
 }
 
 /// The least time of several repetitions in milliseconds, and the last result.

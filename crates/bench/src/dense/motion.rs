@@ -1,8 +1,9 @@
 //! Poses from depth alone: tracking against the field it builds, and registration of submaps without a guess.
 
 use super::Row;
-use super::kitchen::{Kitchen, median, now_ms};
+use super::kitchen::{Kitchen, median};
 use super::pairs::{error, kitchen_submaps, pairs_overlapping};
+use crate::processor::now_ms;
 use cairn_dense::{
     Backend, DenseError, RegisterConfig, SurfaceFeatures, TrackConfig, TsdfConfig, TsdfVolume, register,
     track,

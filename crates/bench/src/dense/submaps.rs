@@ -1,7 +1,8 @@
 //! Key frames' depth: how much it takes, and a loop closure over 1,000 key frames.
 
 use super::Row;
-use super::kitchen::{Kitchen, least, median, now_ms};
+use super::kitchen::{Kitchen, least, median};
+use crate::processor::now_ms;
 use cairn_dense::{
     AnchorId, Backend, DenseError, DenseMap, MapId, OccupancyConfig, OccupancyGrid, PackedDepth,
     SubmapConfig, TsdfConfig,

@@ -1,7 +1,8 @@
 //! What is made of a field: meshes, ray casts, and their depth in images that were not fused.
 
 use super::Row;
-use super::kitchen::{Kitchen, VOXELS_M, least, median, now_ms};
+use super::kitchen::{Kitchen, VOXELS_M, least, median};
+use crate::processor::now_ms;
 use cairn_dense::{Backend, DenseError, MeshConfig, Mesher, TsdfConfig, TsdfVolume, raycast};
 
 /// Greatest depth of a ray in metres, and of a measured depth that counts.

@@ -3,8 +3,11 @@
 
 pub mod data;
 pub mod drift;
+mod exact;
 pub mod reference;
 pub mod tries;
+
+pub use exact::exact_scale;
 
 use crate::MeasureError;
 use data::ImuRecording;
@@ -128,10 +131,4 @@ pub fn tables(figures: &[Figures]) -> String {
         );
     }
     t
-}
-
-/// The page `docs/figures/inertial.md`.
-pub fn page(figures: &[Figures]) -> String {
-    let head = include_str!("page.md");
-    format!("{head}\n{}\nMeasured on {}.\n", tables(figures), crate::build::measured_on())
 }

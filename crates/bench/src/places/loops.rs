@@ -7,6 +7,7 @@
 
 use super::{View, extractor};
 use crate::MeasureError;
+use crate::error::{file, of};
 use cairn_geometry::Se3;
 use cairn_sources::read_gray;
 use cairn_vision::bow::{NodeMatchConfig, Vocabulary, match_through_nodes};
@@ -88,8 +89,8 @@ pub fn read(data: &Path, vocabulary: &Vocabulary) -> Result<Option<Walk>, Measur
         return Ok(None);
     }
     let matrix = folder.join("samples_GT.bmp");
-    let bytes = std::fs::read(&matrix).map_err(MeasureError::file(&matrix))?;
-    let truth = gray_bmp(&bytes).map_err(|e| MeasureError::of(matrix.display(), e))?;
+    let bytes = std::fs::read(&matrix).map_err(file(&matrix))?;
+    let truth = gray_bmp(&bytes).map_err(|e| of(matrix.display(), e))?;
     let mut extractor = extractor();
     let mut views = Vec::new();
     let mut size = [0; 2];

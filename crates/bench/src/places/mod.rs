@@ -6,6 +6,7 @@ pub mod recall;
 pub mod times;
 
 use crate::MeasureError;
+use crate::error::{file, of};
 use cairn_sensor::GrayImage;
 use cairn_sources::{OpenOptions, open};
 use cairn_vision::bow::{BagOfWords, Vocabulary};
@@ -85,8 +86,8 @@ pub fn run(
     let others: Vec<Vocabulary> = vocabularies
         .iter()
         .map(|path| {
-            let bytes = std::fs::read(path).map_err(MeasureError::file(path))?;
-            Vocabulary::open(bytes).map_err(|e| MeasureError::of(path.display(), e.to_string()))
+            let bytes = std::fs::read(path).map_err(file(path))?;
+            Vocabulary::open(bytes).map_err(|e| of(path.display(), e.to_string()))
         })
         .collect::<Result<_, MeasureError>>()?;
     let chosen: Vec<&Vocabulary> =

@@ -208,8 +208,3 @@ pub fn tables(f: &Figures) -> String {
     );
     t
 }
-
-/// The complete page around the tables.
-pub fn page(tables: &str) -> String {
-    format!("{}{tables}", include_str!("page.md"))
-}

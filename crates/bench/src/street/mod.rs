@@ -8,6 +8,7 @@ mod table;
 pub(crate) mod world;
 
 use crate::MeasureError;
+use crate::error;
 use crate::memory::resident_mb;
 use crate::store::{self, camera};
 use build::{SPEED_MPS, build};
@@ -215,7 +216,7 @@ fn close(walk: Walk, found: Found, street: &mut Street) -> Result<(Snapshot, Opt
         std::thread::sleep(pause);
     }
     let frames = [beside.len(), tracked];
-    let (atlas, beside_s) = job.join().map_err(|_| MeasureError::Program("closing failed".into()))?;
+    let (atlas, beside_s) = job.join().map_err(|_| "closing failed")?;
     let grown_mb = resident_mb().zip(before).map(|(now, before)| now - before);
     let after = atlas.latest().clone();
     let (off_before, off_after) = (errors(street, &base), errors(street, &after));
@@ -251,7 +252,7 @@ fn save_and_open(
 ) -> Result<(store::Stored, Option<f64>), MeasureError> {
     let about = About { program: "cairn bench".into(), sensor: SensorMode::Stereo, camera: camera() };
     let file = MapFile { snapshot, about, attached: BTreeMap::new() };
-    std::fs::create_dir_all(folder).map_err(MeasureError::file(folder))?;
+    std::fs::create_dir_all(folder).map_err(error::file(folder))?;
     let path = folder.join(format!("cairn-bench-street-{}.map", std::process::id()));
     let measured = store::measure(&file, &path, times).and_then(|stored| {
         let opened = MapFile::load(&path)?;
@@ -279,7 +280,7 @@ fn first_pose_ms(map: &Snapshot, street: &mut Street, features: usize) -> Option
 }
 
 fn percentiles(ms: &[f64]) -> Result<Percentiles, MeasureError> {
-    Percentiles::of(ms).ok_or(MeasureError::Unfit("nothing to measure".into()))
+    Percentiles::of(ms).ok_or("nothing to measure".into())
 }
 
 fn median_ms(seconds: &[f64]) -> f64 {

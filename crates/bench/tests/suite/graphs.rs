@@ -1,7 +1,7 @@
 //! Every pose graph of the recordings reaches its known optimum from odometry initialisation.
 
+use bench::data_folder;
 use bench::graphs::{KNOWN, run};
-use bench::recordings::data_folder;
 
 #[test]
 fn known_optima_are_reached_from_odometry() {

@@ -1,8 +1,8 @@
 //! Limits for initialisation and drift on real IMU data, 10 % above today's figures, at all starts of two recordings;
 //! docs/figures/inertial.md has the full table.
 
+use bench::data_folder;
 use bench::inertial::{Chosen, Figures, run};
-use bench::recordings::data_folder;
 
 /// The figures of a recording; prints "skipped" if it is missing.
 fn figures(recording: &str, condition: &str, every: usize) -> Option<Figures> {

@@ -9,6 +9,7 @@ mod recordings;
 mod revisit;
 mod run;
 mod scale;
+mod scenarios;
 mod spot_turn;
 mod walkers;
 mod walks;

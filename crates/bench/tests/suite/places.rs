@@ -1,9 +1,9 @@
 //! Limits for place recognition on the photographs with a loop matrix, slightly below the figures of docs/figures/places.md. A
 //! limit is tightened when recognition improves, and never loosened to make a test pass.
 
+use bench::data_folder;
 use bench::places::loops::{self, CANDIDATES, Gate};
 use bench::places::page::{ENOUGH, SOME, Verdict, words_alone};
-use bench::recordings::data_folder;
 use cairn_vision::bow::Vocabulary;
 
 #[test]

@@ -1,6 +1,6 @@
 //! Whole runs over recordings in lockstep. What two tests look at is run once.
 
-use bench::recordings::data_folder;
+use bench::data_folder;
 use cairn_engine::{Config, Engine, Host, Output, Runner, ScaleStretch, SensorMode};
 use cairn_geometry::Se3;
 use cairn_sensor::Stamp;

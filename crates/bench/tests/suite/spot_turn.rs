@@ -1,6 +1,6 @@
 //! A phone's walker who turns on the spot to what the map does not show, and sets out: he is where he is said to be.
 
-use bench::visual_inertial::spot::{Step, Walk, walk};
+use bench::spot::{Step, Walk, walk};
 use cairn_engine::{Config, State};
 
 /// Judged by the truth, relative to the way out as the map has it.
