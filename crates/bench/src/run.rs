@@ -6,6 +6,7 @@ mod costs;
 mod figures;
 mod live_scale;
 mod options;
+mod pace;
 mod record;
 mod result;
 mod verbose;

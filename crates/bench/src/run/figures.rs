@@ -20,6 +20,10 @@ pub struct Figures {
     pub started: Option<usize>,
     /// Length of the true path, metres.
     pub path_m: f64,
+    /// Length of the final trajectory, in metres where the map is metric.
+    pub found_m: f64,
+    /// The fastest pace over the slowest of each two seconds of it.
+    pub pace_ratio: Option<f64>,
     /// Whether the map is metric; then scale is not aligned.
     pub metric: bool,
     /// How poses are aligned: SE3 where the map is metric, else Sim3.

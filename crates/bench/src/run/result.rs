@@ -6,6 +6,7 @@ use super::costs::Times;
 use super::figures::{Figures, ImuFigures, MapFigures, Still, Turn};
 use super::live_scale::LiveScale;
 use super::options::RunOptions;
+use super::pace;
 use super::record::{Record, stated_sigma};
 use crate::MeasureError;
 use cairn_atlas::MapId;
@@ -43,6 +44,8 @@ impl Record {
             lost,
             started,
             path_m,
+            found_m: pace::length_m(&poses),
+            pace_ratio: pace::ratio(&poses),
             metric,
             alignment: if metric { "SE3" } else { "Sim3" }.into(),
             ate_m,
