@@ -131,7 +131,7 @@ pub fn phone(seed: u64) -> PhoneTraits {
     PhoneTraits::new(seed, 640, 480)
 }
 
-/// The simulation of an address, and its keys of [`OWN_KEYS`]. Keys without a value are left out.
+/// The simulation of an address, and its keys of `OWN_KEYS`. Keys without a value are left out.
 ///
 /// # Errors
 /// When it cannot be simulated.

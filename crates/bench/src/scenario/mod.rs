@@ -97,7 +97,7 @@ pub struct Run {
     pub options: Bindings,
 }
 
-/// A table: its columns are a heading and a text that names figures, see [`figure`].
+/// A table: its columns are a heading and a text that names figures.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Table {
