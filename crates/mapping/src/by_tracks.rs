@@ -29,7 +29,7 @@ const MOST_ACCEL_BIAS: f64 = 1.0;
 const LEAST_MOVED_M: f64 = 0.3;
 /// What a lens and extrinsics that are guesses do to the scale, which the rays do not show: a focal length 4 % off, and axes 2 degrees off
 /// (`phone/b`), relative.
-const GUESSED: f64 = 0.03;
+pub(crate) const GUESSED: f64 = 0.03;
 /// Rays that do not meet, in standard deviations, and the share of those that do.
 const MOST_RESIDUAL: f64 = 2.5;
 const LEAST_AGREEING: f64 = 0.7;

@@ -212,14 +212,17 @@ impl Inertial {
         let centre_point = snapshot.world_from_camera(map.root())?.translation;
         let imu = self.imu;
         let of = CameraAndImu { camera, imu: &imu, offset_sigma_s: self.clocks.sigma_s() };
+        let guessed = if self.soft_scale { by_tracks::GUESSED } else { 0.0 };
         let (mut attempt_made, mut better_sigma) = (None, None);
         if snapshot.is_gravity_aligned(map) {
             let refined = self.refined.entry(map).or_default();
             let due = refined.due(last, seconds)?;
             let told = estimated_gravity(&of, &snapshot, chain);
             refined.looked(last, told.is_some());
-            better_sigma =
-                told.as_ref().filter(|_| !camera.has_depth()).and_then(|f| better_scale(&snapshot, map, f));
+            better_sigma = told
+                .as_ref()
+                .filter(|_| !camera.has_depth())
+                .and_then(|f| better_scale(&snapshot, map, f, guessed));
             let better = told.filter(differs_from_map);
             if due == Due::IfGravityDiffers && better.is_none() {
                 return None;

@@ -93,11 +93,11 @@ fn solved(
 
 /// The change that states how well the scale of a metric map is known once it is adjusted as a whole, where what the readings of the last
 /// seconds say of it agrees with the map and is known better than was stated. It is not added to what earlier readings said: the error
-/// of the accelerometer's sensitivity is common to both.
-pub(crate) fn better_scale(snapshot: &Snapshot, map: MapId, found: &Initial) -> Option<Change> {
-    let stated = snapshot.stated_scale_sigma(map)?;
-    let agrees = found.scale.ln().abs() < 2.0 * found.scale_sigma;
-    (agrees && found.scale_sigma < stated).then_some(Change::ScaleSigma(map, found.scale_sigma))
+/// of the accelerometer's sensitivity is common to both. `guessed` is what a lens that is a guess does to the scale, relative.
+pub(crate) fn better_scale(snapshot: &Snapshot, map: MapId, found: &Initial, guessed: f64) -> Option<Change> {
+    let (stated, sigma) = (snapshot.stated_scale_sigma(map)?, found.scale_sigma.hypot(guessed));
+    let agrees = found.scale.ln().abs() < 2.0 * sigma;
+    (agrees && sigma < stated).then_some(Change::ScaleSigma(map, sigma))
 }
 
 #[cfg(test)]
@@ -121,5 +121,22 @@ mod tests {
         assert!(of.attempt(atlas.latest(), &[], INITIALISATION_S).is_none());
         // A chain whose links are not all there says nothing.
         assert!(of.attempt(atlas.latest(), &[ids[1], ids[0]], INITIALISATION_S).is_none());
+    }
+
+    #[test]
+    fn a_scale_is_never_stated_better_than_a_guessed_lens_allows() {
+        let (mut atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.0, factor: 1.0 }.map(48);
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
+        let found = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
+        let map = MapId(ids[0]);
+        atlas.commit(vec![Change::ScaleSigma(map, 0.05)]);
+        let stated = |guessed| match better_scale(atlas.latest(), map, &found, guessed) {
+            Some(Change::ScaleSigma(_, sigma)) => Some(sigma),
+            _ => None,
+        };
+        assert!(stated(0.0).is_some_and(|sigma| sigma < 0.03), "{:?}", stated(0.0));
+        assert!(stated(0.03).is_some_and(|sigma| (0.03..0.05).contains(&sigma)), "{:?}", stated(0.03));
+        assert_eq!(stated(0.06), None);
     }
 }
