@@ -4,14 +4,20 @@
 use crate::triangulation::median_depth;
 use cairn_adjust::ImuModel;
 use cairn_atlas::{Change, DEPTH_SCALE_SIGMA, KeyFrame, KeyFrameId, MapId, Snapshot};
-use cairn_inertial::{Attempt, Initial, InitialiseConfig, Preintegrated, Scale, Seen, SeenPose, initialise};
+use cairn_inertial::{
+    Attempt, Initial, InitialiseConfig, NavState, Preintegrated, Scale, Seen, SeenPose, initialise,
+};
 use cairn_vision::RectifiedCamera;
+use std::sync::Arc;
 
 /// Standard deviation of a key frame's orientation in an adjusted map, as an angle in pixels; its position
 /// uncertainty is this angle at the median depth.
 const SEEN_PIXELS: f64 = 0.5;
 /// Seconds of key frames, up to the newest, used by the initialisation.
 pub(crate) const INITIALISATION_S: f64 = 20.0;
+/// Key frames of an initialisation lie so far apart at least, seconds. Closer ones err together, for they see the same landmarks from
+/// the same places: they cost time and tell little (`phone/b` has 7 to 20 a second, and took a quarter of its processor time for them).
+const APART_S: f64 = 0.15;
 /// Below this speed the camera counts as stationary, m/s.
 pub(crate) const STATIONARY_M_S: f64 = 0.05;
 
@@ -51,13 +57,53 @@ impl CameraAndImu<'_> {
         let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
         let last = frames.last()?.frame.stamp;
         let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.stamp <= seconds).collect();
-        let links: Option<Vec<Preintegrated>> = frames
-            .iter()
-            .skip(1)
-            .map(|k| Some((*k.motion.as_ref()?.imu_factor.as_ref()?.sum).clone()))
-            .collect();
-        solved(snapshot, self, &frames, &links?, scale)
+        let link = |k: &&KeyFrame| Some(k.motion.as_ref()?.imu_factor.as_ref()?.sum.clone());
+        let links: Vec<Arc<Preintegrated>> = frames.iter().skip(1).map(link).collect::<Option<_>>()?;
+        let used = apart(&frames);
+        let sums: Vec<Preintegrated> = used.windows(2).map(|ends| joined(&links[ends[0]..ends[1]])).collect();
+        let of_used: Vec<&KeyFrame> = used.iter().map(|k| frames[*k]).collect();
+        let mut attempt = solved(snapshot, self, &of_used, &sums, scale)?;
+        if let Some(found) = &mut attempt.found {
+            found.states = with_those_between(found, &used, &links);
+        }
+        Some(attempt)
     }
+}
+
+/// The first and the last of the key frames, and those between them that lie [`APART_S`] apart.
+fn apart(frames: &[&KeyFrame]) -> Vec<usize> {
+    let mut used: Vec<usize> = Vec::new();
+    for k in (0..frames.len()).rev() {
+        if k == 0 || used.last().is_none_or(|later| frames[*later].stamp - frames[k].stamp >= APART_S) {
+            used.push(k);
+        }
+    }
+    used.reverse();
+    used
+}
+
+/// The readings of several links in a row.
+fn joined(links: &[Arc<Preintegrated>]) -> Preintegrated {
+    let mut sum = (*links[0]).clone();
+    links[1..].iter().for_each(|next| sum.append(next));
+    sum
+}
+
+/// The states of all key frames from those of the ones that were used; the readings lead from each to those after it.
+fn with_those_between(found: &Initial, used: &[usize], links: &[Arc<Preintegrated>]) -> Vec<NavState> {
+    let mut states = Vec::with_capacity(links.len() + 1);
+    for (state, (from, to)) in
+        found.states.iter().zip(used.iter().zip(used[1..].iter().chain([&(links.len() + 1)])))
+    {
+        states.push(*state);
+        for link in &links[*from..to - 1] {
+            let mut link = (**link).clone();
+            link.follow(&found.bias);
+            let next = link.predict(&states[states.len() - 1], &found.gravity.vector());
+            states.push(next);
+        }
+    }
+    states
 }
 
 /// The initialisation of these key frames; `links[k]` sums the readings from key frame `k` to `k + 1`.
@@ -103,9 +149,10 @@ pub(crate) fn better_scale(snapshot: &Snapshot, map: MapId, found: &Initial, gue
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::imu_walk::{NOISE, ToAndFro};
+    use crate::imu_walk::{NOISE, STEP_S, ToAndFro};
     use crate::synthetic::mono;
     use cairn_geometry::{Se3, Vec3};
+    use cairn_sensor::Stamp;
 
     #[test]
     fn attempt_finds_scale_and_gravity_of_a_map_with_a_unit_of_its_own() {
@@ -121,6 +168,30 @@ mod tests {
         assert!(of.attempt(atlas.latest(), &[], INITIALISATION_S).is_none());
         // A chain whose links are not all there says nothing.
         assert!(of.attempt(atlas.latest(), &[ids[1], ids[0]], INITIALISATION_S).is_none());
+    }
+
+    #[test]
+    fn key_frames_that_are_close_are_not_asked_and_get_a_velocity_all_the_same() {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.0, factor: 1.0 }.map(12);
+        let frames: Vec<&KeyFrame> = ids.iter().filter_map(|id| atlas.latest().key_frame(*id)).collect();
+        assert_eq!(apart(&frames).len(), 12, "{STEP_S} s apart");
+        let closer: Vec<KeyFrame> = (0..12)
+            .map(|k| KeyFrame { stamp: Stamp::from_seconds(0.06 * k as f64), ..frames[k].clone() })
+            .collect();
+        assert_eq!(apart(&closer.iter().collect::<Vec<_>>()), [0, 2, 5, 8, 11]);
+        let link = |k: &&KeyFrame| k.motion.as_ref().unwrap().imu_factor.as_ref().unwrap().sum.clone();
+        let links: Vec<Arc<Preintegrated>> = frames[1..].iter().map(link).collect();
+        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
+        let found = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
+        let used = [0, 3, 4, 8, 11];
+        let fewer = Initial { states: used.map(|k| found.states[k]).to_vec(), ..found.clone() };
+        let states = with_those_between(&fewer, &used, &links);
+        assert_eq!(states.len(), found.states.len());
+        for (state, all) in states.iter().zip(&found.states) {
+            let off = (state.velocity - all.velocity).norm();
+            assert!(off < 0.05, "{off} m/s");
+        }
     }
 
     #[test]

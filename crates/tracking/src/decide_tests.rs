@@ -3,17 +3,22 @@
 use crate::decide::{Situation, wants_key_frame};
 use crate::match_last::Matches;
 use crate::synthetic::{RATE_HZ, World, mono, pose, sideways, stereo};
+use cairn_atlas::{Change, MapId};
+use cairn_geometry::Sim3;
 use cairn_vision::RectifiedCamera;
 
 /// A situation in front of the last key frame of a map, in which no key frame is due.
 fn with_situation(change: impl FnOnce(&mut Situation)) -> bool {
-    with_situation_of(stereo(), change)
+    with_situation_of(stereo(), false, change)
 }
 
-/// The same of a camera.
-fn with_situation_of(camera: RectifiedCamera, change: impl FnOnce(&mut Situation)) -> bool {
+/// The same of a camera, in a gravity-aligned map or not.
+fn with_situation_of(camera: RectifiedCamera, aligned: bool, change: impl FnOnce(&mut Situation)) -> bool {
     let world = World::around(camera, 27);
-    let (atlas, ids) = world.exact_map(&sideways(4, 0.1));
+    let (mut atlas, ids) = world.exact_map(&sideways(4, 0.1));
+    if aligned {
+        atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3::identity())]);
+    }
     let snapshot = atlas.latest();
     let view = world.see(&pose(0.3, 0.0, 0.0), 2.0);
     let matches = Matches { landmarks: world.matches(snapshot, &view), extra: Vec::new() };
@@ -50,10 +55,27 @@ fn wants_key_frame_when_the_view_has_changed_and_mapping_can_take_it() {
 #[test]
 fn wants_key_frame_of_one_camera_before_the_view_is_gone_though_mapping_is_busy() {
     let wants = |left: f64| {
-        with_situation_of(mono(), |s| (s.inliers, s.idle) = ((left * s.inliers as f64) as usize, false))
+        with_situation_of(mono(), false, |s| {
+            (s.inliers, s.idle) = ((left * s.inliers as f64) as usize, false);
+        })
     };
     assert!(!wants(0.8), "mapping is busy");
     assert!(wants(0.4), "too weak to wait");
+}
+
+#[test]
+fn wants_fewer_key_frames_of_one_camera_straight_on_in_a_metric_map() {
+    let wants = |camera, aligned, since, rotated_rad| {
+        with_situation_of(camera, aligned, |s| {
+            (s.inliers, s.since, s.rotated_rad) = (s.inliers / 2, since, rotated_rad);
+        })
+    };
+    let [soon, later] = [1, 3];
+    assert!(!wants(mono(), true, soon, 0.02), "straight on");
+    assert!(wants(mono(), true, later, 0.02));
+    assert!(wants(mono(), true, soon, 0.1), "a turn needs each");
+    assert!(wants(mono(), false, soon, 0.02), "so does a map without metres");
+    assert!(wants(stereo(), true, soon, 0.02), "depth");
 }
 
 #[test]
