@@ -191,6 +191,11 @@ impl Phone {
         self.told.map(&self.session, whole)
     }
 
+    /// The walk itself, to look at.
+    pub fn session(&self) -> &Session<Engine> {
+        &self.session
+    }
+
     /// Carries out a command, as `cairn walk` takes it; what was done, in words.
     ///
     /// # Errors
