@@ -158,6 +158,11 @@ impl Person {
         self.page.carried.pose(self.page.carried.settled_s()).translation.xy()
     }
 
+    /// From here to the corners ahead.
+    fn way(&self) -> Vec<Vec2> {
+        std::iter::once(self.place()).chain(self.ahead.iter().copied()).collect()
+    }
+
     /// A moment: what is said is heard, and corners are passed.
     fn moment(&mut self) -> Result<(), MeasureError> {
         let reports = self.page.moment()?;
@@ -253,7 +258,7 @@ impl Person {
     fn learns(&mut self) -> Result<bool, MeasureError> {
         self.stand(SETS_OUT_S)?;
         let began_s = self.page.now_s;
-        let way = self.ahead.clone();
+        let way = self.way();
         self.page.carried.set_out_along(&way, began_s);
         let mut pressed_s = f64::NEG_INFINITY;
         while self.page.now_s - began_s < GIVES_UP_S {
@@ -283,8 +288,7 @@ impl Person {
         let late_s = self.page.phone.session().engine().snapshot().imu_offset();
         self.came.late_off_ms = Some(1e3 * (late_s - traits.stamp_delay_s));
         let begin = self.page.truth.len().saturating_sub(1);
-        let rest: Vec<Vec2> = std::iter::once(self.place()).chain(self.ahead.iter().copied()).collect();
-        self.page.carried.corners = cut(&rest, metres);
+        self.page.carried.corners = cut(&self.way(), metres);
         let way = self.page.carried.corners.clone();
         self.page.carried.set_out_along(&way, self.page.now_s);
         while !self.page.carried.stands() {
