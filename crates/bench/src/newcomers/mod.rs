@@ -227,8 +227,7 @@ impl Person {
     }
 
     fn has_heard(&self, id: &str) -> bool {
-        let words = Language::English.text(id);
-        self.heard.iter().any(|heard| *heard == words)
+        self.heard.contains(&Language::English.text(id))
     }
 
     fn stand(&mut self, seconds: f64) -> Result<(), MeasureError> {

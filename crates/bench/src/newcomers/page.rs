@@ -129,7 +129,11 @@ impl Page {
             }
         }
         self.expose();
-        while let Some(shot) = self.shots.pop_front_if(|shot| shot.comes_s <= self.now_s) {
+        while let Some(shot) = self.shots.pop_front() {
+            if shot.comes_s > self.now_s {
+                self.shots.push_front(shot);
+                break;
+            }
             self.phone.image(EPOCH_S + shot.stamp_s, shot.image.data())?;
         }
         let mut reports = self.phone.step();
