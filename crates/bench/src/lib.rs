@@ -18,6 +18,7 @@ pub mod inertial;
 pub mod kills;
 pub mod live;
 pub mod memory;
+pub mod newcomers;
 pub mod nextday;
 pub mod pages;
 pub mod places;

@@ -13,10 +13,15 @@ use cairn_session::lens_watch::LensWatch;
 use cairn_session::{
     Command, LensKnowledge, LibraryError, MapKeeper, NotSaved, RoutesLock, Session, SessionConfig,
 };
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// How long an image waits for motion at or after it, seconds: pages deliver motion in batches of a few readings.
 const MOTION_WAIT_S: f64 = 0.06;
+
+/// Seconds of the walk that are seen again with a lens that was found: in these newcomers turn left and right and know their metres
+/// (`bench run newcomers`), and their pictures, 15 a second of 640x480, are 37 MB.
+const SEEN_AGAIN_S: f64 = 8.0;
 
 /// Why something that a page sent cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -55,6 +60,8 @@ pub struct Phone {
     told: Told,
     /// While the lens is a guess, or was kept and is not checked yet.
     lens: Option<LensWatch>,
+    /// The last packets, while the lens is a guess.
+    seen: VecDeque<FramePacket>,
     start: Start,
 }
 
@@ -95,6 +102,7 @@ impl Phone {
             clock,
             told: Told::default(),
             lens,
+            seen: VecDeque::new(),
             start,
         })
     }
@@ -135,6 +143,12 @@ impl Phone {
                 decode_ms: 0.0,
             };
             let output = self.session.on_packet(&packet);
+            if self.lens.as_ref().is_some_and(|watch| !watch.is_certain()) {
+                self.seen.push_back(packet.clone());
+                while self.seen.front().is_some_and(|first| packet.stamp - first.stamp > SEEN_AGAIN_S) {
+                    self.seen.pop_front();
+                }
+            }
             self.watch_lens();
             reports.push(Report::of(packet.stamp, &output, self.session.events()));
         }
@@ -157,7 +171,9 @@ impl Phone {
             }
         }
         *watch = next;
+        self.session.see_again(&self.seen);
         if found.is_certain {
+            self.seen = VecDeque::new();
             self.session.knows_of_lens(LensKnowledge::of(true, self.start.rig().imu.is_some()));
         }
     }
@@ -189,6 +205,11 @@ impl Phone {
     /// The map as bytes (`cairn_session::Drawn`): what has changed since the last call, or the whole of it.
     pub fn map(&mut self, whole: bool) -> Vec<u8> {
         self.told.map(&self.session, whole)
+    }
+
+    /// The walk itself, to look at.
+    pub fn session(&self) -> &Session<Engine> {
+        &self.session
     }
 
     /// Carries out a command, as `cairn walk` takes it; what was done, in words.

@@ -307,12 +307,7 @@ impl<S: Slam> Session<S> {
 
     /// Learns the phone from a frame, and says what is new, once nothing else is being said. It counts as said when it was spoken.
     fn learn(&mut self, output: &Output) {
-        let is_contradicted =
-            output.status.events.iter().any(|e| matches!(e, StatusEvent::ScaleContradicted { .. }));
-        // Without motion sensors there is no metre to wait for.
-        let metric = output.pose.is_some_and(|pose| pose.scale.metric) || self.engine.status().imu.is_none();
-        let offset_s = self.engine.snapshot().imu_offset();
-        self.learning.see(Seen { now: self.now, metric, offset_s, is_contradicted });
+        self.learn_from(output, self.now);
         let Some(news) = self.learning.news().filter(|_| self.speech.is_free(self.now)) else { return };
         let words = self.speech.text(news);
         self.say(&words, Priority::High);
@@ -320,6 +315,16 @@ impl<S: Slam> Session<S> {
         if self.speech.last_words() == words {
             self.learning.was_spoken(news);
         }
+    }
+
+    pub(super) fn learn_from(&mut self, output: &Output, now: Stamp) {
+        let is_contradicted =
+            output.status.events.iter().any(|e| matches!(e, StatusEvent::ScaleContradicted { .. }));
+        // Without motion sensors there is no metre to wait for.
+        let has_motion = self.engine.status().imu.is_some();
+        let metric = output.pose.is_some_and(|pose| pose.scale.metric) || !has_motion;
+        let offset_s = has_motion.then(|| self.engine.snapshot().imu_offset());
+        self.learning.see(Seen { now, metric, offset_s, is_contradicted });
     }
 
     /// Says that the readings of the IMU are not used any more, and when they are again.

@@ -16,6 +16,9 @@ use std::sync::Arc;
 const FIRST_S: f64 = 1.0;
 const AGAIN_S: f64 = 0.25;
 const LAST_S: f64 = 1.9;
+/// A camera stands whose features move by less than this from frame to frame, pixels: there is nothing to compare, and none of these
+/// seconds counts. Newcomers stand for two seconds before they set out (`bench run newcomers`).
+const STANDS_PX: f64 = 1.0;
 /// Standard deviation with which the offset is known, seconds: within it a hand that turns the phone by 1 rad/s moves features by 4 px.
 const MOST_SIGMA_S: f64 = 0.008;
 /// Radius around where a feature was in the frame before, pixels: 2 rad/s at 30 frames a second.
@@ -56,15 +59,23 @@ impl FirstClocks {
         if self.ended {
             return Known::Ended;
         }
+        let samples: Vec<ImuSample> = samples.copied().collect();
         if let Some(last) = self.last.replace(frame.clone()) {
             self.pairs.push(pair(camera, shutter, &last, frame));
         }
-        let span_s = self.pairs.first().map_or(0.0, |first| frame.stamp - first.stamps[0]);
+        if self.pairs.iter().all(|pair| stands(pair, camera.fx)) {
+            (self.pairs, self.tried_s) = (Vec::new(), 0.0);
+        }
+        // Readings may begin later than the pictures.
+        let since = self
+            .pairs
+            .first()
+            .map(|first| first.stamps[0].max(samples.first().map_or(first.stamps[0], |s| s.stamp)));
+        let span_s = since.map_or(0.0, |since| frame.stamp - since);
         if span_s < FIRST_S || span_s - self.tried_s < AGAIN_S {
             return Known::NotYet;
         }
         self.tried_s = span_s;
-        let samples: Vec<ImuSample> = samples.copied().collect();
         let found = flow_clocks(&self.pairs, &samples, camera_from_imu, camera.fx);
         if let Some(found) = found.filter(|found| found.offset_s[1] <= MOST_SIGMA_S) {
             *self = Self { ended: true, ..Self::default() };
@@ -76,6 +87,16 @@ impl FirstClocks {
         }
         Known::NotYet
     }
+}
+
+/// Whether half of what two frames show, or more, has not moved between them.
+fn stands(pair: &FlowPair, focal_px: f64) -> bool {
+    let moved = |point: &FlowPoint| {
+        let [a, b] = point.rays;
+        focal_px * (b[0] - a[0]).hypot(b[1] - a[1])
+    };
+    let still = pair.points.iter().filter(|point| moved(point) < STANDS_PX).count();
+    !pair.points.is_empty() && 2 * still >= pair.points.len()
 }
 
 /// What two consecutive frames show.
@@ -93,4 +114,25 @@ pub(crate) fn pair(camera: &RectifiedCamera, shutter: &Shutter, first: &Frame, s
         points.clear();
     }
     FlowPair { stamps: [first.stamp, second.stamp], points }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_sensor::Stamp;
+
+    #[test]
+    fn a_camera_stands_whose_features_do_not_move() {
+        let of = |moved_px: &[f64]| FlowPair {
+            stamps: [Stamp::from_seconds(1.0), Stamp::from_seconds(1.1)],
+            points: moved_px
+                .iter()
+                .map(|px| FlowPoint { rays: [[0.1, 0.2], [0.1, 0.2 + px / 450.0]], rows: [0.0; 2] })
+                .collect(),
+        };
+        assert!(stands(&of(&[0.0, 0.4, 0.7]), 450.0));
+        assert!(stands(&of(&[0.3, 0.2, 9.0]), 450.0), "somebody passes by");
+        assert!(!stands(&of(&[2.0, 3.0, 0.2]), 450.0));
+        assert!(!stands(&of(&[]), 450.0), "a plain wall is no stand");
+    }
 }

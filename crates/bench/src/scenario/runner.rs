@@ -3,6 +3,7 @@
 use super::{Bindings, Scenario, fill};
 use crate::error::of;
 use crate::inertial::exact_scale;
+use crate::newcomers;
 use crate::run::{Figures, RunOptions, measure};
 use crate::source::{Conditions, Cover, fault, open_under, phone};
 use crate::{MeasureError, Sensors};
@@ -105,8 +106,13 @@ pub fn run(scenario: &Scenario, chosen: &Chosen) -> Result<Vec<Row>, MeasureErro
             return Ok(None);
         }
         let row = repeated(scenario, chosen, run).map_err(|e| of(&address, e))?;
-        let [ate_m, coverage] = ["ate_m", "coverage"].map(|name| &row.figures[name]);
-        eprintln!("{address}: ATE {ate_m} m, coverage {coverage}");
+        match &row.figures["end"] {
+            Value::String(end) => eprintln!("{address}: {end}"),
+            _ => {
+                let [ate_m, coverage] = ["ate_m", "coverage"].map(|name| &row.figures[name]);
+                eprintln!("{address}: ATE {ate_m} m, coverage {coverage}");
+            }
+        }
         Ok(Some(row))
     };
     Ok(beside(&runs, chosen.jobs, work)?.into_iter().flatten().collect())
@@ -199,7 +205,8 @@ const OPTIONS: [&str; 17] = [
     "still",
     // Costs are told for each so many seconds.
     "parts",
-    // More words, separated by spaces: `phone-noise`, `as-cairn-run`, `turn`, `readout-told`, `exact-scale`.
+    // More words, separated by spaces: `phone-noise`, `as-cairn-run`, `turn`, `readout-told`, `exact-scale`; or
+    // `newcomer` alone: who walks there has a phone that nobody knows.
     "also",
     // Runs of each, and whether each has a process of its own (yes).
     "times",
@@ -222,6 +229,9 @@ fn once(scenario: &Scenario, chosen: &Chosen, run: &Bindings) -> Result<Value, M
     };
     let also = text("also")?;
     let also = |word: &str| also.split(' ').any(|w| w == word);
+    if also("newcomer") {
+        return Ok(serde_json::to_value(newcomers::of(&fill(&scenario.run.address, run)?, chosen.verbose)?)?);
+    }
     let sensors = fill(&scenario.run.sensors, run)?;
     let sensor: Sensors = sensors.parse().map_err(|e| format!("{e}"))?;
     let config = format!("{}\n{}", text("config")?, chosen.config);

@@ -2,6 +2,7 @@
 
 mod graphs;
 mod inertial;
+mod newcomers;
 mod odometry;
 mod phone;
 mod places;

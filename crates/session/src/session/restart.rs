@@ -10,6 +10,7 @@ use crate::slam::Slam;
 use cairn_atlas::store::MapFile;
 use cairn_engine::OpenMapError;
 use cairn_guide::Confidence;
+use cairn_sensor::FramePacket;
 
 impl<S: Slam> Session<S> {
     /// Whether nothing that can be guided along hangs on the map of this session: no route, no recording, no guidance. Routes
@@ -52,5 +53,18 @@ impl<S: Slam> Session<S> {
         (self.scale, self.unsupported) = (None, None);
         self.status.metric = self.engine.is_metric();
         Ok(notes)
+    }
+
+    /// What was seen last before SLAM began again is seen again, with the lens it has begun with: so the phone is known as soon as its
+    /// lens is, instead of after as many seconds of walking as that took. Nothing is said and nothing recorded meanwhile. Only where
+    /// mapping keeps step with tracking; packets in order, before the next one.
+    pub fn see_again<'a>(&mut self, packets: impl IntoIterator<Item = &'a FramePacket>) {
+        for packet in packets {
+            // What had no result has none again.
+            if let Ok(output) = self.engine.on_packet(packet) {
+                self.learn_from(&output, packet.stamp);
+            }
+        }
+        self.status.metric = self.engine.is_metric();
     }
 }

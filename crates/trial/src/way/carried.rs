@@ -3,7 +3,7 @@
 
 use super::{Body, Obstacles};
 use crate::walker::Walker;
-use cairn_geometry::{Se3, Vec2};
+use cairn_geometry::{Se3, Vec2, Vec3};
 use cairn_sensor::{ImuSample, RigError, Stamp};
 use cairn_sim::{
     ContinuousTrajectory, Effects, MotionSensors, PhoneMotion, PhoneTraits, RollingCamera, SimConfig, World,
@@ -17,6 +17,8 @@ pub const BODY_HZ: f64 = 50.0;
 const NOISE: f64 = 3.0;
 /// Seconds it takes to turn the camera round on the chest.
 pub const TURN_CAMERA_S: f64 = 4.0;
+/// Seconds in which one who walks comes to a stand, and in which a body that stood in the middle of a step begins another walk.
+const HALTS_S: f64 = 0.6;
 
 /// The phone and who carries it.
 pub struct CarriedPhone {
@@ -29,9 +31,13 @@ pub struct CarriedPhone {
     world: Arc<World>,
     obstacles: Obstacles,
     gait: cairn_sim::Walker,
-    /// The walk out, and when it began; before that the walker stands.
+    /// The walk out, and the second of it that is reached; how fast its time goes, and whether the walker comes to a stand.
     out: ContinuousTrajectory,
-    began_s: Option<f64>,
+    out_at_s: f64,
+    pace: f64,
+    is_halting: bool,
+    /// Where the camera was when it was moved otherwise from then on, and when.
+    before: (Se3, f64),
     /// The body of the return, and since when the camera is being turned round.
     body: Option<Body>,
     turning_s: Option<f64>,
@@ -66,8 +72,11 @@ impl CarriedPhone {
             obstacles: Obstacles::default(),
             gait: sim.walker.clone(),
             motion: PhoneMotion::new(1.0 / BODY_HZ, &out.pose(0.0)),
+            before: (out.pose(0.0), 0.0),
             out,
-            began_s: None,
+            out_at_s: 0.0,
+            pace: 0.0,
+            is_halting: false,
             body: None,
             turning_s: None,
             sensors: MotionSensors::new(traits, seed),
@@ -79,15 +88,38 @@ impl CarriedPhone {
 
     /// The walker goes out from now on.
     pub fn set_out(&mut self, now_s: f64) {
-        self.began_s = Some(now_s);
+        self.moves_otherwise();
+        // What of the body's time lies ahead of now is still stood.
+        self.out_at_s = self.motion.end_s() - now_s;
+        (self.pace, self.is_halting) = (1.0, false);
+    }
+
+    /// The walker goes along these corners from now on, metres.
+    pub fn set_out_along(&mut self, corners: &[Vec2], now_s: f64) {
+        self.out = self.gait.motion(corners);
+        self.set_out(now_s);
     }
 
     /// The walker goes out and back again without any words, to let the phone be learned.
     pub fn set_out_and_return(&mut self, now_s: f64) {
         let back = self.corners.iter().rev().skip(1);
         let there_and_back: Vec<Vec2> = self.corners.iter().chain(back).copied().collect();
-        self.out = self.gait.motion(&there_and_back);
-        self.set_out(now_s);
+        self.set_out_along(&there_and_back, now_s);
+    }
+
+    /// The walker comes to a stand where he is.
+    pub fn halt(&mut self) {
+        self.is_halting = true;
+    }
+
+    /// Whether the walk out is over, or the walker stands before its end.
+    pub fn stands(&self) -> bool {
+        self.pace == 0.0 || self.out_at_s >= self.out.end()
+    }
+
+    fn moves_otherwise(&mut self) {
+        let end_s = self.motion.end_s();
+        self.before = (self.motion.motion().pose(end_s), end_s);
     }
 
     /// Seconds that the way out takes.
@@ -95,11 +127,15 @@ impl CarriedPhone {
         self.out.end()
     }
 
-    /// At the end of the way out: `walker` makes the one who goes by words from now on, of a place and a heading. Nothing happens where
-    /// there is no way.
+    /// From where the way out has led: `walker` makes the one who goes by words from now on, of a place and a heading. Nothing happens
+    /// where there is no way.
     pub fn follow_words(&mut self, walker: impl FnOnce((f64, f64, f64)) -> Walker) {
-        let [.., a, b] = self.corners.as_slice() else { return };
-        let walker = walker((b.x, b.y, (b - a).y.atan2((b - a).x)));
+        if self.corners.len() < 2 {
+            return;
+        }
+        self.moves_otherwise();
+        let (at, ahead) = (self.before.0.translation, self.before.0.rotation * Vec3::z());
+        let walker = walker((at.x, at.y, ahead.y.atan2(ahead.x)));
         self.body = Some(Body::new(walker, self.gait.clone()));
     }
 
@@ -125,8 +161,8 @@ impl CarriedPhone {
         let dt = 1.0 / BODY_HZ;
         while self.motion.end_s() < now_s + 2.0 * dt {
             let next_s = self.motion.end_s() + dt;
-            let pose = match (&mut self.body, self.began_s) {
-                (Some(body), _) => {
+            let pose = match &mut self.body {
+                Some(body) => {
                     if let Some(since) = self.turning_s {
                         let share = ((next_s - since) / TURN_CAMERA_S).clamp(0.0, 1.0);
                         body.mount = PI * 0.5 * (1.0 - (PI * share).cos());
@@ -135,9 +171,16 @@ impl CarriedPhone {
                     self.path.push(body.place());
                     pose
                 }
-                (None, began) => self.out.pose(began.map_or(0.0, |began| (next_s - began).max(0.0))),
+                None => {
+                    let slower = if self.is_halting { dt / HALTS_S } else { 0.0 };
+                    self.pace = (self.pace - slower).max(0.0);
+                    self.out_at_s += self.pace * dt;
+                    self.out.pose(self.out_at_s.max(0.0))
+                }
             };
-            self.motion.step(&pose);
+            let (before, since) = self.before;
+            let share = ((next_s - since) / HALTS_S).min(1.0);
+            self.motion.step(&before.interpolate(&pose, share * share * (3.0 - 2.0 * share)));
         }
     }
 
