@@ -16,6 +16,8 @@ const SIGMAS: f64 = 5.0;
 /// A change counts for no more than so many times the usual one (Huber, "Robust Estimation of a Location Parameter", 1964): else what
 /// slides makes sliding usual.
 const MOST_SIGMAS: f64 = 3.0;
+/// Variance of second differences of what has a variance of 1: of 1, -2 and 1 times it.
+const OF_SECOND_DIFFERENCES: f64 = 6.0;
 /// Frames over which means are taken.
 const FRAMES: f64 = 20.0;
 /// What differences change by before any was seen.
@@ -39,6 +41,8 @@ pub(super) enum Wrong {
 /// The two poses of a frame, and what the surface leaves free of that by depth, as a projection.
 pub(super) struct Both<'a> {
     pub by_features: &'a Se3,
+    /// Of the pose by features, of its right perturbation.
+    pub covariance: &'a Matrix6<f64>,
     pub by_depth: &'a Se3,
     pub last_from_now: &'a Se3,
     pub free: &'a Matrix6<f64>,
@@ -103,13 +107,13 @@ impl Disagreement {
         if self.elsewhere == ELSEWHERE_FRAMES {
             return Wrong::Elsewhere;
         }
-        let limit = self.limit();
-        let known = self.mean.filter(|_| !self.have_features_jumped(limit));
+        let known = self.mean.filter(|_| !self.have_features_jumped(both.covariance));
         let Some(mean) = known else {
             self.mean = Some(off);
             return Wrong::None;
         };
         let change = off - mean;
+        let limit = self.limit(&change, both.covariance, 1.0);
         self.learn(&change);
         if is_beyond(&change, limit) { Wrong::Slid } else { Wrong::None }
     }
@@ -120,18 +124,25 @@ impl Disagreement {
         self.corrected(by_features)
     }
 
-    /// What goes beyond the ordinary: metres and radians.
-    fn limit(&self) -> [f64; 2] {
-        [0, 1].map(|k| LEAST[k].max(SIGMAS * self.variance[k].sqrt()))
+    /// What goes beyond the ordinary along a change, metres and radians, where errors of single frames count so many times.
+    fn limit(&self, change: &Vector6<f64>, of_features: &Matrix6<f64>, times: f64) -> [f64; 2] {
+        [0, 1].map(|k| {
+            let along = change.fixed_rows::<3>(3 * k).try_normalize(0.0).unwrap_or_default();
+            let own = along.dot(&(of_features.fixed_view::<3, 3>(3 * k, 3 * k) * along)).max(0.0);
+            LEAST[k].max(SIGMAS * (times * (self.variance[k] + own)).sqrt())
+        })
     }
 
     /// Whether the step by features is another one than that before, by more than that by depth is; also where it is not known, since
     /// features have just come back.
-    fn have_features_jumped(&self, limit: [f64; 2]) -> bool {
+    fn have_features_jumped(&self, covariance: &Matrix6<f64>) -> bool {
         let [before, now] = &self.frames;
         let [by_features, by_depth] = [0, 1].map(|k| Some(before.steps[k]?.local(&now.steps[k]?)));
         let least = by_depth.map_or(0.0, |change| change.norm());
-        by_features.is_none_or(|change| is_beyond(&change, limit) && change.norm() > least)
+        by_features.is_none_or(|change| {
+            is_beyond(&change, self.limit(&change, covariance, OF_SECOND_DIFFERENCES))
+                && change.norm() > least
+        })
     }
 
     fn learn(&mut self, change: &Vector6<f64>) {
@@ -149,4 +160,83 @@ impl Disagreement {
 /// Whether a motion is longer than so many metres, or turns by more than so many radians.
 fn is_beyond(motion: &Vector6<f64>, [m, rad]: [f64; 2]) -> bool {
     motion.fixed_rows::<3>(0).norm() > m || motion.fixed_rows::<3>(3).norm() > rad
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::pose;
+
+    /// A walk straight on at 2 cm a frame: what is said of each frame from `begin` on, and how far features put the camera from where it is, where depth
+    /// and features are off by these metres to the side.
+    fn walk(begin: usize, frames: usize, sigma_m: f64, off: impl Fn(usize) -> [f64; 2]) -> (Vec<Wrong>, f64) {
+        let at = |n: usize, off: f64| pose(off, 0.02 * n as f64, 0.0);
+        let (free, covariance) = (Matrix6::zeros(), Matrix6::identity() * sigma_m.powi(2));
+        let mut disagreement = Disagreement::default();
+        let mut said = Vec::new();
+        for n in 1..frames {
+            disagreement.next();
+            let ([before, _], [by_depth, by_features]) = (off(n - 1), off(n));
+            let last_from_now = at(n - 1, before).inverse() * at(n, by_depth);
+            let (by_depth, by_features) = (at(n, by_depth), at(n, by_features));
+            let both = Both {
+                by_features: &by_features,
+                covariance: &covariance,
+                by_depth: &by_depth,
+                last_from_now: &last_from_now,
+                free: &free,
+            };
+            said.push(disagreement.compare(&both));
+        }
+        let last = at(frames - 1, off(frames - 1)[1]);
+        let corrected = disagreement.corrected(&last).translation - at(frames - 1, 0.0).translation;
+        (said.split_off(begin - 1), corrected.norm())
+    }
+
+    /// Features that see a camera 4 mm beside where it is, to this side or that.
+    fn trembling(n: usize) -> f64 {
+        if n.is_multiple_of(2) { 0.004 } else { -0.004 }
+    }
+
+    #[test]
+    fn compare_says_that_depth_slides_before_it_has_slid_far_and_says_so_on() {
+        // As before the corner of an apartment, whose steps made what is usual.
+        let slid =
+            |n: usize| [0.0, 0.017, 0.055, 0.095, 0.15, 0.23, 0.34, 0.47][n.saturating_sub(100).min(7)];
+        let (said, off) = walk(100, 108, 0.003, |n| [slid(n), trembling(n)]);
+        assert_eq!(said[..2], [Wrong::None; 2]);
+        assert!(said[2..6].iter().all(|wrong| *wrong == Wrong::Slid), "{said:?}");
+        assert!(off < 0.03, "features are {off} m off");
+    }
+
+    #[test]
+    fn compare_lets_features_be_as_wrong_as_they_say() {
+        // Before a bare wall few features are left, and they see the camera 5 cm beside where it is.
+        let poor = |n: usize| if n < 100 { trembling(n) } else { [0.05, -0.05, 0.0][n % 3] };
+        let (said, _) = walk(1, 110, 0.025, |n| [0.0, poor(n)]);
+        assert!(said.iter().all(|wrong| *wrong == Wrong::None), "{said:?}");
+        let (said, _) = walk(1, 110, 0.003, |n| [0.0, poor(n)]);
+        assert!(said.contains(&Wrong::Slid), "surer than they are");
+    }
+
+    #[test]
+    fn compare_believes_features_that_jump_once_they_have_stayed_there() {
+        let jumped = |by: f64| move |n: usize| [0.0, trembling(n) + if n < 100 { 0.0 } else { by }];
+        let (said, _) = walk(100, 103, 0.003, jumped(0.3));
+        assert_eq!(said, [Wrong::None, Wrong::None, Wrong::Elsewhere]);
+        // As pictures that are not registered are off.
+        let (said, off) = walk(100, 140, 0.003, jumped(0.15));
+        assert!(said.iter().all(|wrong| *wrong == Wrong::None), "{said:?}");
+        assert!(off < 0.01, "what they are off by is known: {off} m");
+    }
+
+    #[test]
+    fn spread_is_half_of_the_square_of_what_two_poses_differ_by() {
+        let off = Vector6::new(0.2, 0.0, 0.0, 0.0, 0.1, 0.0);
+        let covariance = spread(&off);
+        assert_eq!(
+            [(0, 0), (4, 4), (0, 4), (1, 1)].map(|at| covariance[at]),
+            [0.5 * 0.2 * 0.2, 0.5 * 0.1 * 0.1, 0.5 * 0.2 * 0.1, 0.0]
+        );
+    }
 }

@@ -162,7 +162,7 @@ impl DenseAligner {
     /// The pose of the present frame where features give one too: theirs, or where each frame's pose is that of its depth, theirs
     /// along what the surface leaves free. Depth that has slid counts for nothing, and its surface is made anew of the images before. Where
     /// features have located the camera elsewhere for some frames, their pose is the camera's, and depth begins anew there.
-    pub fn chosen(&mut self, by_features: Se3) -> Se3 {
+    pub fn chosen(&mut self, by_features: Se3, covariance: &Matrix6<f64>) -> Se3 {
         if !self.is_front_end {
             return by_features;
         }
@@ -171,7 +171,8 @@ impl DenseAligner {
         };
         let (pose, free) = (aligned.reckoned.world_from_camera, aligned.free);
         let last_from_now = &aligned.last_from_now;
-        let both = Both { by_features: &by_features, by_depth: &pose, last_from_now, free: &free };
+        let both =
+            Both { by_features: &by_features, covariance, by_depth: &pose, last_from_now, free: &free };
         match self.disagreement.compare(&both) {
             Wrong::None => {
                 let off = pose.local(&by_features);
