@@ -35,6 +35,9 @@ pub(crate) fn room(world_from_camera: &Se3, right: f64) -> Arc<DepthImage> {
 
 pub(crate) const RIGHT: f64 = 1.5;
 
+/// Covariance of a pose by features that are exact.
+const SURE: Matrix6<f64> = Matrix6::from_array_storage(nalgebra::ArrayStorage([[0.0; 6]; 6]));
+
 /// The camera looks into the corner and walks aside, turning.
 pub(crate) fn at(n: usize) -> Se3 {
     let k = n as f64;
@@ -133,7 +136,7 @@ fn chosen_is_the_pose_of_the_depth_where_that_is_the_front_end_and_of_the_featur
         assert!(aligner.is_active() && aligner.is_front_end() == is_front_end);
         aligner.next(Some(room(&at(2), RIGHT)), None);
         aligner.align(atlas.latest(), stamp(2), None, None).expect("aligned");
-        let chosen = off(&aligner.chosen(wrong), &at(2)).0;
+        let chosen = off(&aligner.chosen(wrong, &SURE), &at(2)).0;
         assert_eq!(chosen < 0.012, is_front_end, "{chosen} m");
         for n in 2..9 {
             let anchored = anchored_at(atlas.latest(), id, at(n)).expect("there");
@@ -150,7 +153,7 @@ fn chosen_takes_the_step_of_features_where_the_depth_runs_away() {
         let mut step = |n: usize, seen: Se3, by_features: Se3| {
             aligner.next(Some(room(&seen, RIGHT)), None);
             assert!(aligner.align(atlas.latest(), stamp(n), None, None).is_some(), "frame {n}");
-            let chosen = aligner.chosen(by_features);
+            let chosen = aligner.chosen(by_features, &SURE);
             let anchored = anchored_at(atlas.latest(), id, chosen).expect("there");
             aligner.placed(atlas.latest(), stamp(n), anchored, Placement::Sure);
             (chosen, aligner.aligned().is_some())
@@ -165,6 +168,24 @@ fn chosen_takes_the_step_of_features_where_the_depth_runs_away() {
         let (chosen, is_aligned) = step(120, there(120) * pose(depth_off, 0.0, 0.0), elsewhere * there(120));
         assert_eq!(is_aligned, depth_off == 0.0);
         assert!(off(&chosen, &there(120)).0 < 0.015, "{:?}", off(&chosen, &there(120)));
+    }
+}
+
+/// The depth of an apartment slid by 2 to 13 cm a frame, which made such steps usual: the pose was 0.47 m off before it jumped back.
+#[test]
+fn chosen_is_not_led_away_by_depth_that_slides_a_little_more_in_each_frame() {
+    let (atlas, id, mut aligner) = begun(true);
+    let there = |n: usize| at([2, 3, 4, 5, 4, 3][n % 6]);
+    let slid = |n: usize| [0.0, 0.02, 0.06, 0.11, 0.17, 0.25, 0.36, 0.49][n.saturating_sub(120).min(7)];
+    for n in 2..128 {
+        aligner.next(Some(room(&(there(n) * pose(slid(n), 0.0, 0.0)), RIGHT)), None);
+        let aligned = aligner.align(atlas.latest(), stamp(n), None, None).is_some();
+        assert!(aligned || n >= 120, "frame {n}");
+        let chosen = aligner.chosen(there(n), &SURE);
+        let (m, _) = off(&chosen, &there(n));
+        assert!(m < if n < 120 { 0.012 } else { 0.045 }, "frame {n}: {m} m");
+        let anchored = anchored_at(atlas.latest(), id, chosen).expect("there");
+        aligner.placed(atlas.latest(), stamp(n), anchored, Placement::Sure);
     }
 }
 
@@ -377,7 +398,7 @@ fn chosen_is_the_pose_of_features_that_stay_elsewhere() {
     let mut step = |n: usize, by_features: Se3| {
         aligner.next(Some(room(&at(n), RIGHT)), None);
         assert!(aligner.align(atlas.latest(), stamp(n), None, None).is_some(), "frame {n}");
-        let chosen = aligner.chosen(by_features);
+        let chosen = aligner.chosen(by_features, &SURE);
         let anchored = anchored_at(atlas.latest(), id, chosen).expect("there");
         aligner.placed(atlas.latest(), stamp(n), anchored, Placement::Sure);
         off(&chosen, &by_features).0

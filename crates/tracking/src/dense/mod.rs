@@ -9,6 +9,7 @@
 //!
 //! While features suffice nothing is aligned: depth images are remembered, and that is all.
 
+mod disagreement;
 mod surface;
 mod texture;
 
@@ -18,6 +19,7 @@ use cairn_atlas::{KeyFrameId, Snapshot};
 use cairn_dense::{DenseTracked, DepthConfig, DepthPreparer, TrackConfig, track_from};
 use cairn_geometry::{Manifold, Se3};
 use cairn_sensor::{DepthImage, DepthSensor, GrayImage, Stamp};
+use disagreement::{Both, Disagreement, Wrong, spread};
 use nalgebra::{Matrix6, Vector6};
 use std::sync::Arc;
 use surface::Surface;
@@ -39,19 +41,6 @@ pub(crate) const PREDICTED_S: f64 = 0.6;
 const CARRY_SIGMA_RAD: f64 = 0.35;
 /// A direction is taken from the surface where it gives it with this standard deviation, metres or radians: the prediction is worse.
 const FIXED_M: f64 = 0.02;
-/// A step from one frame to the next is not that of the depth where features see another one: farther off than this, metres and radians,
-/// and than so many times what the two differ by over the last steps (root mean square). Before the bare corner of a simulated apartment
-/// (seed 11) the depth ran away by 9 cm a frame while features saw the room; steps there differ by 4 mm. In 7-Scenes' kitchen, whose
-/// pictures are not registered, they differ by 25 mm.
-const JUMP: [f64; 2] = [0.03, 0.03];
-const JUMP_SIGMAS: f64 = 10.0;
-const USUAL_STEPS: f64 = 20.0;
-/// What steps differ by before any was seen.
-const USUALLY_OFF: f64 = 0.05;
-/// Features that locate the camera farther than this from where its depth does, so many frames in a row, are right: depth has slid along
-/// what it sees. Metres and radians. In the kitchen, whose pictures are not registered, they differ by up to 0.06 m and 0.05 rad.
-const ELSEWHERE: [f64; 2] = [0.25, 0.25];
-const ELSEWHERE_FRAMES: usize = 3;
 /// Frames in a row that features must locate by themselves before alignment ends.
 const LOCATED: usize = 5;
 
@@ -101,12 +90,8 @@ pub(crate) struct DenseAligner {
     carried: usize,
     last: Option<PosedFrame>,
     aligned: Option<Aligned>,
-    /// The pose by features of the frame before and of the present one, where they gave it.
-    by_features: [Option<Se3>; 2],
-    /// Mean squares of what steps by depth differ from those by features: translation, rotation.
-    usually_off: [f64; 2],
-    /// Frames in a row that features have located elsewhere.
-    elsewhere: usize,
+    /// How features and depth have differed, where each frame's pose is that of its depth.
+    disagreement: Disagreement,
     was_tried: bool,
     limit_m: f64,
 }
@@ -144,9 +129,7 @@ impl DenseAligner {
             carried: 0,
             last: None,
             aligned: None,
-            by_features: [None; 2],
-            usually_off: [USUALLY_OFF * USUALLY_OFF; 2],
-            elsewhere: 0,
+            disagreement: Disagreement::default(),
             was_tried: false,
             limit_m,
         })
@@ -157,7 +140,7 @@ impl DenseAligner {
         self.image = image;
         self.texture.next(gray);
         self.aligned = None;
-        self.by_features = [self.by_features[1], None];
+        self.disagreement.next();
         self.was_tried = false;
     }
 
@@ -177,37 +160,35 @@ impl DenseAligner {
     }
 
     /// The pose of the present frame where features give one too: theirs, or where each frame's pose is that of its depth, theirs
-    /// along what the surface leaves free. A step of the depth that features contradict is not taken: theirs is. Where they have located the
-    /// camera elsewhere for some frames, so is their pose, and depth begins anew there.
-    pub fn chosen(&mut self, by_features: Se3) -> Se3 {
-        self.by_features[1] = Some(by_features);
-        let Some(aligned) = self.aligned.filter(|_| self.is_front_end) else { return by_features };
-        let pose = aligned.reckoned.world_from_camera;
-        let off = pose.local(&by_features);
-        let is_elsewhere = is_beyond(&(off - aligned.free * off), ELSEWHERE);
-        self.elsewhere = if is_elsewhere { self.elsewhere + 1 } else { 0 };
-        if self.elsewhere == ELSEWHERE_FRAMES {
-            self.moved_elsewhere();
+    /// along what the surface leaves free. Depth that has slid counts for nothing, and its surface is made anew of the images before. Where
+    /// features have located the camera elsewhere for some frames, their pose is the camera's, and depth begins anew there.
+    pub fn chosen(&mut self, by_features: Se3, covariance: &Matrix6<f64>) -> Se3 {
+        if !self.is_front_end {
             return by_features;
         }
-        if let Some(step) = self.by_features[0].map(|before| before.inverse() * by_features)
-            && self.contradicts(&step.local(&aligned.last_from_now))
-        {
-            self.aligned = None;
-            return pose * aligned.last_from_now.inverse() * step;
+        let Some(aligned) = &mut self.aligned else {
+            return self.disagreement.alone(&by_features);
+        };
+        let (pose, free) = (aligned.reckoned.world_from_camera, aligned.free);
+        let last_from_now = &aligned.last_from_now;
+        let both =
+            Both { by_features: &by_features, covariance, by_depth: &pose, last_from_now, free: &free };
+        match self.disagreement.compare(&both) {
+            Wrong::None => {
+                let off = pose.local(&by_features);
+                aligned.reckoned.covariance += spread(&(off - free * off));
+                pose.retract(&(free * off))
+            }
+            Wrong::Slid => {
+                self.aligned = None;
+                self.surface.forget_field();
+                self.disagreement.corrected(&by_features)
+            }
+            Wrong::Elsewhere => {
+                self.moved_elsewhere();
+                by_features
+            }
         }
-        pose.retract(&(aligned.free * off))
-    }
-
-    /// Whether a step by depth differs from that by features by more than such steps do here.
-    fn contradicts(&mut self, off: &Vector6<f64>) -> bool {
-        let usual = self.usually_off.map(f64::sqrt);
-        let contradicts = is_beyond(off, [0, 1].map(|k| JUMP[k].max(JUMP_SIGMAS * usual[k])));
-        for (k, usual) in usual.into_iter().enumerate() {
-            let off = off.fixed_rows::<3>(3 * k).norm().min(JUMP_SIGMAS * usual);
-            self.usually_off[k] += (off * off - usual * usual) / USUAL_STEPS;
-        }
-        contradicts
     }
 
     /// Whether the pose of each frame is that of its depth.
@@ -328,7 +309,7 @@ impl DenseAligner {
     pub fn moved_elsewhere(&mut self) {
         self.surface.clear();
         (self.last, self.aligned, self.is_active) = (None, None, self.is_front_end);
-        (self.by_features, self.elsewhere) = ([None; 2], 0);
+        self.disagreement = Disagreement::default();
     }
 
     /// Goes on where a search has found the camera: images that were aligned there, oldest first, and the covariance of the last
@@ -366,11 +347,6 @@ pub(crate) enum Placement {
     Weak,
     /// By the depth or what else carries it.
     Carried,
-}
-
-/// Whether a motion is longer than so many metres, or turns by more than so many radians.
-fn is_beyond(motion: &Vector6<f64>, [m, rad]: [f64; 2]) -> bool {
-    motion.fixed_rows::<3>(0).norm() > m || motion.fixed_rows::<3>(3).norm() > rad
 }
 
 fn sigmas(m: f64, rad: f64) -> Vector6<f64> {

@@ -292,11 +292,14 @@ impl MotionPriors {
     /// that of its depth.
     pub fn chosen(&mut self, by_features: &Located) -> (Se3, Option<Matrix6<f64>>) {
         let pose = by_features.world_from_camera;
-        let pose = self.depth.as_mut().map_or(pose, |depth| depth.chosen(pose));
+        let by_them = by_features.information.try_inverse();
+        // What features say nothing of may be a metre or a radian off.
+        let covariance = by_them.unwrap_or_else(Matrix6::identity);
+        let pose = self.depth.as_mut().map_or(pose, |depth| depth.chosen(pose, &covariance));
         let depth = self.depth.as_ref().filter(|depth| depth.is_front_end());
         let covariance = match depth.and_then(DenseAligner::aligned) {
             Some(aligned) => Some(aligned.reckoned.covariance),
-            None => by_features.information.try_inverse(),
+            None => by_them,
         };
         (pose, covariance)
     }
