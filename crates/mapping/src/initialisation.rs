@@ -175,9 +175,9 @@ mod tests {
         let (atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.0, factor: 1.0 }.map(12);
         let frames: Vec<&KeyFrame> = ids.iter().filter_map(|id| atlas.latest().key_frame(*id)).collect();
         assert_eq!(apart(&frames).len(), 12, "{STEP_S} s apart");
-        let closer: Vec<KeyFrame> = (0..12)
-            .map(|k| KeyFrame { stamp: Stamp::from_seconds(0.06 * k as f64), ..frames[k].clone() })
-            .collect();
+        let mut closer: Vec<KeyFrame> = frames.iter().copied().cloned().collect();
+        let stamps = (0..).map(|k| Stamp::from_seconds(0.06 * f64::from(k)));
+        closer.iter_mut().zip(stamps).for_each(|(k, stamp)| k.stamp = stamp);
         assert_eq!(apart(&closer.iter().collect::<Vec<_>>()), [0, 2, 5, 8, 11]);
         let link = |k: &&KeyFrame| k.motion.as_ref().unwrap().imu_factor.as_ref().unwrap().sum.clone();
         let links: Vec<Arc<Preintegrated>> = frames[1..].iter().map(link).collect();
