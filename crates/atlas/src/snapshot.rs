@@ -60,6 +60,11 @@ impl Readout {
     /// Its greatest size, seconds: that of an image at 20 a second.
     pub const MOST_S: f64 = 0.05;
 
+    /// Whether the rows are known to be read one after the other: of a global shutter less than this is found (`euroc-mh01`).
+    pub fn is_rolling(&self) -> bool {
+        self.seconds.abs() > 0.004_f64.max(self.sigma_s)
+    }
+
     pub(crate) fn is_sound(&self) -> bool {
         self.seconds.abs() <= Self::MOST_S && self.sigma_s > 0.0 && self.sigma_s.is_finite()
     }

@@ -15,8 +15,9 @@ use std::sync::Arc;
 const SEEN_PIXELS: f64 = 0.5;
 /// Seconds of key frames, up to the newest, used by the initialisation.
 pub(crate) const INITIALISATION_S: f64 = 20.0;
-/// Key frames of an initialisation lie so far apart at least, seconds. Closer ones err together, for they see the same landmarks from
-/// the same places: they cost time and tell little (`phone/b` has 7 to 20 a second, and took a quarter of its processor time for them).
+/// Key frames of an initialisation of a camera with a rolling shutter lie so far apart at least, seconds. Closer ones err together, for
+/// they see the same landmarks from the same places: they cost time and tell little (`phone/b` has 7 to 20 a second, and took a quarter of
+/// its processor time for them).
 const APART_S: f64 = 0.15;
 /// Below this speed the camera counts as stationary, m/s.
 pub(crate) const STATIONARY_M_S: f64 = 0.05;
@@ -59,7 +60,8 @@ impl CameraAndImu<'_> {
         let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| last - k.stamp <= seconds).collect();
         let link = |k: &&KeyFrame| Some(k.motion.as_ref()?.imu_factor.as_ref()?.sum.clone());
         let links: Vec<Arc<Preintegrated>> = frames.iter().skip(1).map(link).collect::<Option<_>>()?;
-        let used = apart(&frames);
+        let apart_s = if snapshot.readout().is_rolling() { APART_S } else { 0.0 };
+        let used = apart(&frames, apart_s);
         let sums: Vec<Preintegrated> = used.windows(2).map(|ends| joined(&links[ends[0]..ends[1]])).collect();
         let of_used: Vec<&KeyFrame> = used.iter().map(|k| frames[*k]).collect();
         let mut attempt = solved(snapshot, self, &of_used, &sums, scale)?;
@@ -70,11 +72,11 @@ impl CameraAndImu<'_> {
     }
 }
 
-/// The first and the last of the key frames, and those between them that lie [`APART_S`] apart.
-fn apart(frames: &[&KeyFrame]) -> Vec<usize> {
+/// The first and the last of the key frames, and those between them that lie so many seconds apart.
+fn apart(frames: &[&KeyFrame], seconds: f64) -> Vec<usize> {
     let mut used: Vec<usize> = Vec::new();
     for k in (0..frames.len()).rev() {
-        if k == 0 || used.last().is_none_or(|later| frames[*later].stamp - frames[k].stamp >= APART_S) {
+        if k == 0 || used.last().is_none_or(|later| frames[*later].stamp - frames[k].stamp >= seconds) {
             used.push(k);
         }
     }
@@ -174,11 +176,11 @@ mod tests {
     fn key_frames_that_are_close_are_not_asked_and_get_a_velocity_all_the_same() {
         let (atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.0, factor: 1.0 }.map(12);
         let frames: Vec<&KeyFrame> = ids.iter().filter_map(|id| atlas.latest().key_frame(*id)).collect();
-        assert_eq!(apart(&frames).len(), 12, "{STEP_S} s apart");
+        assert_eq!(apart(&frames, APART_S).len(), 12, "{STEP_S} s apart");
         let mut closer: Vec<KeyFrame> = frames.iter().copied().cloned().collect();
         let stamps = (0..).map(|k| Stamp::from_seconds(0.06 * f64::from(k)));
         closer.iter_mut().zip(stamps).for_each(|(k, stamp)| k.stamp = stamp);
-        assert_eq!(apart(&closer.iter().collect::<Vec<_>>()), [0, 2, 5, 8, 11]);
+        assert_eq!(apart(&closer.iter().collect::<Vec<_>>(), APART_S), [0, 2, 5, 8, 11]);
         let link = |k: &&KeyFrame| k.motion.as_ref().unwrap().imu_factor.as_ref().unwrap().sum.clone();
         let links: Vec<Arc<Preintegrated>> = frames[1..].iter().map(link).collect();
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };

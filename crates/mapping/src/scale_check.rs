@@ -31,8 +31,6 @@ const MOST_SIGMA: f64 = 0.1;
 const CONTRADICTS: (f64, f64) = (5.0, 0.05);
 /// Depth in another unit is wrong by more than this: the smallest factor that is reported of a unit that changes in mid-run.
 const OTHER_UNIT: f64 = 1.25;
-/// So many seconds before the newest key frame the scale may have changed.
-const CHANGED_S: [f64; 4] = [1.5, 3.0, 4.5, 6.0];
 /// Seconds over which checks must agree on a contradiction before the map is changed.
 const AGREED_S: f64 = 0.3;
 /// Seconds of key frames that are adjusted after a correction, and their greatest number.
@@ -98,15 +96,15 @@ impl ScaleWatch {
         }
         let now = last.frame.stamp;
         let found = self.measured_scale(&snapshot, of, chain, now)?;
-        let mut verdict = self.judge(now, &found);
+        let verdict = self.judge(now, &found);
         if verdict == ScaleVerdict::Corrected {
-            match correction(&snapshot, of, chain, &found) {
-                Some(changes) => {
-                    atlas.commit(changes);
-                    adjust_recent(atlas, of, chain, now, config);
-                }
-                None => verdict = ScaleVerdict::Contradicted,
-            }
+            let long = measured_over(&snapshot, of, chain, LONG_S);
+            let changes = match long.filter(|long| contradicts(long) && agree(long, &found)) {
+                Some(long) => rescaled(&snapshot, chain, &long),
+                None => scaled(&snapshot, stretch(chain, &found), chain, &found),
+            };
+            atlas.commit(changes);
+            adjust_recent(atlas, of, chain, now, config);
         }
         Some(ScaleCheck { scale: found.scale, sigma: found.scale_sigma, verdict })
     }
@@ -180,38 +178,6 @@ impl ScaleWatch {
             }
         }
     }
-}
-
-/// The changes that put right a scale that was found to be wrong: of the end of the chain where it differs from what lies before that, of the
-/// whole map where a long stretch agrees with its end. `None` where the scale changed and is right again.
-fn correction(
-    snapshot: &Snapshot,
-    of: &CameraAndImu,
-    chain: &[KeyFrameId],
-    found: &Initial,
-) -> Option<Vec<Change>> {
-    if let Some(end) = end_of_another_scale(snapshot, of, chain) {
-        return contradicts(&end).then(|| scaled(snapshot, stretch(chain, &end), chain, &end));
-    }
-    let long = measured_over(snapshot, of, chain, LONG_S);
-    Some(match long.filter(|long| contradicts(long) && agree(long, found)) {
-        Some(long) => rescaled(snapshot, chain, &long),
-        None => scaled(snapshot, stretch(chain, found), chain, found),
-    })
-}
-
-/// What the readings say of the end of the last [`LONG_S`] seconds, where its scale differs from that of the seconds before it: a Chow test
-/// at each of [`CHANGED_S`], of which the clearest counts. Averaged over both, neither is right (`house`: a turn before a wall).
-fn end_of_another_scale(snapshot: &Snapshot, of: &CameraAndImu, chain: &[KeyFrameId]) -> Option<Initial> {
-    let split = |seconds: f64| {
-        let end = measured_over(snapshot, of, chain, seconds)?;
-        let earlier = &chain[..chain.len() - end.states.len()];
-        let before = measured_over(snapshot, of, earlier, LONG_S - seconds)?;
-        let apart = (end.scale / before.scale).ln().abs() / end.scale_sigma.hypot(before.scale_sigma);
-        (apart >= CONTRADICTS.0).then_some((apart, end))
-    };
-    let clearest = CHANGED_S.into_iter().filter_map(split).max_by(|a, b| a.0.total_cmp(&b.0));
-    clearest.map(|(_, end)| end)
 }
 
 /// The scale of the last seconds alone, where it is known well enough to say anything.
@@ -373,40 +339,6 @@ mod tests {
         }
     }
 
-    /// Makes the last key frames so many times larger about the first of them, with what only they see.
-    fn enlarge(atlas: &mut Atlas, since: &[KeyFrameId], times: f64) {
-        let map = atlas.latest().clone();
-        let pose = |id: &KeyFrameId| map.key_frame(*id).unwrap().world_from_camera;
-        let centre = pose(&since[0]).translation;
-        let larger = |p: Vec3| centre + (p - centre) * times;
-        let moved =
-            |id| Change::MoveKeyFrame(id, Se3::new(pose(&id).rotation, larger(pose(&id).translation)));
-        let mut changes: Vec<Change> = since.iter().copied().map(moved).collect();
-        let new = map.landmarks().filter(|l| l.observations[0].key_frame >= since[0]);
-        changes.extend(new.map(|l| Change::MoveLandmark(l.id, larger(l.position))));
-        atlas.commit(changes);
-    }
-
-    #[test]
-    fn correction_is_of_the_end_alone_where_what_lies_before_it_is_right() {
-        let (mut atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.0 }.map(60);
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
-        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
-        enlarge(&mut atlas, &ids[48..], 1.3);
-        let snapshot = atlas.latest().clone();
-        let long = measured_over(&snapshot, &of, &ids, LONG_S).expect("ten seconds tell the scale");
-        assert!(contradicts(&long) && long.scale > 0.85, "{} is neither", long.scale);
-        let changes = correction(&snapshot, &of, &ids, &long).expect("the end contradicts the readings");
-        atlas.commit(changes);
-        let place = |s: &Snapshot, n: usize| s.key_frame(ids[n]).unwrap().world_from_camera.translation;
-        let of_truth = |from: usize, to: usize| {
-            let truth = position(STEP_S * to as f64) - position(STEP_S * from as f64);
-            (place(atlas.latest(), to) - place(atlas.latest(), from)).norm() / truth.norm()
-        };
-        assert!((of_truth(49, 59) - 1.0).abs() < 0.06, "{} at the end", of_truth(49, 59));
-        assert!((of_truth(30, 40) - 1.0).abs() < 1e-6, "{} before", of_truth(30, 40));
-    }
-
     /// What was mapped after a stretch without landmarks has a scale of its own, whatever the last ten seconds say.
     #[test]
     fn check_does_not_scale_what_lies_before_a_stretch_without_landmarks() {
@@ -415,9 +347,18 @@ mod tests {
             ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.0 }.map_but_for(count, Some(unseen));
         let since = since_unseen(atlas.latest(), &ids).expect("nothing is seen across it").to_vec();
         assert_eq!(since, &ids[unseen + 1..]);
-        enlarge(&mut atlas, &since, 2.0);
         let place =
             |atlas: &Atlas, n: usize| atlas.latest().key_frame(ids[n]).unwrap().world_from_camera.translation;
+        let centre = place(&atlas, unseen + 1);
+        let doubled = |p: Vec3| centre + (p - centre) * 2.0;
+        let wrong = |id: &KeyFrameId| {
+            let pose = atlas.latest().key_frame(*id).unwrap().world_from_camera;
+            Change::MoveKeyFrame(*id, Se3::new(pose.rotation, doubled(pose.translation)))
+        };
+        let mut changes: Vec<Change> = since.iter().map(wrong).collect();
+        let new = atlas.latest().landmarks().filter(|l| l.observations[0].key_frame >= since[0]);
+        changes.extend(new.map(|l| Change::MoveLandmark(l.id, doubled(l.position))));
+        atlas.commit(changes);
         let before = place(&atlas, 30) - place(&atlas, 0);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let camera = mono();

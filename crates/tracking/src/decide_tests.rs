@@ -3,7 +3,7 @@
 use crate::decide::{Situation, wants_key_frame};
 use crate::match_last::Matches;
 use crate::synthetic::{RATE_HZ, World, mono, pose, sideways, stereo};
-use cairn_atlas::{Change, MapId};
+use cairn_atlas::{Change, MapId, Readout};
 use cairn_geometry::Sim3;
 use cairn_vision::RectifiedCamera;
 
@@ -12,12 +12,14 @@ fn with_situation(change: impl FnOnce(&mut Situation)) -> bool {
     with_situation_of(stereo(), false, change)
 }
 
-/// The same of a camera, in a gravity-aligned map or not.
+/// The same of a camera, in a gravity-aligned map of a rolling shutter or not.
 fn with_situation_of(camera: RectifiedCamera, aligned: bool, change: impl FnOnce(&mut Situation)) -> bool {
     let world = World::around(camera, 27);
     let (mut atlas, ids) = world.exact_map(&sideways(4, 0.1));
     if aligned {
-        atlas.commit(vec![Change::AlignGravity(MapId(ids[0]), Sim3::identity())]);
+        let rolling = Readout { seconds: 0.02, sigma_s: 0.002 };
+        let level = Change::AlignGravity(MapId(ids[0]), Sim3::identity());
+        assert_eq!(atlas.commit(vec![level, Change::Readout(rolling)]).dropped, 0);
     }
     let snapshot = atlas.latest();
     let view = world.see(&pose(0.3, 0.0, 0.0), 2.0);
