@@ -60,7 +60,8 @@ impl Readout {
     /// Its greatest size, seconds: that of an image at 20 a second.
     pub const MOST_S: f64 = 0.05;
 
-    /// Whether the rows are known to be read one after the other: of a global shutter less than this is found (`euroc-mh01`).
+    /// Whether the rows are known to be read one after the other: phones take 10 ms and more (`phone/b` 20 to 32), and what is found of a
+    /// global shutter should be less than its deviation.
     pub fn is_rolling(&self) -> bool {
         self.seconds.abs() > 0.004_f64.max(self.sigma_s)
     }
