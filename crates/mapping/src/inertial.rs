@@ -9,6 +9,7 @@ use crate::by_tracks;
 use crate::clocks::Clocks;
 use crate::gravity_refinement::{Due, Refined, differs_from_map, estimated_gravity, realigned};
 use crate::initialisation::{CameraAndImu, INITIALISATION_S, better_scale};
+use crate::recent::{self, Recent, adjust_recent};
 use crate::scale_check::{ScaleCheck, ScaleWatch};
 use crate::windows;
 use cairn_adjust::{Imu, ImuModel, Window, WindowConfig, WindowResult};
@@ -29,9 +30,8 @@ pub struct InertialConfig {
     /// Whether the IMU is used, where there is one.
     #[setting(default = false)]
     pub enabled: bool,
-    /// Factor on the IMU's white noise until more is known: hand-held sensors in practice are noisier than their data
-    /// sheets.
-    #[setting(default = 5.0, range = 0.1..=1e3)]
+    /// Factor on the IMU's white noise, unless the first metres find it far noisier.
+    #[setting(default = 2.0, range = 0.1..=1e3)]
     pub noise_times: f64,
     /// Key frames, linked by IMU factors, that a local bundle adjustment moves.
     #[setting(default = 10, range = 2..=100)]
@@ -59,10 +59,9 @@ const FAR_OFFSET_S: f64 = 0.004;
 /// soon has no scale at all.
 const SOFT_SCALE_SIGMA: f64 = 0.1;
 
-/// White noise of the IMU beside a camera whose clock, rows and lens are estimated, in that of the data sheet: what such images say is not
-/// known better than what the readings say. With five times as much the unit of `phone/b` shrank up to fivefold behind a door, with 1 to
-/// 2 it stays. A camera that is calibrated knows better: eight walks of the demo have 0.025 m with 5, 0.032 with 1.5.
-const BESIDE_ESTIMATED_CAMERA: f64 = 1.5;
+/// With noise of more than this in that of the data sheet a sensor is worse than stated. Below it what the first metres put down to the IMU
+/// is what its images err by as well: 2 to 5 times where the noise is exactly as stated (`house`, `atrium`).
+const WORSE_THAN_STATED: f64 = 5.0;
 
 /// A map without metres is tried with each key frame for the first of these seconds, and after that as often as it has become longer by
 /// this share: an attempt takes the longer the more it looks at, and what a long stretch has not told one key frame more does not tell
@@ -85,6 +84,7 @@ pub(crate) struct Inertial {
     soft_scale: bool,
     /// The map that was tried last, and when.
     tried: Option<(MapId, Stamp)>,
+    recent: Recent,
 }
 
 impl Inertial {
@@ -94,7 +94,17 @@ impl Inertial {
         let clocks = Clocks::new(&ImuSensor { noise: data_sheet, ..sensor.clone() });
         let scale_watch = ScaleWatch::default();
         let refined = BTreeMap::new();
-        Self { data_sheet, imu, config, clocks, refined, scale_watch, soft_scale: false, tried: None }
+        Self {
+            data_sheet,
+            imu,
+            config,
+            clocks,
+            refined,
+            scale_watch,
+            soft_scale: false,
+            tried: None,
+            recent: Recent::default(),
+        }
     }
 
     /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
@@ -196,6 +206,10 @@ impl Inertial {
             false if aligned => self.scale_watch.check(atlas, &of, &chain, config),
             false => None,
         };
+        let now = snapshot.key_frame(centre).map(|k| k.frame.stamp);
+        if aligned && !camera.has_depth() && now.is_some_and(|now| self.recent.is_due(now)) {
+            adjust_recent(atlas, camera, &self.imu, &chain, recent::SECONDS, config);
+        }
         (self.align_or_refine_chain(atlas, camera, &chain, config), check)
     }
 
@@ -252,7 +266,8 @@ impl Inertial {
             let found = attempt.accepted().cloned();
             attempt_made = Some(attempt);
             let Some(found) = found else { return attempt_made };
-            let noise_times = found.noise_times.map(|t| t.max(self.config.noise_times));
+            let stated = self.config.noise_times;
+            let noise_times = found.noise_times.map(|t| if t > WORSE_THAN_STATED { t } else { stated });
             self.clocks.clear_rotations();
             self.imu.noise = self.data_sheet.times(noise_times);
             atlas.commit(self.settle_clocks(&snapshot, chain, &found));
@@ -299,7 +314,6 @@ impl Inertial {
         let seconds = (snapshot.readout().seconds + longer_s).clamp(-Readout::MOST_S, Readout::MOST_S);
         atlas.commit(vec![Change::Readout(Readout { seconds, sigma_s })]);
         self.clocks.clear_rotations();
-        self.imu.noise = self.data_sheet.times([BESIDE_ESTIMATED_CAMERA; 2]);
         true
     }
 

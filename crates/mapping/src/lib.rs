@@ -17,6 +17,7 @@ mod insert;
 mod mapper;
 #[cfg(test)]
 mod mapper_tests;
+mod recent;
 mod rotation_only;
 mod scale_check;
 #[cfg(test)]

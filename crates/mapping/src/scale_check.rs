@@ -9,7 +9,8 @@
 //! scale. Seconds of steady walking do not tell an error of a tenth; those of a longer stretch do.
 
 use crate::initialisation::{CameraAndImu, STATIONARY_M_S};
-use cairn_adjust::{Imu, Window, WindowConfig};
+use crate::recent::adjust_recent;
+use cairn_adjust::WindowConfig;
 use cairn_atlas::{Atlas, Change, KeyFrameId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{Attempt, GateKind, Initial, NavState, Scale};
@@ -33,8 +34,8 @@ const CONTRADICTS: (f64, f64) = (5.0, 0.05);
 const OTHER_UNIT: f64 = 1.25;
 /// Seconds over which checks must agree on a contradiction before the map is changed.
 const AGREED_S: f64 = 0.3;
-/// Seconds of key frames that are adjusted after a correction, and their greatest number.
-const ADJUSTED: (f64, usize) = (10.0, 60);
+/// Seconds of key frames that are adjusted after a correction.
+const ADJUSTED_S: f64 = 10.0;
 
 /// What the readings say of the scale of a metric map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,7 +105,7 @@ impl ScaleWatch {
                 None => scaled(&snapshot, stretch(chain, &found), chain, &found),
             };
             atlas.commit(changes);
-            adjust_recent(atlas, of, chain, now, config);
+            adjust_recent(atlas, of.camera, of.imu, chain, ADJUSTED_S, config);
         }
         Some(ScaleCheck { scale: found.scale, sigma: found.scale_sigma, verdict })
     }
@@ -194,25 +195,6 @@ fn measured_over(
 fn known_scale(attempt: &Attempt) -> Option<Initial> {
     let found = attempt.good_but_for(&[GateKind::ScaleSigma, GateKind::GravitySigma])?;
     (found.scale_sigma <= MOST_SIGMA).then(|| found.clone())
-}
-
-/// Adjusts the key frames of the last seconds; those before hold what both see.
-fn adjust_recent(
-    atlas: &mut Atlas,
-    of: &CameraAndImu,
-    chain: &[KeyFrameId],
-    now: Stamp,
-    config: &WindowConfig,
-) {
-    let snapshot = atlas.latest().clone();
-    let Some(centre) = chain.last() else { return };
-    let stamp = |id: &KeyFrameId| snapshot.key_frame(*id).map(|k| k.stamp);
-    let recent = chain.iter().rev().filter_map(stamp).take_while(|t| now - *t <= ADJUSTED.0).count();
-    let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
-    let imu = Imu::new(*of.imu).with_chain(recent.min(ADJUSTED.1));
-    if let Some(window) = Window::of(&snapshot, of.camera).add(imu).around(*centre, &config) {
-        atlas.commit(window.solve(&config, || false).changes.changes);
-    }
 }
 
 /// Whether what was found contradicts a scale of 1.
@@ -472,26 +454,5 @@ mod tests {
             let speed = (position(t + 1e-3) - position(t - 1e-3)).norm() / 2e-3;
             assert!((velocity.norm() - speed).abs() < 0.03, "{} m/s of {speed}", velocity.norm());
         }
-    }
-
-    #[test]
-    fn adjust_recent_puts_a_late_key_frame_back_and_leaves_early_ones_alone() {
-        let (mut atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.0 }.map(70);
-        let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
-        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
-        let truth = atlas.latest().clone();
-        let aside = |id: KeyFrameId| {
-            let pose = truth.key_frame(id).unwrap().world_from_camera;
-            Change::MoveKeyFrame(id, Se3::new(pose.rotation, pose.translation + Vec3::new(0.03, 0.0, 0.02)))
-        };
-        let [early, late] = [ids[3], ids[65]];
-        atlas.commit(vec![aside(early), aside(late)]);
-        let now = truth.key_frame(ids[69]).unwrap().stamp;
-        adjust_recent(&mut atlas, &of, &ids, now, &WindowConfig::default());
-        let off = |id: KeyFrameId| {
-            let place = |s: &Snapshot| s.key_frame(id).unwrap().world_from_camera.translation;
-            (place(atlas.latest()) - place(&truth)).norm()
-        };
-        assert!(off(late) < 3e-3 && off(early) > 0.03, "{} {}", off(late), off(early));
     }
 }

@@ -171,8 +171,9 @@ fn maps_of_one_camera_with_imu_are_joined_with_what_it_measured() {
     // Readings that robots send do the same, also with what else they send.
     assert!((of_sent / with - 1.0).abs() < 0.05, "seed {seed}: {of_sent} of {with} m");
     assert!(with_sent < 0.8 * without_sent, "seed {seed}: {with_sent} of {without_sent} m");
-    // Ceilings a tenth above what was measured: 0.0282, 0.0373 and 0.0771 m before observations were weighed by size.
-    assert!(with < 0.024 && with_sent < 0.034, "seed {seed}: {with} m, of what is sent {with_sent} m");
+    // Ceilings a tenth above what was measured. Each half alone, of twenty seeds of this walk, has 0.024 m in the mean since the last
+    // seconds are adjusted together, and had 0.027 before; of this seed the first half was better before (0.011, now 0.022).
+    assert!(with < 0.035 && with_sent < 0.036, "seed {seed}: {with} m, of what is sent {with_sent} m");
     assert!(without_sent < 0.047, "seed {seed}: {without_sent} m of what is sent, by images");
 }
 
