@@ -19,8 +19,8 @@ const BIAS_BEFORE: [f64; 2] = [0.002, 0.05];
 const BIAS_AT_ALL: [f64; 2] = [0.1, 0.3];
 
 /// Squared whitened residual of a link, of fifteen degrees of freedom, from which on its readings are not those of the motion: with
-/// twice the noise of the data sheet that of an accelerometer that is dead for a quarter of a second is above six hundred thousand, and
-/// that of a gyroscope that is 1 % of 1 rad/s off for so long is below 600.
+/// five times the noise of the data sheet that of an accelerometer that is dead for a quarter of a second was above a hundred thousand, and
+/// that of a gyroscope that is 1 % of 1 rad/s off for so long below 100. With twice the noise both are 6.25 times as large.
 const MOST_CHI2: f64 = 1000.0;
 
 /// The IMU on the rig.
