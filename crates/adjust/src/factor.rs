@@ -8,7 +8,7 @@ use cairn_geometry::Se3;
 use cairn_solve::{Factors, Freedom};
 
 /// Factors of one kind in a window. All but [`WindowFactors::bind`] have a default.
-pub trait WindowFactors: Factors {
+pub trait WindowFactors: Factors + Send {
     /// Key frames that have to move with a centre, beside those that share its landmarks; `None` where there can be no window.
     fn chain(&self, _: &Snapshot, _centre: KeyFrameId) -> Option<Chain> {
         Some(Chain::default())

@@ -5,7 +5,7 @@ use crate::subproblem::Subproblem;
 use crate::{calibration, corner, pinhole};
 use cairn_atlas::{Change, ChangeSet, KeyFrameId, MapId, Readout, Snapshot};
 use cairn_settings::Settings;
-use cairn_solve::{Bundle, BundleConfig, Factors, Freedom, Moves, Report};
+use cairn_solve::{Bundle, BundleConfig, Factors, Freedom, Moves, Report, pause, to_end};
 use cairn_vision::RectifiedCamera;
 use std::mem::take;
 
@@ -159,7 +159,17 @@ impl Window {
     }
 
     /// Solves the window: robustly, then without the outliers. `stop` is asked before each step.
-    pub fn solve(mut self, config: &WindowConfig, mut stop: impl FnMut() -> bool) -> WindowResult {
+    pub fn solve(self, config: &WindowConfig, stop: impl FnMut() -> bool) -> WindowResult {
+        to_end(self.solve_in_slices(config, stop))
+    }
+
+    /// The same, with a pause after each part of a step.
+    pub async fn solve_in_slices(
+        mut self,
+        config: &WindowConfig,
+        mut stop: impl FnMut() -> bool,
+    ) -> WindowResult {
+        pause().await;
         if config.hold_poses {
             self.bundle.freedom.fill(Freedom::Fixed);
         }
@@ -170,14 +180,15 @@ impl Window {
         }
         let has_factors = !Factors::is_empty(self.factors.as_slice());
         let before = has_factors.then(|| self.bundle.clone());
-        let mut report = self.adjust(config, &mut stop);
+        let mut report = self.adjust(config, &mut stop).await;
         if let Some(before) = before {
-            self.judge(&before, config, &mut report, &mut stop);
+            self.judge(&before, config, &mut report, &mut stop).await;
         }
         let cost = match Factors::is_empty(self.factors.as_slice()) {
             true => report.cost_after,
             false => self.bundle.observation_cost(true),
         };
+        pause().await;
         self.leave_out_outliers();
         let disparity = self.bundle.calibrations.iter().find(|c| c.moves == Moves::Disparity);
         WindowResult {
@@ -190,7 +201,7 @@ impl Window {
     }
 
     /// Asks each kind of factors what it says of the poses, and solves again where one contradicts them.
-    fn judge(
+    async fn judge(
         &mut self,
         before: &Bundle,
         config: &WindowConfig,
@@ -207,7 +218,7 @@ impl Window {
                 self.bundle.freedom.fill(Freedom::Fixed);
                 self.factors.clear();
             }
-            *report = self.adjust(config, stop);
+            *report = self.adjust(config, stop).await;
             if self.factors.is_empty() {
                 return;
             }
@@ -215,19 +226,19 @@ impl Window {
     }
 
     /// Robustly, then without the outliers.
-    fn adjust(&mut self, config: &WindowConfig, stop: &mut impl FnMut() -> bool) -> Report {
+    async fn adjust(&mut self, config: &WindowConfig, stop: &mut impl FnMut() -> bool) -> Report {
         let [before, after] = config.iterations;
-        let mut report = self.minimise(config, before, stop);
+        let mut report = self.minimise(config, before, stop).await;
         if after > 0 && !stop() {
             self.leave_out_outliers();
             let first = report.cost_before;
-            report = self.minimise(config, after, stop);
+            report = self.minimise(config, after, stop).await;
             report.cost_before = first;
         }
         report
     }
 
-    fn minimise(
+    async fn minimise(
         &mut self,
         config: &WindowConfig,
         iterations: usize,
@@ -235,7 +246,7 @@ impl Window {
     ) -> Report {
         let first_damping = self.factors.iter().map(|f| f.first_damping()).fold(1e-5, f64::min);
         let config = BundleConfig { iterations, robust: true, tolerance: config.tolerance, first_damping };
-        self.bundle.solve_with(self.factors.as_mut_slice(), &config, stop)
+        self.bundle.solve_in_slices(self.factors.as_mut_slice(), &config, stop).await
     }
 
     fn leave_out_outliers(&mut self) {

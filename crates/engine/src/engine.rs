@@ -252,6 +252,12 @@ impl Engine {
         self.front_end.model().has_depth()
     }
 
+    /// Does the next slice of mapping and closing where they run in slices ([`Runner::Sliced`](crate::Runner::Sliced)): a few
+    /// milliseconds of a desktop's processor. To be called between packets while it returns true; false when there was nothing to do.
+    pub fn work(&mut self) -> bool {
+        self.mapping.work()
+    }
+
     /// The stream of all map changes from now on, every commit in order; `None` when mapping has failed.
     /// Where mapping runs on a thread, this waits for the work it has in hand.
     pub fn subscribe(&mut self) -> Option<Subscription> {

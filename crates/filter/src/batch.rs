@@ -313,12 +313,12 @@ impl<'a> Descent<'a> {
 }
 
 impl Problem for Descent<'_> {
-    fn linearise(&mut self) -> Option<f64> {
+    async fn linearise(&mut self) -> Option<f64> {
         // A trial state is linearised as it is evaluated.
         Some(self.normal.cost)
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+    async fn attempt(&mut self, damping: f64) -> Option<Trial> {
         let (step, predicted_decrease) = self.step(damping)?;
         self.next = self.now.iter().zip(&step).map(|(v, s)| v + s).collect();
         self.tried.fill(self.graph, &self.analysis, &self.next, self.loss);

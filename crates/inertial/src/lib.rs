@@ -18,7 +18,10 @@ mod window;
 pub use buffer::{ImuBuffer, Missing};
 pub use factor::InertialResidual;
 pub use health::{Failed, ImuFault, ReadingsCheck};
-pub use initialise::{Attempt, Gate, GateKind, Initial, InitialiseConfig, Scale, Seen, SeenPose, initialise};
+pub use initialise::{
+    Attempt, Gate, GateKind, Initial, InitialiseConfig, Scale, Seen, SeenPose, initialise,
+    initialise_in_slices,
+};
 pub use innovation::{Difference, Innovation, Known, innovation};
 pub use nav_estimate::{Level, NavEstimate};
 pub use noise::of_data_sheet;

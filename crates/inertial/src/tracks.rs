@@ -15,13 +15,15 @@ mod problem;
 #[cfg(test)]
 mod tests;
 
+use cairn_solve::pause;
 pub use found::TrackMotion;
 pub use input::{TrackPoint, TrackPriors, Tracks};
 use problem::Problem;
 
-/// Finds the motion; `None` where there is too little, or no minimum.
-pub fn motion_of_tracks(of: &Tracks) -> Option<TrackMotion> {
+/// Finds the motion, in slices; `None` where there is too little, or no minimum.
+pub async fn motion_of_tracks(of: &Tracks<'_>) -> Option<TrackMotion> {
     let problem = Problem::new(of)?;
     let start = linear::guess(&problem)?;
-    problem.solve(start)
+    pause().await;
+    problem.solve(start).await
 }

@@ -9,7 +9,7 @@ use crate::gyro::{BIAS_SIGMA, residual};
 use crate::model::Lens;
 use crate::problem::LensProblem;
 use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec2, Vec3};
-use cairn_solve::{Bundle, Observation, Problem, Trial, huber};
+use cairn_solve::{Bundle, Observation, Problem, Trial, huber, pause, to_end};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, MatrixXx2, SMatrix, SVector, Vector2};
 
 /// Standard deviations of the guess: of the logarithm of the focal length, and of the distortion.
@@ -110,7 +110,7 @@ impl<'a> Joint<'a> {
     /// At the current state, linearised: how far the lens would still move, and what is known of it. `None` where the equations are
     /// singular.
     pub fn lens_left(&mut self) -> Option<LensLeft> {
-        self.linearise()?;
+        to_end(self.linearise())?;
         let Reduced { factor, right, inverses } = self.reduced(0.0)?;
         let (at, n) = (self.of_lens(), self.gradient.len());
         let step = factor.solve(&right);
@@ -285,16 +285,18 @@ impl<'a> Joint<'a> {
 }
 
 impl Problem for Joint<'_> {
-    fn linearise(&mut self) -> Option<f64> {
+    async fn linearise(&mut self) -> Option<f64> {
         self.clear();
         self.add_priors();
         self.add_links();
         self.add_observations()?;
+        pause().await;
         Some(self.cost(&self.state))
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+    async fn attempt(&mut self, damping: f64) -> Option<Trial> {
         let Reduced { factor, right, inverses } = self.reduced(damping)?;
+        pause().await;
         let step = factor.solve(&right);
         let (bias, at) = (self.of_bias(), self.of_lens());
         let lens = step.fixed_rows::<2>(at).into_owned();
@@ -316,6 +318,7 @@ impl Problem for Joint<'_> {
             points: points.collect(),
             poses: self.state.poses.iter().enumerate().map(pose).collect(),
         };
+        pause().await;
         Some(Trial { cost: self.cost(&self.trial), predicted_decrease: f64::NAN })
     }
 
@@ -385,7 +388,7 @@ mod tests {
         let mut joint = Joint::new(&p);
         joint.state.lens = Lens { focal: 1.05, radial: 0.01 };
         joint.state.bias = Vec3::new(0.01, -0.02, 0.005);
-        joint.linearise().unwrap();
+        to_end(joint.linearise()).unwrap();
         let n = joint.gradient.len();
         let moved = |k: usize, h: f64| {
             let mut s = joint.state.clone();

@@ -6,7 +6,7 @@
 use crate::joint::Joint;
 use crate::model::Lens;
 use crate::problem::LensProblem;
-use cairn_solve::{Convergence, Damping, LevenbergMarquardt};
+use cairn_solve::{Convergence, Damping, LevenbergMarquardt, pause, to_end};
 
 /// Steps at most, and the decrease of the cost that ends them, as a part of it.
 const STEPS: usize = 200;
@@ -31,7 +31,13 @@ pub struct LensEstimate {
 impl LensProblem {
     /// Estimates the lens; `None` where nothing determines it.
     pub fn solve(&self) -> Option<LensEstimate> {
+        to_end(self.solve_in_slices())
+    }
+
+    /// The same in slices.
+    pub async fn solve_in_slices(&self) -> Option<LensEstimate> {
         let mut joint = Joint::new(self);
+        pause().await;
         let solver = LevenbergMarquardt {
             iterations: STEPS,
             damping: Damping::Factors {
@@ -44,7 +50,7 @@ impl LensProblem {
             },
             convergence: Convergence::Actual { relative: TOLERANCE },
         };
-        solver.minimise(&mut joint, || false);
+        solver.minimise_in_slices(&mut joint, || false).await;
         let lens = joint.state.lens;
         if !(lens.focal.is_finite() && lens.radial.is_finite()) {
             return None;

@@ -44,7 +44,11 @@ pub(crate) struct Found {
 }
 
 /// Finds the motion of the last seconds of a chain of key frames.
-pub(crate) fn motion_of(snapshot: &Snapshot, of: &CameraAndImu, chain: &[KeyFrameId]) -> Option<Found> {
+pub(crate) async fn motion_of(
+    snapshot: &Snapshot,
+    of: &CameraAndImu<'_>,
+    chain: &[KeyFrameId],
+) -> Option<Found> {
     let frames: Vec<&KeyFrame> = chain.iter().filter_map(|id| snapshot.key_frame(*id)).collect();
     let newest = frames.last()?.stamp;
     let frames: Vec<&KeyFrame> = frames.into_iter().filter(|k| newest - k.stamp <= SECONDS).collect();
@@ -63,7 +67,8 @@ pub(crate) fn motion_of(snapshot: &Snapshot, of: &CameraAndImu, chain: &[KeyFram
         readout_s: readout.sigma_s,
     };
     let imu_from_camera = of.imu.imu_from_camera;
-    let mut motion = motion_of_tracks(&Tracks { links: &links?, tracks: &tracks, imu_from_camera, priors })?;
+    let of_tracks = Tracks { links: &links?, tracks: &tracks, imu_from_camera, priors };
+    let mut motion = motion_of_tracks(&of_tracks).await?;
     motion.scale_sigma = motion.scale_sigma.hypot(GUESSED);
     let is_good = motion.scale_sigma <= MOST_SIGMA[0]
         && motion.gravity_sigma <= MOST_SIGMA[1]
@@ -158,6 +163,7 @@ mod tests {
     use crate::synthetic::mono;
     use cairn_adjust::ImuModel;
     use cairn_atlas::Atlas;
+    use cairn_solve::to_end;
 
     const COUNT: usize = 16;
 
@@ -181,7 +187,8 @@ mod tests {
 
     fn found(atlas: &Atlas, ids: &[KeyFrameId]) -> Option<Found> {
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
-        motion_of(atlas.latest(), &CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.004 }, ids)
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.004 };
+        to_end(motion_of(atlas.latest(), &of, ids))
     }
 
     #[test]

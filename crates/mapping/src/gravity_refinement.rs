@@ -118,8 +118,12 @@ impl Refined {
 /// Gravity, biases and velocities of the last seconds of a gravity-aligned map from its visual poses and the readings alone,
 /// where they tell gravity well. Bundle adjustment moves a whole map with small steps only, which take many iterations to
 /// turn it.
-pub fn estimated_gravity(of: &CameraAndImu, snapshot: &Snapshot, chain: &[KeyFrameId]) -> Option<Initial> {
-    let attempt = of.attempt(snapshot, chain, INITIALISATION_S)?;
+pub async fn estimated_gravity(
+    of: &CameraAndImu<'_>,
+    snapshot: &Snapshot,
+    chain: &[KeyFrameId],
+) -> Option<Initial> {
+    let attempt = of.attempt(snapshot, chain, INITIALISATION_S).await?;
     let found = attempt.good_but_for(&[GateKind::ScaleSigma])?;
     (found.gravity_noise_sigma() <= GRAVITY.0).then(|| found.clone())
 }
@@ -169,6 +173,7 @@ mod tests {
     use cairn_adjust::ImuModel;
     use cairn_atlas::Atlas;
     use cairn_geometry::Se3;
+    use cairn_solve::to_end;
 
     #[test]
     fn after_a_turn_the_level_is_looked_at_until_it_is_told_or_the_turn_is_too_old() {
@@ -196,7 +201,7 @@ mod tests {
         let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad, factor: 1.0 }.map(60);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
-        let found = estimated_gravity(&of, atlas.latest(), &ids);
+        let found = to_end(estimated_gravity(&of, atlas.latest(), &ids));
         (atlas, ids, found)
     }
 

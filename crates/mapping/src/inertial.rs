@@ -20,6 +20,7 @@ use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::{Attempt, Gate, GateKind, Initial, Preintegrated, of_data_sheet};
 use cairn_sensor::{ImuNoise, ImuSensor, Stamp};
 use cairn_settings::Settings;
+use cairn_solve::pause;
 use cairn_vision::RectifiedCamera;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -171,7 +172,7 @@ impl Inertial {
 
     /// Adjusts a gravity-aligned map as a whole with its IMU factors; `None` where there are none or it is
     /// too large.
-    pub fn whole(
+    pub async fn whole(
         &self,
         snapshot: &Snapshot,
         camera: &RectifiedCamera,
@@ -184,12 +185,12 @@ impl Inertial {
             return None;
         }
         let window = windows::inertial_whole(Window::of(snapshot, camera), self.imu, map)?;
-        Some(window.solve(config, stop))
+        Some(window.solve_in_slices(config, stop).await)
     }
 
     /// Gravity-aligns the map of a key frame when that is possible, or refines it when that is due; returns
     /// the attempt made, and in a gravity-aligned map what the readings say of its scale.
-    pub fn align_or_refine(
+    pub async fn align_or_refine(
         &mut self,
         atlas: &mut Atlas,
         camera: &RectifiedCamera,
@@ -197,23 +198,25 @@ impl Inertial {
         config: &WindowConfig,
     ) -> (Option<Attempt>, Option<ScaleCheck>) {
         self.update_time_offset(atlas, centre);
+        pause().await;
         let snapshot = atlas.latest().clone();
         let aligned = snapshot.key_frame(centre).is_some_and(|k| snapshot.is_gravity_aligned(k.map));
         let chain = chain(&snapshot, centre);
         let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
         let check = match camera.has_depth() {
-            true => self.scale_watch.check_depth(&snapshot, &of, &chain),
-            false if aligned => self.scale_watch.check(atlas, &of, &chain, config),
+            true => self.scale_watch.check_depth(&snapshot, &of, &chain).await,
+            false if aligned => self.scale_watch.check(atlas, &of, &chain, config).await,
             false => None,
         };
+        pause().await;
         let now = snapshot.key_frame(centre).map(|k| k.frame.stamp);
         if aligned && !camera.has_depth() && now.is_some_and(|now| self.recent.is_due(now)) {
-            adjust_recent(atlas, camera, &self.imu, &chain, recent::SECONDS, config);
+            adjust_recent(atlas, camera, &self.imu, &chain, recent::SECONDS, config).await;
         }
-        (self.align_or_refine_chain(atlas, camera, &chain, config), check)
+        (self.align_or_refine_chain(atlas, camera, &chain, config).await, check)
     }
 
-    fn align_or_refine_chain(
+    async fn align_or_refine_chain(
         &mut self,
         atlas: &mut Atlas,
         camera: &RectifiedCamera,
@@ -231,7 +234,7 @@ impl Inertial {
         if snapshot.is_gravity_aligned(map) {
             let refined = self.refined.entry(map).or_default();
             let due = refined.due(last, seconds)?;
-            let told = estimated_gravity(&of, &snapshot, chain);
+            let told = estimated_gravity(&of, &snapshot, chain).await;
             refined.looked(last, told.is_some());
             better_sigma = told
                 .as_ref()
@@ -244,17 +247,17 @@ impl Inertial {
             if let Some(found) = better {
                 atlas.commit(realigned(&snapshot, map, chain, &found, centre_point));
             }
-        } else if self.soft_scale && self.take_metres_by_tracks(atlas, camera, map, chain) {
+        } else if self.soft_scale && self.take_metres_by_tracks(atlas, camera, map, chain).await {
             self.refined.insert(map, Refined::of_age(seconds));
         } else {
             if !self.is_due(map, last.frame.stamp, seconds) {
                 return None;
             }
-            let mut attempt = of.attempt(&snapshot, chain, INITIALISATION_S)?;
+            let mut attempt = of.attempt(&snapshot, chain, INITIALISATION_S).await?;
             if let Some(found) = attempt.found.as_ref().filter(|f| is_far_offset(f)) {
                 // The poses were taken along their velocities for so long, as if it did not change.
                 atlas.commit(self.shifted_clocks(&snapshot, chain, snapshot.imu_offset() + found.offset_s));
-                attempt = of.attempt(atlas.latest(), chain, INITIALISATION_S)?;
+                attempt = of.attempt(atlas.latest(), chain, INITIALISATION_S).await?;
             }
             let snapshot = atlas.latest().clone();
             let known = attempt.found.as_ref().is_some_and(|f| f.offset_sigma_s <= MOST_OFFSET_SIGMA_S);
@@ -278,7 +281,8 @@ impl Inertial {
             self.refined.insert(map, Refined::of_age(seconds));
         }
         let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
-        if let Some(result) = self.whole(atlas.latest(), camera, map, &config, || false) {
+        let snapshot = atlas.latest().clone();
+        if let Some(result) = self.whole(&snapshot, camera, map, &config, || false).await {
             atlas.commit(result.changes.changes);
             atlas.commit(better_sigma.into_iter().collect());
         }
@@ -294,7 +298,7 @@ impl Inertial {
     }
 
     /// Gives a map metres by its tracks, where these tell them.
-    fn take_metres_by_tracks(
+    async fn take_metres_by_tracks(
         &mut self,
         atlas: &mut Atlas,
         camera: &RectifiedCamera,
@@ -303,7 +307,7 @@ impl Inertial {
     ) -> bool {
         let snapshot = atlas.latest().clone();
         let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
-        let found = by_tracks::motion_of(&snapshot, &of, chain);
+        let found = by_tracks::motion_of(&snapshot, &of, chain).await;
         let Some(found) = found.filter(|found| !camera.has_depth() && found.is_good) else { return false };
         atlas.commit(found.changes(&snapshot, map, &self.imu.imu_from_camera));
         let (known, [offset_s, sigma_s]) = (snapshot.imu_offset(), found.motion.offset_s);
@@ -408,6 +412,7 @@ mod tests {
     use super::*;
     use crate::imu_walk::{NOISE, STEP_S, ToAndFro, position};
     use crate::synthetic::mono;
+    use cairn_solve::to_end;
 
     /// The tilt of a map that was made `tilt_rad` from level, of a walk that turns so far to either side, after every key frame
     /// has been looked at.
@@ -420,7 +425,7 @@ mod tests {
         let mut inertial = Inertial::new(&sensor, Se3::identity(), config);
         inertial.refined.insert(MapId(ids[0]), refined);
         for n in 2..ids.len() {
-            inertial.align_or_refine_chain(&mut atlas, &mono(), &ids[..=n], &WindowConfig::default());
+            to_end(inertial.align_or_refine_chain(&mut atlas, &mono(), &ids[..=n], &WindowConfig::default()));
         }
         let after = atlas.latest().key_frame(ids[0]).unwrap().world_from_camera.rotation;
         let turned = (after * before.inverse()).log();
@@ -467,13 +472,14 @@ mod tests {
         let window = inertial.window(aligned.latest(), &mono(), ids[11], &config).expect("a window");
         assert!(window.links() > 5, "{}", window.links());
         let map = MapId(ids[0]);
-        assert!(inertial.whole(aligned.latest(), &mono(), map, &config, || false).is_some());
+        assert!(to_end(inertial.whole(aligned.latest(), &mono(), map, &config, || false)).is_some());
         let (vision, ids) = walk.map_of_vision(12);
         assert!(inertial.window(vision.latest(), &mono(), ids[11], &config).is_none());
-        assert!(inertial.whole(vision.latest(), &mono(), map, &config, || false).is_none());
+        assert!(to_end(inertial.whole(vision.latest(), &mono(), map, &config, || false)).is_none());
         let few = InertialConfig { whole_key_frames: 11, ..inertial.config };
         let few = Inertial { config: few, ..inertial };
-        assert!(few.whole(aligned.latest(), &mono(), map, &config, || false).is_none(), "it is too large");
+        let large = to_end(few.whole(aligned.latest(), &mono(), map, &config, || false));
+        assert!(large.is_none(), "it is too large");
     }
 
     #[test]
@@ -483,7 +489,9 @@ mod tests {
         let wrong = Se3::new(truth.rotation, truth.translation + Vec3::new(0.03, -0.02, 0.02));
         atlas.commit(vec![Change::MoveKeyFrame(ids[6], wrong)]);
         let config = WindowConfig { iterations: [20, 10], tolerance: 1e-6, ..WindowConfig::default() };
-        let result = inertial().whole(atlas.latest(), &mono(), MapId(ids[0]), &config, || false).unwrap();
+        let inertial = inertial();
+        let whole = to_end(inertial.whole(atlas.latest(), &mono(), MapId(ids[0]), &config, || false));
+        let result = whole.unwrap();
         atlas.commit(result.changes.changes);
         let off = (atlas.latest().key_frame(ids[6]).unwrap().world_from_camera.translation
             - truth.translation)
@@ -499,7 +507,7 @@ mod tests {
         let root = MapId(ids[0]);
         let mut aligned_with = None;
         for n in 2..ids.len() {
-            inertial.align_or_refine(&mut atlas, &mono(), ids[n], &WindowConfig::default());
+            to_end(inertial.align_or_refine(&mut atlas, &mono(), ids[n], &WindowConfig::default()));
             if atlas.latest().is_gravity_aligned(root) {
                 aligned_with = Some(n);
                 break;
@@ -528,8 +536,9 @@ mod tests {
         atlas.commit(inertial.clocks.recompute_factors(atlas.latest(), &ids, 0.0));
         let of =
             CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: inertial.clocks.sigma_s() };
-        let first = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
-        let attempt = inertial.align_or_refine_chain(&mut atlas, &mono(), &ids, &WindowConfig::default());
+        let first = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
+        let (camera, config) = (mono(), WindowConfig::default());
+        let attempt = to_end(inertial.align_or_refine_chain(&mut atlas, &camera, &ids, &config));
         let again = attempt.unwrap().found.unwrap();
         let off = [&first, &again].map(|found| (2.0 * found.scale).ln().abs());
         let left = (atlas.latest().imu_offset() - 0.03).abs();
@@ -543,7 +552,7 @@ mod tests {
         let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad: 0.0, factor: 2.0 }.map_of_vision(48);
         let inertial = inertial();
         let of = CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: 0.0 };
-        let found = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
+        let found = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let (map, centre) = (MapId(ids[0]), Vec3::new(0.5, -0.2, 1.0));
         for metric in [false, true] {
             let changes = inertial.align_gravity(atlas.latest(), map, &ids, &found, metric, centre);
@@ -618,7 +627,7 @@ mod tests {
         let mut inertial = inertial();
         (1..ids.len()).for_each(|n| inertial.clocks.take(&walk.segment(n, 0.0)));
         let of = CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: 0.0 };
-        let found = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
+        let found = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let exact = Initial { offset_s: 0.0, offset_sigma_s: 1e-3, ..found.clone() };
         assert!(inertial.settle_clocks(atlas.latest(), &ids, &exact).is_empty());
         let late = Initial { offset_s: 0.01, offset_sigma_s: 1e-3, ..found };

@@ -5,8 +5,9 @@ use crate::triangulation::median_depth;
 use cairn_adjust::ImuModel;
 use cairn_atlas::{Change, DEPTH_SCALE_SIGMA, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_inertial::{
-    Attempt, Initial, InitialiseConfig, NavState, Preintegrated, Scale, Seen, SeenPose, initialise,
+    Attempt, Initial, InitialiseConfig, NavState, Preintegrated, Scale, Seen, SeenPose, initialise_in_slices,
 };
+use cairn_solve::to_end;
 use cairn_vision::RectifiedCamera;
 use std::sync::Arc;
 
@@ -35,8 +36,13 @@ pub struct CameraAndImu<'a> {
 
 impl CameraAndImu<'_> {
     /// The initialisation with the key frames of the last `seconds` of a chain.
-    pub(crate) fn attempt(&self, snapshot: &Snapshot, chain: &[KeyFrameId], seconds: f64) -> Option<Attempt> {
-        self.attempt_from(snapshot, chain, seconds, self.scale())
+    pub(crate) async fn attempt(
+        &self,
+        snapshot: &Snapshot,
+        chain: &[KeyFrameId],
+        seconds: f64,
+    ) -> Option<Attempt> {
+        self.attempt_from(snapshot, chain, seconds, self.scale()).await
     }
 
     /// What the camera knows of the scale of its map.
@@ -48,7 +54,7 @@ impl CameraAndImu<'_> {
     }
 
     /// The same with this knowledge of the scale.
-    pub(crate) fn attempt_from(
+    pub(crate) async fn attempt_from(
         &self,
         snapshot: &Snapshot,
         chain: &[KeyFrameId],
@@ -64,7 +70,7 @@ impl CameraAndImu<'_> {
         let used = apart(&frames, apart_s);
         let sums: Vec<Preintegrated> = used.windows(2).map(|ends| joined(&links[ends[0]..ends[1]])).collect();
         let of_used: Vec<&KeyFrame> = used.iter().map(|k| frames[*k]).collect();
-        let mut attempt = solved(snapshot, self, &of_used, &sums, scale)?;
+        let mut attempt = solved(snapshot, self, &of_used, &sums, scale).await?;
         if let Some(found) = &mut attempt.found {
             found.states = with_those_between(found, &used, &links);
         }
@@ -115,12 +121,12 @@ pub fn initialise_key_frames(
     frames: &[&KeyFrame],
     links: &[Preintegrated],
 ) -> Option<Attempt> {
-    solved(snapshot, of, frames, links, of.scale())
+    to_end(solved(snapshot, of, frames, links, of.scale()))
 }
 
-fn solved(
+async fn solved(
     snapshot: &Snapshot,
-    of: &CameraAndImu,
+    of: &CameraAndImu<'_>,
     frames: &[&KeyFrame],
     links: &[Preintegrated],
     scale: Scale,
@@ -136,7 +142,7 @@ fn solved(
         offset_sigma_s: of.offset_sigma_s,
         ..InitialiseConfig::default()
     };
-    Some(initialise(&seen, links, &of.imu.imu_from_camera, scale, &config))
+    Some(initialise_in_slices(&seen, links, &of.imu.imu_from_camera, scale, &config).await)
 }
 
 /// The change that states how well the scale of a metric map is known once it is adjusted as a whole, where what the readings of the last
@@ -161,15 +167,15 @@ mod tests {
         let (atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.1, factor: 0.5 }.map(48);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
-        let attempt = of.attempt(atlas.latest(), &ids, INITIALISATION_S).expect("an attempt");
+        let attempt = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).expect("an attempt");
         let found = attempt.found.as_ref().expect("an estimate");
         assert!((found.scale * 0.5 - 1.0).abs() < 0.02, "{} m in a unit, {:?}", found.scale, attempt.gates);
         // Down is -z but for the tilt about x.
         let down = found.gravity.vector().normalize();
         assert!((down.angle(&-Vec3::z()) - 0.1).abs() < 0.01, "{down:?}");
-        assert!(of.attempt(atlas.latest(), &[], INITIALISATION_S).is_none());
+        assert!(to_end(of.attempt(atlas.latest(), &[], INITIALISATION_S)).is_none());
         // A chain whose links are not all there says nothing.
-        assert!(of.attempt(atlas.latest(), &[ids[1], ids[0]], INITIALISATION_S).is_none());
+        assert!(to_end(of.attempt(atlas.latest(), &[ids[1], ids[0]], INITIALISATION_S)).is_none());
     }
 
     #[test]
@@ -185,7 +191,7 @@ mod tests {
         let links: Vec<Arc<Preintegrated>> = frames[1..].iter().map(link).collect();
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
-        let found = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
+        let found = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let used = [0, 3, 4, 8, 11];
         let fewer = Initial { states: used.map(|k| found.states[k]).to_vec(), ..found.clone() };
         let states = with_those_between(&fewer, &used, &links);
@@ -201,7 +207,7 @@ mod tests {
         let (mut atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.0, factor: 1.0 }.map(48);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
-        let found = of.attempt(atlas.latest(), &ids, INITIALISATION_S).unwrap().found.unwrap();
+        let found = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let map = MapId(ids[0]);
         atlas.commit(vec![Change::ScaleSigma(map, 0.05)]);
         let stated = |guessed| match better_scale(atlas.latest(), map, &found, guessed) {

@@ -19,7 +19,7 @@ use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::Attempt;
 use cairn_sensor::{ImuSensor, Stamp};
 use cairn_settings::Settings;
-use cairn_solve::Report;
+use cairn_solve::{Report, pause, to_end};
 use cairn_vision::{Frame, RectifiedCamera};
 use std::sync::Arc;
 
@@ -277,7 +277,17 @@ impl Mapper {
     pub fn step(
         &mut self,
         atlas: &mut Atlas,
-        input: &KeyFrameInput,
+        input: &KeyFrameInput<'_>,
+        stop: impl FnMut() -> bool,
+    ) -> Option<Mapped> {
+        to_end(self.step_in_slices(atlas, input, stop))
+    }
+
+    /// The same, with pauses between and within the steps: snapshots taken in between are those of a map that can be used.
+    pub async fn step_in_slices(
+        &mut self,
+        atlas: &mut Atlas,
+        input: &KeyFrameInput<'_>,
         mut stop: impl FnMut() -> bool,
     ) -> Option<Mapped> {
         let KeyFrameInput { frame, landmarks, reference, reference_from_camera, imu, .. } = *input;
@@ -323,18 +333,15 @@ impl Mapper {
         atlas.commit(self.recent_landmarks.cull(atlas.latest(), id, depth));
         self.recent_landmarks.admit(&new_landmarks.ids, id);
         let mut created = new_landmarks.ids.len();
+        pause().await;
 
         if !input.orientation_only {
             let snapshot = atlas.latest().clone();
             let mut new_landmarks = NewLandmarks::after(&snapshot);
-            atlas.commit(create_landmarks(
-                &snapshot,
-                &self.camera,
-                id,
-                self.config.grow_neighbours,
-                &mut new_landmarks,
-                &mut stop,
-            ));
+            let neighbours = self.config.grow_neighbours;
+            let found =
+                create_landmarks(&snapshot, &self.camera, id, neighbours, &mut new_landmarks, &mut stop);
+            atlas.commit(found.await);
             self.recent_landmarks.admit(&new_landmarks.ids, id);
             created += new_landmarks.ids.len();
         }
@@ -358,7 +365,7 @@ impl Mapper {
         }
         let mut adjustment = None;
         if !stop() {
-            self.fuse(atlas, id);
+            self.fuse(atlas, id).await;
         }
         if !stop() && atlas.latest().key_frame_count() > 2 {
             let mut window = self.config.window;
@@ -368,21 +375,23 @@ impl Mapper {
             if let Some(error) = self.disparity.as_ref().filter(|_| !several) {
                 window.right_offset_sigma = error.sigma(found == 0.0);
             }
-            let (snapshot, config) = (atlas.latest(), &window);
+            let (snapshot, config) = (&atlas.latest().clone(), &window);
             let imu = self.inertial.as_ref().and_then(|i| i.window(snapshot, &self.camera, id, config));
             let motions = || Window::of(snapshot, &self.camera).add(self.links.factors()).around(id, config);
-            let result = imu.or_else(motions)?.solve(config, &mut stop);
+            let result = imu.or_else(motions)?.solve_in_slices(config, &mut stop).await;
             adjustment = Some(result.report);
             let disparity = self.disparity.as_mut().filter(|_| !several);
             let calibrated = disparity.and_then(|error| error.update(found, &result));
             atlas.commit(result.changes.changes);
             atlas.commit(calibrated.into_iter().collect());
+            pause().await;
             let redundant_key_frame =
                 redundant(atlas.latest(), &self.camera, id, self.config.redundant_share);
             atlas.commit(redundant_key_frame.into_iter().collect());
+            pause().await;
         }
         let (attempt, scale_check) = match &mut self.inertial {
-            Some(inertial) => inertial.align_or_refine(atlas, &self.camera, id, &self.config.window),
+            Some(inertial) => inertial.align_or_refine(atlas, &self.camera, id, &self.config.window).await,
             None => (None, None),
         };
         Some(Mapped { key_frame: id, created, adjustment, attempt, scale_check })
@@ -408,8 +417,9 @@ impl Mapper {
                 atlas.commit(related);
             }
             let snapshot = atlas.latest();
-            let imu =
-                self.inertial.as_ref().and_then(|i| i.whole(snapshot, &self.camera, map, &window, &mut stop));
+            let inertial = self.inertial.as_ref();
+            let whole = |i: &Inertial| to_end(i.whole(snapshot, &self.camera, map, &window, &mut stop));
+            let imu = inertial.and_then(whole);
             let motions = || windows::whole(Window::of(snapshot, &self.camera), &self.links, map);
             let result = imu.or_else(|| Some(motions()?.solve(&window, &mut stop)));
             if stop() {
@@ -426,7 +436,7 @@ impl Mapper {
         }
     }
 
-    fn fuse(&self, atlas: &mut Atlas, id: KeyFrameId) {
+    async fn fuse(&self, atlas: &mut Atlas, id: KeyFrameId) {
         let near = around(atlas.latest(), id, self.config.fuse_neighbours);
         for neighbour in &near {
             let snapshot = atlas.latest().clone();
@@ -435,6 +445,7 @@ impl Mapper {
             };
             let mine: Vec<LandmarkId> = here.landmarks.iter().flatten().copied().collect();
             atlas.commit(fuse_into(&snapshot, &self.camera, &mine, there));
+            pause().await;
         }
         let snapshot = atlas.latest().clone();
         let Some(here) = snapshot.key_frame(id) else { return };

@@ -34,7 +34,7 @@ impl Recent {
 }
 
 /// Adjusts the key frames of the last `seconds` of a chain; those before hold what both see.
-pub(crate) fn adjust_recent(
+pub(crate) async fn adjust_recent(
     atlas: &mut Atlas,
     camera: &RectifiedCamera,
     imu: &ImuModel,
@@ -49,7 +49,7 @@ pub(crate) fn adjust_recent(
     let config = WindowConfig { iterations: [8, 6], tolerance: 1e-4, ..*config };
     let imu = Imu::new(*imu).with_chain(recent.min(MOST_KEY_FRAMES));
     if let Some(window) = Window::of(&snapshot, camera).add(imu).around(centre, &config) {
-        atlas.commit(window.solve(&config, || false).changes.changes);
+        atlas.commit(window.solve_in_slices(&config, || false).await.changes.changes);
     }
 }
 
@@ -60,6 +60,7 @@ mod tests {
     use crate::synthetic::mono;
     use cairn_atlas::{Change, Snapshot};
     use cairn_geometry::{Se3, Vec3};
+    use cairn_solve::to_end;
 
     #[test]
     fn the_last_seconds_are_adjusted_once_a_second_and_after_time_went_back() {
@@ -79,7 +80,7 @@ mod tests {
         };
         let [early, late] = [ids[3], ids[65]];
         atlas.commit(vec![aside(early), aside(late)]);
-        adjust_recent(&mut atlas, &mono(), &imu, &ids, 10.0, &WindowConfig::default());
+        to_end(adjust_recent(&mut atlas, &mono(), &imu, &ids, 10.0, &WindowConfig::default()));
         let off = |id: KeyFrameId| {
             let place = |s: &Snapshot| s.key_frame(id).unwrap().world_from_camera.translation;
             (place(atlas.latest()) - place(&truth)).norm()

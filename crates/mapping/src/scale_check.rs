@@ -81,10 +81,10 @@ pub(crate) struct ScaleWatch {
 impl ScaleWatch {
     /// Compares the scale of the last key frames of a chain with the readings between them, and corrects it when checks
     /// agree for [`AGREED_S`]; `None` where the readings do not say.
-    pub fn check(
+    pub async fn check(
         &mut self,
         atlas: &mut Atlas,
-        of: &CameraAndImu,
+        of: &CameraAndImu<'_>,
         chain: &[KeyFrameId],
         config: &WindowConfig,
     ) -> Option<ScaleCheck> {
@@ -96,26 +96,26 @@ impl ScaleWatch {
             return None;
         }
         let now = last.frame.stamp;
-        let found = self.measured_scale(&snapshot, of, chain, now)?;
+        let found = self.measured_scale(&snapshot, of, chain, now).await?;
         let verdict = self.judge(now, &found);
         if verdict == ScaleVerdict::Corrected {
-            let long = measured_over(&snapshot, of, chain, LONG_S);
+            let long = measured_over(&snapshot, of, chain, LONG_S).await;
             let changes = match long.filter(|long| contradicts(long) && agree(long, &found)) {
                 Some(long) => rescaled(&snapshot, chain, &long),
                 None => scaled(&snapshot, stretch(chain, &found), chain, &found),
             };
             atlas.commit(changes);
-            adjust_recent(atlas, of.camera, of.imu, chain, ADJUSTED_S, config);
+            adjust_recent(atlas, of.camera, of.imu, chain, ADJUSTED_S, config).await;
         }
         Some(ScaleCheck { scale: found.scale, sigma: found.scale_sigma, verdict })
     }
 
     /// What the readings say of metres that depth or a baseline gives. These are known to a few per cent, so only another unit is a
     /// contradiction; it is not corrected, for every image brings it anew.
-    pub fn check_depth(
+    pub async fn check_depth(
         &mut self,
         snapshot: &Snapshot,
-        of: &CameraAndImu,
+        of: &CameraAndImu<'_>,
         chain: &[KeyFrameId],
     ) -> Option<ScaleCheck> {
         let now = snapshot.key_frame(*chain.last()?)?.frame.stamp;
@@ -123,7 +123,7 @@ impl ScaleWatch {
             return None;
         }
         self.checked_long = Some(now);
-        let attempt = of.attempt_from(snapshot, chain, LONG_S, Scale::Free)?;
+        let attempt = of.attempt_from(snapshot, chain, LONG_S, Scale::Free).await?;
         let found = known_scale(&attempt)?;
         let verdict = match self.judge(now, &found) {
             _ if found.scale.ln().abs() < OTHER_UNIT.ln() => ScaleVerdict::Agrees,
@@ -137,10 +137,10 @@ impl ScaleWatch {
 
     /// What the readings of the last seconds say of the scale: of [`CHECK_S`] where these contradict it, else of [`LONG_S`] when
     /// that is due and the shorter ones do not say otherwise.
-    fn measured_scale(
+    async fn measured_scale(
         &mut self,
         snapshot: &Snapshot,
-        of: &CameraAndImu,
+        of: &CameraAndImu<'_>,
         chain: &[KeyFrameId],
         now: Stamp,
     ) -> Option<Initial> {
@@ -149,13 +149,13 @@ impl ScaleWatch {
             return None;
         }
         self.checked = Some(now);
-        let short = measured_over(snapshot, of, chain, CHECK_S);
+        let short = measured_over(snapshot, of, chain, CHECK_S).await;
         let is_due = !agrees || self.checked_long.is_none_or(|t| now - t >= LONG_EVERY_S);
         if short.as_ref().is_some_and(contradicts) || !is_due {
             return short;
         }
         self.checked_long = Some(now);
-        let long = measured_over(snapshot, of, chain, LONG_S);
+        let long = measured_over(snapshot, of, chain, LONG_S).await;
         long.filter(|long| short.as_ref().is_none_or(|short| agree(long, short))).or(short)
     }
 
@@ -182,13 +182,13 @@ impl ScaleWatch {
 }
 
 /// The scale of the last seconds alone, where it is known well enough to say anything.
-fn measured_over(
+async fn measured_over(
     snapshot: &Snapshot,
-    of: &CameraAndImu,
+    of: &CameraAndImu<'_>,
     chain: &[KeyFrameId],
     seconds: f64,
 ) -> Option<Initial> {
-    known_scale(&of.attempt(snapshot, chain, seconds)?)
+    known_scale(&of.attempt(snapshot, chain, seconds).await?)
 }
 
 /// The estimate of an attempt, where it tells the scale.
@@ -279,6 +279,7 @@ mod tests {
     use crate::imu_walk::{NOISE, STEP_S, ToAndFro, position};
     use crate::synthetic::mono;
     use cairn_adjust::ImuModel;
+    use cairn_solve::to_end;
 
     /// Checks with each key frame of the last two seconds: after how many seconds a contradiction was told and put right, and
     /// the scale of those seconds at the end.
@@ -292,7 +293,7 @@ mod tests {
         let (mut told, mut corrected) = (None, None);
         for n in count - 8..count {
             let chain = &ids[..=n];
-            let check = watch.check(&mut atlas, &of, chain, &WindowConfig::default());
+            let check = to_end(watch.check(&mut atlas, &of, chain, &WindowConfig::default()));
             let seconds = STEP_S * (n + 8 - count) as f64;
             match check.map(|c| c.verdict) {
                 Some(ScaleVerdict::Agrees) | None => {}
@@ -345,7 +346,8 @@ mod tests {
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let camera = mono();
         let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
-        let long = measured_over(atlas.latest(), &of, &ids, LONG_S).expect("ten seconds tell the scale");
+        let long =
+            to_end(measured_over(atlas.latest(), &of, &ids, LONG_S)).expect("ten seconds tell the scale");
         assert!(contradicts(&long), "{}", long.scale);
         let snapshot = atlas.latest().clone();
         atlas.commit(rescaled(&snapshot, &ids, &long));
@@ -367,7 +369,8 @@ mod tests {
             let (mut atlas, ids) =
                 ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.2 }.map_but_for(count, unseen);
             let version = atlas.latest().version();
-            let told = ScaleWatch::default().check(&mut atlas, &of, &ids, &WindowConfig::default());
+            let mut watch = ScaleWatch::default();
+            let told = to_end(watch.check(&mut atlas, &of, &ids, &WindowConfig::default()));
             assert_eq!(told.map(|c| c.verdict), unseen.is_none().then_some(ScaleVerdict::Contradicted));
             assert_eq!(atlas.latest().version(), version);
         }
@@ -381,7 +384,7 @@ mod tests {
             let camera = mono();
             let of = CameraAndImu { camera: &camera, imu: &imu, offset_sigma_s: 0.0 };
             let mut watch = ScaleWatch::default();
-            let checks = (24..48).filter_map(|n| watch.check_depth(atlas.latest(), &of, &ids[..=n]));
+            let checks = (24..48).filter_map(|n| to_end(watch.check_depth(atlas.latest(), &of, &ids[..=n])));
             let checks: Vec<ScaleCheck> = checks.collect();
             let last = checks.last().expect("a check");
             assert!((last.scale * factor).ln().abs() < 0.05, "{factor}: {last:?}");
@@ -404,7 +407,7 @@ mod tests {
         let (atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor }.map(33);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
-        let found = measured_over(atlas.latest(), &of, &ids, CHECK_S).expect("a scale");
+        let found = to_end(measured_over(atlas.latest(), &of, &ids, CHECK_S)).expect("a scale");
         (atlas, ids, found)
     }
 

@@ -14,6 +14,7 @@ use cairn_atlas::{
 use cairn_geometry::{Se3, Sim3, Vec3};
 use cairn_inertial::{Bias, Preintegrated};
 use cairn_sensor::ImuSample;
+use cairn_solve::to_end;
 use cairn_vision::{RectifiedCamera, SensorMode};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -86,7 +87,7 @@ fn create_landmarks_triangulates_the_true_positions_with_two_neighbours() {
     remove(&mut atlas, |id| id.index() % 2 == 0);
     let before = atlas.latest().landmark_count();
     let mut new = NewLandmarks::after(atlas.latest());
-    let changes = create_landmarks(atlas.latest(), &world.camera, ids[2], 10, &mut new, || false);
+    let changes = to_end(create_landmarks(atlas.latest(), &world.camera, ids[2], 10, &mut new, || false));
     assert_eq!(atlas.commit(changes).dropped, 0);
     let created = atlas.latest().landmark_count() - before;
     assert_eq!(created, new.ids.len());
@@ -127,7 +128,7 @@ fn create_landmarks_triangulates_between_key_frames_of_two_cameras() {
     let (world, mut atlas, id, every) = continued_by_another_camera(57, 2);
     let before = atlas.latest().landmark_count();
     let mut new = NewLandmarks::after(atlas.latest());
-    let changes = create_landmarks(atlas.latest(), &world.camera, id, 10, &mut new, || false);
+    let changes = to_end(create_landmarks(atlas.latest(), &world.camera, id, 10, &mut new, || false));
     assert_eq!(atlas.commit(changes).dropped, 0);
     let created = atlas.latest().landmark_count() - before;
     assert!(created * 2 > every - before, "{created} of {}", every - before);
@@ -171,7 +172,7 @@ fn create_landmarks_triangulates_nothing_without_a_baseline() {
     let (mut atlas, ids) = world.exact_map(&sideways(3, 0.002));
     remove(&mut atlas, |id| id.index() % 2 == 0);
     let mut new = NewLandmarks::after(atlas.latest());
-    let changes = create_landmarks(atlas.latest(), &world.camera, ids[2], 10, &mut new, || false);
+    let changes = to_end(create_landmarks(atlas.latest(), &world.camera, ids[2], 10, &mut new, || false));
     assert!(changes.is_empty());
 }
 
@@ -420,7 +421,7 @@ fn create_landmarks_with_key_frames_that_only_readings_link() {
     remove(&mut atlas, |_| true);
     let created = |atlas: &Atlas| {
         let mut new = NewLandmarks::after(atlas.latest());
-        create_landmarks(atlas.latest(), &world.camera, ids[3], 10, &mut new, || false);
+        to_end(create_landmarks(atlas.latest(), &world.camera, ids[3], 10, &mut new, || false));
         new.ids.len()
     };
     assert_eq!(created(&atlas), 0, "without gravity, nothing tells the baseline");
@@ -435,7 +436,7 @@ fn create_landmarks_takes_no_stereo_pair_nearer_than_its_own_baseline() {
         let (mut atlas, ids) = world.exact_map(&sideways(2, step));
         remove(&mut atlas, |id| id.index() % 2 == 0);
         let mut new = NewLandmarks::after(atlas.latest());
-        create_landmarks(atlas.latest(), &world.camera, ids[1], 10, &mut new, || false);
+        to_end(create_landmarks(atlas.latest(), &world.camera, ids[1], 10, &mut new, || false));
         new.ids.len()
     };
     let own = world.camera.baseline_fx / world.camera.fx;

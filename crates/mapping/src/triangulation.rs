@@ -7,7 +7,7 @@ use crate::insert::NewLandmarks;
 use cairn_adjust::{depth, pixel};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, Snapshot};
 use cairn_geometry::{Mat3, Se3, Vec3, hat};
-use cairn_solve::{CHI2_2, CHI2_3};
+use cairn_solve::{CHI2_2, CHI2_3, pause};
 use cairn_vision::{Frame, Octaves, RectifiedCamera, hamming};
 
 /// Largest Hamming distance between two views of a point, bits.
@@ -22,7 +22,7 @@ const EARLIER_IN_CHAIN: usize = 4;
 const UNKNOWN_DEPTH_BASELINE_M: f64 = 0.15;
 
 /// Creates landmarks of `centre` with its best `neighbours`; `camera` is that of the atlas.
-pub(crate) fn create_landmarks(
+pub(crate) async fn create_landmarks(
     snapshot: &Snapshot,
     camera: &RectifiedCamera,
     centre: KeyFrameId,
@@ -38,6 +38,7 @@ pub(crate) fn create_landmarks(
         if nth > 0 && stop() {
             break;
         }
+        pause().await;
         let Some(there) = snapshot.key_frame(id) else { continue };
         if !wide_enough(snapshot, camera, here, there) {
             continue;

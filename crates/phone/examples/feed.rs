@@ -13,6 +13,9 @@ use std::fs::File;
 use std::io::{BufReader, BufWriter, Write};
 use std::time::Instant;
 
+/// Slices of mapping between two images: all that there are to do, but for closing loops (`data/phone`).
+const SLICES: usize = 1000;
+
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
@@ -45,6 +48,9 @@ fn record(source: &str, out: &str, rest: &[&str]) -> Result<(), Box<dyn Error>> 
         }
         for message in messages(&rig, &packet) {
             write(&mut out, &message)?;
+        }
+        for _ in 0..SLICES {
+            write(&mut out, &Message::work())?;
         }
     }
     write(&mut out, &Message { kind: b'E', content: Vec::new() })?;
@@ -92,17 +98,29 @@ fn messages(rig: &Rig, packet: &FramePacket) -> Vec<Message> {
 fn replay(from: &str) -> Result<(), Box<dyn Error>> {
     let mut from = BufReader::new(File::open(from)?);
     let mut phone: Option<Phone> = None;
-    let mut times = Vec::new();
+    let (mut images, mut slices) = (Vec::new(), Vec::new());
     while let Some(message) = read(&mut from)? {
         let began = Instant::now();
         let answer = apply(&mut phone, message.kind, &message.content);
+        let ms = began.elapsed().as_secs_f64() * 1e3;
+        if message.kind == Message::work().kind {
+            slices.push(ms);
+            continue;
+        }
         if !answer.reports.is_empty() {
-            times.push(began.elapsed().as_secs_f64() * 1e3);
+            images.push(ms);
         }
         println!("{}", serde_json::to_string(&answer)?);
     }
-    times.sort_by(f64::total_cmp);
-    let at = |share: f64| times.get((share * times.len() as f64) as usize).copied().unwrap_or(0.0);
-    eprintln!("{} images: p50 {:.1} ms, p95 {:.1} ms", times.len(), at(0.5), at(0.95));
+    eprintln!("{} images: {}", images.len(), summary(&mut images));
+    eprintln!("{} slices of mapping: {}", slices.len(), summary(&mut slices));
     Ok(())
+}
+
+fn summary(ms: &mut [f64]) -> String {
+    ms.sort_by(f64::total_cmp);
+    let at = |share: f64| ms.get((share * ms.len() as f64) as usize).copied().unwrap_or(0.0);
+    let all = ms.iter().sum::<f64>() / 1000.0;
+    let (p50, p95, p99, longest) = (at(0.5), at(0.95), at(0.99), ms.last().copied().unwrap_or(0.0));
+    format!("p50 {p50:.1} ms, p95 {p95:.1} ms, p99 {p99:.1} ms, longest {longest:.1} ms, in all {all:.1} s")
 }

@@ -2,7 +2,8 @@
 //!
 //! A message is a kind (one letter), the length of its content (u32), and the content; numbers are little-endian. `S`: a setup, JSON.
 //! `M`: readings of the motion sensors, seven f64 each (seconds, rad/s, m/s^2). `I`: an image, f64 seconds and its gray bytes. `T`: f64
-//! seconds, time without an image. `C`: a command, UTF-8. `L`: one byte, whether words reach the walker late. `Q`: what is to be shown.
+//! seconds, time without an image. `C`: a command, UTF-8. `W`: a slice of mapping, to be asked for
+//! again while the answer says `busy` and nothing else waits. `L`: one byte, whether words reach the walker late. `Q`: what is to be shown.
 //! `V`: the map, in full where its one byte is 1, else what has changed. `R`: the routes of a library, JSON, before a setup. `E`: the end.
 
 use crate::phone::{Phone, PhoneError};
@@ -42,6 +43,11 @@ impl Message {
         Self { kind: b'I', content: [&t_s.to_le_bytes()[..], gray].concat() }
     }
 
+    /// A slice of mapping.
+    pub fn work() -> Self {
+        Self { kind: b'W', content: Vec::new() }
+    }
+
     /// Readings of the motion sensors.
     pub fn motion(readings: &[[f64; 7]]) -> Self {
         Self { kind: b'M', content: readings.iter().flatten().flat_map(|v| v.to_le_bytes()).collect() }
@@ -57,7 +63,7 @@ impl Message {
 #[derive(Debug, thiserror::Error)]
 pub enum MessageError {
     /// A kind that does not exist.
-    #[error("a message of kind {0}; there are S, M, I, T, C, L, Q, V, R and E")]
+    #[error("a message of kind {0}; there are S, M, I, W, T, C, L, Q, V, R and E")]
     Kind(u8),
     /// Content that is too short or too long for its kind.
     #[error("{0} bytes are no content of a message of kind {1}")]
@@ -83,6 +89,9 @@ pub struct Answer {
     pub reports: Vec<Report>,
     /// What a command did.
     pub done: Option<String>,
+    /// Whether mapping has more to do.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub busy: bool,
     /// Why the message was left out.
     pub error: Option<String>,
     /// What is to be shown, where that was asked for.
@@ -132,6 +141,7 @@ fn try_apply(phone: &mut Option<Phone>, kind: u8, content: &[u8]) -> Result<Answ
             phone.image(t_s, gray)?;
             answer.reports = phone.step();
         }
+        b'W' => answer.busy = phone.work(),
         b'T' => answer.reports = phone.tick(time(kind, content)?.0)?,
         b'C' => answer.done = Some(phone.command(&String::from_utf8_lossy(content))?),
         b'L' => phone.late(flag(kind, content)?),

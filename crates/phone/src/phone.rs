@@ -62,6 +62,9 @@ pub struct Phone {
     lens: Option<LensWatch>,
     /// The last packets, while the lens is a guess.
     seen: VecDeque<FramePacket>,
+    /// Those to be seen again with a lens that was found, with what has come since, and until when: who is too slow for that goes on
+    /// with what is seen now.
+    again: (VecDeque<FramePacket>, Stamp),
     start: Start,
 }
 
@@ -103,6 +106,7 @@ impl Phone {
             told: Told::default(),
             lens,
             seen: VecDeque::new(),
+            again: Default::default(),
             start,
         })
     }
@@ -142,6 +146,9 @@ impl Phone {
                 imu: set.imu,
                 decode_ms: 0.0,
             };
+            if self.is_seen_again(&packet) {
+                continue;
+            }
             let output = self.session.on_packet(&packet);
             if self.lens.as_ref().is_some_and(|watch| !watch.is_certain()) {
                 self.seen.push_back(packet.clone());
@@ -153,6 +160,31 @@ impl Phone {
             reports.push(Report::of(packet.stamp, &output, self.session.events()));
         }
         reports
+    }
+
+    /// Whether a packet waits until those before it are seen again.
+    fn is_seen_again(&mut self, packet: &FramePacket) -> bool {
+        let (packets, until) = &mut self.again;
+        if packet.stamp > *until {
+            packets.clear();
+        }
+        if !packets.is_empty() {
+            packets.push_back(packet.clone());
+        }
+        !packets.is_empty()
+    }
+
+    /// Does the next slice of what can wait for the next image: mapping, an image to be seen again, the estimate of a lens. False when
+    /// there was nothing to do.
+    pub fn work(&mut self) -> bool {
+        if self.session.work() {
+            return true;
+        }
+        if let Some(packet) = self.again.0.pop_front() {
+            self.session.see_again(&packet);
+            return true;
+        }
+        self.lens.as_mut().is_some_and(LensWatch::work)
     }
 
     /// Learns the lens while it is a guess, or checks one that was kept, while nothing hangs on the map; begins again with another.
@@ -171,7 +203,7 @@ impl Phone {
             }
         }
         *watch = next;
-        self.session.see_again(&self.seen);
+        self.again = (self.seen.clone(), self.session.now().plus_seconds(SEEN_AGAIN_S));
         if found.is_certain {
             self.seen = VecDeque::new();
             self.session.knows_of_lens(LensKnowledge::of(true, self.start.rig().imu.is_some()));

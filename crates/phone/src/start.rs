@@ -54,7 +54,7 @@ impl Start {
     /// # Errors
     /// When the rig or the map cannot be used.
     pub fn engine(&self, map: Option<&MapFile>) -> Result<(Engine, Vec<String>), OpenMapError> {
-        let (rig, mode, host, runner) = (&self.rig, SensorMode::Mono, Host::bare(), Runner::Lockstep);
+        let (rig, mode, host, runner) = (&self.rig, SensorMode::Mono, Host::bare(), Runner::Sliced);
         match map {
             Some(file) => Engine::in_map(rig, mode, self.rate_hz, runner, &self.config, &host, file),
             None => Ok((Engine::new(rig, mode, self.rate_hz, runner, &self.config, &host)?, Vec::new())),

@@ -9,10 +9,13 @@ use cairn_atlas::{KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, So3};
 use cairn_lens::{Lens, LensEstimate, LensProblem, TurnFactor};
 use cairn_sensor::{Camera, Distortion, Stamp};
+use cairn_solve::{pause, to_end};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::pin::Pin;
 use std::sync::Arc;
+use std::task::{Context, Poll, Waker};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -120,6 +123,12 @@ fn keep(folder: &Path, phone: &str, camera: &Camera, lens: KeptLens) -> std::io:
     std::fs::rename(beside, folder.join(FILE))
 }
 
+/// An estimate in slices.
+enum InSlices {
+    InHand(Pin<Box<dyn Future<Output = Option<LensEstimate>> + Send>>),
+    Done(Option<LensEstimate>),
+}
+
 /// Estimates the lens of the phone of a running session, or checks the one that was kept.
 pub struct LensWatch {
     /// Where it is kept, if so.
@@ -135,6 +144,8 @@ pub struct LensWatch {
     /// The newest key frame that the last estimate looked at.
     looked_at: Option<KeyFrameId>,
     job: Option<JoinHandle<Option<LensEstimate>>>,
+    /// An estimate without a thread: in hand, or done.
+    in_slices: Option<InSlices>,
     /// The last certain estimate.
     before: Option<Lens>,
     /// The gyroscope contradicted the lens that the images are read with, and a better one was told.
@@ -156,6 +167,7 @@ impl LensWatch {
             tried_at: None,
             looked_at: None,
             job: None,
+            in_slices: None,
             before: None,
             turned: false,
             done: false,
@@ -200,14 +212,13 @@ impl LensWatch {
         }
         if self.job.is_none() && self.tried.is_none_or(|t| t.elapsed() >= AGAIN) {
             let work = self.estimate(engine, snapshot)?;
-            self.job = std::thread::Builder::new().name("cairn-lens".into()).spawn(work).ok();
+            self.job = std::thread::Builder::new().name("cairn-lens".into()).spawn(|| to_end(work)).ok();
             self.tried = self.job.as_ref().map(|_| Instant::now());
         }
         None
     }
 
-    /// The same where there are no threads, called with each image: the image waits for an estimate, so it is to be called only while
-    /// nothing depends on the next pose.
+    /// The same where there are no threads, called with each image; [`LensWatch::work`] does the estimates between images.
     pub fn step_here(&mut self, engine: &dyn Slam, now: Stamp) -> Option<LensFound> {
         if self.done || self.guess.distortion != Distortion::None {
             return None;
@@ -222,12 +233,25 @@ impl LensWatch {
             self.turned = true;
             return Some(self.kept_as(lens));
         }
-        if self.tried_at.is_some_and(|last| !is_due(last, AGAIN)) {
-            return None;
+        match self.in_slices.take() {
+            Some(InSlices::Done(estimate)) => return self.take(&estimate?),
+            Some(in_hand) => self.in_slices = Some(in_hand),
+            None if self.tried_at.is_some_and(|last| !is_due(last, AGAIN)) => {}
+            None => {
+                self.in_slices = Some(InSlices::InHand(Box::pin(self.estimate(engine, snapshot)?)));
+                self.tried_at = Some(now);
+            }
         }
-        let work = self.estimate(engine, snapshot)?;
-        self.tried_at = Some(now);
-        self.take(&work()?)
+        None
+    }
+
+    /// Does the next slice of an estimate without a thread; false when there was nothing to do.
+    pub fn work(&mut self) -> bool {
+        let Some(InSlices::InHand(work)) = &mut self.in_slices else { return false };
+        if let Poll::Ready(estimate) = work.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
+            self.in_slices = Some(InSlices::Done(estimate));
+        }
+        true
     }
 
     /// Takes an estimate; the lens, once it is certain and another than is read with.
@@ -286,7 +310,7 @@ impl LensWatch {
         &mut self,
         engine: &dyn Slam,
         snapshot: Arc<Snapshot>,
-    ) -> Option<impl FnOnce() -> Option<LensEstimate> + Send + use<>> {
+    ) -> Option<impl Future<Output = Option<LensEstimate>> + Send + use<>> {
         let (last, newest) = snapshot.key_frames().max_by_key(|k| k.id).map(|k| (k.id, k.map))?;
         if snapshot.key_frames_of(newest).take(LEAST_KEY_FRAMES).count() < LEAST_KEY_FRAMES {
             return None;
@@ -296,9 +320,13 @@ impl LensWatch {
         }
         self.looked_at = Some(last);
         let camera = *engine.camera();
-        Some(move || {
+        Some(async move {
             let problem = LensProblem::of(&snapshot, newest, &camera, &imu_from_camera())?;
-            (problem.turned_rad() >= LEAST_TURN_RAD).then(|| problem.solve())?
+            pause().await;
+            if problem.turned_rad() < LEAST_TURN_RAD {
+                return None;
+            }
+            problem.solve_in_slices().await
         })
     }
 }

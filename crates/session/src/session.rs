@@ -209,6 +209,11 @@ impl<S: Slam> Session<S> {
         &mut self.engine
     }
 
+    /// Does the next slice of what the engine does between packets; false when there was nothing to do.
+    pub fn work(&mut self) -> bool {
+        self.engine.work()
+    }
+
     /// Processes a packet: a pose, a point of the route, a step of the guide.
     ///
     /// # Errors

@@ -55,6 +55,11 @@ pub trait Slam {
     /// [`NotTracked`]; the session goes on.
     fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked>;
 
+    /// Does the next slice of work that waits, where that is done between packets; false when there was nothing to do.
+    fn work(&mut self) -> bool {
+        false
+    }
+
     /// Time passes without a packet: what may have died is looked after.
     fn look_after(&mut self) {}
 
@@ -100,6 +105,10 @@ pub trait Slam {
 impl Slam for Engine {
     fn on_packet(&mut self, packet: &FramePacket) -> Result<Output, NotTracked> {
         Engine::on_packet(self, packet).map_err(|e| NotTracked::Refused(e.to_string()))
+    }
+
+    fn work(&mut self) -> bool {
+        Engine::work(self)
     }
 
     fn snapshot(&self) -> Arc<Snapshot> {

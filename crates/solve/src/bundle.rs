@@ -7,6 +7,7 @@ use crate::factors::{Equations, Factors, NoFactors, Variable};
 use crate::levenberg_marquardt::{Convergence, Damping, LevenbergMarquardt, Problem, Trial};
 use crate::reprojection::{Linear, View};
 use crate::schur::{Border, More, Normal, Schur, Step};
+use crate::slices::{pause, to_end};
 use crate::{CHI2_2, CHI2_3, Pinhole, Pixel, Report, Stop, huber};
 use cairn_geometry::{Manifold, Mat3, Se3, Vec3};
 use nalgebra::{SMatrix, SVector};
@@ -194,12 +195,23 @@ impl Bundle {
         config: &BundleConfig,
         stop: impl FnMut() -> bool,
     ) -> Report {
+        to_end(self.solve_in_slices(factors, config, stop))
+    }
+
+    /// The same in slices.
+    pub async fn solve_in_slices<F: Factors + ?Sized>(
+        &mut self,
+        factors: &mut F,
+        config: &BundleConfig,
+        stop: impl FnMut() -> bool,
+    ) -> Report {
         let mut report =
             Report { iterations: 0, cost_before: 0.0, cost_after: 0.0, inliers: 0, stop: Stop::Empty };
         let mut adjustment = Adjustment::new(self, factors, config.robust);
         if adjustment.is_empty() {
             return report;
         }
+        pause().await;
         let solver = LevenbergMarquardt {
             iterations: config.iterations,
             damping: Damping::Factors {
@@ -212,7 +224,7 @@ impl Bundle {
             },
             convergence: Convergence::Actual { relative: config.tolerance },
         };
-        let outcome = solver.minimise(&mut adjustment, stop);
+        let outcome = solver.minimise_in_slices(&mut adjustment, stop).await;
         (report.iterations, report.stop) = (outcome.iterations, outcome.stop);
         (report.cost_before, report.cost_after) = (outcome.cost_before, outcome.cost_after);
         let fits = |k: &usize| self.chi2_of(*k) <= Self::bound(&self.observations[*k]);
@@ -231,9 +243,9 @@ impl Bundle {
     ) -> Option<SMatrix<f64, 6, 6>> {
         let mut adjustment = Adjustment::new(self, factors, robust);
         let slot = adjustment.slot.get(pose).copied().flatten()?;
-        adjustment.linearise()?;
+        to_end(adjustment.linearise())?;
         let Adjustment { bundle, schur, normal, .. } = &mut adjustment;
-        schur.covariance(normal, &bundle.couplings(robust), slot as usize, FLOOR)
+        to_end(schur.covariance(normal, &bundle.couplings(robust), slot as usize, FLOOR))
     }
 
     /// For each pose its block row, when it is free.
@@ -462,9 +474,10 @@ fn more<F: Factors + ?Sized>(bundle: &Bundle, factors: &F, slot: &[Option<u32>],
 }
 
 impl<F: Factors + ?Sized> Problem for Adjustment<'_, F> {
-    fn linearise(&mut self) -> Option<f64> {
+    async fn linearise(&mut self) -> Option<f64> {
         self.normal.clear();
         self.bundle.linearise(&self.slot, &mut self.normal, &mut self.borders, self.robust);
+        pause().await;
         let mut equations = Equations::new(&mut self.normal, &self.slot);
         self.factors.linearise(&self.bundle.poses, &mut equations)?;
         for ((freedom, slot), pose) in self.bundle.freedom.iter().zip(&self.slot).zip(&self.bundle.poses) {
@@ -477,9 +490,9 @@ impl<F: Factors + ?Sized> Problem for Adjustment<'_, F> {
         Some(self.normal.cost)
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+    async fn attempt(&mut self, damping: f64) -> Option<Trial> {
         let couplings = self.bundle.couplings(self.robust);
-        let step = self.schur.step(&self.normal, &couplings, &self.borders, damping, FLOOR);
+        let step = self.schur.step(&self.normal, &couplings, &self.borders, damping, FLOOR).await;
         drop(couplings);
         let first = !std::mem::replace(&mut self.has_asked, true);
         let step = step?;
@@ -491,6 +504,7 @@ impl<F: Factors + ?Sized> Problem for Adjustment<'_, F> {
             }
             *value += border.step;
         }
+        pause().await;
         let (poses, points) = self.bundle.moved(&self.slot, &step);
         let mut cost = self.bundle.cost(&poses, &points, &values, self.robust);
         cost += self.factors.attempt(&poses, &step.more);

@@ -44,11 +44,11 @@ where
     L: Fn(&S) -> DenseNormal<N>,
     R: Fn(&S, &SVector<f64, N>) -> S,
 {
-    fn linearise(&mut self) -> Option<f64> {
+    async fn linearise(&mut self) -> Option<f64> {
         Some(self.now.1.cost)
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+    async fn attempt(&mut self, damping: f64) -> Option<Trial> {
         let (state, normal) = &self.now;
         let mut hessian = normal.hessian;
         for k in 0..N {

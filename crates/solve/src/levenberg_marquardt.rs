@@ -7,18 +7,20 @@
 //! Nielsen, "Damping parameter in Marquardt's method" (1999).
 
 use crate::Stop;
+use crate::slices::{pause, to_end};
 
 /// Costs below this count as zero when a decrease is compared with the cost.
 const ZERO_COST: f64 = 1e-12;
 
-/// A nonlinear least-squares problem with its current state.
+/// A nonlinear least-squares problem with its current state. Large ones pause within their work ([`pause`]).
+#[expect(async_fn_in_trait, reason = "whether such work may move to another thread is known of each problem")]
 pub trait Problem {
     /// Builds the normal equations at the current state; returns its cost (half the robust sum of squares). `None` when
     /// the state cannot be linearised, which ends the solve.
-    fn linearise(&mut self) -> Option<f64>;
+    async fn linearise(&mut self) -> Option<f64>;
     /// Solves the normal equations with this damping and evaluates the state that the step leads to, the trial state.
     /// `None` when they are singular.
-    fn attempt(&mut self, damping: f64) -> Option<Trial>;
+    async fn attempt(&mut self, damping: f64) -> Option<Trial>;
     /// Makes the trial state the current one.
     fn accept(&mut self);
 }
@@ -105,31 +107,43 @@ pub struct Outcome {
 
 impl LevenbergMarquardt {
     /// Lowers the cost of the problem; its state is the last accepted one afterwards. Asks `interrupted` before each step.
-    pub fn minimise(&self, problem: &mut impl Problem, mut interrupted: impl FnMut() -> bool) -> Outcome {
+    pub fn minimise(&self, problem: &mut impl Problem, interrupted: impl FnMut() -> bool) -> Outcome {
+        to_end(self.minimise_in_slices(problem, interrupted))
+    }
+
+    /// The same, with a pause after each linearisation and each step.
+    pub async fn minimise_in_slices(
+        &self,
+        problem: &mut impl Problem,
+        mut interrupted: impl FnMut() -> bool,
+    ) -> Outcome {
         let mut outcome =
             Outcome { iterations: 0, cost_before: f64::NAN, cost_after: f64::NAN, stop: Stop::Iterations };
-        let Some(mut cost) = problem.linearise() else {
+        let Some(mut cost) = problem.linearise().await else {
             outcome.stop = Stop::NoDescent;
             return outcome;
         };
         (outcome.cost_before, outcome.cost_after) = (cost, cost);
         let mut damper = Damper::new(self.damping);
         let mut is_linearised = true;
+        pause().await;
         while outcome.iterations < self.iterations {
             if interrupted() {
                 outcome.stop = Stop::Interrupted;
                 break;
             }
             if !is_linearised {
-                let Some(now) = problem.linearise() else {
+                let Some(now) = problem.linearise().await else {
                     outcome.stop = Stop::NoDescent;
                     break;
                 };
                 // Not always that of the trial: a problem may have refined its measurements when it accepted.
                 (cost, outcome.cost_after, is_linearised) = (now, now, true);
+                pause().await;
             }
             outcome.iterations += 1;
-            let trial = problem.attempt(damper.lambda);
+            let trial = problem.attempt(damper.lambda).await;
+            pause().await;
             let decrease = trial.map_or(f64::NAN, |t| cost - t.cost);
             let accepted = match self.damping {
                 Damping::GaussNewton => trial.is_some_and(|t| t.cost.is_finite()),
@@ -234,11 +248,11 @@ mod tests {
     }
 
     impl Problem for Root {
-        fn linearise(&mut self) -> Option<f64> {
+        async fn linearise(&mut self) -> Option<f64> {
             Some(Self::cost(self.x))
         }
 
-        fn attempt(&mut self, damping: f64) -> Option<Trial> {
+        async fn attempt(&mut self, damping: f64) -> Option<Trial> {
             let (r, j) = (self.x * self.x - 2.0, 2.0 * self.x);
             let h = j * j;
             let step = -j * r / (h + damping * h);

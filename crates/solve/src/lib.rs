@@ -24,6 +24,7 @@ mod report;
 mod reprojection;
 mod robust;
 mod schur;
+mod slices;
 pub mod sparse;
 mod text;
 
@@ -38,4 +39,5 @@ pub use pose_only::{PoseOnly, PoseOnlyConfig, PosePrior};
 pub use report::{Report, Stop};
 pub use reprojection::{Linear, Pinhole, Pixel};
 pub use robust::{CHI2_2, CHI2_3, CHI2_95, Loss, huber};
+pub use slices::{pause, to_end};
 pub use text::TextError;

@@ -11,6 +11,7 @@ mod reduced;
 
 pub use normal::Normal;
 
+use crate::slices::pause;
 use crate::sparse::{Analysis, Factor};
 use cairn_geometry::{Mat3, Vec3};
 use nalgebra::{DMatrix, SMatrix, SVector};
@@ -82,6 +83,8 @@ pub struct More {
     pub held: Vec<(usize, Range<usize>)>,
 }
 
+/// Points that are eliminated in one slice: about a millisecond where twenty cameras see each.
+const POINTS_IN_SLICE: usize = 128;
 /// Most free cameras for which a table of pairs is kept.
 const TABLE: usize = 1024;
 
@@ -164,7 +167,7 @@ impl<const P: usize> Schur<P> {
     ///
     /// `coupling` gives an observation's block of the normal equations, camera by point. There are more of them than of
     /// everything else, and each is needed twice or three times in a step only: so they need not be stored.
-    pub fn step(
+    pub async fn step(
         &mut self,
         normal: &Normal<P>,
         coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
@@ -173,9 +176,11 @@ impl<const P: usize> Schur<P> {
         floor: f64,
     ) -> Option<Step<P>> {
         let damping = |h: f64| lambda * h + floor;
-        let (mut right, inverses) = self.factor_reduced(normal, coupling, &damping)?;
+        let (mut right, inverses) = self.factor_reduced(normal, coupling, &damping).await?;
+        pause().await;
         self.factor.solve(&mut right);
         let steps = self.border_steps(normal, coupling, borders, &inverses, lambda, &mut right)?;
+        pause().await;
         let moving = || borders.iter().zip(&steps).filter(|(border, _)| !border.held);
         let more = right.split_off(P * self.pattern.cameras);
         let cameras: Vec<SVector<f64, P>> = right.chunks_exact(P).map(SVector::from_column_slice).collect();
@@ -200,14 +205,14 @@ impl<const P: usize> Schur<P> {
 
     /// Covariance of a free camera's parameters with everything else marginalised, from the undamped equations (raised by
     /// `floor` on the diagonal); `None` when they are singular.
-    pub fn covariance(
+    pub async fn covariance(
         &mut self,
         normal: &Normal<P>,
         coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
         camera: usize,
         floor: f64,
     ) -> Option<SMatrix<f64, P, P>> {
-        let (right, _) = self.factor_reduced(normal, coupling, &|_| floor)?;
+        let (right, _) = self.factor_reduced(normal, coupling, &|_| floor).await?;
         let at = self.pattern.analysis.offset(camera);
         let mut covariance = SMatrix::<f64, P, P>::zeros();
         for k in 0..P {
@@ -220,7 +225,7 @@ impl<const P: usize> Schur<P> {
     }
 
     /// Eliminates the points and factors what is left; its right-hand side, and the inverses of the points' blocks.
-    fn factor_reduced(
+    async fn factor_reduced(
         &mut self,
         normal: &Normal<P>,
         coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
@@ -243,12 +248,13 @@ impl<const P: usize> Schur<P> {
             (0..d).for_each(|i| block[i * d + i] += damping(block[i * d + i]));
         }
         let mut cameras: Vec<SVector<f64, P>> = normal.camera_gradients.iter().map(|g| -g).collect();
-        let inverses = self.reduce(normal, coupling, damping, &mut cameras);
+        let inverses = self.reduce(normal, coupling, damping, &mut cameras).await;
         let mut right: Vec<f64> = cameras.iter().flat_map(|v| v.iter().copied()).collect();
         right.extend(normal.more_gradient.iter().map(|g| -g));
         for (row, components) in &self.held {
             self.reduced.hold(*row, components, &mut right);
         }
+        pause().await;
         self.factor.factor(&self.reduced).ok()?;
         Some((right, inverses))
     }
@@ -345,7 +351,7 @@ impl<const P: usize> Schur<P> {
     }
 
     /// Eliminates the points from the cameras' system; returns the inverses of their blocks.
-    fn reduce(
+    async fn reduce(
         &mut self,
         normal: &Normal<P>,
         coupling: &impl Fn(usize) -> SMatrix<f64, P, 3>,
@@ -356,6 +362,9 @@ impl<const P: usize> Schur<P> {
         // Of each observation of a point: the camera, the coupling, and that times the point's inverse.
         let mut seen: Vec<(u32, SMatrix<f64, P, 3>, SMatrix<f64, P, 3>)> = Vec::new();
         for (point, block) in normal.points.iter().enumerate() {
+            if (point + 1).is_multiple_of(POINTS_IN_SLICE) {
+                pause().await;
+            }
             let mut damped = *block;
             (0..3).for_each(|k| damped[(k, k)] += damping(block[(k, k)]));
             // A point that nothing constrains stays where it is.

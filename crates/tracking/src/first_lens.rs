@@ -13,6 +13,7 @@ use cairn_inertial::{
     Bias, ImuBuffer, Preintegrated, TrackMotion, TrackPoint, TrackPriors, Tracks, motion_of_tracks,
 };
 use cairn_sensor::{ImuSample, ImuSensor, Stamp};
+use cairn_solve::to_end;
 use cairn_vision::{Frame, RectifiedCamera};
 use std::sync::Arc;
 
@@ -171,5 +172,5 @@ fn motion_of(
     }
     tracks.retain(|track| track.len() > 2);
     let imu_from_camera = *imu_from_camera;
-    motion_of_tracks(&Tracks { links: &links?, tracks: &tracks, imu_from_camera, priors })
+    to_end(motion_of_tracks(&Tracks { links: &links?, tracks: &tracks, imu_from_camera, priors }))
 }

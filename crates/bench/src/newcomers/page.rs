@@ -21,6 +21,8 @@ const EPOCH_S: f64 = 1.0;
 const ENCODING_S: f64 = 0.015;
 /// The page takes every second or third picture of the camera, 10 to 15 a second.
 const TAKEN: [usize; 2] = [2, 3];
+/// Slices of mapping in a moment at most: at 15 images a second a walk has 20 of them to do (`data/phone`).
+const SLICES: usize = 40;
 /// Readings come in parcels of so many.
 const PARCEL: usize = 2;
 /// Longer and shorter side of the pictures.
@@ -138,6 +140,11 @@ impl Page {
         }
         let mut reports = self.phone.step();
         reports.extend(self.phone.tick(EPOCH_S + self.now_s)?);
+        for _ in 0..SLICES {
+            if !self.phone.work() {
+                break;
+            }
+        }
         Ok(reports)
     }
 

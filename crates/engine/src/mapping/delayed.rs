@@ -9,7 +9,7 @@
 use super::done::Done;
 use super::inline::Inline;
 use super::threaded::{Job, commit};
-use super::work::{take, text_of};
+use super::work::{Input, take, text_of};
 use cairn_atlas::{KeyFrameId, LandmarkId, Snapshot};
 use cairn_mapping::Closed;
 use cairn_random::Random;
@@ -33,13 +33,6 @@ pub const CLOSING_TIMES: u32 = 3;
 const STOPPED: u32 = 3;
 /// It is told so within this many questions.
 const QUESTIONS: u32 = 30;
-
-/// A message in mapping's queue.
-enum Input {
-    Visibility(Vec<(LandmarkId, bool)>),
-    KeyFrameRequest(Box<KeyFrameRequest>),
-    Closed(Arc<Snapshot>, Closed),
-}
 
 /// The stages with their queues.
 pub(crate) struct Delayed {
@@ -211,7 +204,7 @@ impl Delayed {
         let mut next: Option<Job> = None;
         while self.jobs.front().is_some_and(|(at, _)| *at <= self.frame) {
             let Some((_, newer)) = self.jobs.pop_front() else { break };
-            if matches!(newer, Job::Whole(..)) || !matches!(next, Some(Job::Whole(..))) {
+            if next.as_ref().is_none_or(|job| job.gives_way_to(&newer)) {
                 next = Some(newer);
             }
         }

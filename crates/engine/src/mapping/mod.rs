@@ -1,9 +1,10 @@
-//! Mapping and closing: inline (lockstep), with drawn latencies, on their own threads, or replayed from a journal.
+//! Mapping and closing: inline (lockstep), in slices between frames, with drawn latencies, on their own threads, or replayed from a journal.
 
 mod delayed;
 mod done;
 mod inline;
 mod replay;
+mod sliced;
 mod threaded;
 mod work;
 
@@ -19,6 +20,7 @@ use delayed::Delayed;
 pub(crate) use done::Done;
 use inline::Inline;
 use replay::Replay;
+use sliced::Sliced;
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -32,13 +34,17 @@ pub enum Runner {
     Lockstep,
     /// Mapping and closing on threads that the host gives; tracking never waits for them.
     Threaded,
+    /// In slices, which [`Engine::work`](crate::Engine::work) does between frames: for one thread in real time. Bit-identical for the same
+    /// slices between the same frames.
+    Sliced,
     /// As on threads, with latencies drawn by a seed instead of those of the machine: bit-identical from run to run.
     Delayed(Delays),
 }
 
-/// Mapping and closing, in one of the four forms.
+/// Mapping and closing, in one of its forms.
 pub(crate) enum Mapping {
     Inline(Box<Inline>),
+    Sliced(Box<Sliced>),
     Delayed(Box<Delayed>),
     Thread(Threaded),
     Replay(Box<Replay>),
@@ -53,6 +59,7 @@ impl Mapping {
         let stages = Inline { mapper, closer, atlas, stop: Arc::default(), clock: host.clock.clone() };
         match runner {
             Runner::Delayed(delays) => Self::Delayed(Box::new(Delayed::new(stages, delays))),
+            Runner::Sliced => Self::Sliced(Box::new(Sliced::new(stages))),
             _ => Self::Inline(Box::new(stages)),
         }
     }
@@ -97,6 +104,7 @@ impl Mapping {
     pub fn snapshot_for(&mut self, stamp: Stamp, done: &mut Done) -> (Arc<Snapshot>, bool) {
         match self {
             Self::Inline(inline) => (inline.atlas.latest().clone(), true),
+            Self::Sliced(sliced) => (sliced.reader.latest(), sliced.idle()),
             Self::Delayed(delayed) => delayed.snapshot_for(done),
             Self::Thread(thread) => (thread.reader.latest(), thread.idle()),
             Self::Replay(replay) => replay.snapshot_for(stamp, done),
@@ -106,6 +114,7 @@ impl Mapping {
     pub fn latest(&self) -> Arc<Snapshot> {
         match self {
             Self::Inline(inline) => inline.atlas.latest().clone(),
+            Self::Sliced(sliced) => sliced.reader.latest(),
             Self::Delayed(delayed) => delayed.current.clone(),
             Self::Thread(thread) => thread.reader.latest(),
             Self::Replay(replay) => replay.current.clone(),
@@ -116,6 +125,7 @@ impl Mapping {
     pub fn subscribe(&mut self) -> Option<Subscription> {
         match self {
             Self::Inline(inline) => Some(inline.atlas.subscribe()),
+            Self::Sliced(sliced) => sliced.subscribe(),
             Self::Delayed(delayed) => Some(delayed.stages.atlas.subscribe()),
             Self::Thread(thread) => thread.subscribe(),
             Self::Replay(replay) => Some(replay.stages.atlas.subscribe()),
@@ -125,6 +135,7 @@ impl Mapping {
     pub fn note(&mut self, seen: Vec<(LandmarkId, bool)>) {
         match self {
             Self::Inline(inline) => inline.mapper.note(&seen),
+            Self::Sliced(sliced) => sliced.note(seen),
             Self::Delayed(delayed) => delayed.note(seen),
             Self::Thread(thread) => thread.note(seen),
             Self::Replay(replay) => replay.note(seen),
@@ -136,6 +147,7 @@ impl Mapping {
     pub fn submit(&mut self, request: KeyFrameRequest, done: &mut Done) -> Option<KeyFrameId> {
         match self {
             Self::Inline(inline) => inline.submit(&request, done),
+            Self::Sliced(sliced) => sliced.submit(request),
             Self::Delayed(delayed) => delayed.submit(request, done),
             Self::Thread(thread) => thread.submit(request),
             Self::Replay(replay) => replay.submit(request, done),
@@ -153,7 +165,7 @@ impl Mapping {
     /// Writes the result of a frame to the journal, or compares it in a replay.
     pub fn record_frame(&mut self, frame: &FrameRecord) {
         match self {
-            Self::Inline(_) | Self::Delayed(_) => {}
+            Self::Inline(_) | Self::Sliced(_) | Self::Delayed(_) => {}
             Self::Thread(thread) => thread.journal.write(&Record::Frame(*frame)),
             Self::Replay(replay) => replay.compare(frame),
         }
@@ -162,16 +174,26 @@ impl Mapping {
     /// Writes the final map to the journal, or compares it in a replay.
     pub fn record_end(&mut self, version: u64, digest: u64) {
         match self {
-            Self::Inline(_) | Self::Delayed(_) => {}
+            Self::Inline(_) | Self::Sliced(_) | Self::Delayed(_) => {}
             Self::Thread(thread) => thread.journal.write(&Record::End { version, digest }),
             Self::Replay(replay) => replay.compare_end(version, digest),
         }
     }
 
     /// Collects the work finished meanwhile.
-    pub fn poll(&self, into: &mut Done) {
-        if let Self::Thread(thread) = self {
-            thread.poll(into);
+    pub fn poll(&mut self, into: &mut Done) {
+        match self {
+            Self::Thread(thread) => thread.poll(into),
+            Self::Sliced(sliced) => sliced.poll(into),
+            _ => {}
+        }
+    }
+
+    /// Does the next slice, where the stages run in slices; false when there was nothing to do.
+    pub fn work(&mut self) -> bool {
+        match self {
+            Self::Sliced(sliced) => sliced.work(),
+            _ => false,
         }
     }
 
@@ -179,6 +201,7 @@ impl Mapping {
     pub fn stop(&self) -> &Arc<AtomicBool> {
         match self {
             Self::Inline(inline) => &inline.stop,
+            Self::Sliced(sliced) => &sliced.stop,
             Self::Delayed(delayed) => &delayed.stages.stop,
             Self::Thread(thread) => &thread.stop,
             Self::Replay(replay) => &replay.stages.stop,
@@ -189,6 +212,7 @@ impl Mapping {
     pub fn finish(&mut self, into: &mut Done) {
         match self {
             Self::Inline(inline) => inline.final_adjustment(into),
+            Self::Sliced(sliced) => sliced.finish(into),
             Self::Delayed(delayed) => delayed.finish(into),
             Self::Thread(thread) => thread.finish(into),
             Self::Replay(replay) => replay.finish(into),

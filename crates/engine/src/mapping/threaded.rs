@@ -6,6 +6,7 @@ use crate::journal::{JobRecord, JournalWriter, Record};
 use cairn_atlas::{Atlas, KeyFrameId, LandmarkId, MapId, Reader, Snapshot, Subscription};
 use cairn_mapping::{Closed, Closer, Mapper};
 use cairn_sensor::{Clock, Host, Task, Work};
+use cairn_solve::to_end;
 use cairn_tracking::KeyFrameRequest;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -45,16 +46,27 @@ impl Job {
         JobRecord { number, version: snapshot.version(), whole, key_frame: id.index() as u64 }
     }
 
+    /// Whether a newer job is done in its place: only the newest place matters.
+    pub fn gives_way_to(&self, newer: &Self) -> bool {
+        matches!(newer, Self::Whole(..)) || matches!(self, Self::Place(..))
+    }
+
     /// Runs the job; returns the snapshot it ran on along with the changes. `stop` ends the adjustment of a map without
     /// changes.
     pub fn work(self, closer: &mut Closer, stop: &AtomicBool) -> (Arc<Snapshot>, Closed) {
+        to_end(self.work_in_slices(closer, stop))
+    }
+
+    /// The same in slices.
+    pub async fn work_in_slices(self, closer: &mut Closer, stop: &AtomicBool) -> (Arc<Snapshot>, Closed) {
         match self {
             Self::Place(snapshot, id) => {
-                let closed = closer.step(&snapshot, id);
+                let closed = closer.step_in_slices(&snapshot, id).await;
                 (snapshot, closed)
             }
             Self::Whole(snapshot, map) => {
-                let changes = closer.adjust_whole(&snapshot, map, || stop.load(Ordering::Relaxed));
+                let stop = || stop.load(Ordering::Relaxed);
+                let changes = closer.adjust_whole_in_slices(&snapshot, map, stop).await;
                 (snapshot, Closed { changes, ..Closed::default() })
             }
         }
@@ -307,9 +319,9 @@ impl ClosingThread {
 
     fn work(mut self, from: &Receiver<(u64, Job)>) {
         while let Ok(mut job) = from.recv() {
-            // Only the newest place matters: older ones that queued up meanwhile are skipped.
+            // Older ones that queued up meanwhile are skipped.
             for newer in from.try_iter() {
-                if matches!(newer.1, Job::Whole(..)) || matches!(job.1, Job::Place(..)) {
+                if job.1.gives_way_to(&newer.1) {
                     job = newer;
                 }
             }

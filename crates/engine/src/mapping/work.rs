@@ -1,13 +1,33 @@
 //! One request of tracking, done by mapping, whatever runs it.
 
 use super::done::Taken;
-use cairn_atlas::{Atlas, ImuSegment, MapPrior, Readout};
+use cairn_atlas::{Atlas, ImuSegment, LandmarkId, MapPrior, Readout, Snapshot};
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_mapping::{KeyFrameInput, MapStart, Mapper, StartClocks};
+use cairn_mapping::{Closed, KeyFrameInput, MapStart, Mapper, StartClocks};
+use cairn_solve::to_end;
 use cairn_tracking::{AnchoredPose, KeyFrameRequest, RelocationPrior};
+use std::sync::Arc;
+
+/// A message in mapping's queue.
+pub(super) enum Input {
+    Visibility(Vec<(LandmarkId, bool)>),
+    KeyFrameRequest(Box<KeyFrameRequest>),
+    /// Changes of closing on a snapshot that may be outdated by now.
+    Closed(Arc<Snapshot>, Closed),
+}
 
 /// Inserts the key frame, or begins a map with it.
 pub(super) fn take(
+    mapper: &mut Mapper,
+    atlas: &mut Atlas,
+    request: &KeyFrameRequest,
+    stop: impl FnMut() -> bool,
+) -> Taken {
+    to_end(take_in_slices(mapper, atlas, request, stop))
+}
+
+/// The same in slices.
+pub(super) async fn take_in_slices(
     mapper: &mut Mapper,
     atlas: &mut Atlas,
     request: &KeyFrameRequest,
@@ -49,7 +69,7 @@ pub(super) fn take(
                 motion: motion.as_ref(),
                 by_depth: *by_depth,
             };
-            let mapped = mapper.step(atlas, &submitted, stop);
+            let mapped = mapper.step_in_slices(atlas, &submitted, stop).await;
             return mapped.map_or(Taken::default(), |m| Taken {
                 key_frame: Some(m.key_frame),
                 attempt: m.attempt,

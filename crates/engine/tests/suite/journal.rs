@@ -41,7 +41,7 @@ fn packets(sensor: SimSensor, seconds: f64) -> Vec<FramePacket> {
 
 /// Seven seconds: forward, blind for a second, a new map begins farther on, and back to where the first was
 /// left.
-fn walk() -> &'static [FramePacket] {
+pub(crate) fn walk() -> &'static [FramePacket] {
     static WALK: OnceLock<Vec<FramePacket>> = OnceLock::new();
     WALK.get_or_init(|| {
         let seen = packets(SimSensor::Rgbd, 6.0);
@@ -58,7 +58,7 @@ fn walk() -> &'static [FramePacket] {
     })
 }
 
-fn engine(sensor: SimSensor, runner: Runner, config: &Config) -> Engine {
+pub(crate) fn engine(sensor: SimSensor, runner: Runner, config: &Config) -> Engine {
     let mode = match sensor {
         SimSensor::Stereo => SensorMode::Stereo,
         _ => SensorMode::Rgbd,

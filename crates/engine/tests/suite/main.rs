@@ -12,6 +12,7 @@ mod lost_by_depth;
 mod odometry;
 mod registration;
 mod resume;
+mod sliced;
 
 /// The kitchen recording.
 fn kitchen() -> Option<String> {

@@ -12,7 +12,7 @@ use super::problem::{NORM_SIGMA, Problem, State};
 use super::unmodelled;
 use cairn_geometry::Vec3;
 use cairn_sensor::GRAVITY_M_S2;
-use cairn_solve::{Convergence, Damping, LevenbergMarquardt, Trial};
+use cairn_solve::{Convergence, Damping, LevenbergMarquardt, Trial, pause};
 use nalgebra::SMatrix;
 
 /// How often the noise of the IMU is fitted to the residuals.
@@ -33,14 +33,14 @@ struct Search<'a> {
 }
 
 impl cairn_solve::Problem for Search<'_> {
-    fn linearise(&mut self) -> Option<f64> {
+    async fn linearise(&mut self) -> Option<f64> {
         self.problem.follow(&self.state);
         let (cost, chain) = self.problem.linearise(&self.state, NORM_SIGMA)?;
         self.chain = Some(chain);
         Some(cost)
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+    async fn attempt(&mut self, damping: f64) -> Option<Trial> {
         let step = self.chain.as_ref()?.solve(damping)?;
         self.trial = self.problem.moved(&self.state, &step);
         let cost = self.problem.cost(&self.trial)?;
@@ -53,24 +53,28 @@ impl cairn_solve::Problem for Search<'_> {
 }
 
 /// The best solution from all guesses; `None` when none converges.
-pub fn solve(mut problem: Problem) -> Option<Initial> {
+pub async fn solve(mut problem: Problem) -> Option<Initial> {
     let gyro = guess::gyro_bias(&problem.rotations, &mut problem.links, 6);
     let mut best: Option<(f64, State)> = None;
+    pause().await;
     for guess in guess::guesses(&problem, gyro) {
-        if let Some((cost, state)) = descend(&mut problem, start(&guess))
+        if let Some((cost, state)) = descend(&mut problem, start(&guess)).await
             && best.as_ref().is_none_or(|(least, _)| cost < *least)
         {
             best = Some((cost, state));
         }
     }
-    let (cost, state) = fit_imu_noise(&mut problem, best?)?;
+    let (cost, state) = fit_imu_noise(&mut problem, best?).await?;
     let mut best = (surprise(&mut problem, cost, &state)?, cost, state);
     for _ in 0..HALVINGS {
         let before = (problem.links.clone(), problem.noise_times);
         problem.position_sigma *= 0.5;
         problem.rotation_sigma *= 0.5;
-        let found =
-            descend(&mut problem, best.2.clone()).and_then(|found| fit_imu_noise(&mut problem, found));
+        let mut found = descend(&mut problem, best.2.clone()).await;
+        if let Some(descended) = found {
+            found = fit_imu_noise(&mut problem, descended).await;
+        }
+        pause().await;
         let found =
             found.and_then(|(cost, state)| Some((surprise(&mut problem, cost, &state)?, cost, state)));
         match found {
@@ -85,11 +89,12 @@ pub fn solve(mut problem: Problem) -> Option<Initial> {
     }
     let (_, cost, state) = best;
     problem.follow(&state);
+    pause().await;
     estimate(&problem, cost, &state)
 }
 
 /// Residuals beyond their share are attributed to the IMU: real ones err by more than their white noise.
-fn fit_imu_noise(problem: &mut Problem, (mut cost, mut state): (f64, State)) -> Option<(f64, State)> {
+async fn fit_imu_noise(problem: &mut Problem, (mut cost, mut state): (f64, State)) -> Option<(f64, State)> {
     for _ in 0..ROUNDS {
         let times = shares(problem, &state)?.map(|share| if share > 1.2 { share.sqrt() } else { 1.0 });
         if times == [1.0; 2] {
@@ -97,7 +102,7 @@ fn fit_imu_noise(problem: &mut Problem, (mut cost, mut state): (f64, State)) -> 
         }
         problem.noise_times = [0, 1].map(|i| problem.noise_times[i] * times[i]);
         problem.links = problem.links.iter().map(|link| link.worse(times)).collect();
-        (cost, state) = descend(problem, state)?;
+        (cost, state) = descend(problem, state).await?;
     }
     Some((cost, state))
 }
@@ -150,7 +155,7 @@ fn start(guess: &Guess) -> State {
     }
 }
 
-pub(super) fn descend(problem: &mut Problem, state: State) -> Option<(f64, State)> {
+pub(super) async fn descend(problem: &mut Problem, state: State) -> Option<(f64, State)> {
     let solver = LevenbergMarquardt {
         iterations: problem.config.iterations,
         damping: Damping::Factors {
@@ -165,7 +170,7 @@ pub(super) fn descend(problem: &mut Problem, state: State) -> Option<(f64, State
     };
     problem.follow(&state);
     let mut search = Search { problem, trial: state.clone(), state, chain: None };
-    let cost = solver.minimise(&mut search, || false).cost_after;
+    let cost = solver.minimise_in_slices(&mut search, || false).await.cost_after;
     cost.is_finite().then_some((cost, search.state))
 }
 

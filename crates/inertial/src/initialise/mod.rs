@@ -21,6 +21,7 @@ mod unmodelled;
 
 use crate::Preintegrated;
 use cairn_geometry::Se3;
+use cairn_solve::{pause, to_end};
 pub use estimate::Initial;
 pub use gates::{Gate, GateKind};
 pub use input::{InitialiseConfig, Scale, Seen, SeenPose};
@@ -61,11 +62,24 @@ pub fn initialise(
     scale: Scale,
     config: &InitialiseConfig,
 ) -> Attempt {
+    to_end(initialise_in_slices(seen, links, imu_from_camera, scale, config))
+}
+
+/// The same in slices.
+pub async fn initialise_in_slices(
+    seen: &Seen<'_>,
+    links: &[Preintegrated],
+    imu_from_camera: &Se3,
+    scale: Scale,
+    config: &InitialiseConfig,
+) -> Attempt {
     let mut gates = gates::before(seen, links, imu_from_camera, scale, config);
     if gates.iter().any(|g| !g.passed && g.kind.is_structural()) {
         return Attempt { gates, found: None };
     }
-    let found = map::solve(Problem::new(seen, links, imu_from_camera, scale, config));
+    let problem = Problem::new(seen, links, imu_from_camera, scale, config);
+    pause().await;
+    let found = map::solve(problem).await;
     gates.push(gates::converged(found.is_some()));
     if let Some(found) = &found {
         gates.extend(gates::after(found, scale, config));

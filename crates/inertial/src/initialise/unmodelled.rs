@@ -93,6 +93,7 @@ mod tests {
     use crate::{Gravity, NavState};
     use cairn_geometry::{Manifold, Se3};
     use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, Stamp};
+    use cairn_solve::to_end;
     use nalgebra::SVector;
     use std::ops::SubAssign;
 
@@ -140,7 +141,7 @@ mod tests {
             turns: vec![Vec3::zeros(); KEY_FRAMES],
             velocities: (0..KEY_FRAMES).map(velocity).collect(),
         };
-        let (_, state) = descend(&mut problem, start).expect("a minimum");
+        let (_, state) = to_end(descend(&mut problem, start)).expect("a minimum");
         let (_, chain) = problem.linearise(&state, crate::initialise::problem::NORM_SIGMA).unwrap();
         let influence = Influence::of(&problem, &state, &chain).unwrap();
         (state, influence)

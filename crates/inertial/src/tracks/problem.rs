@@ -3,7 +3,8 @@
 use super::found::TrackMotion;
 use super::input::{TrackPoint, TrackPriors, Tracks};
 use crate::{Bias, Gravity, NavState, Preintegrated};
-use cairn_geometry::{Manifold, Se3, So3, Vec3};
+use cairn_geometry::{Manifold, Mat3, Se3, So3, Vec3};
+use cairn_solve::pause;
 use nalgebra::{Matrix2x3, SMatrix, SVector, Vector2};
 
 /// Unknowns: velocity (3), gravity's tilt (2), accelerometer's bias (3), gyroscope's (3), offset, log focal, readout.
@@ -26,6 +27,8 @@ const INVERSE_DEPTH_SIGMA: f64 = 2.0;
 const AGREES: f64 = 3.0;
 /// A point's depth is told where its inverse depth is known to this share.
 const TOLD: f64 = 0.3;
+/// Tracks that are linearised in one slice: half a millisecond where each is seen twenty times.
+const TRACKS_IN_SLICE: usize = 32;
 /// Steps of the numeric derivatives: m/s, radians, m/s^2, rad/s, seconds, logarithm, seconds.
 const STEP: [f64; UNKNOWNS] =
     [1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5];
@@ -81,6 +84,58 @@ pub struct Problem<'a> {
     walk: f64,
 }
 
+/// The cameras of a state, and how it reads rays.
+struct Views {
+    /// The axes and the place of each.
+    cameras: Vec<(Mat3, Vec3)>,
+    by_focal: f64,
+    readout_s: f64,
+}
+
+/// A point of a track as it is seen.
+struct Sight {
+    /// The point along the first ray at a depth of 1, in the camera that sees it, and what a unit of inverse depth adds.
+    q: Vec3,
+    by_depth: Vec3,
+    /// Less where it was seen.
+    off: Vector2<f64>,
+}
+
+impl Views {
+    /// The ray of a point with the focal length and the readout of the state.
+    fn ray(&self, p: &TrackPoint) -> Vec3 {
+        let at = |i: usize| (p.ray[i] + p.by_readout[i] * self.readout_s) * self.by_focal;
+        Vec3::new(at(0), at(1), 1.0)
+    }
+
+    /// The direction of the first ray of a track.
+    fn ahead(&self, first: &TrackPoint) -> Vec3 {
+        self.cameras[first.frame].0 * self.ray(first)
+    }
+
+    /// A point of a track whose first ray has this direction and frame; `None` behind the camera.
+    #[inline(always)]
+    fn sight(&self, ahead: &Vec3, first: usize, p: &TrackPoint, inverse_depth: f64) -> Option<Sight> {
+        let (axes, at) = &self.cameras[p.frame];
+        let by_depth = axes.tr_mul(&(self.cameras[first].1 - at));
+        let q = axes.tr_mul(ahead) + by_depth * inverse_depth;
+        if q.z < 0.1 {
+            return None;
+        }
+        let seen = self.ray(p);
+        let off = Vector2::new(q.x / q.z - seen.x, q.y / q.z - seen.y);
+        Some(Sight { q, by_depth, off })
+    }
+}
+
+impl Sight {
+    /// The derivative of the residual by the inverse depth.
+    fn by_depth(&self) -> Vector2<f64> {
+        let q = &self.q;
+        Matrix2x3::new(1.0, 0.0, -q.x / q.z, 0.0, 1.0, -q.y / q.z) / q.z * self.by_depth
+    }
+}
+
 impl<'a> Problem<'a> {
     pub fn new(of: &'a Tracks<'a>) -> Option<Self> {
         let first = of.links.first()?;
@@ -125,37 +180,13 @@ impl<'a> Problem<'a> {
         NavState { world_from_imu: pose, ..at }
     }
 
-    fn cameras(&self, s: &State) -> Vec<Se3> {
-        (0..self.sums.len()).map(|k| self.nav(s, k).world_from_imu * self.of.imu_from_camera).collect()
-    }
-
-    /// The ray of a point with the focal length and the readout of a state.
-    fn ray(s: &State, p: &TrackPoint) -> Vec3 {
-        let by = (-s.log_focal).exp();
-        let at = |i: usize| (p.ray[i] + p.by_readout[i] * s.readout_s) * by;
-        Vec3::new(at(0), at(1), 1.0)
-    }
-
-    /// The residual of a point against the first of its track, and its derivative by the inverse depth.
-    fn residual(
-        s: &State,
-        cameras: &[Se3],
-        first: &TrackPoint,
-        p: &TrackPoint,
-        inverse_depth: f64,
-    ) -> Option<[Vector2<f64>; 2]> {
-        let (a, b) = (&cameras[first.frame], &cameras[p.frame]);
-        let away = a.translation - b.translation;
-        let back = b.rotation.inverse();
-        let by_depth = back * away;
-        let q = back * (a.rotation * Self::ray(s, first)) + by_depth * inverse_depth;
-        if q.z < 0.1 {
-            return None;
-        }
-        let seen = Self::ray(s, p);
-        let off = Vector2::new(q.x / q.z - seen.x, q.y / q.z - seen.y);
-        let by_q = Matrix2x3::new(1.0, 0.0, -q.x / q.z, 0.0, 1.0, -q.y / q.z) / q.z;
-        Some([off, by_q * by_depth])
+    fn views(&self, s: &State) -> Views {
+        let camera = |k| {
+            let Se3 { rotation, translation } = self.nav(s, k).world_from_imu * self.of.imu_from_camera;
+            (rotation.matrix(), translation)
+        };
+        let cameras = (0..self.sums.len()).map(camera).collect();
+        Views { cameras, by_focal: (-s.log_focal).exp(), readout_s: s.readout_s }
     }
 
     /// The variance of a ray, of which the readings' noise is a part.
@@ -167,15 +198,16 @@ impl<'a> Problem<'a> {
 
     /// The cost of a state, and how many points agree of how many, with the sum of their squares.
     fn cost(&self, s: &State) -> (f64, [f64; 3]) {
-        let (cameras, sigma, off) = (self.cameras(s), self.priors(), s.off());
+        let (views, sigma, off) = (self.views(s), self.priors(), s.off());
         let mut cost = (0..UNKNOWNS).map(|i| 0.5 * (off[i] / sigma[i]).powi(2)).sum::<f64>();
         let mut told = [0.0; 3];
         for (track, rho) in self.of.tracks.iter().zip(&s.inverse_depths) {
             cost += 0.5 * (rho / INVERSE_DEPTH_SIGMA).powi(2);
+            let ahead = views.ahead(&track[0]);
             for p in &track[1..] {
                 let variance = self.variance(&track[0], p, *rho);
-                let square = Self::residual(s, &cameras, &track[0], p, *rho)
-                    .map_or(1e4, |[off, _]| off.norm_squared() / variance);
+                let sight = views.sight(&ahead, track[0].frame, p, *rho);
+                let square = sight.map_or(1e4, |sight| sight.off.norm_squared() / variance);
                 // Of Cauchy, with the bound at which rays agree.
                 let bound = AGREES * AGREES;
                 cost += 0.5 * bound * (1.0 + square / bound).ln() + 0.5 * variance.ln();
@@ -189,7 +221,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Normal equations with the inverse depths eliminated; with what is needed to find these again.
-    fn linearise(&self, s: &State) -> (Normal, Step, Vec<(Step, f64, f64)>) {
+    async fn linearise(&self, s: &State) -> (Normal, Step, Vec<(Step, f64, f64)>) {
         let (sigma, off) = (self.priors(), s.off());
         let mut h = Normal::zeros();
         let mut g = Step::zeros();
@@ -197,28 +229,30 @@ impl<'a> Problem<'a> {
             h[(i, i)] = sigma[i].powi(-2);
             g[i] = off[i] * sigma[i].powi(-2);
         }
-        let cameras = self.cameras(s);
-        let moved: Vec<(State, Vec<Se3>)> = (0..UNKNOWNS)
-            .map(|i| {
-                let mut d = Step::zeros();
-                d[i] = STEP[i];
-                let state = State { inverse_depths: Vec::new(), ..s.moved(&d) };
-                let cameras = self.cameras(&state);
-                (state, cameras)
-            })
-            .collect();
+        let views = self.views(s);
+        let moved: [Views; UNKNOWNS] = std::array::from_fn(|i| {
+            let mut d = Step::zeros();
+            d[i] = STEP[i];
+            self.views(&State { inverse_depths: Vec::new(), ..s.moved(&d) })
+        });
         let mut eliminated = Vec::with_capacity(self.of.tracks.len());
-        for (track, rho) in self.of.tracks.iter().zip(&s.inverse_depths) {
+        for (nth, (track, rho)) in self.of.tracks.iter().zip(&s.inverse_depths).enumerate() {
+            if nth.is_multiple_of(TRACKS_IN_SLICE) {
+                pause().await;
+            }
             let (mut coupled, mut own) = (Step::zeros(), INVERSE_DEPTH_SIGMA.powi(-2));
             let mut right = rho * own;
+            let first = &track[0];
+            let (ahead, moved_ahead) = (views.ahead(first), moved.each_ref().map(|views| views.ahead(first)));
             for p in &track[1..] {
-                let Some([r, by_rho]) = Self::residual(s, &cameras, &track[0], p, *rho) else { continue };
-                let variance = self.variance(&track[0], p, *rho);
+                let Some(sight) = views.sight(&ahead, first.frame, p, *rho) else { continue };
+                let (r, by_rho) = (sight.off, sight.by_depth());
+                let variance = self.variance(first, p, *rho);
                 let weight = 1.0 / (1.0 + r.norm_squared() / (variance * AGREES * AGREES)) / variance;
                 let mut j = SMatrix::<f64, 2, UNKNOWNS>::zeros();
-                for (i, (state, cameras)) in moved.iter().enumerate() {
-                    if let Some([by, _]) = Self::residual(state, cameras, &track[0], p, *rho) {
-                        j.set_column(i, &((by - r) / STEP[i]));
+                for (i, (views, ahead)) in moved.iter().zip(&moved_ahead).enumerate() {
+                    if let Some(sight) = views.sight(ahead, first.frame, p, *rho) {
+                        j.set_column(i, &((sight.off - r) / STEP[i]));
                     }
                 }
                 h += j.transpose() * j * weight;
@@ -235,12 +269,13 @@ impl<'a> Problem<'a> {
     }
 
     /// Levenberg-Marquardt from a first guess.
-    pub fn solve(mut self, mut s: State) -> Option<TrackMotion> {
+    pub async fn solve(mut self, mut s: State) -> Option<TrackMotion> {
         let mut damping = 1e-4;
         let (mut cost, _) = self.cost(&s);
         for _ in 0..STEPS {
             self.follow(&s.bias);
-            let (h, g, eliminated) = self.linearise(&s);
+            let (h, g, eliminated) = self.linearise(&s).await;
+            pause().await;
             let mut damped = h;
             (0..UNKNOWNS).for_each(|i| damped[(i, i)] *= 1.0 + damping);
             let step: Step = -damped.cholesky()?.solve(&g);
@@ -262,7 +297,7 @@ impl<'a> Problem<'a> {
                 }
             }
         }
-        self.motion(&s)
+        self.motion(&s).await
     }
 
     /// The sums again at a bias that is far from theirs.
@@ -270,9 +305,9 @@ impl<'a> Problem<'a> {
         self.sums.iter_mut().for_each(|sum| sum.follow(bias));
     }
 
-    fn motion(&self, s: &State) -> Option<TrackMotion> {
+    async fn motion(&self, s: &State) -> Option<TrackMotion> {
         let (_, [agree, all, squares]) = self.cost(s);
-        let (h, _, eliminated) = self.linearise(s);
+        let (h, _, eliminated) = self.linearise(s).await;
         let factor =
             (squares / (2.0 * agree - UNKNOWNS as f64 - s.inverse_depths.len() as f64).max(1.0)).max(1.0);
         let covariance = h.cholesky()?.inverse() * factor;
@@ -285,16 +320,17 @@ impl<'a> Problem<'a> {
                 NavState { world_from_imu: pose, velocity: level * at.velocity, bias: s.bias }
             })
             .collect();
-        let cameras = self.cameras(s);
+        let views = self.views(s);
         let points = self.of.tracks.iter().zip(&s.inverse_depths).zip(&eliminated);
         let points = points.map(|((track, rho), (_, own, _))| {
             let is_told = *rho > 0.0 && (factor / own).sqrt() < TOLD * rho;
+            let ahead = views.ahead(&track[0]);
             let agrees = track[1..].iter().all(|p| {
-                let off = Self::residual(s, &cameras, &track[0], p, *rho);
                 let bound = factor * AGREES * AGREES * self.variance(&track[0], p, *rho);
-                off.is_some_and(|[off, _]| off.norm_squared() < bound)
+                let sight = views.sight(&ahead, track[0].frame, p, *rho);
+                sight.is_some_and(|sight| sight.off.norm_squared() < bound)
             });
-            let at = cameras[track[0].frame] * (Self::ray(s, &track[0]) / *rho);
+            let at = views.cameras[track[0].frame].1 + ahead / *rho;
             (is_told && agrees).then(|| level * at)
         });
         Some(TrackMotion {
@@ -318,9 +354,9 @@ impl<'a> Problem<'a> {
     /// Standard deviation of the logarithm of how far the frames are spread.
     fn scale_sigma(&self, s: &State, covariance: &Normal) -> f64 {
         let spread = |s: &State| {
-            let cameras = self.cameras(s);
-            let mean = cameras.iter().map(|c| c.translation).sum::<Vec3>() / cameras.len() as f64;
-            0.5 * cameras.iter().map(|c| (c.translation - mean).norm_squared()).sum::<f64>().max(1e-12).ln()
+            let cameras = self.views(s).cameras;
+            let mean = cameras.iter().map(|(_, at)| at).sum::<Vec3>() / cameras.len() as f64;
+            0.5 * cameras.iter().map(|(_, at)| (at - mean).norm_squared()).sum::<f64>().max(1e-12).ln()
         };
         let here = spread(s);
         let by = Step::from_fn(|i, _| {

@@ -5,6 +5,7 @@ use crate::{Bias, Preintegrated};
 use cairn_geometry::{Se3, So3, Vec3};
 use cairn_random::Random;
 use cairn_sensor::{GRAVITY_M_S2, ImuNoise, ImuSample, Stamp};
+use cairn_solve::to_end;
 
 const NOISE: ImuNoise = ImuNoise { gyro: 1e-3, gyro_walk: 1e-4, accel: 1e-2, accel_walk: 1e-3 };
 const FOCAL_PX: f64 = 500.0;
@@ -103,7 +104,8 @@ impl Phone {
             log_focal: 0.1,
             readout_s: 0.02,
         };
-        motion_of_tracks(&Tracks { links: &links, tracks: &tracks, imu_from_camera: Se3::identity(), priors })
+        let imu_from_camera = Se3::identity();
+        to_end(motion_of_tracks(&Tracks { links: &links, tracks: &tracks, imu_from_camera, priors }))
     }
 
     /// The length of the way that was found over the true one.

@@ -27,6 +27,7 @@ use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3};
 use cairn_sensor::ImuSensor;
 use cairn_settings::Settings;
+use cairn_solve::{pause, to_end};
 use cairn_vision::RectifiedCamera;
 use draft::Draft;
 use hypothesis::Hypothesis;
@@ -120,6 +121,11 @@ impl Closer {
 
     /// Checks whether a key frame shows a place seen before, and closes the loop or merges the maps if so.
     pub fn step(&mut self, snapshot: &Snapshot, id: KeyFrameId) -> Closed {
+        to_end(self.step_in_slices(snapshot, id))
+    }
+
+    /// The same, with pauses between and within the candidates.
+    pub async fn step_in_slices(&mut self, snapshot: &Snapshot, id: KeyFrameId) -> Closed {
         let mut closed = Closed::default();
         if self.depth_views.as_ref().is_some_and(|views| views.is_held(id)) {
             (self.window.hold_poses, self.depth_views) = (true, None);
@@ -130,10 +136,13 @@ impl Closer {
         let Some(here) = snapshot.key_frame(id).filter(|_| self.config.enabled) else { return closed };
         let (reach, most) = (self.reach(snapshot, here), self.config.candidates);
         for old in candidates::candidates(snapshot, &self.camera, here, reach, most) {
+            pause().await;
             let judged = self.judge(snapshot, here, old);
+            pause().await;
             let result = match judged {
                 Ok((place, world_from_here, scales)) => {
-                    let (changes, accepted) = self.join(snapshot, here, &place, &world_from_here, scales);
+                    let joined = self.join(snapshot, here, &place, &world_from_here, scales);
+                    let (changes, accepted) = joined.await;
                     closed.changes = changes;
                     closed.joined = Some(id);
                     Ok(accepted)
@@ -218,7 +227,7 @@ impl Closer {
     }
 
     /// Closes the loop or merges the maps, then fuses the landmarks, then adjusts around the key frame.
-    fn join(
+    async fn join(
         &self,
         snapshot: &Snapshot,
         here: &KeyFrame,
@@ -248,13 +257,14 @@ impl Closer {
             }
             Joined::Merge { from, into }
         };
+        pause().await;
         correct::fuse(&mut draft, &self.camera, &[(here.id, place)]);
+        pause().await;
         let config =
             WindowConfig { key_frames: 2 * self.window.key_frames, right_offset_sigma: 0.0, ..self.window };
-        let around = draft.snapshot();
-        let window = Window::of(around, &self.camera).add(self.links.factors());
+        let window = Window::of(draft.snapshot(), &self.camera).add(self.links.factors());
         if let Some(window) = window.around(here.id, &config) {
-            draft.push(window.solve(&config, || false).changes.changes);
+            draft.push(window.solve_in_slices(&config, || false).await.changes.changes);
         }
         let accepted = Accepted {
             joined,
@@ -270,11 +280,21 @@ impl Closer {
     /// Adjusts a map as a whole. `stop` is called before each step; once it has returned true, no changes are
     /// returned.
     pub fn adjust_whole(&self, snapshot: &Snapshot, map: MapId, stop: impl FnMut() -> bool) -> Vec<Change> {
-        self.adjust_whole_with(snapshot, map, |window| window, stop)
+        to_end(self.adjust_whole_in_slices(snapshot, map, stop))
+    }
+
+    /// The same in slices.
+    pub async fn adjust_whole_in_slices(
+        &self,
+        snapshot: &Snapshot,
+        map: MapId,
+        stop: impl FnMut() -> bool,
+    ) -> Vec<Change> {
+        self.adjust_whole_with(snapshot, map, |window| window, stop).await
     }
 
     /// The same with a window of which more is said.
-    fn adjust_whole_with(
+    async fn adjust_whole_with(
         &self,
         snapshot: &Snapshot,
         map: MapId,
@@ -300,9 +320,12 @@ impl Closer {
         let of = || with(Window::of(snapshot, &self.camera));
         let imu = imu.and_then(|(imu, _)| windows::inertial_whole(of(), imu, map));
         let whole = imu.or_else(|| windows::whole(of(), &self.links, map));
-        let result = whole.map(|whole| whole.solve(&window, stop_requested));
-        let mut changes = draft.into_changes();
-        changes.extend(result.into_iter().flat_map(|result| result.changes.changes));
-        if stopped { Vec::new() } else { changes }
+        let mut changes = Vec::new();
+        if let Some(whole) = whole {
+            changes = whole.solve_in_slices(&window, stop_requested).await.changes.changes;
+        }
+        let mut all = draft.into_changes();
+        all.extend(changes);
+        if stopped { Vec::new() } else { all }
     }
 }

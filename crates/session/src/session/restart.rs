@@ -56,14 +56,12 @@ impl<S: Slam> Session<S> {
     }
 
     /// What was seen last before SLAM began again is seen again, with the lens it has begun with: so the phone is known as soon as its
-    /// lens is, instead of after as many seconds of walking as that took. Nothing is said and nothing recorded meanwhile. Only where
-    /// mapping keeps step with tracking; packets in order, before the next one.
-    pub fn see_again<'a>(&mut self, packets: impl IntoIterator<Item = &'a FramePacket>) {
-        for packet in packets {
-            // What had no result has none again.
-            if let Ok(output) = self.engine.on_packet(packet) {
-                self.learn_from(&output, packet.stamp);
-            }
+    /// lens is, instead of after as many seconds of walking as that took. Nothing is said and nothing recorded meanwhile. Not with
+    /// mapping on threads; packets in order, before the next one.
+    pub fn see_again(&mut self, packet: &FramePacket) {
+        // What had no result has none again.
+        if let Ok(output) = self.engine.on_packet(packet) {
+            self.learn_from(&output, packet.stamp);
         }
         self.status.metric = self.engine.is_metric();
     }

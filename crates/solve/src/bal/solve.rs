@@ -117,13 +117,13 @@ impl Adjustment {
 }
 
 impl Problem for Adjustment {
-    fn linearise(&mut self) -> Option<f64> {
+    async fn linearise(&mut self) -> Option<f64> {
         self.build();
         Some(self.normal.cost)
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Trial> {
-        let step = self.schur.step(&self.normal, &|k| self.couplings[k], &[], damping, 1e-12)?;
+    async fn attempt(&mut self, damping: f64) -> Option<Trial> {
+        let step = self.schur.step(&self.normal, &|k| self.couplings[k], &[], damping, 1e-12).await?;
         let (cameras, points) = &mut self.tried;
         for ((to, from), d) in cameras.iter_mut().zip(&self.cameras).zip(&step.cameras) {
             *to = from.retract(d);

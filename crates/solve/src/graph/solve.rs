@@ -173,12 +173,12 @@ impl<'a, G: LieGroup<D>, const D: usize> Descent<'a, G, D> {
 }
 
 impl<G: LieGroup<D>, const D: usize> Problem for Descent<'_, G, D> {
-    fn linearise(&mut self) -> Option<f64> {
+    async fn linearise(&mut self) -> Option<f64> {
         // A trial state is linearised as it is evaluated.
         Some(self.normal.cost)
     }
 
-    fn attempt(&mut self, damping: f64) -> Option<Trial> {
+    async fn attempt(&mut self, damping: f64) -> Option<Trial> {
         let (step, predicted_decrease) = self.step(damping)?;
         self.try_step(&step);
         Some(Trial { cost: self.tried.cost, predicted_decrease })

@@ -11,6 +11,9 @@ const RATE_HZ = 15;
 // Motion that has not come by then, after the first image, does not come; and what is waited for while there are no images.
 const [NO_MOTION_MS, SILENT_MS] = [1000, 200];
 const [STATUS_MS, VIEW_MS, MAP_MS] = [100, 250, 1000];
+// The next image is asked for once mapping has caught up, or after so long: a slow device sees fewer images instead of tracking in a map
+// that does not grow.
+const CATCH_UP_MS = 150;
 // The kind of a message with files.
 const FILES = 5;
 const LENSES = 'lenses.json';
@@ -24,7 +27,7 @@ const say = (kind, id, values) => postMessage({ kind, id, values });
 // The walk, from the hello on: what the page wants, what it set before the first image, and when things were last done.
 const walk = {
   engine: null, store: null, changed: new Map(), language: 'en', zone_min: 0, pinhole: null, lines: [], want: {}, held: false,
-  size: null, first: null, moved: -Infinity, motion: [], imaged: -Infinity, told: '', step_ms: 0, viewed: 0, mapped: 0, hasMap: false, replaces: false,
+  size: null, first: null, moved: -Infinity, motion: [], imaged: -Infinity, told: '', step_ms: 0, maps: false, owed: [], until: 0, viewed: 0, mapped: 0, hasMap: false, replaces: false,
 };
 
 function apply(kind, ...parts) {
@@ -94,6 +97,26 @@ async function hello({ language, zone_min, phone, demo }) {
   return control(false);
 }
 
+// Mapping goes on, a slice at a time, while no message waits.
+const rest = new MessageChannel();
+rest.port1.onmessage = () => {
+  const busy = walk.size !== null && walk.engine.send('W').busy;
+  if (!busy || performance.now() > walk.until) ask();
+  if (busy) rest.port2.postMessage(null);
+  walk.maps = busy;
+};
+
+function map() {
+  walk.until = performance.now() + CATCH_UP_MS;
+  if (!walk.maps) rest.port2.postMessage(null);
+  walk.maps = true;
+}
+
+// The page may send the next image.
+function ask() {
+  for (const ms of walk.owed.splice(0)) postMessage({ got: { ms } });
+}
+
 // The first image says how large they are. Whether there is motion is known a moment later.
 function begin(ms, width, height) {
   // No walk begins while the files that it would read are replaced.
@@ -127,7 +150,8 @@ function image(bytes) {
   }
   // What took long is no silence of the camera.
   walk.imaged = clockMs();
-  postMessage({ got: { ms } });
+  walk.owed.push(ms);
+  map();
 }
 
 function motion(readings) {

@@ -10,6 +10,7 @@ use crate::closing::{Closer, Freedom, correct};
 use cairn_adjust::{Window, WindowConfig};
 use cairn_atlas::{Change, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3, So3, Vec3};
+use cairn_solve::to_end;
 use std::collections::{BTreeMap, BTreeSet};
 
 impl Closer {
@@ -105,7 +106,7 @@ impl Closer {
     /// Adjusts a map that was joined as a whole, with observations weighed by size. No changes where it has more than
     /// [`crate::CloserConfig::whole_key_frames`].
     pub fn adjust_joined(&self, snapshot: &Snapshot, map: MapId) -> Vec<Change> {
-        self.adjust_whole_with(snapshot, map, |window| window.joined(), || false)
+        to_end(self.adjust_whole_with(snapshot, map, |window| window.joined(), || false))
     }
 
     /// Adjusts the map, if that is wanted now: as a whole where it is small enough, else around each seam.
