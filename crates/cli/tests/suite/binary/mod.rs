@@ -14,6 +14,7 @@ mod isolated;
 mod map;
 mod outputs;
 mod page;
+mod photogrammetry;
 mod plan;
 mod rig;
 mod ros;
