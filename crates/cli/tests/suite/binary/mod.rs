@@ -10,6 +10,7 @@ mod elsewhere;
 mod ends;
 mod eval;
 mod fleet;
+mod foxglove;
 mod isolated;
 mod map;
 mod outputs;
