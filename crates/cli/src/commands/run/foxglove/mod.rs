@@ -1,4 +1,4 @@
-//! `--mcap`, `--foxglove`: the run with Foxglove's schemas, as a file and live. docs/bags.md lists the topics.
+//! `--mcap`, `--foxglove`: the run with Foxglove's schemas, as a file and live. docs/foxglove.md lists the topics.
 //!
 //! The scene is what is said of a run; where it goes are destinations, which get the same messages.
 

@@ -72,27 +72,32 @@ fn understand(hub: &Hub, client: &Client, text: &str) {
     }
 }
 
-/// Chooses the version of the protocol; refuses clients that know none, and pages of strangers.
+/// Answers a handshake.
+#[expect(clippy::result_large_err, reason = "the type of the library's callback")]
 fn negotiate(
     request: &server::Request,
     mut response: server::Response,
 ) -> Result<server::Response, server::ErrorResponse> {
-    let refused = |status: StatusCode, why: &str| {
-        let mut response = server::ErrorResponse::new(Some(why.to_owned()));
-        *response.status_mut() = status;
-        Err(response)
-    };
-    if !is_welcome(request.headers()) {
-        return refused(StatusCode::FORBIDDEN, "pages of other sites may not see what this camera sees");
+    match admitted(request.headers()) {
+        Ok(protocol) => {
+            response.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(protocol));
+            Ok(response)
+        }
+        Err((status, why)) => {
+            let mut response = server::ErrorResponse::new(Some(why.to_owned()));
+            *response.status_mut() = status;
+            Err(response)
+        }
     }
-    let Some(protocol) = protocol_of(request.headers()) else {
-        return refused(
-            StatusCode::BAD_REQUEST,
-            "this is for clients of foxglove.sdk.v1 and foxglove.websocket.v1",
-        );
-    };
-    response.headers_mut().insert(SEC_WEBSOCKET_PROTOCOL, HeaderValue::from_static(protocol));
-    Ok(response)
+}
+
+/// The version of the protocol to speak; clients that know none and pages of strangers are refused.
+fn admitted(headers: &HeaderMap) -> Result<&'static str, (StatusCode, &'static str)> {
+    if !is_welcome(headers) {
+        return Err((StatusCode::FORBIDDEN, "pages of other sites may not see what this camera sees"));
+    }
+    let why = "this is for clients of foxglove.sdk.v1 and foxglove.websocket.v1";
+    protocol_of(headers).ok_or((StatusCode::BAD_REQUEST, why))
 }
 
 /// The version that a client likes best of those that are known.

@@ -27,7 +27,7 @@ pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8765";
 /// Clients at a time.
 const MOST_CLIENTS: usize = 16;
 /// How long clients may take at the end for what still waits for them.
-const LINGER: Duration = Duration::from_secs(2);
+const LINGER: Duration = Duration::from_secs(1);
 /// Pause where the system gives no connection.
 const AGAIN: Duration = Duration::from_millis(100);
 
