@@ -92,7 +92,7 @@ pub const RAW_IMAGE: Schema = Schema {
 pub const CAMERA_CALIBRATION: Schema = Schema {
     name: "foxglove_msgs/msg/CameraCalibration",
     fields: "builtin_interfaces/Time timestamp\nstring frame_id\nuint32 width\nuint32 height\n\
-             string distortion_model\nfloat64[] D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\n",
+             string distortion_model\nfloat64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n",
     parts: &[TIME],
 };
 

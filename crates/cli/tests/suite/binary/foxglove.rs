@@ -140,6 +140,16 @@ fn a_client_sees_the_poses_of_the_run_and_a_late_one_what_stands() {
         assert_eq!(channel["schemaName"], "foxglove_msgs/msg/PoseInFrame");
         assert_eq!((&channel["encoding"], &channel["schemaEncoding"]), (&json!("cdr"), &json!("ros2msg")));
         assert!(channel["schema"].as_str().unwrap().starts_with("builtin_interfaces/Time timestamp\n"));
+        // Foxglove's parser of ROS 2 definitions refuses the capital K of ROS 1.
+        let schemas = early.channels.values().map(|c| c["schema"].as_str().unwrap());
+        let fields = schemas.flat_map(str::lines).filter(|l| !l.contains('=') && !l.starts_with("MSG:"));
+        for field in fields {
+            let name = field.split(' ').nth(1).unwrap();
+            assert!(
+                name.chars().all(|c| c == '_' || c.is_ascii_lowercase() || c.is_ascii_digit()),
+                "{field}"
+            );
+        }
         early.subscribe(&["/pose", "/path"]).await;
         let mut poses = Vec::new();
         while poses.len() < 20 {

@@ -164,7 +164,7 @@ impl Scene {
         self.put(Topic::Path, stamp, || foxglove::poses_in_frame(stamp.0, MAP, &path(id)));
     }
 
-    /// The route that is recorded or followed.
+    /// The route that is followed.
     fn route(&mut self, stamp: Stamp, session: &Session) {
         let Some(route) = session.route() else { return };
         let snapshot = session.engine().snapshot();
