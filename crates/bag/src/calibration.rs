@@ -118,7 +118,7 @@ impl CameraInfo {
             "rational_polynomial" => {
                 of(8).map(|c| Distortion::Rational([c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7]]))
             }
-            "equidistant" | "fisheye" | "kannala_brandt4" => {
+            "equidistant" | "fisheye" | "kannala_brandt" | "kannala_brandt4" => {
                 of(4).map(|c| Distortion::Equidistant([c[0], c[1], c[2], c[3]]))
             }
             // It applies the tangential distortion to the radially distorted point; without tangential terms the two

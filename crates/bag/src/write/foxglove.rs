@@ -3,7 +3,7 @@
 
 use super::cdr::CdrWriter;
 use cairn_geometry::{Se3, Vec2, Vec3};
-use cairn_sensor::GrayImage;
+use cairn_sensor::{Camera, Distortion, GrayImage};
 
 /// A message type: its name and its definition, with those of its parts.
 #[derive(Clone, Copy, Debug)]
@@ -85,6 +85,14 @@ pub const RAW_IMAGE: Schema = Schema {
     name: "foxglove_msgs/msg/RawImage",
     fields: "builtin_interfaces/Time timestamp\nstring frame_id\nuint32 width\nuint32 height\nstring encoding\n\
              uint32 step\nuint8[] data\n",
+    parts: &[TIME],
+};
+
+/// The calibration of a camera.
+pub const CAMERA_CALIBRATION: Schema = Schema {
+    name: "foxglove_msgs/msg/CameraCalibration",
+    fields: "builtin_interfaces/Time timestamp\nstring frame_id\nuint32 width\nuint32 height\n\
+             string distortion_model\nfloat64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\n",
     parts: &[TIME],
 };
 
@@ -182,6 +190,28 @@ pub fn raw_image(stamp_ns: i64, frame: &str, image: &GrayImage) -> Vec<u8> {
     let mut to = CdrWriter::new();
     to.time(stamp_ns).string(frame).u32(w).u32(h).string("mono8").u32(w).bytes(image.data());
     to.end()
+}
+
+/// A [`CAMERA_CALIBRATION`] of raw images; `None` for a lens that Foxglove has no model of.
+pub fn camera_calibration(stamp_ns: i64, frame: &str, camera: &Camera) -> Option<Vec<u8>> {
+    let model = match camera.distortion {
+        Distortion::None | Distortion::RadialTangential(_) => "plumb_bob",
+        Distortion::Rational(_) => "rational_polynomial",
+        Distortion::Equidistant(_) => "kannala_brandt",
+        _ => return None,
+    };
+    let Camera { width, height, fx, fy, cx, cy, .. } = *camera;
+    let d = camera.distortion.coefficients();
+    let d = if d.is_empty() { vec![0.0; 5] } else { d };
+    let mut to = CdrWriter::new();
+    to.time(stamp_ns).string(frame).u32(width as u32).u32(height as u32).string(model).length(d.len());
+    let k = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0];
+    let r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let p = [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0];
+    d.iter().chain(&k).chain(&r).chain(&p).for_each(|v| {
+        to.f64(*v);
+    });
+    Some(to.end())
 }
 
 /// An [`IMAGE_ANNOTATIONS`] of green points, in pixels; pixel centres are at integers.

@@ -2,12 +2,13 @@
 
 use crate::common;
 
+use cairn_bag::foxglove::camera_calibration;
 use cairn_bag::{
     CameraInfo, CompressedImage, ImageMessage, ImuMessage, Wire, WireFormat, static_transforms,
     stereo_left_from_right,
 };
 use cairn_geometry::{Se3, So3, Vec3};
-use cairn_sensor::Distortion;
+use cairn_sensor::{Camera, Distortion};
 use common::{Info, camera_info, compressed, image, tf_static};
 use proptest::prelude::*;
 
@@ -348,6 +349,20 @@ fn foxglove_in_ros2_form() {
     let m = ImageMessage::of("foxglove_msgs/RawImage", WireFormat::Cdr, &bytes).unwrap();
     assert_eq!((m.header.stamp_ns, m.header.frame_id.as_str()), (300_000_000_005, "cam"));
     assert_eq!(m.gray().unwrap(), image);
+
+    let lens = |distortion| Camera { distortion, ..Camera::pinhole(64, 48, 50.5, 51.5, 31.25, 23.75) };
+    for camera in [
+        lens(Distortion::None),
+        lens(Distortion::RadialTangential([-0.3, 0.1, 0.01, -0.02, 0.003])),
+        lens(Distortion::Rational([0.1, -0.2, 0.01, -0.02, 0.03, 0.2, -0.1, 0.05])),
+        lens(Distortion::Equidistant([0.03, -0.01, 0.002, -0.001])),
+    ] {
+        let bytes = camera_calibration(300_000_000_005, "cam", &camera).unwrap();
+        let info = CameraInfo::of("foxglove_msgs/CameraCalibration", WireFormat::Cdr, &bytes).unwrap();
+        assert_eq!((info.header.stamp_ns, info.header.frame_id.as_str()), (300_000_000_005, "cam"));
+        assert_eq!(info.camera(false).unwrap(), camera);
+    }
+    assert_eq!(camera_calibration(0, "cam", &lens(Distortion::Fov(0.9))), None);
 }
 
 proptest! {

@@ -1,6 +1,7 @@
-//! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded routes as files, the ground as a grid.
+//! `cairn map export`: landmarks as PLY, key frames as a trajectory, recorded routes as files, the ground as a grid, and all for
+//! photogrammetry.
 
-use super::open;
+use super::{open, photogrammetry};
 use crate::failure::Failure;
 use crate::number::number;
 use crate::output::Output;
@@ -22,7 +23,7 @@ use std::io::Write as _;
 use std::ops::Bound;
 use std::path::{Path, PathBuf};
 
-/// Exports landmarks as points (PLY), key frames as a trajectory (TUM), recorded routes as files, and the ground as a grid.
+/// Exports landmarks as points (PLY), key frames as a trajectory (TUM), recorded routes as files, the ground as a grid, and models for photogrammetry.
 #[derive(clap::Args)]
 pub struct Arguments {
     /// The saved map.
@@ -45,10 +46,12 @@ pub struct Arguments {
     #[arg(long, value_name = "M", 
         value_parser = number((Bound::Excluded(0.0), Bound::Excluded(100.0)), "above 0 and below 100"), requires = "grid")]
     camera_height: Option<f64>,
+    #[command(flatten)]
+    photogrammetry: photogrammetry::Arguments,
     /// Which map of the file, by the number of its root key frame; by default the one with the most key frames.
     #[arg(long, alias = "world", value_name = "ROOT")]
     map: Option<usize>,
-    /// Replace the files of --points, --trajectory and --grid if they exist.
+    /// Replace the files of --points, --trajectory, --grid, --colmap and --nerfstudio if they exist.
     #[arg(long)]
     overwrite: bool,
 }
@@ -67,6 +70,8 @@ struct Exported {
     trajectory: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
     grid: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    photogrammetry: Option<photogrammetry::Report>,
     routes: Vec<PathBuf>,
 }
 
@@ -76,11 +81,12 @@ struct Exported {
 /// When nothing is requested, the map cannot be read, or a file cannot be written.
 pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
     let shown = a.file.display().to_string();
-    if a.points.is_none() && a.trajectory.is_none() && a.routes.is_none() && a.grid.is_none() {
+    let has_model = a.photogrammetry.is_requested()?;
+    if a.points.is_none() && a.trajectory.is_none() && a.routes.is_none() && a.grid.is_none() && !has_model {
         return Err(Failure::new(
             shown,
             "nothing to write was requested",
-            "give --points OUT.ply, --trajectory OUT.tum, --grid OUT.yaml or --routes DIR",
+            "give --points OUT.ply, --trajectory OUT.tum, --grid OUT.yaml, --routes DIR, --colmap DIR or --nerfstudio DIR",
         ));
     }
     let pgm = a.grid.as_ref().map(|yaml| yaml.with_extension("pgm"));
@@ -101,6 +107,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         };
         Failure::new(shown, why, hint)
     })?;
+    a.photogrammetry.prepare(a.overwrite)?;
     let landmarks: Vec<&Landmark> = map.landmarks(id).collect();
     let (routes, failed) = a.routes.as_deref().map(|folder| write_routes(&file, folder)).unwrap_or_default();
     let points = outputs.write("--points", || Ok(ply(&landmarks).into_bytes()));
@@ -110,7 +117,9 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         (Some(yaml), None) => write_grid_of_depth(&file, id, yaml, &a.file),
         (None, _) => Ok(()),
     };
-    Failure::all([points, trajectory, grid].into_iter().filter_map(Result::err).chain(failed))?;
+    let model = has_model.then(|| a.photogrammetry.write(&a.file, &file, &map, id)).transpose();
+    let (photogrammetry, model) = model.map_or_else(|e| (None, Err(e)), |report| (report, Ok(())));
+    Failure::all([points, trajectory, grid, model].into_iter().filter_map(Result::err).chain(failed))?;
     let root = id.root().index();
     let exported = Exported {
         map: root,
@@ -120,6 +129,7 @@ pub fn run(a: &Arguments, output: &Output) -> Result<(), Failure> {
         points: a.points.clone(),
         trajectory: a.trajectory.clone(),
         grid: a.grid.clone(),
+        photogrammetry,
         routes,
     };
     output.result(&exported, text)
@@ -245,7 +255,9 @@ fn text(e: &Exported) -> String {
     if !e.others.is_empty() {
         let _ = writeln!(text, "others    {:?}: each has its own frame; choose one with --map", e.others);
     }
-    for path in [&e.points, &e.trajectory, &e.grid].into_iter().flatten().chain(&e.routes) {
+    text += &e.photogrammetry.as_ref().map(photogrammetry::Report::text).unwrap_or_default();
+    let folders = e.photogrammetry.iter().flat_map(|model| &model.folders);
+    for path in [&e.points, &e.trajectory, &e.grid].into_iter().flatten().chain(folders).chain(&e.routes) {
         let _ = writeln!(text, "written   {}", path.display());
     }
     text

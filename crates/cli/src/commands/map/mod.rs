@@ -4,6 +4,7 @@ mod check;
 mod export;
 mod info;
 mod merge;
+mod photogrammetry;
 mod repair;
 
 use crate::failure::Failure;

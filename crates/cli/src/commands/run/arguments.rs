@@ -1,5 +1,6 @@
 //! The command-line arguments of `cairn run`.
 
+use super::foxglove::DEFAULT_ADDRESS;
 use super::say::Say;
 use super::sensor::sensors;
 use crate::commands::team::member::Reach;
@@ -8,6 +9,7 @@ use crate::speaking::Speaking;
 use cairn_engine::Sensors;
 use cairn_guide::Facing;
 use cairn_sources::{NamedTopic, SourceKind};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 const SOURCE: &str = "Source and calibration";
@@ -153,6 +155,10 @@ pub struct Arguments {
     /// points, images with features, spoken words, events.
     #[arg(help_heading = RESULTS, long, value_name = "OUT.mcap")]
     pub mcap: Option<PathBuf>,
+    /// Shows the same live in Foxglove, which connects to ws://ADDRESS; without an address, on this machine only. Recordings are
+    /// best played with --realtime.
+    #[arg(help_heading = RESULTS, long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = DEFAULT_ADDRESS)]
+    pub foxglove: Option<SocketAddr>,
     /// Writes the run as a recording of the rerun viewer: poses, images with features, points, key frames, loops, routes,
     /// spoken words on one time line. Needs the program cairn-rerun. An address as rerun+http://127.0.0.1:9876/proxy shows it in
     /// a viewer that runs there, while it happens.
@@ -286,7 +292,7 @@ pub enum FrontEnd {
 }
 
 /// What only one process can do so far.
-const NOT_ISOLATED: [&str; 14] = [
+const NOT_ISOLATED: [&str; 15] = [
     "front_end",
     "frame",
     "script",
@@ -294,6 +300,7 @@ const NOT_ISOLATED: [&str; 14] = [
     "lines",
     "events",
     "mcap",
+    "foxglove",
     "rerun",
     "watch_way",
     "journal",

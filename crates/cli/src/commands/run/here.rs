@@ -9,7 +9,7 @@ use super::sink::{Here, Run};
 use super::sinks::{Follow, Sinks};
 use super::status::{StatusLines, Watch};
 use super::tally::Tally;
-use super::{journal, map, mcap, rerun, results, route, source, surface, team, truth, walker};
+use super::{foxglove, journal, map, rerun, results, route, source, surface, team, truth, walker};
 use crate::commands::map::attach_doubts;
 use crate::failure::Failure;
 use crate::interrupt;
@@ -59,7 +59,7 @@ pub fn run(a: &Arguments, outputs: &Outputs, output: &Output, began: Instant) ->
     let engine = map::engine(a, map.as_ref(), &rig, sensor.mode(), info.rate_hz, runner, &config.engine)?;
     let mut engine = journal::engine(a, outputs, engine, &info.name, replayed)?;
     sinks.add(Events::begin(outputs.file("--events"), &mut engine)?);
-    sinks.add(mcap::Recording::begin(outputs.file("--mcap"))?);
+    sinks.add(foxglove::Scene::begin(outputs.file("--mcap"), a.foxglove, &rig)?);
     let show_in = a.rerun.as_deref().filter(|to| viewer(to).is_some()).or(outputs.file("--rerun"));
     sinks.add(rerun::Scene::begin(show_in, &rig, &info.name)?);
     let dense = surface::begin(a, &mut engine, &rig, map.as_mut())?;

@@ -5,12 +5,12 @@
 mod arguments;
 mod events;
 mod files;
+mod foxglove;
 mod here;
 mod history;
 mod isolated;
 mod journal;
 mod map;
-mod mcap;
 mod outcome;
 mod page;
 mod picture;

@@ -1,6 +1,6 @@
 //! `cairn run` on a bag, and `--mcap`.
 
-use crate::binary::{cairn, fails, folder, stderr, stdout};
+use crate::binary::{cairn, fails, folder, json, stderr, stdout};
 
 /// 1.5 s of the demo world at low resolution, to keep tests short.
 const WORLD: &str = "sim:demo?duration=1.5&resolution=320x240&sensor=rgbd";
@@ -28,10 +28,22 @@ fn a_run_is_written_as_mcap_and_its_images_are_a_source() {
         assert!(written.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-6), "{written:?} {line}");
     }
     let count = |name: &str| bag.topics().iter().find(|t| t.name == name).map_or(0, |t| t.count);
-    assert_eq!([count("/tf"), count("/path"), count("/image"), count("/features")], [31, 1, 8, 8]);
-    assert!(count("/points") >= 2 && count("/events") >= 1);
+    assert_eq!([count("/tf"), count("/image"), count("/features")], [31, 8, 8]);
+    assert_eq!([count("/calibration"), count("/tf_static"), count("/path"), count("/points")], [1, 1, 2, 2]);
+    assert!(count("/events") >= 1);
+    // At first the key frames, at the end all frames.
+    let paths = bag.topics().iter().find(|t| t.name == "/path").unwrap().clone();
+    let poses_of = |bytes: &[u8]| {
+        let mut wire = cairn_bag::Wire::new(paths.format, bytes).unwrap();
+        wire.time().unwrap();
+        assert_eq!(wire.string().unwrap(), "map");
+        wire.u32().unwrap()
+    };
+    assert_eq!([0, 1].map(|i| poses_of(&bag.read(&paths.entries[i]).unwrap())), [1, 31]);
     fails(&["run", WORLD, "--mcap", &file], &["run.mcap", "exists already"]);
-    fails(&["run", &file], &["run.mcap", "/image: the bag has no camera_info for it", "--rig FILE"]);
+    let again = json(&cairn(&["run", &file, "--json"]));
+    assert_eq!((&again["sensor"], again["frames"].as_u64()), (&"mono".into(), Some(8)), "{again}");
+    assert!(again["tracked"].as_u64() > Some(6), "its calibration is that of its images: {again}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
