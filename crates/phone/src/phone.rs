@@ -50,6 +50,17 @@ pub enum PhoneError {
     NotSaved(#[from] NotSaved),
 }
 
+/// What is to be seen again with a lens that was found.
+#[derive(Default)]
+struct Again {
+    /// The last packets before SLAM began again, and those that have come since.
+    packets: VecDeque<FramePacket>,
+    /// Who has not caught up by then is too slow for that, and goes on with what is seen now.
+    until: Stamp,
+    /// The lens is known from when all has been seen.
+    is_certain: bool,
+}
+
 /// The engine and the guide of one walk.
 pub struct Phone {
     session: Session<Engine>,
@@ -62,9 +73,7 @@ pub struct Phone {
     lens: Option<LensWatch>,
     /// The last packets, while the lens is a guess.
     seen: VecDeque<FramePacket>,
-    /// Those to be seen again with a lens that was found, with what has come since, and until when: who is too slow for that goes on
-    /// with what is seen now.
-    again: (VecDeque<FramePacket>, Stamp),
+    again: Again,
     start: Start,
 }
 
@@ -106,7 +115,7 @@ impl Phone {
             told: Told::default(),
             lens,
             seen: VecDeque::new(),
-            again: Default::default(),
+            again: Again::default(),
             start,
         })
     }
@@ -146,9 +155,7 @@ impl Phone {
                 imu: set.imu,
                 decode_ms: 0.0,
             };
-            if self.is_seen_again(&packet) {
-                continue;
-            }
+            let Some(packet) = self.now_or_again(packet) else { continue };
             let output = self.session.on_packet(&packet);
             if self.lens.as_ref().is_some_and(|watch| !watch.is_certain()) {
                 self.seen.push_back(packet.clone());
@@ -162,29 +169,37 @@ impl Phone {
         reports
     }
 
-    /// Whether a packet waits until those before it are seen again.
-    fn is_seen_again(&mut self, packet: &FramePacket) -> bool {
-        let (packets, until) = &mut self.again;
-        if packet.stamp > *until {
-            packets.clear();
+    /// A packet to be processed now, with the readings of those that are not seen again any more; `None` where it waits until those
+    /// before it are.
+    fn now_or_again(&mut self, mut packet: FramePacket) -> Option<FramePacket> {
+        let Again { packets, until, .. } = &mut self.again;
+        if packets.is_empty() {
+            return Some(packet);
         }
-        if !packets.is_empty() {
-            packets.push_back(packet.clone());
+        if packet.stamp <= *until {
+            packets.push_back(packet);
+            return None;
         }
-        !packets.is_empty()
+        let mut readings: Vec<ImuSample> = packets.drain(..).flat_map(|packet| packet.imu).collect();
+        readings.append(&mut packet.imu);
+        self.caught_up();
+        Some(FramePacket { imu: readings, ..packet })
     }
 
-    /// Does the next slice of what can wait for the next image: mapping, an image to be seen again, the estimate of a lens. False when
+    /// Does the next slice of what can wait for the next image: the estimate of a lens, mapping, an image to be seen again. False when
     /// there was nothing to do.
     pub fn work(&mut self) -> bool {
-        if self.session.work() {
+        // The lens does not wait for mapping, which begins anew with it.
+        let lens = self.lens.as_mut().is_some_and(LensWatch::work);
+        if self.session.work() || lens {
             return true;
         }
-        if let Some(packet) = self.again.0.pop_front() {
+        if let Some(packet) = self.again.packets.pop_front() {
             self.session.see_again(&packet);
+            self.caught_up();
             return true;
         }
-        self.lens.as_mut().is_some_and(LensWatch::work)
+        false
     }
 
     /// Learns the lens while it is a guess, or checks one that was kept, while nothing hangs on the map; begins again with another.
@@ -203,9 +218,17 @@ impl Phone {
             }
         }
         *watch = next;
-        self.again = (self.seen.clone(), self.session.now().plus_seconds(SEEN_AGAIN_S));
+        let until = self.session.now().plus_seconds(2.0 * SEEN_AGAIN_S);
+        self.again = Again { packets: self.seen.clone(), until, is_certain: found.is_certain };
         if found.is_certain {
             self.seen = VecDeque::new();
+        }
+        self.caught_up();
+    }
+
+    /// Once all has been seen again, a lens that is certain is known: a route may be recorded.
+    fn caught_up(&mut self) {
+        if self.again.packets.is_empty() && std::mem::take(&mut self.again.is_certain) {
             self.session.knows_of_lens(LensKnowledge::of(true, self.start.rig().imu.is_some()));
         }
     }
@@ -270,4 +293,51 @@ fn stamp(t_s: f64) -> Result<Stamp, PhoneError> {
         return Err(PhoneError::Dropped(format!("{t_s} s is no time")));
     }
     Ok(Stamp::from_seconds(t_s))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::Library;
+
+    fn packet(t_s: f64) -> FramePacket {
+        let image = Arc::new(GrayImage::new(64, 48));
+        let imu = vec![ImuSample::new(Stamp::from_seconds(t_s), Vec3::zeros(), -Vec3::y() * 9.8)];
+        FramePacket { stamp: Stamp::from_seconds(t_s), images: vec![image], depth: None, imu, decode_ms: 0.0 }
+    }
+
+    #[test]
+    fn images_wait_for_those_that_are_seen_again_and_not_for_ever() {
+        let folder = std::env::temp_dir().join(format!("cairn-phone-{}-again", std::process::id()));
+        let setup = Setup {
+            width: 64,
+            height: 48,
+            rate_hz: 15.0,
+            pinhole: None,
+            distortion: None,
+            motion: true,
+            phone: Some("one".into()),
+            library: Library { folder: folder.clone(), ..Library::default() },
+        };
+        let mut phone = Phone::new(&setup).expect("a phone");
+        let again = |t_s: [f64; 2]| Again {
+            packets: t_s.map(packet).into(),
+            until: Stamp::from_seconds(3.0),
+            is_certain: true,
+        };
+        phone.again = again([1.0, 1.1]);
+        assert_eq!(phone.now_or_again(packet(2.0)).map(|packet| packet.stamp), None);
+        for left in [2, 1, 0] {
+            assert!(phone.again.is_certain && phone.work());
+            assert_eq!(phone.again.packets.len(), left);
+        }
+        assert!(!phone.again.is_certain, "the lens is known once all has been seen");
+        assert!(phone.now_or_again(packet(2.1)).is_some_and(|packet| packet.imu.len() == 1));
+        phone.again = again([2.2, 2.3]);
+        let late = phone.now_or_again(packet(3.1)).expect("it waits no longer");
+        assert_eq!(late.imu.len(), 3, "no reading is lost");
+        assert!(phone.again.packets.is_empty() && !phone.again.is_certain);
+        drop(phone);
+        let _ = std::fs::remove_dir_all(folder);
+    }
 }
