@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 /// - `turn_rate`: of the walker, rad/s; `stands`: seconds of standing at the start and at the end.
 /// - `out`: metres of the route that are walked; `home=1`: and back to its beginning.
 /// - `phone`: `rolling` or `global`, a phone drawn by the seed ([`PhoneTraits`]) with that shutter.
-const OWN_KEYS: [&str; 5] = ["turn_rate", "stands", "out", "home", "phone"];
+const OWN_KEYS: [&str; 6] = ["turn_rate", "stands", "out", "slices", "home", "phone"];
 
 /// What is put upon a source.
 #[derive(Clone, Debug, Default)]

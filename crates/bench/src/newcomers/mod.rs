@@ -82,19 +82,22 @@ pub struct Newcomer {
     pub cpu_s: f64,
 }
 
-/// Lets the newcomer of a `sim:` address walk; a route is the `out` metres of it. `verbose`: what happens is reported on stderr.
+/// Lets the newcomer of a `sim:` address walk; a route is the `out` metres of it, and the phone does at most `slices` of mapping in a
+/// moment, or all at once. `verbose`: what happens is reported on stderr.
 ///
 /// # Errors
 /// When there is no such simulation, or the page refuses a picture.
 pub fn of(address: &str, verbose: bool) -> Result<Newcomer, MeasureError> {
     let (sim, own) = sim_config(address)?;
     let metres = own.get("out").ok_or("a newcomer's address says out=METRES")?;
-    walk(&sim, metres.parse().map_err(|_| format!("out={metres}: not a number"))?, verbose)
+    let metres = metres.parse().map_err(|_| format!("out={metres}: not a number"))?;
+    let slices = own.get("slices").map_or(Ok(usize::MAX), |n| n.parse());
+    walk(&sim, metres, slices.map_err(|e| format!("slices: {e}"))?, verbose)
 }
 
-fn walk(sim: &SimConfig, metres: f64, verbose: bool) -> Result<Newcomer, MeasureError> {
+fn walk(sim: &SimConfig, metres: f64, slices: usize, verbose: bool) -> Result<Newcomer, MeasureError> {
     let traits = drawn(sim.seed);
-    let page = Page::open(sim, &traits)?;
+    let page = Page::open(sim, &traits, slices)?;
     let start = page.carried.corners.first().copied().ok_or("the world has no route")?;
     let mut person = Person::new(page, start, verbose);
     let cpu = cairn_eval::process::cpu_s();

@@ -21,9 +21,7 @@ const EPOCH_S: f64 = 1.0;
 const ENCODING_S: f64 = 0.015;
 /// The page takes every second or third picture of the camera, 10 to 15 a second.
 const TAKEN: [usize; 2] = [2, 3];
-/// Slices of mapping in a moment at most. In WebAssembly on a desktop one takes 0.25 ms (`data/phone`): this is a phone half as fast. While
-/// there are more to do, the page takes its next image so much later at most.
-const SLICES: usize = 40;
+/// While there is more to do than a moment allows, the page takes its next image so much later at most.
 const CATCH_UP_S: f64 = 0.15;
 /// Readings come in parcels of so many.
 const PARCEL: usize = 2;
@@ -81,16 +79,17 @@ pub struct Page {
     /// When the last picture was taken, and whether mapping has not caught up.
     taken_s: f64,
     is_busy: bool,
+    slices: usize,
     parcel: Vec<ImuSample>,
     folder: PathBuf,
 }
 
 impl Page {
-    /// Opens it for the first time, on the phone of these traits.
+    /// Opens it for the first time, on the phone of these traits, which does so many slices of mapping in a moment at most.
     ///
     /// # Errors
     /// When the phone cannot be simulated.
-    pub fn open(sim: &SimConfig, traits: &PhoneTraits) -> Result<Self, MeasureError> {
+    pub fn open(sim: &SimConfig, traits: &PhoneTraits, slices: usize) -> Result<Self, MeasureError> {
         let (carried, camera) = CarriedPhone::new(sim, traits, sim.seed, None)?;
         let folder = std::env::temp_dir().join(format!("newcomer-{}-{}", std::process::id(), sim.seed));
         let setup = Setup {
@@ -114,6 +113,7 @@ impl Page {
             shots: VecDeque::new(),
             taken_s: 0.0,
             is_busy: false,
+            slices,
             parcel: Vec::new(),
             folder,
         })
@@ -147,7 +147,7 @@ impl Page {
         }
         let mut reports = self.phone.step();
         reports.extend(self.phone.tick(EPOCH_S + self.now_s)?);
-        self.is_busy = (0..SLICES).all(|_| self.phone.work());
+        self.is_busy = (0..self.slices).all(|_| self.phone.work());
         Ok(reports)
     }
 
