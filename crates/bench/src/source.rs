@@ -14,6 +14,7 @@ use std::collections::BTreeMap;
 ///
 /// - `turn_rate`: of the walker, rad/s; `stands`: seconds of standing at the start and at the end.
 /// - `out`: metres of the route that are walked; `home=1`: and back to its beginning.
+/// - `slices`: of mapping that the phone of a newcomer does in 20 ms at most.
 /// - `phone`: `rolling` or `global`, a phone drawn by the seed ([`PhoneTraits`]) with that shutter.
 const OWN_KEYS: [&str; 6] = ["turn_rate", "stands", "out", "slices", "home", "phone"];
 

@@ -195,7 +195,8 @@ impl Phone {
             return true;
         }
         if let Some(packet) = self.again.packets.pop_front() {
-            self.session.see_again(&packet);
+            let newest = self.again.packets.back().map_or(packet.stamp, |last| last.stamp);
+            self.session.see_again(&packet, newest);
             self.caught_up();
             return true;
         }
@@ -325,16 +326,22 @@ mod tests {
             until: Stamp::from_seconds(3.0),
             is_certain: true,
         };
+        phone.image(0.8, &[90; 64 * 48]).expect("an image");
+        phone.motion(0.9, [0.0; 3], [0.0, -9.8, 0.0]).expect("a reading");
+        assert_eq!(phone.step().len(), 1);
         phone.again = again([1.0, 1.1]);
-        assert_eq!(phone.now_or_again(packet(2.0)).map(|packet| packet.stamp), None);
+        assert_eq!(phone.now_or_again(packet(2.9)).map(|packet| packet.stamp), None);
         for left in [2, 1, 0] {
             assert!(phone.again.is_certain && phone.work());
             assert_eq!(phone.again.packets.len(), left);
         }
         assert!(!phone.again.is_certain, "the lens is known once all has been seen");
-        assert!(phone.now_or_again(packet(2.1)).is_some_and(|packet| packet.imu.len() == 1));
-        phone.again = again([2.2, 2.3]);
-        let late = phone.now_or_again(packet(3.1)).expect("it waits no longer");
+        let reports = phone.tick(3.0).expect("a time");
+        let said: Vec<_> = reports.iter().flat_map(|report| &report.said).collect();
+        assert!(said.is_empty(), "images have come meanwhile: {said:?}");
+        assert!(phone.now_or_again(packet(3.1)).is_some_and(|packet| packet.imu.len() == 1));
+        phone.again = again([3.2, 3.3]);
+        let late = phone.now_or_again(packet(3.4)).expect("it waits no longer");
         assert_eq!(late.imu.len(), 3, "no reading is lost");
         assert!(phone.again.packets.is_empty() && !phone.again.is_certain);
         drop(phone);

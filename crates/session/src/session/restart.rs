@@ -10,7 +10,7 @@ use crate::slam::Slam;
 use cairn_atlas::store::MapFile;
 use cairn_engine::OpenMapError;
 use cairn_guide::Confidence;
-use cairn_sensor::FramePacket;
+use cairn_sensor::{FramePacket, Stamp};
 
 impl<S: Slam> Session<S> {
     /// Whether nothing that can be guided along hangs on the map of this session: no route, no recording, no guidance. Routes
@@ -57,8 +57,9 @@ impl<S: Slam> Session<S> {
 
     /// What was seen last before SLAM began again is seen again, with the lens it has begun with: so the phone is known as soon as its
     /// lens is, instead of after as many seconds of walking as that took. Nothing is said and nothing recorded meanwhile. Not with
-    /// mapping on threads; packets in order, before the next one.
-    pub fn see_again(&mut self, packet: &FramePacket) {
+    /// mapping on threads; packets in order, before the next one. `newest`: of the images that have come, which wait meanwhile.
+    pub fn see_again(&mut self, packet: &FramePacket, newest: Stamp) {
+        self.frame = Some(newest);
         // What had no result has none again.
         if let Ok(output) = self.engine.on_packet(packet) {
             self.learn_from(&output, packet.stamp);
