@@ -108,7 +108,10 @@ impl Sliced {
     }
 
     pub fn note(&mut self, seen: Vec<(LandmarkId, bool)>) {
-        self.inputs.push_back(Input::Visibility(seen));
+        // Once mapping has failed nobody takes them any more.
+        if !matches!(self.mapping, Stage::Failed) {
+            self.inputs.push_back(Input::Visibility(seen));
+        }
     }
 
     /// A request that starts a map is done at once, with those before it.
