@@ -2,6 +2,7 @@
 
 use cairn_geometry::Vec2;
 use cairn_sensor::{Camera, Distortion};
+use nalgebra::Matrix2;
 
 /// A lens relative to a guess without distortion: with the pixel's offset `d` from the principal point and
 /// `rho = |d| / (focal * guessed focal length)`, the ray of the pixel is that of an ideal pinhole at
@@ -31,6 +32,13 @@ impl Lens {
     /// An offset from the principal point without the distortion, in pixels of the true focal length.
     pub(crate) fn stretched(&self, camera: &cairn_solve::Pinhole, d: &Vec2) -> Vec2 {
         d * (1.0 + self.radial * self.rho_squared(camera, d))
+    }
+
+    /// The derivative of [`Lens::stretched`] by the offset.
+    pub(crate) fn by_offset(&self, camera: &cairn_solve::Pinhole, d: &Vec2) -> Matrix2<f64> {
+        let f = Vec2::new(camera.fx * self.focal, camera.fy * self.focal);
+        let by_rho = Vec2::new(d.x / f.x.powi(2), d.y / f.y.powi(2)) * (2.0 * self.radial);
+        Matrix2::identity() * (1.0 + self.radial * self.rho_squared(camera, d)) + d * by_rho.transpose()
     }
 
     /// The square of the offset over the focal length.

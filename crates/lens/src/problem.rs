@@ -3,7 +3,7 @@
 use crate::gyro::GyroLink;
 use cairn_adjust::{pinhole, weight};
 use cairn_atlas::{MapId, Snapshot};
-use cairn_geometry::{Se3, So3, Vec3};
+use cairn_geometry::{Se3, So3, Vec2, Vec3};
 use cairn_inertial::Bias;
 use cairn_solve::{Bundle, Freedom, Observation};
 use cairn_vision::RectifiedCamera;
@@ -21,8 +21,12 @@ const LEAST_VIEWS: usize = 3;
 pub struct LensProblem {
     /// Poses, landmarks and observations as measured.
     pub bundle: Bundle,
+    /// The pixels that a readout longer by a second moves each observation by.
+    pub slopes: Vec<Vec2>,
     /// Rotations by the gyroscope between the poses of the bundle.
     pub links: Vec<GyroLink>,
+    /// The offset of the clocks and the readout time that links and observations were taken with, seconds.
+    pub taken_with_s: [f64; 2],
 }
 
 impl LensProblem {
@@ -44,7 +48,7 @@ impl LensProblem {
         let poses: Vec<Se3> = key_frames.iter().map(|k| k.world_from_camera).collect();
         let mut freedom = vec![Freedom::Free; poses.len()];
         freedom[0] = Freedom::Fixed;
-        let (points, observations) = observations(snapshot, map, &slots);
+        let Observations { points, observations, slopes } = Observations::of(snapshot, map, &slots);
         let links = key_frames.iter().enumerate().filter_map(|(to, k)| {
             let factor = k.motion.as_ref()?.imu_factor.as_ref()?;
             let from = *slots.get(&factor.since)?;
@@ -52,7 +56,9 @@ impl LensProblem {
             let seconds = factor.sum.seconds();
             let noise = factor.sum.noise().gyro * seconds.sqrt();
             let rotation = imu_from_camera.inverse() * rotation * *imu_from_camera;
-            Some(GyroLink { from, to, rotation, seconds, sigma: noise.hypot(LEAST_SIGMA) })
+            let (first, last) = (factor.sum.samples().first()?, factor.sum.samples().last()?);
+            let rates = [first, last].map(|reading| imu_from_camera.inverse() * reading.gyro);
+            Some(GyroLink { from, to, rotation, rates, seconds, sigma: noise.hypot(LEAST_SIGMA) })
         });
         let links = links.collect();
         let camera = pinhole(camera);
@@ -65,7 +71,8 @@ impl LensProblem {
             observations,
             calibrations: Vec::new(),
         };
-        Some(Self { bundle, links })
+        let taken_with_s = [snapshot.imu_offset(), snapshot.readout().seconds];
+        Some(Self { bundle, slopes, links, taken_with_s })
     }
 }
 
@@ -78,36 +85,44 @@ impl LensProblem {
     }
 }
 
-/// The landmarks that several of these key frames see, and what they see of them.
-fn observations(
-    snapshot: &Snapshot,
-    map: MapId,
-    slots: &BTreeMap<cairn_atlas::KeyFrameId, usize>,
-) -> (Vec<Vec3>, Vec<Observation>) {
-    let (mut points, mut out) = (Vec::new(), Vec::new());
-    for landmark in snapshot.landmarks() {
-        let first = out.len();
-        for o in &landmark.observations {
-            let (Some(slot), Some(k)) = (slots.get(&o.key_frame), snapshot.key_frame(o.key_frame)) else {
-                continue;
-            };
-            if k.map != map {
-                continue;
+/// The landmarks that several key frames see, what they see of them, and by how many pixels a second of readout moves that.
+struct Observations {
+    points: Vec<Vec3>,
+    observations: Vec<Observation>,
+    slopes: Vec<Vec2>,
+}
+
+impl Observations {
+    fn of(snapshot: &Snapshot, map: MapId, slots: &BTreeMap<cairn_atlas::KeyFrameId, usize>) -> Self {
+        let (mut points, mut out, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
+        let readout_s = snapshot.readout().seconds;
+        for landmark in snapshot.landmarks() {
+            let first = out.len();
+            for o in &landmark.observations {
+                let (Some(slot), Some(k)) = (slots.get(&o.key_frame), snapshot.key_frame(o.key_frame)) else {
+                    continue;
+                };
+                if k.map != map {
+                    continue;
+                }
+                let feature = o.feature as usize;
+                let [u, v, _] = k.frame.pixel_with(feature, readout_s);
+                let [later_u, later_v, _] = k.frame.pixel_with(feature, readout_s + 1.0);
+                out.push(Observation {
+                    pose: *slot as u32,
+                    point: points.len() as u32,
+                    pixel: [u, v, f64::NAN],
+                    weight: weight(&k.frame, feature, &snapshot.octaves()),
+                });
+                slopes.push(Vec2::new(later_u - u, later_v - v));
             }
-            let feature = o.feature as usize;
-            let [u, v, _] = k.frame.pixel_with(feature, snapshot.readout().seconds);
-            out.push(Observation {
-                pose: *slot as u32,
-                point: points.len() as u32,
-                pixel: [u, v, f64::NAN],
-                weight: weight(&k.frame, feature, &snapshot.octaves()),
-            });
+            if out.len() - first < LEAST_VIEWS {
+                out.truncate(first);
+                slopes.truncate(first);
+            } else {
+                points.push(landmark.position);
+            }
         }
-        if out.len() - first < LEAST_VIEWS {
-            out.truncate(first);
-        } else {
-            points.push(landmark.position);
-        }
+        Self { points, observations: out, slopes }
     }
-    (points, out)
 }

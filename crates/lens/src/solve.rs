@@ -22,6 +22,11 @@ pub struct LensEstimate {
     /// Standard deviations of focal length (relative) and distortion: from the residuals as they are, were each independent of the
     /// others, or from how far the stretches of the walk pull the lens apart, whichever is larger.
     pub sigma: [f64; 2],
+    /// Seconds to add to the gyroscope's stamps, and those from the exposure of the first row to that of the last, each with its
+    /// standard deviation.
+    pub offset_s: [f64; 2],
+    /// See `offset_s`.
+    pub readout_s: [f64; 2],
     /// Root mean square of the residuals, pixels at the finest level.
     pub rms_px: f64,
     /// Whether nothing moves the lens any more.
@@ -51,16 +56,24 @@ impl LensProblem {
             convergence: Convergence::Actual { relative: TOLERANCE },
         };
         solver.minimise_in_slices(&mut joint, || false).await;
-        let lens = joint.state.lens;
+        let lens = joint.state.optics.lens;
         if !(lens.focal.is_finite() && lens.radial.is_finite()) {
             return None;
         }
-        let left = joint.lens_left()?;
+        let left = joint.left()?;
         let variance = self.bundle.residual_variance(joint.observation_cost(&joint.state));
         let independent = |k: usize| (left.covariance[(k, k)] * variance.max(1e-12)).max(0.0).sqrt();
         let converged = (0..2).all(|k| left.step[k].abs() < LEFT * independent(k));
-        let sigma = [0, 1].map(|k| independent(k).max(left.disagreement[(k, k)].sqrt()));
-        Some(LensEstimate { lens, sigma, rms_px: variance.sqrt(), converged })
+        let sigma = |k: usize| independent(k).max(left.disagreement[(k, k)].sqrt());
+        let [offset_s, readout_s] = self.taken_with_s;
+        Some(LensEstimate {
+            lens,
+            sigma: [0, 1].map(sigma),
+            offset_s: [offset_s + joint.state.clock.late_s, sigma(3)],
+            readout_s: [readout_s + joint.state.optics.readout_s, sigma(2)],
+            rms_px: variance.sqrt(),
+            converged,
+        })
     }
 }
 
@@ -120,7 +133,8 @@ pub(crate) mod tests {
             let turned = truth[to - 1].rotation.inverse() * truth[to].rotation;
             let mut wrong = || BIAS * 0.3 + 1e-3 * random.standard_normal();
             let rotation = turned * So3::exp(&Vec3::new(wrong(), wrong(), wrong()));
-            GyroLink { from: to - 1, to, rotation, seconds: 0.3, sigma: 3e-3 }
+            let rates = [-1, 1].map(|side| Vec3::new(0.1, 0.4, -0.2) * f64::from(side));
+            GyroLink { from: to - 1, to, rotation, rates, seconds: 0.3, sigma: 3e-3 }
         });
         let links = links.collect();
         let mut freedom = vec![Freedom::Free; count];
@@ -134,7 +148,9 @@ pub(crate) mod tests {
             observations,
             calibrations: Vec::new(),
         };
-        LensProblem { bundle, links }
+        // Rows lower in the picture are exposed later: a camera that turns to the right sees them farther left.
+        let slopes = bundle.observations.iter().map(|o| Vec2::new((o.pixel[1] - 240.0) * 0.5, 0.0)).collect();
+        LensProblem { bundle, slopes, links, taken_with_s: [0.0; 2] }
     }
 
     pub(crate) fn camera(focal: f64, k1: f64) -> Camera {
@@ -184,8 +200,8 @@ pub(crate) mod tests {
             let found = p.solve().unwrap();
             let error = (found.lens.focal * 448.0 / 500.0).ln();
             let mut joint = Joint::new(&p);
-            joint.state.lens = found.lens;
-            let alone = joint.lens_left().unwrap().covariance[(0, 0)].sqrt() * found.rms_px;
+            joint.state.optics.lens = found.lens;
+            let alone = joint.left().unwrap().covariance[(0, 0)].sqrt() * found.rms_px;
             stated += (error / found.sigma[0]).powi(2) / count;
             independent += (error / alone).powi(2) / count;
         }

@@ -209,7 +209,7 @@ impl Phone {
         let Some(found) = watch.step_here(self.session.engine(), self.session.now()) else { return };
         self.notes.extend(found.not_kept);
         let Some(next) = watch.with(found.lens) else { return };
-        self.start.reads_with(&next);
+        self.start.reads_with(&next, found.clocks);
         let camera = self.start.camera(found.is_certain).map_err(LibraryError::from);
         match camera.and_then(|camera| self.session.restart_slam(&camera, |map| self.start.engine(map))) {
             Ok(notes) => self.notes.extend(notes),

@@ -2,7 +2,7 @@
 
 use crate::setup::Setup;
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Config, Engine, Host, OpenMapError, Runner, SensorMode};
+use cairn_engine::{Config, Engine, FlowClocks, Host, OpenMapError, Runner, SensorMode};
 use cairn_sensor::{Rig, RigError};
 use cairn_session::LibraryCamera;
 use cairn_session::lens_watch::{LensWatch, kept};
@@ -27,13 +27,14 @@ impl Start {
             let (folder, guess) = (&setup.library.folder, start.rig.cameras[0].camera);
             LensWatch::new(Some(folder.clone()), phone.clone(), guess, kept(folder, phone, &guess))
         });
-        watch.iter().for_each(|watch| start.reads_with(watch));
+        watch.iter().for_each(|watch| start.reads_with(watch, None));
         (start, watch)
     }
 
-    /// Images are read with the lens of this watch from the next begin on.
-    pub fn reads_with(&mut self, watch: &LensWatch) {
+    /// Images are read with the lens of this watch from the next begin on, and motion with these clocks, where they are known.
+    pub fn reads_with(&mut self, watch: &LensWatch, clocks: Option<FlowClocks>) {
         self.rig.cameras[0].camera = watch.camera();
+        self.config.tracker.clocks = clocks;
     }
 
     /// The sensors.

@@ -1,5 +1,6 @@
 //! Configuration of tracking.
 
+use crate::flow::FlowClocks;
 use cairn_sensor::MotionProfile;
 use cairn_settings::Settings;
 
@@ -33,6 +34,9 @@ pub struct TrackerConfig {
     /// that time is estimated.
     #[setting(default = false)]
     pub clocks_by_flow: bool,
+    /// What is known of both already, before the first picture; otherwise they are found.
+    #[setting(skip, default = None)]
+    pub clocks: Option<FlowClocks>,
     /// True to take the pose of each frame from its depth image (`--front-end dense`); features still find places again. Without
     /// it the depth image gives the pose where features do not suffice.
     #[setting(default = false)]

@@ -33,7 +33,7 @@ pub struct FlowPair {
 }
 
 /// The estimate.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FlowClocks {
     /// Seconds to add to the samples' stamps to get the frames' clock, and its standard deviation.
     pub offset_s: [f64; 2],

@@ -288,6 +288,7 @@ impl PageObserver {
         let Some(found) = self.lens_due.take_if(|_| session.may_restart_slam()) else { return };
         let Some(next) = watch.with(found.lens) else { return };
         start.rig.cameras[0].camera = next.camera();
+        start.config.tracker.clocks = found.clocks;
         let camera = start.camera(found.is_certain);
         match camera.and_then(|camera| session.restart_slam(&camera, |map| start.slam(map))) {
             Ok(notes) => {

@@ -66,8 +66,13 @@ impl Tracker {
         let Some(inertial) = self.priors.inertial.as_mut().filter(|_| wanted) else { return true };
         let filter = &mut inertial.filter;
         let camera_from_imu = filter.imu_from_camera.rotation.inverse();
-        let (camera, samples) = (&self.setup.camera, filter.samples());
-        let known = self.start.clocks.step(camera, &self.shutter, frame, samples, &camera_from_imu);
+        let known = match self.setup.config.clocks {
+            Some(given) => Known::Now(given),
+            None => {
+                let (camera, samples) = (&self.setup.camera, filter.samples());
+                self.start.clocks.step(camera, &self.shutter, frame, samples, &camera_from_imu)
+            }
+        };
         match known {
             Known::Ended => true,
             Known::NotYet => {
