@@ -209,6 +209,12 @@ impl Phone {
         let Some(found) = watch.step_here(self.session.engine(), self.session.now()) else { return };
         self.notes.extend(found.not_kept);
         let Some(next) = watch.with(found.lens) else { return };
+        if found.is_in_use {
+            *watch = next;
+            self.seen = VecDeque::new();
+            self.session.knows_of_lens(LensKnowledge::of(true, self.start.rig().imu.is_some()));
+            return;
+        }
         self.start.reads_with(&next, found.clocks);
         let camera = self.start.camera(found.is_certain).map_err(LibraryError::from);
         match camera.and_then(|camera| self.session.restart_slam(&camera, |map| self.start.engine(map))) {

@@ -43,6 +43,8 @@ const AGREE: [f64; 2] = [0.015, 0.03];
 const FAR: f64 = 0.05;
 /// ... and this share of what it was off may be left of it: 8 to 11 % were with eight of `bench run newcomers` that were 3 to 24 % off.
 const KEPT_OF_WRONG: f64 = 0.12;
+/// A lens in use that is this near to an estimate, relative focal length and distortion, is known: SLAM goes on with it.
+const NEAR: [f64; 2] = [0.007, 0.015];
 /// Offset of the clocks and readout are not known better than this from an estimate of the lens, seconds.
 const LEAST_CLOCK_SIGMA_S: [f64; 2] = [0.003, 0.006];
 /// An estimate says something new once the camera has gone so far since the one before, as a share of the extent of the walk until
@@ -193,7 +195,9 @@ impl LensWatch {
     /// A watch over this lens, once images are read with it; `None` where it is no lens for these images.
     pub fn with(&self, lens: KeptLens) -> Option<Self> {
         lens.camera(&self.guess)?;
-        Some(Self::new(self.folder.clone(), self.phone.clone(), self.guess, Some(lens)))
+        let before = self.before.filter(|_| !lens.is_certain());
+        let next = Self::new(self.folder.clone(), self.phone.clone(), self.guess, Some(lens));
+        Some(Self { before, ..next })
     }
 
     /// The camera that the images are read with.
@@ -215,7 +219,7 @@ impl LensWatch {
         }
         let snapshot = engine.snapshot();
         if let Some(lens) = self.by_turns(&snapshot) {
-            self.turned = true;
+            (self.turned, self.before) = (true, None);
             return Some(self.kept_as(lens, None));
         }
         if let Some(job) = self.job.take_if(|job| job.is_finished()) {
@@ -241,7 +245,7 @@ impl LensWatch {
         self.looked = Some(now);
         let snapshot = engine.snapshot();
         if let Some(lens) = self.by_turns(&snapshot) {
-            self.turned = true;
+            (self.turned, self.before) = (true, None);
             return Some(self.kept_as(lens, None));
         }
         match self.in_slices.take() {
@@ -268,19 +272,24 @@ impl LensWatch {
     /// Takes an estimate; the lens, once it is certain and another than is read with, or is a far better guess.
     fn take(&mut self, estimate: &LensEstimate) -> Option<LensFound> {
         if let Some(lens) = self.far_better(estimate) {
+            // The next one is compared with what this one says.
+            self.before = Some(Lens::GUESS);
             return Some(self.kept_as(lens, clocks_of(estimate)));
         }
         if !self.is_trusted(estimate) {
             return None;
         }
         self.done = true;
+        if let Some(lens) = self.confirmed(estimate) {
+            return Some(LensFound { is_in_use: true, ..self.kept_as(lens, None) });
+        }
         self.found(estimate).map(|lens| self.kept_as(lens, clocks_of(estimate)))
     }
 
     fn kept_as(&self, lens: KeptLens, clocks: Option<FlowClocks>) -> LensFound {
         let keep = |folder: &PathBuf| keep(folder, &self.phone, &self.guess, lens).err();
         let not_kept = self.folder.as_ref().and_then(keep).map(|e| e.to_string());
-        LensFound { lens, clocks, is_certain: lens.is_certain(), not_kept }
+        LensFound { lens, clocks, is_certain: lens.is_certain(), is_in_use: false, not_kept }
     }
 
     /// The lens by the turns of the newest map, where these contradict a guess.
@@ -307,6 +316,14 @@ impl LensWatch {
         let lens = is_far.then(|| self.read_with().followed_by(estimate))?;
         let sigma = [(KEPT_OF_WRONG * off).max(CERTAIN[0]), lens.sigma[1]];
         lens.camera(&self.guess).map(|_| KeptLens { sigma, ..lens })
+    }
+
+    /// The guess that the images are read with, where a trusted estimate says the same.
+    fn confirmed(&self, estimate: &LensEstimate) -> Option<KeptLens> {
+        let off = [estimate.lens.focal.ln().abs(), estimate.lens.radial.abs()];
+        let is_near = !self.is_certain() && (0..2).all(|k| off[k] < NEAR[k]);
+        let sigma = [0, 1].map(|k| off[k].max(estimate.sigma[k]));
+        is_near.then(|| KeptLens { sigma, ..self.read_with() })
     }
 
     /// The lens by a trusted estimate; `None` where that agrees with the one that was kept.
@@ -391,6 +408,8 @@ pub struct LensFound {
     pub clocks: Option<FlowClocks>,
     /// Otherwise it is a better guess.
     pub is_certain: bool,
+    /// The images are read with it: what was a guess is known now.
+    pub is_in_use: bool,
     /// Why it could not be kept, if so.
     pub not_kept: Option<String>,
 }
@@ -456,6 +475,10 @@ mod tests {
         let mut next = watch.with(found.lens).expect("a lens");
         assert!(next.take(&of(1.055, 0.003)).is_none(), "as far as it may be off");
         assert!(next.take(&of(1.05, 0.003)).is_some_and(|found| found.is_certain), "and again");
+        let mut next = watch.with(found.lens).expect("a lens");
+        let known = LensEstimate { lens: Lens { focal: 1.005, radial: 0.0 }, ..of(1.0, 0.003) };
+        let confirmed = next.take(&known).expect("it says the same as the one before");
+        assert!(confirmed.is_certain && confirmed.is_in_use && confirmed.lens.focal == found.lens.focal);
         let certain = KeptLens { focal: 0.7, radial: 0.0, sigma: [0.004, 0.01] };
         let mut kept = LensWatch::new(None, "a".into(), guess, Some(certain));
         assert!(kept.take(&of(1.2, 0.003)).is_none(), "a certain one needs two");

@@ -280,6 +280,11 @@ impl PageObserver {
             if let Some(why) = &found.not_kept {
                 self.hub.broadcast(&ToPage::Doubt(why));
             }
+            if found.is_in_use {
+                session.knows_of_lens(LensKnowledge::of(true, start.has_imu));
+                watch.with(found.lens).into_iter().for_each(|next| *watch = next);
+                return;
+            }
             if found.is_certain && !session.may_restart_slam() {
                 session.knows_of_lens(LensKnowledge::FoundForLater);
             }
