@@ -23,6 +23,10 @@ const MOTION_WAIT_S: f64 = 0.06;
 /// (`bench run newcomers`), and their pictures, 15 a second of 640x480, are 37 MB.
 const SEEN_AGAIN_S: f64 = 8.0;
 
+/// A device on which images have come meanwhile is slow: of what it sees again images nearer to each other than this are left out, as the
+/// page leaves them out while mapping has not caught up.
+const SEEN_APART_S: f64 = 0.15;
+
 /// Why something that a page sent cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum PhoneError {
@@ -55,10 +59,28 @@ pub enum PhoneError {
 struct Again {
     /// The last packets before SLAM began again, and those that have come since.
     packets: VecDeque<FramePacket>,
+    /// When SLAM began again, and the image that was seen again last.
+    began: Stamp,
+    last: Stamp,
     /// Who has not caught up by then is too slow for that, and goes on with what is seen now.
     until: Stamp,
     /// The lens is known from when all has been seen.
     is_certain: bool,
+}
+
+impl Again {
+    /// The next packet, with the readings of those that are left out.
+    fn next(&mut self) -> Option<FramePacket> {
+        let mut packet = self.packets.pop_front()?;
+        let is_slow = self.packets.back().is_some_and(|newest| newest.stamp > self.began);
+        while is_slow && packet.stamp - self.last < SEEN_APART_S {
+            let Some(next) = self.packets.pop_front() else { break };
+            packet.imu.extend(next.imu);
+            packet = FramePacket { imu: packet.imu, ..next };
+        }
+        self.last = packet.stamp;
+        Some(packet)
+    }
 }
 
 /// The engine and the guide of one walk.
@@ -194,7 +216,7 @@ impl Phone {
         if self.session.work() || lens {
             return true;
         }
-        if let Some(packet) = self.again.packets.pop_front() {
+        if let Some(packet) = self.again.next() {
             let newest = self.again.packets.back().map_or(packet.stamp, |last| last.stamp);
             self.session.see_again(&packet, newest);
             self.caught_up();
@@ -225,8 +247,14 @@ impl Phone {
             }
         }
         *watch = next;
-        let until = self.session.now().plus_seconds(2.0 * SEEN_AGAIN_S);
-        self.again = Again { packets: self.seen.clone(), until, is_certain: found.is_certain };
+        let began = self.session.now();
+        self.again = Again {
+            packets: self.seen.clone(),
+            began,
+            last: Stamp::default(),
+            until: began.plus_seconds(2.0 * SEEN_AGAIN_S),
+            is_certain: found.is_certain,
+        };
         if found.is_certain {
             self.seen = VecDeque::new();
         }
@@ -329,6 +357,8 @@ mod tests {
         let mut phone = Phone::new(&setup).expect("a phone");
         let again = |t_s: [f64; 2]| Again {
             packets: t_s.map(packet).into(),
+            began: Stamp::from_seconds(1.5),
+            last: Stamp::default(),
             until: Stamp::from_seconds(3.0),
             is_certain: true,
         };
@@ -350,6 +380,14 @@ mod tests {
         let late = phone.now_or_again(packet(3.4)).expect("it waits no longer");
         assert_eq!(late.imu.len(), 3, "no reading is lost");
         assert!(phone.again.packets.is_empty() && !phone.again.is_certain);
+        let mut slow = Again {
+            packets: [1.0, 1.05, 1.1, 1.2, 1.6].map(packet).into(),
+            began: Stamp::from_seconds(1.5),
+            ..Again::default()
+        };
+        let seen: Vec<_> =
+            std::iter::from_fn(|| slow.next()).map(|p| (p.stamp.seconds(), p.imu.len())).collect();
+        assert_eq!(seen, [(1.0, 1), (1.2, 3), (1.6, 1)], "images have come since, and no reading is lost");
         drop(phone);
         let _ = std::fs::remove_dir_all(folder);
     }

@@ -44,7 +44,7 @@ const FAR: f64 = 0.05;
 /// ... and this share of what it was off may be left of it: 8 to 11 % were with eight of `bench run newcomers` that were 3 to 24 % off.
 const KEPT_OF_WRONG: f64 = 0.12;
 /// A lens in use that is this near to an estimate, relative focal length and distortion, is known: SLAM goes on with it.
-const NEAR: [f64; 2] = [0.007, 0.015];
+const NEAR: [f64; 2] = [0.01, 0.02];
 /// Offset of the clocks and readout are not known better than this from an estimate of the lens, seconds.
 const LEAST_CLOCK_SIGMA_S: [f64; 2] = [0.003, 0.006];
 /// An estimate says something new once the camera has gone so far since the one before, as a share of the extent of the walk until
