@@ -2,7 +2,7 @@
 
 use crate::{Changes, Error, FrameError, Map, MapEvents, accuracy, map_file};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Engine, Finished, Output, Status};
+use cairn_engine::{Engine, Finished, HintOutcome, Output, PlaceHint, Status};
 use cairn_eval::Evaluation;
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, ImuSample, Stamp};
@@ -60,6 +60,17 @@ impl Slam {
     /// [`Slam::trajectory`] and [`Slam::save`].
     pub fn finish(&mut self) -> Finished {
         self.session.engine_mut().finish()
+    }
+
+    /// Says where the camera is, roughly: it is looked for there from the next frame on, and the place counts once an image confirms it.
+    /// See [`Engine::hint`].
+    pub fn hint(&mut self, hint: PlaceHint) {
+        self.session.engine_mut().hint(hint);
+    }
+
+    /// What has become of the last hint; `None` where there was none.
+    pub fn hint_outcome(&self) -> Option<HintOutcome> {
+        self.engine().hint_outcome()
     }
 
     /// The latest map.
