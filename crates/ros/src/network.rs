@@ -12,12 +12,16 @@ use crate::messages::{
     TriggerResponse,
 };
 use crate::options::{Options, Rmw, Topics, transport};
-use crate::parameters::{Declared, ParameterServers};
+use crate::parameters::{ParameterServers, Parameters};
+use crate::peers::Announcer;
 use crate::pictures::Picture;
+use crate::service::Service;
 use crate::setup::Role;
 use cairn::sensor::SkipKind;
 use futures::stream::{LocalBoxStream, SelectAll, StreamExt};
-use ros2_client::dds::rustdds::{DomainParticipantBuilder, DomainParticipantStatusEvent, StatusEvented};
+use ros2_client::dds::rustdds::{
+    DomainParticipantBuilder, DomainParticipantStatusEvent, RTPSEntity, StatusEvented,
+};
 use ros2_client::dds::{Context, Node, Publisher, RosoutRaw, Server, ServiceMapping, Subscription};
 use ros2_client::qos::{Durability, History, QosProfile, Reliability, WhenFull};
 use ros2_client::{MessageTypeName, Name, NodeName, NodeOptions, RmwRequestId, ServiceTypeName};
@@ -77,59 +81,12 @@ pub enum Incoming {
     Clock(Clock),
     /// Where the robot is to go.
     Goal(PoseStamped),
+    /// Where the robot is said to be.
+    InitialPose(PoseWithCovarianceStamped),
     /// A service was called.
     ServiceCall(Service, RmwRequestId),
     /// A message that could not be read.
     Unreadable(String, String),
-}
-
-/// The services, all of type `std_srvs/Trigger`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Service {
-    /// Save the map.
-    SaveMap,
-    /// Begin anew in the saved map.
-    LoadMap,
-    /// Begin anew without a map.
-    Reset,
-    /// Record the route.
-    Record,
-    /// End the recording.
-    StopRecording,
-    /// Guide back to where the route began.
-    GuideHome,
-    /// Guide along the route from its start to its end.
-    GuideAgain,
-    /// End guidance.
-    Halt,
-}
-
-impl Service {
-    /// All.
-    pub const ALL: [Self; 8] = [
-        Self::SaveMap,
-        Self::LoadMap,
-        Self::Reset,
-        Self::Record,
-        Self::StopRecording,
-        Self::GuideHome,
-        Self::GuideAgain,
-        Self::Halt,
-    ];
-
-    /// Its name in the node's namespace.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::SaveMap => "~/save_map",
-            Self::LoadMap => "~/load_map",
-            Self::Reset => "~/reset",
-            Self::Record => "~/record",
-            Self::StopRecording => "~/stop_recording",
-            Self::GuideHome => "~/guide_home",
-            Self::GuideAgain => "~/guide_again",
-            Self::Halt => "~/halt",
-        }
-    }
 }
 
 type TriggerServer = Server<TriggerRequest, TriggerResponse>;
@@ -173,6 +130,7 @@ enum Input {
     Static(String, Subscription<TFMessage>),
     Clock(String, Subscription<Clock>),
     Goal(String, Subscription<PoseStamped>),
+    InitialPose(String, Subscription<PoseWithCovarianceStamped>),
 }
 
 /// A publisher with its name.
@@ -210,6 +168,14 @@ impl Network {
             participant = participant.with_only_networks([only]);
         }
         let participant = participant.build().map_err(|e| NetworkError::Domain(e.into()))?;
+        if !discovery.peers.is_empty() {
+            let prefix = participant.guid().prefix.as_ref().to_vec();
+            let started = Announcer::new(options.domain_id(), prefix, &discovery.peers);
+            match started.and_then(Announcer::start) {
+                Ok(()) => {}
+                Err(why) => faults.say(Severity::Warn, &format!("ROS_STATIC_PEERS is not used: {why}")),
+            }
+        }
         let context = Context::from_domain_participant(participant);
         let context = context.map_err(|e| NetworkError::Domain(e.into()))?;
         let name = NodeName::new(&options.namespace, &options.name);
@@ -286,9 +252,13 @@ impl Network {
     ///
     /// # Errors
     /// When no thread can be started.
-    pub fn answer_parameters(&mut self, declared: &[Declared], faults: &Faults) -> Result<(), NetworkError> {
+    pub fn answer_parameters(
+        &mut self,
+        parameters: &Parameters,
+        faults: &Faults,
+    ) -> Result<(), NetworkError> {
         let Some(servers) = self.parameters.take() else { return Ok(()) };
-        servers.serve(declared.to_vec(), faults).map_err(NetworkError::from)
+        servers.serve(parameters.clone(), faults).map_err(NetworkError::from)
     }
 
     /// Says which publishers and subscribers do not match this node because of their quality of service. Ends with the
@@ -417,6 +387,9 @@ impl Maker<'_> {
             let (name, s) = self.input("~/goal_pose", ("geometry_msgs", "PoseStamped"), depth(1))?;
             inputs.push(Input::Goal(name, s));
         }
+        let kind = ("geometry_msgs", "PoseWithCovarianceStamped");
+        let (name, s) = self.input("initialpose", kind, depth(1))?;
+        inputs.push(Input::InitialPose(name, s));
         if self.options.use_sim_time {
             let (name, s) = self.input("/clock", ("rosgraph_msgs", "Clock"), depth(1))?;
             inputs.push(Input::Clock(name, s));
@@ -474,6 +447,7 @@ impl Input {
             Self::Static(name, s) => messages(name, s, Incoming::Static),
             Self::Clock(name, s) => messages(name, s, Incoming::Clock),
             Self::Goal(name, s) => messages(name, s, Incoming::Goal),
+            Self::InitialPose(name, s) => messages(name, s, Incoming::InitialPose),
         }
     }
 }

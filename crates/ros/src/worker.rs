@@ -2,8 +2,9 @@
 
 use crate::assemble::{Assembler, Clock};
 use crate::faults::Faults;
-use crate::messages::PoseStamped;
-use crate::network::{Incoming, Service};
+use crate::messages::{PoseStamped, PoseWithCovarianceStamped};
+use crate::network::Incoming;
+use crate::service::Service;
 use crate::setup::{Found, Setup, SetupError};
 use crate::time::Time;
 use cairn::sensor::SkipKind;
@@ -28,6 +29,8 @@ pub struct PendingRequests {
     pub calls: VecDeque<(Service, RmwRequestId)>,
     /// The newest goal.
     pub goal: Option<PoseStamped>,
+    /// The newest word on where the robot is.
+    pub initial_pose: Option<PoseWithCovarianceStamped>,
 }
 
 /// The same for the worker and the node.
@@ -127,6 +130,7 @@ impl Worker {
                 self.requests.lock().calls.push_back((service, id));
             }
             Incoming::Goal(goal) => self.requests.lock().goal = Some(goal),
+            Incoming::InitialPose(pose) => self.requests.lock().initial_pose = Some(pose),
             Incoming::Clock(clock) => self.time.set(clock.clock.stamp()),
             Incoming::Unreadable(topic, why) => {
                 self.faults.count(SkipKind::Other, &format!("{topic}: a message cannot be read"), &why);

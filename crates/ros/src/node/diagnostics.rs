@@ -29,10 +29,13 @@ impl Node<'_> {
         for wait in &status.waits {
             message += &format!("; {wait}");
         }
+        for words in self.placing.words() {
+            message += &format!("; {words}");
+        }
         if counts.tracked > 0 && !counts.metric {
             message += "; lengths are not metres (one camera without an IMU knows no scale)";
         }
-        let good = !silent && status.valid && counts.metric;
+        let good = !silent && status.valid && counts.metric && !self.placing.warns();
         let level = if status.error.is_some() { 2 } else { u8::from(!good) };
         let map = self.slam.map();
         let mut values: Vec<(String, String)> = vec![
