@@ -6,6 +6,7 @@
 
 use std::io::{Error, ErrorKind};
 use std::net::{Ipv4Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+use std::time::Duration;
 
 /// Participants of a machine that are told: numbers from 0, as CycloneDDS and Fast DDS give them.
 const PARTICIPANTS: u16 = 32;
@@ -13,6 +14,8 @@ const PARTICIPANTS: u16 = 32;
 const ANNOUNCED: std::ops::Range<u16> = 0..12;
 /// Bytes of the head of a message, which begins with the protocol's name and ends with the sender's prefix.
 const HEAD: usize = 20;
+/// The last announcement is repeated after this: a peer may have been switched on since. The library announces every ten seconds.
+const REPEAT: Duration = Duration::from_secs(1);
 
 /// The port on which participant `number` of a domain waits for announcements.
 fn port(domain: u16, number: u16) -> Option<u16> {
@@ -52,6 +55,7 @@ impl Announcer {
         let ports = ANNOUNCED.rev().filter_map(|number| port(domain, number));
         let from = ports.into_iter().find_map(|port| UdpSocket::bind((Ipv4Addr::LOCALHOST, port)).ok());
         let from = from.ok_or_else(|| wrong(format!("no port of domain {domain} is free")))?;
+        from.set_read_timeout(Some(REPEAT))?;
         let numbers = (0..PARTICIPANTS).filter_map(|number| port(domain, number));
         let peers = numbers.flat_map(|port| addresses.iter().map(move |a| SocketAddr::new(a.ip(), port)));
         Ok(Self { from, to: UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?, prefix, peers: peers.collect() })
@@ -66,16 +70,18 @@ impl Announcer {
     }
 
     fn run(&self) {
-        let mut message = [0; 65536];
+        let (mut message, mut last) = ([0; 65536], Vec::new());
         loop {
-            // An error is that of an earlier message which nobody took.
-            let Ok((length, _)) = self.from.recv_from(&mut message) else { continue };
-            if !is_of(&message[..length], &self.prefix) {
-                continue;
+            // An error is that nothing came for a while, or that of an earlier message which nobody took.
+            if let Ok((length, _)) = self.from.recv_from(&mut message) {
+                if !is_of(&message[..length], &self.prefix) {
+                    continue;
+                }
+                last = message[..length].to_vec();
             }
-            for peer in &self.peers {
+            for peer in self.peers.iter().filter(|_| !last.is_empty()) {
                 // A port on which nobody waits refuses; the next announcement tries again.
-                let _ = self.to.send_to(&message[..length], peer);
+                let _ = self.to.send_to(&last, peer);
             }
         }
     }
@@ -84,7 +90,6 @@ impl Announcer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     #[test]
     fn own_announcements_reach_a_peer_and_those_of_others_do_not() {
@@ -107,6 +112,8 @@ mod tests {
         let mut got = [0; 100];
         let (length, _) = peer.recv_from(&mut got).expect("an announcement");
         assert_eq!(&got[..length], message(&own, 2), "as it was sent, and no other before it");
+        let (length, _) = peer.recv_from(&mut got).expect("the same again, for who came late");
+        assert_eq!(&got[..length], message(&own, 2));
     }
 
     #[test]

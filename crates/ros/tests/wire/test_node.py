@@ -170,7 +170,7 @@ def test_it_starts_as_a_launch_file_starts_it(wire, node, euroc, tmp_path, monke
     assert child.end() == 0
 
 
-def test_parameters_are_shown_and_not_set(wire, node):
+def test_parameters_are_shown_and_files_can_be_set(wire, node):
     child = node("--camera", "stereo", "--rmw", "cyclonedds", "--ros-args", "-p", "grid_range_m:=4.5")
     kinds = {"get_parameters": "GetParameters", "set_parameters": "SetParameters"}
     get, set_ = (Caller(wire, f"/cairn/{name}", "rcl_interfaces", kind) for name, kind in kinds.items())
@@ -180,7 +180,10 @@ def test_parameters_are_shown_and_not_set(wire, node):
     value = make("rcl_interfaces/msg/ParameterValue", type=3, double_value=3.0)
     wanted = make("rcl_interfaces/msg/Parameter", name="grid_range_m", value=value)
     (result,) = set_.ask(parameters=[wanted]).results
-    assert not result.successful and "read at the start" in result.reason
+    assert not result.successful and "only map and route can be set" in result.reason
+    value = make("rcl_interfaces/msg/ParameterValue", type=4, string_value="home.map")
+    (result,) = set_.ask(parameters=[make("rcl_interfaces/msg/Parameter", name="map", value=value)]).results
+    assert result.successful and get.ask(names=["map"]).values[0].string_value == "home.map"
     assert get.ask(names=["grid_range_m"]).values[0].double_value == 4.5
     assert child.end() == 0
 
