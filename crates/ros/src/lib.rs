@@ -5,6 +5,7 @@ pub mod arguments;
 pub mod assemble;
 pub mod discovery;
 pub mod faults;
+pub mod features;
 pub mod frames;
 pub mod grid;
 pub mod markers;

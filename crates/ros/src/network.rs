@@ -111,6 +111,8 @@ pub struct Network {
     pub grid: Output<OccupancyGrid>,
     /// Transforms.
     pub tf: Output<TFMessage>,
+    /// Pictures with their features.
+    pub features: Output<Image>,
     /// What the node is doing.
     pub diagnostics: Output<DiagnosticArray>,
     /// What the guide says.
@@ -207,6 +209,7 @@ impl Network {
             points: make.output("points", ("sensor_msgs", "PointCloud2"), results(1))?,
             grid: make.output("map", ("nav_msgs", "OccupancyGrid"), latched)?,
             tf: make.output("/tf", ("tf2_msgs", "TFMessage"), results(100))?,
+            features: make.output("~/features", ("sensor_msgs", "Image"), results(1))?,
             said: make.output("~/said", ("std_msgs", "String"), results(10))?,
             servers: make.servers()?,
             parameters: Some(make.parameters()?),
@@ -302,6 +305,11 @@ impl Network {
         let Some((_, server)) = self.servers.iter().find(|(s, _)| *s == service) else { return Ok(()) };
         let answer = TriggerResponse { success, message };
         server.send_response(id, answer).map_err(|e| NetworkError::Answer(e.into()))
+    }
+
+    /// Whether somebody looks at the pictures with features.
+    pub fn wants_features(&self) -> bool {
+        self.node.subscription_count(self.features.name()) > 0
     }
 
     /// How many publishers of a topic are known.

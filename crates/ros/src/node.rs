@@ -205,6 +205,8 @@ struct Shown {
     map: Option<MapId>,
     /// Points of the route.
     route: Option<usize>,
+    /// When a picture with features was.
+    features: Option<Stamp>,
     /// What the markers show: version of the map, its place, the goal.
     marked: Option<(u64, Se3, Option<Se3>)>,
 }
@@ -315,6 +317,7 @@ impl<'a> Node<'a> {
             }
         }
         self.report_hint();
+        self.show_features(packet, &output, stamp);
         if let Some(now) = self.time.now() {
             self.counts.ages_ms.push((now.0.saturating_sub(stamp.0)) as f64 * 1e-6);
         }

@@ -1,8 +1,14 @@
 //! What the node says of itself once a second.
 
 use super::{Node, SLOW};
+use crate::features;
+use crate::messages::Header;
 use crate::results;
-use cairn::Stamp;
+use cairn::sensor::FramePacket;
+use cairn::{Output, Stamp};
+
+/// Seconds between pictures with features.
+const FEATURES_S: f64 = 0.2;
 
 /// Numbers for the diagnostics.
 #[derive(Default)]
@@ -18,6 +24,17 @@ pub(super) struct Counts {
 }
 
 impl Node<'_> {
+    /// Publishes the picture with its features, a few times a second, while somebody looks at it.
+    pub(super) fn show_features(&mut self, packet: &FramePacket, output: &Output, stamp: Stamp) {
+        let is_due = self.shown.features.is_none_or(|at| packet.stamp - at >= FEATURES_S);
+        let Some(picture) = packet.images.first().filter(|_| is_due && self.network.wants_features()) else {
+            return;
+        };
+        self.shown.features = Some(packet.stamp);
+        let header = Header::new(stamp, &self.found.frame);
+        self.network.features.publish(features::message(header, picture, &output.frame));
+    }
+
     pub(super) fn publish_diagnostics(&mut self) {
         let status = self.slam.status();
         let silent = self.last.is_none_or(|(_, at)| at.elapsed() > SLOW);

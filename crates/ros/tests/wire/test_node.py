@@ -276,10 +276,22 @@ def test_initial_pose(wire, node, euroc, tmp_path):
     assert child.end() == 0
 
 
+def check_features(pictures):
+    """Somebody looks at the pictures with features: a few a second, gray but for the squares."""
+    picture = pictures[-1]
+    pixels = np.asarray(picture.data).reshape(picture.height, picture.width, 3)
+    coloured = (pixels[..., 0] != pixels[..., 1]) | (pixels[..., 1] != pixels[..., 2])
+    rate = len(pictures) / (seconds(pictures[-1].header) - seconds(pictures[0].header))
+    print(f"{len(pictures)} pictures with features, {rate:.1f} a second, {coloured.mean():.3f} of the last one coloured")
+    assert (picture.encoding, picture.header.frame_id, picture.step) == ("rgb8", "left_optical", 3 * picture.width)
+    assert 2.0 < rate < 6.0 and 0.005 < coloured.mean() < 0.2
+
+
 def test_planar(wire, node, euroc):
     """A robot on a plane: nothing that is published has height, roll or pitch. This one flies, which is noticed."""
     player, out = Player(wire, euroc, imu=False), outputs(wire)
     child = node(*player.arguments(), "--planar")
+    pictures = wire.listen("/cairn/features", "sensor_msgs/msg/Image")
     begin(player, child)
     player.play(300)
     assert until(lambda: len(out["/odom"]) > 150, 5), child.lines
@@ -290,6 +302,7 @@ def test_planar(wire, node, euroc):
     assert max(abs(v) for t in transforms for v in (t.translation.z, t.rotation.x, t.rotation.y)) < 1e-9
     twists = [m.twist.twist for _, m in out["/odom"]]
     assert max(moved) > 0.1 and max(abs(v) for t in twists for v in (t.linear.z, t.angular.x, t.angular.y)) < 1e-9
+    check_features([m for _, m in pictures])
     said = [line for line in child.lines if "the floor is not flat" in line]
     print(f"{max(moved):.2f} m from the start; {said}")
     assert said and any("the floor is not flat" in m.status[0].message for _, m in out["/diagnostics"])
