@@ -2,7 +2,7 @@
 
 use crate::{Changes, Error, FrameError, Map, MapEvents, accuracy, map_file};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Engine, Finished, HintOutcome, Output, PlaceHint, Status};
+use cairn_engine::{Engine, Finished, HintOutcome, MeasuredMotion, Output, PlaceHint, Status};
 use cairn_eval::Evaluation;
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, ImuSample, Stamp};
@@ -60,6 +60,12 @@ impl Slam {
     /// [`Slam::trajectory`] and [`Slam::save`].
     pub fn finish(&mut self) -> Finished {
         self.session.engine_mut().finish()
+    }
+
+    /// What wheels or the like measured of the motion of the body since the frame before; for each frame, before it. See
+    /// [`Engine::motion_measured`].
+    pub fn motion_measured(&mut self, motion: &MeasuredMotion) {
+        self.session.engine_mut().motion_measured(motion);
     }
 
     /// Says where the camera is, roughly: it is looked for there from the next frame on, and the place counts once an image confirms it.

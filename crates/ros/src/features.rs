@@ -20,7 +20,7 @@ pub fn message(header: Header, picture: &GrayImage, frame: &Frame) -> Image {
             let is_edge = dx.abs() == HALF || dy.abs() == HALF;
             if is_edge && (0..width as i64).contains(&x) && (0..height as i64).contains(&y) {
                 let at = 3 * (y as usize * width + x as usize);
-                data[at..at + 3].copy_from_slice(&COLOURS[usize::from(!depth.is_finite())]);
+                data[at..at + 3].copy_from_slice(&COLOURS[usize::from(depth.is_nan())]);
             }
         }
     }

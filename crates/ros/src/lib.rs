@@ -22,4 +22,5 @@ pub mod results;
 pub mod service;
 pub mod setup;
 pub mod time;
+pub mod wheels;
 pub mod worker;

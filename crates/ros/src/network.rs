@@ -79,6 +79,8 @@ pub enum Incoming {
     Static(TFMessage),
     /// The time of a simulator or of a bag that is played.
     Clock(Clock),
+    /// The robot by its wheels.
+    Wheels(Odometry),
     /// Where the robot is to go.
     Goal(PoseStamped),
     /// Where the robot is said to be.
@@ -129,6 +131,7 @@ enum Input {
     Compressed(String, Role, Subscription<CompressedImage>),
     Info(String, Role, Subscription<CameraInfo>),
     Imu(String, Subscription<Imu>),
+    Wheels(String, Subscription<Odometry>),
     Static(String, Subscription<TFMessage>),
     Clock(String, Subscription<Clock>),
     Goal(String, Subscription<PoseStamped>),
@@ -385,9 +388,17 @@ impl Maker<'_> {
             }
         }
         if let Some(topic) = &topics.imu {
-            let (name, s) =
-                self.input(topic, ("sensor_msgs", "Imu"), sensor.history(History::KeepLast { depth: 200 }))?;
+            let (name, s) = self.input(
+                topic,
+                ("sensor_msgs", "Imu"),
+                sensor.clone().history(History::KeepLast { depth: 200 }),
+            )?;
             inputs.push(Input::Imu(name, s));
+        }
+        if let Some(topic) = &self.options.wheels {
+            let often = sensor.history(History::KeepLast { depth: 200 });
+            let (name, s) = self.input(topic, ("nav_msgs", "Odometry"), often)?;
+            inputs.push(Input::Wheels(name, s));
         }
         let (name, s) = self.input("/tf_static", ("tf2_msgs", "TFMessage"), latched)?;
         inputs.push(Input::Static(name, s));
@@ -452,6 +463,7 @@ impl Input {
             }
             Self::Info(name, role, s) => messages(name, s, |m| Incoming::Info(*role, m)),
             Self::Imu(name, s) => messages(name, s, Incoming::Imu),
+            Self::Wheels(name, s) => messages(name, s, Incoming::Wheels),
             Self::Static(name, s) => messages(name, s, Incoming::Static),
             Self::Clock(name, s) => messages(name, s, Incoming::Clock),
             Self::Goal(name, s) => messages(name, s, Incoming::Goal),

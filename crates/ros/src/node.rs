@@ -277,6 +277,7 @@ impl<'a> Node<'a> {
             self.slam.follow(Arc::new(HostClock(self.clock.clone(), self.time.clone())));
             self.knows_age = true;
         }
+        self.give_wheels(self.clock.of_messages(packet.stamp));
         let output = match self.slam.track(packet) {
             Ok(output) => output,
             Err(e) => {

@@ -56,6 +56,10 @@ pub struct Options {
     /// Readings of an IMU.
     #[arg(long, value_name = "TOPIC")]
     pub imu: Option<String>,
+    /// Odometry of the wheels (nav_msgs/Odometry of --base-frame): carries the pose where the camera sees too little. With stereo and
+    /// depth cameras only.
+    #[arg(long, value_name = "TOPIC")]
+    pub wheels: Option<String>,
     /// Calibration of the first camera [default: camera_info beside its pictures].
     #[arg(long, value_name = "TOPIC")]
     pub image_info: Option<String>,

@@ -2,7 +2,7 @@
 
 use crate::assemble::{Assembler, Clock};
 use crate::faults::Faults;
-use crate::messages::{PoseStamped, PoseWithCovarianceStamped};
+use crate::messages::{Odometry, PoseStamped, PoseWithCovarianceStamped};
 use crate::network::Incoming;
 use crate::service::Service;
 use crate::setup::{Found, Setup, SetupError};
@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 const TICK: Duration = Duration::from_millis(50);
 /// How long the place of the camera on the robot is waited for after all the rest is known.
 const BASE_WAIT: Duration = Duration::from_secs(2);
+/// Readings of the wheels that may wait.
+const MOST_READINGS: usize = 1000;
 /// How often it is said what is waited for.
 const REMIND: Duration = Duration::from_secs(5);
 
@@ -27,6 +29,8 @@ const REMIND: Duration = Duration::from_secs(5);
 pub struct PendingRequests {
     /// Calls of services that wait for their answer.
     pub calls: VecDeque<(Service, RmwRequestId)>,
+    /// Readings of the wheels.
+    pub wheels: VecDeque<Odometry>,
     /// The newest goal.
     pub goal: Option<PoseStamped>,
     /// The newest word on where the robot is.
@@ -128,6 +132,14 @@ impl Worker {
         match incoming {
             Incoming::ServiceCall(service, id) => {
                 self.requests.lock().calls.push_back((service, id));
+            }
+            Incoming::Wheels(reading) => {
+                let readings = &mut self.requests.lock().wheels;
+                // While the node waits for the first picture nobody takes them.
+                if readings.len() >= MOST_READINGS {
+                    readings.pop_front();
+                }
+                readings.push_back(reading);
             }
             Incoming::Goal(goal) => self.requests.lock().goal = Some(goal),
             Incoming::InitialPose(pose) => self.requests.lock().initial_pose = Some(pose),

@@ -4,10 +4,11 @@ use super::Node;
 use crate::faults::Severity;
 use crate::messages::PoseWithCovarianceStamped;
 use crate::planar::{FloorWatch, NotFlat};
+use crate::wheels::Wheels;
 use cairn::atlas::MapId;
-use cairn::engine::{HintOutcome, PlaceHint};
+use cairn::engine::{HintOutcome, MeasuredMotion, PlaceHint};
 use cairn::geometry::{Se3, So3, Vec3};
-use cairn::sensor::Stamp;
+use cairn::sensor::{SkipKind, Stamp};
 use std::collections::BTreeSet;
 
 /// How far off a pose may be that is said to be exact, metres: it is set by hand.
@@ -25,6 +26,7 @@ pub(super) struct Placing {
     /// What the diagnostics say of it.
     words: Option<String>,
     floor: FloorWatch,
+    wheels: Wheels,
     not_flat: Option<NotFlat>,
 }
 
@@ -161,6 +163,34 @@ impl Node<'_> {
         self.placing.words = (severity == Severity::Warn).then(|| line.clone());
         self.placing.asked = None;
         self.faults.say(severity, &line);
+    }
+
+    /// Gives what the wheels measured up to a picture, as a motion of the rig's body. The time is that of messages.
+    pub(super) fn give_wheels(&mut self, picture: Stamp) {
+        let readings = std::mem::take(&mut self.requests.lock().wheels);
+        for reading in readings {
+            let child = reading.child_frame_id.trim_start_matches('/');
+            match reading.pose.pose.se3() {
+                Some(pose) if child == self.names.base => {
+                    self.placing.wheels.add(reading.header.stamp.stamp(), pose)
+                }
+                Some(_) => {
+                    let line = "readings of the wheels are not of the robot's frame";
+                    self.faults.count(
+                        SkipKind::Other,
+                        line,
+                        &format!("of \"{child}\", not of {}", self.names.base),
+                    );
+                }
+                None => self.faults.count(SkipKind::Other, "a reading of the wheels has no pose", ""),
+            }
+        }
+        let Some(motion) = self.placing.wheels.motion_to(picture) else { return };
+        let body_from_camera =
+            self.found.rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera);
+        let body_from_base = body_from_camera * self.found.base_from_camera.inverse();
+        let last_from_now = body_from_base * motion.last_from_now * body_from_base.inverse();
+        self.slam.motion_measured(&MeasuredMotion { last_from_now, ..motion });
     }
 
     /// Looks whether the floor is flat, where the robot is said to move on a plane.
