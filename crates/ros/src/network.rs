@@ -80,7 +80,7 @@ pub enum Incoming {
     /// The time of a simulator or of a bag that is played.
     Clock(Clock),
     /// The robot by its wheels.
-    Wheels(Odometry),
+    Wheels(Box<Odometry>),
     /// Where the robot is to go.
     Goal(PoseStamped),
     /// Where the robot is said to be.
@@ -463,7 +463,7 @@ impl Input {
             }
             Self::Info(name, role, s) => messages(name, s, |m| Incoming::Info(*role, m)),
             Self::Imu(name, s) => messages(name, s, Incoming::Imu),
-            Self::Wheels(name, s) => messages(name, s, Incoming::Wheels),
+            Self::Wheels(name, s) => messages(name, s, |m| Incoming::Wheels(Box::new(m))),
             Self::Static(name, s) => messages(name, s, Incoming::Static),
             Self::Clock(name, s) => messages(name, s, Incoming::Clock),
             Self::Goal(name, s) => messages(name, s, Incoming::Goal),

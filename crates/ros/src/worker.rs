@@ -139,7 +139,7 @@ impl Worker {
                 if readings.len() >= MOST_READINGS {
                     readings.pop_front();
                 }
-                readings.push_back(reading);
+                readings.push_back(*reading);
             }
             Incoming::Goal(goal) => self.requests.lock().goal = Some(goal),
             Incoming::InitialPose(pose) => self.requests.lock().initial_pose = Some(pose),
