@@ -2,7 +2,7 @@
 
 use crate::{Changes, Error, FrameError, Map, MapEvents, accuracy, map_file};
 use cairn_atlas::store::MapFile;
-use cairn_engine::{Engine, Finished, Output, Status};
+use cairn_engine::{Engine, Finished, HintOutcome, MeasuredMotion, Output, PlaceHint, Status};
 use cairn_eval::Evaluation;
 use cairn_geometry::{Se3, Trajectory};
 use cairn_sensor::{DepthImage, FramePacket, GrayImage, ImuSample, Stamp};
@@ -60,6 +60,23 @@ impl Slam {
     /// [`Slam::trajectory`] and [`Slam::save`].
     pub fn finish(&mut self) -> Finished {
         self.session.engine_mut().finish()
+    }
+
+    /// What wheels or the like measured of the motion of the body since the frame before; for each frame, before it. See
+    /// [`Engine::motion_measured`].
+    pub fn motion_measured(&mut self, motion: &MeasuredMotion) {
+        self.session.engine_mut().motion_measured(motion);
+    }
+
+    /// Says where the camera is, roughly: it is looked for there from the next frame on, and the place counts once an image confirms it.
+    /// See [`Engine::hint`].
+    pub fn hint(&mut self, hint: PlaceHint) {
+        self.session.engine_mut().hint(hint);
+    }
+
+    /// What has become of the last hint; `None` where there was none.
+    pub fn hint_outcome(&self) -> Option<HintOutcome> {
+        self.engine().hint_outcome()
     }
 
     /// The latest map.

@@ -12,7 +12,9 @@ use crate::status::Status;
 use cairn_atlas::{KeyFrameId, MapId, Readout, Snapshot, Subscription};
 use cairn_geometry::{Body, Pose, Se3, World};
 use cairn_sensor::{FramePacket, Host, Stamp};
-use cairn_tracking::{AnchoredPose, KeyFrameRequest, MeasuredMotion, State, Tracked, Tracker};
+use cairn_tracking::{
+    AnchoredPose, HintOutcome, KeyFrameRequest, MeasuredMotion, PlaceHint, State, Tracked, Tracker,
+};
 use cairn_vision::{Frame, FrontEnd, FrontEndError, Misregistration, RegistrationCheck, SensorMode};
 use nalgebra::SMatrix;
 use std::io::Write;
@@ -235,6 +237,18 @@ impl Engine {
     /// ([`State::Coasting`]). A journal does not hold it: a run with measured motions cannot be replayed.
     pub fn motion_measured(&mut self, motion: &MeasuredMotion) {
         self.tracker.motion_measured(Some(motion));
+    }
+
+    /// Where the camera is said to be, in place of an earlier hint: it is looked for there from the next packet on, and no image
+    /// that shows another place is believed, until one confirms the hint or some seconds have passed. A journal does not hold it: a
+    /// run with hints cannot be replayed.
+    pub fn hint(&mut self, hint: PlaceHint) {
+        self.tracker.hint(hint);
+    }
+
+    /// What has become of the last hint; `None` where there was none.
+    pub fn hint_outcome(&self) -> Option<HintOutcome> {
+        self.tracker.hint_outcome()
     }
 
     /// The readout time of the camera's rows (rolling shutter); its standard deviation is zero where it is not estimated.

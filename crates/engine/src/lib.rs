@@ -23,7 +23,9 @@ pub use cairn_inertial::{Gate, GateKind, ImuFault};
 pub use cairn_mapping::{Accepted, Joined, Refusal, ScaleCheck, ScaleVerdict, Verdict};
 pub use cairn_sensor::{Clock, Host};
 pub use cairn_settings::SettingsError as ConfigError;
-pub use cairn_tracking::{AnchoredPose, Evidence, FlowClocks, MeasuredMotion, MotionSource, Odometry, State};
+pub use cairn_tracking::{
+    AnchoredPose, Evidence, FlowClocks, HintOutcome, MeasuredMotion, MotionSource, Odometry, PlaceHint, State,
+};
 pub use cairn_vision::SensorMode;
 pub use config::Config;
 pub use dense::{

@@ -179,16 +179,23 @@ impl Phone {
             };
             let Some(packet) = self.now_or_again(packet) else { continue };
             let output = self.session.on_packet(&packet);
-            if self.lens.as_ref().is_some_and(|watch| !watch.is_certain()) {
-                self.seen.push_back(packet.clone());
-                while self.seen.front().is_some_and(|first| packet.stamp - first.stamp > SEEN_AGAIN_S) {
-                    self.seen.pop_front();
-                }
-            }
-            self.watch_lens();
             reports.push(Report::of(packet.stamp, &output, self.session.events()));
+            self.keep(packet);
+            self.watch_lens();
         }
         reports
+    }
+
+    /// Keeps a packet that was processed, while the lens is a guess.
+    fn keep(&mut self, packet: FramePacket) {
+        let is_new = self.seen.back().is_none_or(|last| last.stamp < packet.stamp);
+        if !is_new || self.lens.as_ref().is_none_or(LensWatch::is_certain) {
+            return;
+        }
+        while self.seen.front().is_some_and(|first| packet.stamp - first.stamp > SEEN_AGAIN_S) {
+            self.seen.pop_front();
+        }
+        self.seen.push_back(packet);
     }
 
     /// A packet to be processed now, with the readings of those that are not seen again any more; `None` where it waits until those
@@ -219,6 +226,7 @@ impl Phone {
         if let Some(packet) = self.again.next() {
             let newest = self.again.packets.back().map_or(packet.stamp, |last| last.stamp);
             self.session.see_again(&packet, newest);
+            self.keep(packet);
             self.caught_up();
             return true;
         }

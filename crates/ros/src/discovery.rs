@@ -7,6 +7,8 @@ use std::net::Ipv4Addr;
 pub struct Discovery {
     /// The only network that is used.
     pub only: Option<Ipv4Addr>,
+    /// Machines that are told of this node one by one: names or addresses.
+    pub peers: Vec<String>,
     /// What is asked for and not done, one line each.
     pub notes: Vec<String>,
 }
@@ -38,9 +40,8 @@ impl Discovery {
                 found.notes.push(format!("ROS_AUTOMATIC_DISCOVERY_RANGE is \"{other}\", and may be {known}"));
             }
         }
-        if let Some(peers) = variable("ROS_STATIC_PEERS") {
-            let how = "this node finds others by multicast and on this machine only";
-            found.notes.push(format!("ROS_STATIC_PEERS={peers} is not used: {how}"));
+        if let (Some(peers), true) = (variable("ROS_STATIC_PEERS"), range.as_deref() != Some("OFF")) {
+            found.peers = peers.split(';').map(|p| p.trim().to_owned()).filter(|p| !p.is_empty()).collect();
         }
         found
     }
@@ -63,12 +64,14 @@ mod tests {
         let here = Some(Ipv4Addr::LOCALHOST);
         assert_eq!(
             of(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")]),
-            Discovery { only: here, notes: Vec::new() }
+            Discovery { only: here, ..Discovery::default() }
         );
         let older = of(&[("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")]);
         assert_eq!((older.only, older.notes.len()), (here, 0));
         let off = of(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"), ("ROS_STATIC_PEERS", "10.0.0.2")]);
-        assert_eq!((off.only, off.notes.len()), (here, 2));
+        assert_eq!((off.only, off.notes.len(), off.peers.len()), (here, 1, 0));
+        let peers = of(&[("ROS_STATIC_PEERS", "10.0.0.2; robot.local;")]).peers;
+        assert_eq!(peers, ["10.0.0.2", "robot.local"]);
         let odd = of(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "far")]);
         assert!(odd.only.is_none() && odd.notes[0].contains("far"), "{odd:?}");
     }

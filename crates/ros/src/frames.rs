@@ -18,6 +18,7 @@
 //! last pose alone, for what the poses between are off by cancels. To the pose in the map is added what a map is usually off
 //! by. What is not known at all is [`UNKNOWN`].
 
+use crate::planar::{planar, planar_covariance};
 use cairn::Stamp;
 use cairn::geometry::{Se3, So3, Vec3};
 use nalgebra::{Matrix6, Vector6};
@@ -62,8 +63,8 @@ pub struct Tracked {
 /// The two transforms to publish.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transforms {
-    /// Maps the odometry frame to the map.
-    pub map_from_odom: Se3,
+    /// Maps the odometry frame to the map; `None` where the place in the map is not known.
+    pub map_from_odom: Option<Se3>,
     /// Maps the robot to the odometry frame.
     pub odom_from_base: Se3,
     /// The motion of the robot since the pose before, in its own frame; `None` where it is not known, and taken to be none.
@@ -74,6 +75,13 @@ pub struct Transforms {
     pub map_covariance: Matrix6<f64>,
     /// Covariance of the motion about the axes of the robot.
     pub motion_covariance: Matrix6<f64>,
+}
+
+impl Transforms {
+    /// The robot in the map; `None` where the place in the map is not known.
+    pub fn map_from_base(&self) -> Option<Se3> {
+        Some(self.map_from_odom? * self.odom_from_base)
+    }
 }
 
 /// The pose before.
@@ -121,6 +129,10 @@ pub struct FrameTree {
     map_from_world: Option<(Se3, bool)>,
     /// The last pose of the robot in the published map.
     map_from_base: Se3,
+    /// Whether the robot has had a place in the published map.
+    is_placed: bool,
+    /// Whether the robot moves on a plane.
+    is_planar: bool,
     restarts: usize,
 }
 
@@ -137,8 +149,20 @@ impl FrameTree {
             last: None,
             map_from_world: None,
             map_from_base: start,
+            is_placed: false,
+            is_planar: false,
             restarts: 0,
         }
+    }
+
+    /// The robot moves on a plane, that of its start: what is published has no height, roll and pitch.
+    pub fn on_a_plane(self) -> Self {
+        Self { odom_from_base: planar(&self.odom_from_base), is_planar: true, ..self }
+    }
+
+    /// The published map is a saved one, which lies so in it; the robot has no place in it yet.
+    pub fn in_saved_map(&mut self, map_from_world: Se3, gravity_aligned: bool) {
+        (self.map_from_world, self.is_placed) = (Some((map_from_world, gravity_aligned)), false);
     }
 
     /// How often the odometry began anew after motion that was not observed.
@@ -154,11 +178,38 @@ impl FrameTree {
     /// Tracking begins anew, in another map: the odometry goes on where it is.
     pub fn begin_anew(&mut self) {
         self.break_off();
-        self.map_from_world = None;
+        (self.map_from_world, self.is_placed) = (None, false);
     }
 
-    /// The transforms at a pose.
+    /// The transforms at a pose in the published map.
     pub fn step(&mut self, tracked: &Tracked) -> Transforms {
+        let transforms = self.step_elsewhere(tracked);
+        let base_from_camera = self.base_from_camera(tracked.metric);
+        let world_from_base = tracked.world_from_camera * base_from_camera.inverse();
+        let (map_from_world, aligned) = match self.map_from_world {
+            Some((map, aligned)) if aligned || !tracked.gravity_aligned => (map, aligned),
+            Some(_) | None if tracked.gravity_aligned => {
+                (self.level_map(&world_from_base, &transforms.motion), true)
+            }
+            _ => (self.odom_from_base * world_from_base.inverse(), false),
+        };
+        self.map_from_world = Some((map_from_world, aligned));
+        (self.map_from_base, self.is_placed) = (map_from_world * world_from_base, true);
+        let covariance = seen_from(&base_from_camera, &tracked.covariance);
+        let map_covariance = about_parent(&self.map_from_base, &covariance) + of_map();
+        let (map_from_base, map_covariance) = match self.is_planar {
+            true => (planar(&self.map_from_base), planar_covariance(&map_covariance)),
+            false => (self.map_from_base, map_covariance),
+        };
+        Transforms {
+            map_from_odom: Some(map_from_base * self.odom_from_base.inverse()),
+            map_covariance,
+            ..transforms
+        }
+    }
+
+    /// The transforms at a pose whose place in the published map is not known: the odometry alone.
+    pub fn step_elsewhere(&mut self, tracked: &Tracked) -> Transforms {
         let base_from_camera = self.base_from_camera(tracked.metric);
         let motion = match self.last {
             Some(before) if before.segment == tracked.segment => {
@@ -174,6 +225,8 @@ impl FrameTree {
             }
             None => None,
         };
+        // Each motion by itself: what tilt adds up is left out.
+        let motion = if self.is_planar { motion.as_ref().map(planar) } else { motion };
         let covariance = seen_from(&base_from_camera, &tracked.covariance);
         let begins = self.last.is_none() && self.restarts == 0;
         let motion_covariance = self.moved(motion.as_ref(), tracked.stamp, &covariance);
@@ -186,21 +239,15 @@ impl FrameTree {
             covariance,
         });
         self.odom_from_base = self.odom_from_base * motion.unwrap_or_else(Se3::identity);
-        let world_from_base = tracked.world_from_camera * base_from_camera.inverse();
-        let (map_from_world, aligned) = match self.map_from_world {
-            Some((map, aligned)) if aligned || !tracked.gravity_aligned => (map, aligned),
-            Some(_) | None if tracked.gravity_aligned => (self.level_map(&world_from_base, &motion), true),
-            _ => (self.odom_from_base * world_from_base.inverse(), false),
-        };
-        self.map_from_world = Some((map_from_world, aligned));
-        self.map_from_base = map_from_world * world_from_base;
+        let odom_covariance = about_parent(&self.odom_from_base, &(self.drift.sum + of_pose));
+        let flat = |c: Matrix6<f64>| if self.is_planar { planar_covariance(&c) } else { c };
         Transforms {
-            map_from_odom: self.map_from_base * self.odom_from_base.inverse(),
+            map_from_odom: None,
             odom_from_base: self.odom_from_base,
             motion,
-            odom_covariance: about_parent(&self.odom_from_base, &(self.drift.sum + of_pose)),
-            map_covariance: about_parent(&self.map_from_base, &covariance) + of_map(),
-            motion_covariance,
+            odom_covariance: flat(odom_covariance),
+            map_covariance: Matrix6::identity() * UNKNOWN,
+            motion_covariance: flat(motion_covariance),
         }
     }
 
@@ -234,7 +281,7 @@ impl FrameTree {
 
     /// The robot in the published map at the last pose; `None` before the first.
     pub fn map_from_base(&self) -> Option<Se3> {
-        self.map_from_world.map(|_| self.map_from_base)
+        self.is_placed.then_some(self.map_from_base)
     }
 
     /// The last pose in the odometry frame.
@@ -242,7 +289,12 @@ impl FrameTree {
         self.odom_from_base
     }
 
-    /// From the map of tracking to the published one; `None` before the first pose.
+    /// A pose of the robot in the published map as it is published.
+    pub fn published(&self, map_from_base: Se3) -> Se3 {
+        if self.is_planar { planar(&map_from_base) } else { map_from_base }
+    }
+
+    /// From the map of tracking to the published one; `None` before the first pose in a map that is not a saved one.
     pub fn map_from_world(&self) -> Option<Se3> {
         self.map_from_world.map(|(map, _)| map)
     }
@@ -291,195 +343,4 @@ fn level_from_base(up: &Vec3) -> Option<So3> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn turned(x: f64, y: f64, yaw: f64) -> Se3 {
-        Se3::new(So3::exp(&Vec3::new(0.0, 0.0, yaw)), Vec3::new(x, y, 0.0))
-    }
-
-    /// A robot that drives a curve; its camera looks ahead from 0.3 m before its origin, 0.2 m up.
-    fn robot(k: usize) -> Se3 {
-        let s = k as f64 * 0.05;
-        turned(s, 0.3 * s * s, 0.6 * s)
-    }
-
-    fn base_from_camera() -> Se3 {
-        Se3::new(So3::identity(), Vec3::new(0.3, 0.0, 0.2)) * looking_ahead()
-    }
-
-    fn tracked(k: usize) -> Tracked {
-        // The frame of tracking is that of its first camera.
-        let camera = |k| robot(k) * base_from_camera();
-        let pose = camera(0).inverse() * camera(k);
-        Tracked {
-            stamp: Stamp(k as i64 * 100_000_000),
-            segment: 0,
-            odom_from_camera: pose,
-            world_from_camera: pose,
-            scale: 1.0,
-            metric: true,
-            gravity_aligned: false,
-            covariance: Matrix6::from_diagonal(&[1e-6, 4e-6, 9e-6, 1e-8, 1e-8, 1e-8].into()),
-        }
-    }
-
-    fn near(a: &Se3, b: &Se3) -> bool {
-        (a.matrix() - b.matrix()).norm() < 1e-9
-    }
-
-    #[test]
-    fn the_robot_drives_in_its_own_axes() {
-        let mut tree = FrameTree::new(base_from_camera(), None);
-        for k in 0..20 {
-            let out = tree.step(&tracked(k));
-            assert!(near(&out.odom_from_base, &robot(k)), "{k}: {:?}", out.odom_from_base);
-            assert!(near(&out.map_from_odom, &Se3::identity()));
-        }
-    }
-
-    #[test]
-    fn corrections_of_the_map_move_the_map_alone() {
-        let mut tree = FrameTree::new(base_from_camera(), None);
-        let correction = turned(0.4, -0.2, 0.1);
-        for k in 0..20 {
-            let mut t = tracked(k);
-            if k >= 10 {
-                // In the frame of the first camera, as tracking gives it.
-                let about = base_from_camera().inverse() * correction * base_from_camera();
-                t.world_from_camera = about * t.world_from_camera;
-            }
-            let out = tree.step(&t);
-            assert!(near(&out.odom_from_base, &robot(k)));
-            let expected = if k >= 10 { correction } else { Se3::identity() };
-            assert!(near(&out.map_from_odom, &expected), "{k}");
-        }
-    }
-
-    #[test]
-    fn odometry_never_jumps_when_it_begins_anew() {
-        let mut tree = FrameTree::new(base_from_camera(), None);
-        let mut before: Option<Se3> = None;
-        for k in 0..20 {
-            let mut t = tracked(k);
-            if k >= 10 {
-                t.segment = 1;
-                t.odom_from_camera = turned(50.0, 3.0, 2.0) * t.odom_from_camera;
-            }
-            let out = tree.step(&t);
-            if let Some(before) = before {
-                let step = (before.inverse() * out.odom_from_base).translation.norm();
-                assert!(step < 0.06, "{k}: {step} m");
-            }
-            assert_eq!(out.motion.is_none(), k == 0 || k == 10);
-            // The map still has the robot where it is.
-            assert!(near(&(out.map_from_odom * out.odom_from_base), &robot(k)), "{k}");
-            before = Some(out.odom_from_base);
-        }
-        assert_eq!(tree.restarts(), 1);
-        // Nor when its clock was set back meanwhile.
-        tree.break_off();
-        let there = tree.step(&Tracked { segment: 1, ..tracked(3) });
-        assert!(near(&there.odom_from_base, &before.unwrap()) && there.motion.is_none());
-        assert!(near(&(there.map_from_odom * there.odom_from_base), &robot(3)));
-        assert_eq!(tree.restarts(), 2);
-    }
-
-    #[test]
-    fn a_change_of_the_unit_scales_motions_from_then_on() {
-        let mut tree = FrameTree::new(looking_ahead(), None);
-        let mut path = Vec::new();
-        for k in 0..21 {
-            let along = |metres: f64| Se3::new(So3::identity(), Vec3::new(0.0, 0.0, metres));
-            // The odometry began in a unit of two metres; the map is metric from frame 10.
-            let metric = k >= 10;
-            let metres = 0.1 * k as f64;
-            let out = tree.step(&Tracked {
-                segment: 0,
-                odom_from_camera: along(0.5 * metres),
-                world_from_camera: along(if metric { metres } else { 0.5 * metres }),
-                scale: if metric { 2.0 } else { 1.0 },
-                metric,
-                ..tracked(k)
-            });
-            path.push(out.odom_from_base.translation.x);
-        }
-        assert!((path[9] - 0.45).abs() < 1e-9 && (path[20] - path[9] - 1.1).abs() < 1e-9, "{path:?}");
-    }
-
-    #[test]
-    fn covariances_are_those_of_the_robot_about_the_axes_of_the_messages() {
-        // The camera 0.3 m before the robot's origin; it knows its pose to 1, 2, 3 mm right, down, ahead, and 1 mrad about down.
-        let arm = Se3::new(So3::identity(), Vec3::new(0.3, 0.0, 0.0)) * looking_ahead();
-        let of_camera = Matrix6::from_diagonal(&[1e-6, 4e-6, 9e-6, 0.0, 1e-6, 0.0].into());
-        // Of the robot: ahead, left (where it is farther from what turns it), up, and about up.
-        let of_robot = [9e-6, 1e-6 + 0.09e-6, 4e-6, 0.0, 0.0, 1e-6];
-        let mut tree = FrameTree::new(arm, None);
-        let mut out = None;
-        for k in 0..5 {
-            // It drives left of where it began, 0.1 m each time.
-            let robot = turned(0.0, 0.1 * k as f64, std::f64::consts::FRAC_PI_2);
-            let pose = arm.inverse() * turned(0.0, 0.0, -std::f64::consts::FRAC_PI_2) * robot * arm;
-            let tracked = Tracked {
-                odom_from_camera: pose,
-                world_from_camera: turned(0.0, 0.0, std::f64::consts::FRAC_PI_2) * pose,
-                covariance: of_camera,
-                ..tracked(k)
-            };
-            let now = tree.step(&tracked);
-            if k == 0 {
-                assert_eq!(now.odom_covariance, Matrix6::zeros());
-                assert_eq!(now.motion_covariance, Matrix6::identity() * UNKNOWN);
-            }
-            out = Some(now);
-        }
-        let out = out.unwrap();
-        let near = |a: f64, b: f64| (a - b).abs() < 1e-12;
-        for (i, expected) in of_robot.into_iter().enumerate() {
-            let expected = expected + MAP_SIGMAS[i / 3].powi(2);
-            assert!(near(out.map_covariance[(i, i)], expected), "{i}: {}", out.map_covariance);
-        }
-        // A motion lies between two poses. Each turns about its camera: the first one's was 0.2 m from where the motion ended.
-        // And it is off by a share of its 0.1 m, along each axis.
-        let off = OF_TRANSLATION.map(|share| (0.1 * share).powi(2));
-        let motion = &out.motion_covariance;
-        assert!(near(motion[(0, 0)], 18e-6 + off[0]) && near(motion[(5, 5)], 2e-6 + off[1]), "{motion}");
-        assert!(near(motion[(1, 1)], (2.0 + 0.04 + 0.09) * 1e-6 + off[0]), "{motion}");
-        // The noise of the last pose alone; and what each of four motions straight on is off by keeps its sign for a while.
-        let odom = &out.odom_covariance;
-        let rho = (-0.1f64 / CORRELATED_S).exp();
-        let sum = 4.0 + 2.0 * (3.0 * rho + 2.0 * rho.powi(2) + rho.powi(3));
-        assert!(near(odom[(5, 5)], 1e-6 + sum * off[1]), "{odom}");
-        // Up: what it pitches by goes with the way since.
-        assert!(odom[(2, 2)] > 4e-6 + sum * off[0] && odom[(2, 2)] < 4e-6 + 1.1 * sum * off[0], "{odom}");
-        // After motion that was not observed nobody knows where it is in the odometry, but in the map.
-        let lost = tree.step(&Tracked { segment: 1, covariance: of_camera, ..tracked(0) });
-        assert!(lost.odom_covariance[(0, 0)] >= UNKNOWN && lost.map_covariance[(0, 0)] < 2e-4);
-    }
-
-    #[test]
-    fn a_tilted_start_is_made_level_and_alignment_keeps_the_heading() {
-        // The robot's nose is 0.2 rad down at the start: up, as it sees it, leans backwards.
-        let pitch = So3::exp(&Vec3::new(0.0, 0.2, 0.0));
-        let up = pitch.inverse() * Vec3::new(0.0, 0.0, 9.81);
-        let mut tree = FrameTree::new(looking_ahead(), Some(up));
-        let mut t = tracked(0);
-        (t.odom_from_camera, t.world_from_camera) = (Se3::identity(), Se3::identity());
-        let out = tree.step(&t);
-        assert!((out.odom_from_base.rotation.inverse() * pitch).angle() < 1e-9);
-        // The map is aligned with gravity, with a heading of its own, 1 rad off.
-        let level = Se3::new(So3::exp(&Vec3::new(0.0, 0.0, 1.0)) * pitch, Vec3::new(5.0, 6.0, 7.0));
-        t.world_from_camera = level * looking_ahead();
-        t.gravity_aligned = true;
-        let out = tree.step(&t);
-        let map_from_base = out.map_from_odom * out.odom_from_base;
-        assert!(near(&map_from_base, &Se3::new(pitch, Vec3::zeros())), "{map_from_base:?}");
-        // Corrections after that stay in the map.
-        t.world_from_camera.translation += Vec3::new(0.1, 0.0, 0.0);
-        let moved = tree.step(&t).map_from_odom.translation;
-        assert!((moved.norm() - 0.1).abs() < 1e-9);
-        assert!(
-            FrameTree::new(looking_ahead(), Some(Vec3::new(0.0, 0.0, 0.3))).odom_from_base == Se3::identity()
-        );
-    }
-}
+mod tests;

@@ -12,12 +12,16 @@ use crate::messages::{
     TriggerResponse,
 };
 use crate::options::{Options, Rmw, Topics, transport};
-use crate::parameters::{Declared, ParameterServers};
+use crate::parameters::{ParameterServers, Parameters};
+use crate::peers::Announcer;
 use crate::pictures::Picture;
+use crate::service::Service;
 use crate::setup::Role;
 use cairn::sensor::SkipKind;
 use futures::stream::{LocalBoxStream, SelectAll, StreamExt};
-use ros2_client::dds::rustdds::{DomainParticipantBuilder, DomainParticipantStatusEvent, StatusEvented};
+use ros2_client::dds::rustdds::{
+    DomainParticipantBuilder, DomainParticipantStatusEvent, RTPSEntity, StatusEvented,
+};
 use ros2_client::dds::{Context, Node, Publisher, RosoutRaw, Server, ServiceMapping, Subscription};
 use ros2_client::qos::{Durability, History, QosProfile, Reliability, WhenFull};
 use ros2_client::{MessageTypeName, Name, NodeName, NodeOptions, RmwRequestId, ServiceTypeName};
@@ -75,61 +79,16 @@ pub enum Incoming {
     Static(TFMessage),
     /// The time of a simulator or of a bag that is played.
     Clock(Clock),
+    /// The robot by its wheels.
+    Wheels(Box<Odometry>),
     /// Where the robot is to go.
     Goal(PoseStamped),
+    /// Where the robot is said to be.
+    InitialPose(PoseWithCovarianceStamped),
     /// A service was called.
     ServiceCall(Service, RmwRequestId),
     /// A message that could not be read.
     Unreadable(String, String),
-}
-
-/// The services, all of type `std_srvs/Trigger`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Service {
-    /// Save the map.
-    SaveMap,
-    /// Begin anew in the saved map.
-    LoadMap,
-    /// Begin anew without a map.
-    Reset,
-    /// Record the route.
-    Record,
-    /// End the recording.
-    StopRecording,
-    /// Guide back to where the route began.
-    GuideHome,
-    /// Guide along the route from its start to its end.
-    GuideAgain,
-    /// End guidance.
-    Halt,
-}
-
-impl Service {
-    /// All.
-    pub const ALL: [Self; 8] = [
-        Self::SaveMap,
-        Self::LoadMap,
-        Self::Reset,
-        Self::Record,
-        Self::StopRecording,
-        Self::GuideHome,
-        Self::GuideAgain,
-        Self::Halt,
-    ];
-
-    /// Its name in the node's namespace.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::SaveMap => "~/save_map",
-            Self::LoadMap => "~/load_map",
-            Self::Reset => "~/reset",
-            Self::Record => "~/record",
-            Self::StopRecording => "~/stop_recording",
-            Self::GuideHome => "~/guide_home",
-            Self::GuideAgain => "~/guide_again",
-            Self::Halt => "~/halt",
-        }
-    }
 }
 
 type TriggerServer = Server<TriggerRequest, TriggerResponse>;
@@ -154,6 +113,8 @@ pub struct Network {
     pub grid: Output<OccupancyGrid>,
     /// Transforms.
     pub tf: Output<TFMessage>,
+    /// Pictures with their features.
+    pub features: Output<Image>,
     /// What the node is doing.
     pub diagnostics: Output<DiagnosticArray>,
     /// What the guide says.
@@ -170,9 +131,11 @@ enum Input {
     Compressed(String, Role, Subscription<CompressedImage>),
     Info(String, Role, Subscription<CameraInfo>),
     Imu(String, Subscription<Imu>),
+    Wheels(String, Subscription<Odometry>),
     Static(String, Subscription<TFMessage>),
     Clock(String, Subscription<Clock>),
     Goal(String, Subscription<PoseStamped>),
+    InitialPose(String, Subscription<PoseWithCovarianceStamped>),
 }
 
 /// A publisher with its name.
@@ -210,6 +173,14 @@ impl Network {
             participant = participant.with_only_networks([only]);
         }
         let participant = participant.build().map_err(|e| NetworkError::Domain(e.into()))?;
+        if !discovery.peers.is_empty() {
+            let prefix = participant.guid().prefix.as_ref().to_vec();
+            let started = Announcer::new(options.domain_id(), prefix, &discovery.peers);
+            match started.and_then(Announcer::start) {
+                Ok(()) => {}
+                Err(why) => faults.say(Severity::Warn, &format!("ROS_STATIC_PEERS is not used: {why}")),
+            }
+        }
         let context = Context::from_domain_participant(participant);
         let context = context.map_err(|e| NetworkError::Domain(e.into()))?;
         let name = NodeName::new(&options.namespace, &options.name);
@@ -241,6 +212,7 @@ impl Network {
             points: make.output("points", ("sensor_msgs", "PointCloud2"), results(1))?,
             grid: make.output("map", ("nav_msgs", "OccupancyGrid"), latched)?,
             tf: make.output("/tf", ("tf2_msgs", "TFMessage"), results(100))?,
+            features: make.output("~/features", ("sensor_msgs", "Image"), results(1))?,
             said: make.output("~/said", ("std_msgs", "String"), results(10))?,
             servers: make.servers()?,
             parameters: Some(make.parameters()?),
@@ -286,9 +258,13 @@ impl Network {
     ///
     /// # Errors
     /// When no thread can be started.
-    pub fn answer_parameters(&mut self, declared: &[Declared], faults: &Faults) -> Result<(), NetworkError> {
+    pub fn answer_parameters(
+        &mut self,
+        parameters: &Parameters,
+        faults: &Faults,
+    ) -> Result<(), NetworkError> {
         let Some(servers) = self.parameters.take() else { return Ok(()) };
-        servers.serve(declared.to_vec(), faults).map_err(NetworkError::from)
+        servers.serve(parameters.clone(), faults).map_err(NetworkError::from)
     }
 
     /// Says which publishers and subscribers do not match this node because of their quality of service. Ends with the
@@ -332,6 +308,11 @@ impl Network {
         let Some((_, server)) = self.servers.iter().find(|(s, _)| *s == service) else { return Ok(()) };
         let answer = TriggerResponse { success, message };
         server.send_response(id, answer).map_err(|e| NetworkError::Answer(e.into()))
+    }
+
+    /// Whether somebody looks at the pictures with features.
+    pub fn wants_features(&self) -> bool {
+        self.node.subscription_count(self.features.name()) > 0
     }
 
     /// How many publishers of a topic are known.
@@ -407,9 +388,17 @@ impl Maker<'_> {
             }
         }
         if let Some(topic) = &topics.imu {
-            let (name, s) =
-                self.input(topic, ("sensor_msgs", "Imu"), sensor.history(History::KeepLast { depth: 200 }))?;
+            let (name, s) = self.input(
+                topic,
+                ("sensor_msgs", "Imu"),
+                sensor.clone().history(History::KeepLast { depth: 200 }),
+            )?;
             inputs.push(Input::Imu(name, s));
+        }
+        if let Some(topic) = &self.options.wheels {
+            let often = sensor.history(History::KeepLast { depth: 200 });
+            let (name, s) = self.input(topic, ("nav_msgs", "Odometry"), often)?;
+            inputs.push(Input::Wheels(name, s));
         }
         let (name, s) = self.input("/tf_static", ("tf2_msgs", "TFMessage"), latched)?;
         inputs.push(Input::Static(name, s));
@@ -417,6 +406,9 @@ impl Maker<'_> {
             let (name, s) = self.input("~/goal_pose", ("geometry_msgs", "PoseStamped"), depth(1))?;
             inputs.push(Input::Goal(name, s));
         }
+        let kind = ("geometry_msgs", "PoseWithCovarianceStamped");
+        let (name, s) = self.input("initialpose", kind, depth(1))?;
+        inputs.push(Input::InitialPose(name, s));
         if self.options.use_sim_time {
             let (name, s) = self.input("/clock", ("rosgraph_msgs", "Clock"), depth(1))?;
             inputs.push(Input::Clock(name, s));
@@ -471,9 +463,11 @@ impl Input {
             }
             Self::Info(name, role, s) => messages(name, s, |m| Incoming::Info(*role, m)),
             Self::Imu(name, s) => messages(name, s, Incoming::Imu),
+            Self::Wheels(name, s) => messages(name, s, |m| Incoming::Wheels(Box::new(m))),
             Self::Static(name, s) => messages(name, s, Incoming::Static),
             Self::Clock(name, s) => messages(name, s, Incoming::Clock),
             Self::Goal(name, s) => messages(name, s, Incoming::Goal),
+            Self::InitialPose(name, s) => messages(name, s, Incoming::InitialPose),
         }
     }
 }

@@ -1,28 +1,33 @@
 //! The node at work: messages become packets on one thread, packets become poses on another, results go out.
 
+mod build;
 mod diagnostics;
 mod goal;
+mod placing;
 
 use crate::assemble::Clock;
 use crate::faults::{Faults, Severity};
-use crate::frames::{FrameTree, Transforms};
+use crate::frames::FrameTree;
 use crate::grid::{self, GroundGrid};
 use crate::markers::markers;
 use crate::messages::{Header, Text};
-use crate::network::{MOST_WAITING, Network, NetworkError, Service};
+use crate::network::{MOST_WAITING, Network, NetworkError};
 use crate::options::{NoPictures, Options, Topics};
 use crate::planner::Planner;
 use crate::results::{self, FrameNames};
+use crate::service::Service;
 use crate::setup::{Found, Setup};
 use crate::time::Time;
 use crate::worker::{Requests, SetupEvent, Worker};
+use build::{HostClock, build, ground_grid, tree};
 use cairn::atlas::MapId;
 use cairn::geometry::Se3;
 use cairn::guide::Facing;
-use cairn::sensor::{ClockReading, FramePacket, Live, SkipKind, Stamp};
+use cairn::sensor::{FramePacket, SkipKind, Stamp};
 use cairn::session::{Event, Inbox, Item};
 use cairn::{Config, Output, Slam, StageEvent};
 use diagnostics::Counts;
+use placing::Placing;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -62,7 +67,7 @@ pub enum NodeError {
 /// Why a service was refused.
 #[derive(Debug, thiserror::Error)]
 enum Refused {
-    #[error("no map file was named: start with --map FILE")]
+    #[error("no map file was named: start with --map FILE, or set the parameter map")]
     NoMap,
     #[error(transparent)]
     Slam(#[from] cairn::Error),
@@ -183,17 +188,27 @@ struct Node<'a> {
     tree: FrameTree,
     grid: Option<GroundGrid>,
     planner: Planner,
-    /// Why there was no path to the goal, as last said.
-    no_path: String,
-    /// The map of the last pose, and the time of the last packet, in the packets' clock.
-    map: Option<MapId>,
+    placing: Placing,
+    shown: Shown,
+    /// The time of the last packet, in the packets' clock.
     last: Option<(Stamp, Instant)>,
-    /// Points of the route as last published.
-    route: Option<usize>,
-    /// What the markers as last published show: version of the map, its place, the goal.
-    marked: Option<(u64, Se3, Option<Se3>)>,
     slow: Instant,
     counts: Counts,
+}
+
+/// What was published or said last.
+#[derive(Default)]
+struct Shown {
+    /// Why there was no path to the goal.
+    no_path: String,
+    /// The map.
+    map: Option<MapId>,
+    /// Points of the route.
+    route: Option<usize>,
+    /// When a picture with features was.
+    features: Option<Stamp>,
+    /// What the markers show: version of the map, its place, the goal.
+    marked: Option<(u64, Se3, Option<Se3>)>,
 }
 
 impl<'a> Node<'a> {
@@ -211,7 +226,7 @@ impl<'a> Node<'a> {
     ) -> Result<Self, NodeError> {
         let map = options.map.as_deref().filter(|path| path.exists());
         let slam = build(options, topics, &found, &config, map)?;
-        let tree = tree(&slam, &found);
+        let tree = tree(options, &slam, &found);
         let planner = Planner::new(options.robot_radius_m);
         let grid = ground_grid(options, &found, planner.stood_m(), &faults);
         let names = FrameNames {
@@ -226,7 +241,7 @@ impl<'a> Node<'a> {
         };
         faults.say(Severity::Info, &line);
         let counts = Counts { scale: 1.0, ..Counts::default() };
-        Ok(Self {
+        let mut node = Self {
             options,
             topics,
             network,
@@ -242,14 +257,16 @@ impl<'a> Node<'a> {
             tree,
             grid,
             planner,
-            no_path: String::new(),
-            map: None,
+            placing: Placing::default(),
+            shown: Shown::default(),
             last: None,
-            route: None,
-            marked: None,
             slow: Instant::now(),
             counts,
-        })
+        };
+        if map.is_some() {
+            node.enter_saved_map();
+        }
+        Ok(node)
     }
 
     fn packet(&mut self, packet: &FramePacket, dropped: usize) {
@@ -260,6 +277,7 @@ impl<'a> Node<'a> {
             self.slam.follow(Arc::new(HostClock(self.clock.clone(), self.time.clone())));
             self.knows_age = true;
         }
+        self.give_wheels(self.clock.of_messages(packet.stamp));
         let output = match self.slam.track(packet) {
             Ok(output) => output,
             Err(e) => {
@@ -269,22 +287,29 @@ impl<'a> Node<'a> {
         };
         let before = self.last.replace((packet.stamp, Instant::now()));
         let stamp = self.clock.of_messages(packet.stamp);
-        self.map = output.pose.map(|pose| pose.scale.map).or(self.map);
-        let aligned = self.map.is_some_and(|map| self.slam.map().snapshot().is_gravity_aligned(map));
+        let map = output.pose.map(|pose| pose.scale.map);
+        let is_placed = map.is_some_and(|map| self.is_placed(map));
+        let aligned = map.is_some_and(|map| self.slam.map().snapshot().is_gravity_aligned(map));
         let restarts = self.tree.restarts();
         if before.is_some_and(|(before, _)| self.clock.period(before) != self.clock.period(packet.stamp)) {
             self.tree.break_off();
         }
         if let Some(tracked) = results::tracked(&output, aligned) {
-            let transforms = self.tree.step(&tracked);
+            let transforms = match is_placed {
+                true => self.tree.step(&tracked),
+                false => self.tree.step_elsewhere(&tracked),
+            };
             let dt_s = before.map_or(0.0, |(before, _)| packet.stamp - before);
             self.network.odometry.publish(results::odometry(stamp, &self.names, &transforms, dt_s));
             if !self.options.no_tf {
                 let with_base = !self.options.no_odom_tf;
                 self.network.tf.publish(results::tf(stamp, &self.names, &transforms, with_base));
             }
-            self.network.pose.publish(results::pose(stamp, &self.names, &transforms));
-            self.lay(packet, &output, &transforms);
+            if let Some(pose) = results::pose(stamp, &self.names, &transforms) {
+                self.network.pose.publish(pose);
+                self.lay(packet, &output);
+                self.watch_floor(packet.stamp, tracked.metric);
+            }
             self.counts.tracked += 1;
             (self.counts.metric, self.counts.scale) = (tracked.metric, tracked.scale);
             if self.tree.restarts() > restarts {
@@ -292,6 +317,8 @@ impl<'a> Node<'a> {
                 self.faults.count(SkipKind::Other, line, &format!("at {stamp} s"));
             }
         }
+        self.report_hint();
+        self.show_features(packet, &output, stamp);
         if let Some(now) = self.time.now() {
             self.counts.ages_ms.push((now.0.saturating_sub(stamp.0)) as f64 * 1e-6);
         }
@@ -305,15 +332,15 @@ impl<'a> Node<'a> {
     }
 
     /// Lays the depth image into the grid.
-    fn lay(&mut self, packet: &FramePacket, output: &Output, transforms: &Transforms) {
+    fn lay(&mut self, packet: &FramePacket, output: &Output) {
         let (Some(grid), Some(depth), Some(pose)) = (&mut self.grid, &packet.depth, output.pose) else {
             return;
         };
         let anchored = pose.anchored;
-        let Some(map_from_world) = self.tree.map_from_world() else { return };
+        let placed = self.tree.map_from_world().zip(self.tree.map_from_base());
+        let Some((map_from_world, map_from_base)) = placed else { return };
         let map_from_key =
             map_from_world * anchored.world_from_camera * anchored.reference_from_camera.inverse();
-        let map_from_base = transforms.map_from_odom * transforms.odom_from_base;
         if let Err(why) = grid.observe(depth, anchored.reference, &map_from_key, &map_from_base) {
             self.faults.count(SkipKind::Depth, "a depth image was not laid into the grid", &why.to_string());
         }
@@ -355,6 +382,10 @@ impl<'a> Node<'a> {
         if let Some(goal) = goal {
             self.take_goal(&goal);
         }
+        let initial_pose = self.requests.lock().initial_pose.take();
+        if let Some(pose) = initial_pose {
+            self.take_initial_pose(&pose);
+        }
         if self.slow.elapsed() >= SLOW {
             self.slow = Instant::now();
             self.publish_map();
@@ -367,23 +398,23 @@ impl<'a> Node<'a> {
     fn serve(&mut self, service: Service) -> Result<String, Refused> {
         match service {
             Service::SaveMap => {
-                let path = self.options.map.as_deref().ok_or(Refused::NoMap)?;
-                let bytes = self.slam.save(path)?;
+                let path = self.options.map_file().ok_or(Refused::NoMap)?;
+                let bytes = self.slam.save(&path)?;
                 Ok(format!("{} written, {} kB", path.display(), bytes / 1000))
             }
             Service::LoadMap => {
-                let path = self.options.map.as_deref().ok_or(Refused::NoMap)?;
-                self.begin_anew(Some(path))?;
+                let path = self.options.map_file().ok_or(Refused::NoMap)?;
+                self.begin_anew(Some(&path))?;
                 Ok(format!("in the map of {}", path.display()))
             }
             Service::Reset => {
                 self.begin_anew(None)?;
                 Ok("begun anew".into())
             }
-            Service::Record => Ok(self.slam.record(&self.options.route)?),
+            Service::Record => Ok(self.slam.record(self.options.route_file())?),
             Service::StopRecording => {
                 let points = self.slam.stop_recording()?.points.len();
-                Ok(format!("{} points in {}", points, self.options.route.display()))
+                Ok(format!("{points} points recorded"))
             }
             Service::GuideHome => {
                 self.with_route()?;
@@ -399,8 +430,9 @@ impl<'a> Node<'a> {
 
     /// The route at hand, else that of the file.
     fn with_route(&mut self) -> Result<(), Refused> {
-        if self.slam.route().is_none() && self.options.route.exists() {
-            self.slam.load_route(&self.options.route)?;
+        let file = self.options.route_file();
+        if self.slam.route().is_none() && file.exists() {
+            self.slam.load_route(file)?;
         }
         Ok(())
     }
@@ -412,27 +444,30 @@ impl<'a> Node<'a> {
         self.tree.begin_anew();
         self.grid = ground_grid(self.options, &self.found, self.planner.stood_m(), &self.faults);
         self.planner.set_goal(None);
-        (self.map, self.route, self.marked) = (None, None, None);
+        (self.placing, self.shown) = (Placing::default(), Shown::default());
+        if map.is_some() {
+            self.enter_saved_map();
+        }
         Ok(())
     }
 
     fn publish_map(&mut self) {
-        let (Some(id), Some((last, _))) = (self.map, self.last) else { return };
+        let (Some(id), Some((last, _))) = (self.shown.map, self.last) else { return };
         let (map, stamp) = (self.slam.map(), self.clock.of_messages(last));
         let time = |at: Stamp| self.clock.of_messages(at);
         self.network.path.publish(results::path(stamp, &self.names, &map, id, &self.tree, time));
         self.network.points.publish(results::points(stamp, &self.names, &map, id, &self.tree));
         let place = self.tree.map_from_world().unwrap_or_else(Se3::identity);
         let marked = Some((map.snapshot().version(), place, self.planner.goal().copied()));
-        if self.marked != marked {
-            self.marked = marked;
+        if self.shown.marked != marked {
+            self.shown.marked = marked;
             let goal = self.planner.goal();
             self.network.markers.publish(markers(stamp, &self.names.map, &map, id, &self.tree, goal));
         }
         if let Some(route) = results::route(stamp, &self.names, &self.slam, id, &self.tree)
-            && self.route != Some(route.poses.len())
+            && self.shown.route != Some(route.poses.len())
         {
-            self.route = Some(route.poses.len());
+            self.shown.route = Some(route.poses.len());
             self.network.route.publish(route);
         }
         let (Some(grid), Some(map_from_world)) = (&mut self.grid, self.tree.map_from_world()) else { return };
@@ -454,44 +489,4 @@ impl<'a> Node<'a> {
             Err(why) => self.faults.say(Severity::Warn, &why.to_string()),
         }
     }
-}
-
-fn build(
-    options: &Options,
-    topics: &Topics,
-    found: &Found,
-    config: &Config,
-    map: Option<&Path>,
-) -> Result<Slam, NodeError> {
-    let mut builder = Slam::builder(&found.rig).sensor(topics.mode()).config(config).threaded();
-    if let Some(path) = map {
-        let file = Slam::load_map(path)?;
-        builder = if options.localize_only { builder.localize_in(file) } else { builder.map(file) };
-    }
-    Ok(builder.build()?)
-}
-
-fn tree(slam: &Slam, found: &Found) -> FrameTree {
-    let body_from_cam0 = found.rig.cameras.first().map_or_else(Se3::identity, |c| c.body_from_camera);
-    let body_from_rectified = slam.engine().front_end().model().body_from_camera;
-    let base_from_rectified = found.base_from_camera * body_from_cam0.inverse() * body_from_rectified;
-    FrameTree::new(base_from_rectified, found.up)
-}
-
-/// The time in the packets' clock: the age of a picture is what has passed since its stamp.
-struct HostClock(Clock, Time);
-
-impl Live for HostClock {
-    fn clock(&self) -> Option<ClockReading> {
-        Some(ClockReading { now: self.0.of_packets(self.1.now()?), bound_s: 0.0, delivery_s: 0.0 })
-    }
-}
-
-/// The grid of a rig with depth; what speaks against it is said.
-fn ground_grid(options: &Options, found: &Found, stood_m: f64, faults: &Faults) -> Option<GroundGrid> {
-    let depth = found.rig.depth.as_ref()?;
-    let body_from_cam0 = found.rig.cameras.first()?.body_from_camera;
-    let base_from_depth = found.base_from_camera * body_from_cam0.inverse() * depth.body_from_depth;
-    let made = GroundGrid::new(depth, base_from_depth, options.grid_range_m, stood_m);
-    made.inspect_err(|why| faults.say(Severity::Warn, &why.to_string())).ok()
 }

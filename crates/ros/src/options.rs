@@ -2,7 +2,7 @@
 
 use crate::arguments::{self, wrong};
 use crate::faults::Log;
-use crate::parameters::{self, Declared};
+use crate::parameters::{self, Parameters};
 use cairn::SensorMode;
 use cairn::geometry::{Se3, So3, Vec3};
 use clap::{CommandFactory, FromArgMatches, Parser, ValueEnum};
@@ -56,6 +56,10 @@ pub struct Options {
     /// Readings of an IMU.
     #[arg(long, value_name = "TOPIC")]
     pub imu: Option<String>,
+    /// Odometry of the wheels (nav_msgs/Odometry of --base-frame): carries the pose where the camera sees too little. With stereo and
+    /// depth cameras only.
+    #[arg(long, value_name = "TOPIC")]
+    pub wheels: Option<String>,
     /// Calibration of the first camera [default: camera_info beside its pictures].
     #[arg(long, value_name = "TOPIC")]
     pub image_info: Option<String>,
@@ -106,6 +110,9 @@ pub struct Options {
     /// Publishes map -> odom on /tf, but not odom -> base_link: another node does.
     #[arg(long, conflicts_with = "no_tf")]
     pub no_odom_tf: bool,
+    /// The robot moves on a plane: odometry, tf, pose and path have no height, roll and pitch; a floor that is not flat is reported.
+    #[arg(long)]
+    pub planar: bool,
     /// Longest range of the occupancy grid, in metres (only with depth images).
     #[arg(long, value_name = "M", default_value_t = 5.0)]
     pub grid_range_m: f64,
@@ -149,7 +156,7 @@ pub struct Options {
     pub notes: Vec<String>,
     /// The flags with their values.
     #[arg(skip)]
-    pub parameters: Vec<Declared>,
+    pub parameters: Parameters,
 }
 
 /// No topic of pictures was named.
@@ -185,7 +192,7 @@ impl Options {
         let matches = command.try_get_matches_from_mut([vec![program], given.flags].concat())?;
         let mut options = Self::from_arg_matches(&matches)?;
         (options.log, options.notes) = (given.log, given.notes);
-        options.parameters = parameters::declared(&command, &matches);
+        options.parameters = Parameters::new(parameters::declared(&command, &matches));
         options.take_names()?;
         Ok(options)
     }
@@ -218,6 +225,16 @@ impl Options {
             return Err(wrong("--robot-radius-m wants a radius below 5 metres".into()));
         }
         Ok(())
+    }
+
+    /// The map file as it is set now.
+    pub fn map_file(&self) -> Option<PathBuf> {
+        self.parameters.file("map")
+    }
+
+    /// The route file as it is set now.
+    pub fn route_file(&self) -> PathBuf {
+        self.parameters.file("route").unwrap_or_else(|| self.route.clone())
     }
 
     /// The topics that are read.

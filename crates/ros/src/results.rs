@@ -41,14 +41,15 @@ pub fn tracked(output: &Output, gravity_aligned: bool) -> Option<Tracked> {
     })
 }
 
-/// The transforms for /tf: map -> odom, and odom -> base where it is wanted.
+/// The transforms for /tf: map -> odom where the place in the map is known, and odom -> base where it is wanted.
 pub fn tf(stamp: Stamp, names: &FrameNames, transforms: &Transforms, with_base: bool) -> TFMessage {
     let of = |parent: &str, child: &str, pose: &Se3| TransformStamped {
         header: Header::new(stamp, parent),
         child_frame_id: child.to_owned(),
         transform: pose.into(),
     };
-    let mut out = vec![of(&names.map, &names.odom, &transforms.map_from_odom)];
+    let mut out: Vec<TransformStamped> =
+        transforms.map_from_odom.iter().map(|pose| of(&names.map, &names.odom, pose)).collect();
     if with_base {
         out.push(of(&names.odom, &names.base, &transforms.odom_from_base));
     }
@@ -75,11 +76,10 @@ pub fn odometry(stamp: Stamp, names: &FrameNames, transforms: &Transforms, dt_s:
     }
 }
 
-/// The pose in the map.
-pub fn pose(stamp: Stamp, names: &FrameNames, transforms: &Transforms) -> PoseWithCovarianceStamped {
-    let map_from_base = transforms.map_from_odom * transforms.odom_from_base;
-    let pose = with_covariance(&map_from_base, &transforms.map_covariance);
-    PoseWithCovarianceStamped { header: Header::new(stamp, &names.map), pose }
+/// The pose in the map; `None` where the place in it is not known.
+pub fn pose(stamp: Stamp, names: &FrameNames, transforms: &Transforms) -> Option<PoseWithCovarianceStamped> {
+    let pose = with_covariance(&transforms.map_from_base()?, &transforms.map_covariance);
+    Some(PoseWithCovarianceStamped { header: Header::new(stamp, &names.map), pose })
 }
 
 fn with_covariance(pose: &Se3, covariance: &Matrix6<f64>) -> PoseWithCovariance {
@@ -105,7 +105,7 @@ pub fn path(
     let camera_from_base = tree.base_from_camera(map.is_metric(id)).inverse();
     let mut poses: Vec<(Stamp, Se3)> = map
         .key_frames(id)
-        .map(|(k, _)| (k.stamp, map_from_world * k.world_from_camera * camera_from_base))
+        .map(|(k, _)| (k.stamp, tree.published(map_from_world * k.world_from_camera * camera_from_base)))
         .collect();
     poses.sort_by_key(|(stamp, _)| *stamp);
     let poses = poses
@@ -123,7 +123,7 @@ pub fn route(stamp: Stamp, names: &FrameNames, slam: &Slam, id: MapId, tree: &Fr
     let placed = route.resolve(|anchor| anchor_in_map(map.snapshot(), anchor));
     let poses = placed.iter().map(|point| PoseStamped {
         header: header.clone(),
-        pose: (&(map_from_world * point.frame_from_camera * camera_from_base)).into(),
+        pose: (&tree.published(map_from_world * point.frame_from_camera * camera_from_base)).into(),
     });
     let poses = poses.collect();
     Some(Path { header, poses })

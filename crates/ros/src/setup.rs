@@ -99,6 +99,8 @@ pub struct Found {
     pub base_from_camera: Se3,
     /// The upward direction in the robot's frame as the accelerometer saw it, m/s^2.
     pub up: Option<Vec3>,
+    /// The frame of the first camera's pictures.
+    pub frame: String,
     /// What was assumed or is left out, one line each.
     pub notes: Vec<String>,
 }
@@ -204,7 +206,8 @@ impl Setup {
             looking_ahead()
         });
         let up = self.up(&rig, &base_from_camera);
-        Ok(Found { rig, base_from_camera, up, notes })
+        let frame = self.frame_of.get(&Role::Image).cloned().unwrap_or_default();
+        Ok(Found { rig, base_from_camera, up, frame, notes })
     }
 
     /// A rig from a file, with the sensors that have topics.

@@ -2,8 +2,9 @@
 
 use crate::assemble::{Assembler, Clock};
 use crate::faults::Faults;
-use crate::messages::PoseStamped;
-use crate::network::{Incoming, Service};
+use crate::messages::{Odometry, PoseStamped, PoseWithCovarianceStamped};
+use crate::network::Incoming;
+use crate::service::Service;
 use crate::setup::{Found, Setup, SetupError};
 use crate::time::Time;
 use cairn::sensor::SkipKind;
@@ -18,6 +19,8 @@ use std::time::{Duration, Instant};
 const TICK: Duration = Duration::from_millis(50);
 /// How long the place of the camera on the robot is waited for after all the rest is known.
 const BASE_WAIT: Duration = Duration::from_secs(2);
+/// Readings of the wheels that may wait.
+const MOST_READINGS: usize = 1000;
 /// How often it is said what is waited for.
 const REMIND: Duration = Duration::from_secs(5);
 
@@ -26,8 +29,12 @@ const REMIND: Duration = Duration::from_secs(5);
 pub struct PendingRequests {
     /// Calls of services that wait for their answer.
     pub calls: VecDeque<(Service, RmwRequestId)>,
+    /// Readings of the wheels.
+    pub wheels: VecDeque<Odometry>,
     /// The newest goal.
     pub goal: Option<PoseStamped>,
+    /// The newest word on where the robot is.
+    pub initial_pose: Option<PoseWithCovarianceStamped>,
 }
 
 /// The same for the worker and the node.
@@ -126,7 +133,16 @@ impl Worker {
             Incoming::ServiceCall(service, id) => {
                 self.requests.lock().calls.push_back((service, id));
             }
+            Incoming::Wheels(reading) => {
+                let readings = &mut self.requests.lock().wheels;
+                // While the node waits for the first picture nobody takes them.
+                if readings.len() >= MOST_READINGS {
+                    readings.pop_front();
+                }
+                readings.push_back(*reading);
+            }
             Incoming::Goal(goal) => self.requests.lock().goal = Some(goal),
+            Incoming::InitialPose(pose) => self.requests.lock().initial_pose = Some(pose),
             Incoming::Clock(clock) => self.time.set(clock.clock.stamp()),
             Incoming::Unreadable(topic, why) => {
                 self.faults.count(SkipKind::Other, &format!("{topic}: a message cannot be read"), &why);

@@ -11,6 +11,9 @@ mod dense_tests;
 mod first_clocks;
 mod first_lens;
 mod flow;
+mod hint;
+#[cfg(test)]
+mod hint_tests;
 mod imu;
 #[cfg(test)]
 mod imu_tests;
@@ -54,6 +57,7 @@ mod tracker;
 pub use config::TrackerConfig;
 pub use first_lens::{FirstLens, first_lens};
 pub use flow::FlowClocks;
+pub use hint::{HintOutcome, PlaceHint};
 pub use odometry::{MotionSource, Odometry};
 pub use priors::MeasuredMotion;
 pub use state::{AnchoredPose, Evidence, KeyFrameRequest, RelocationPrior, State, Tracked};

@@ -10,7 +10,7 @@ use cairn_vision::{DescriptorQuery, Frame, RectifiedCamera, match_descriptors};
 /// Key frames near the last known position that are tried in turn.
 const NEAR: usize = 12;
 /// Most similar key frames by bag of words that are tried in each frame.
-const SIMILAR: usize = 3;
+pub(crate) const SIMILAR: usize = 3;
 /// Covisible neighbours of a key frame that count as the same place.
 pub(crate) const GROUP: usize = 10;
 

@@ -1,8 +1,14 @@
 //! What the node says of itself once a second.
 
 use super::{Node, SLOW};
+use crate::features;
+use crate::messages::Header;
 use crate::results;
-use cairn::Stamp;
+use cairn::sensor::FramePacket;
+use cairn::{Output, Stamp};
+
+/// Seconds between pictures with features.
+const FEATURES_S: f64 = 0.2;
 
 /// Numbers for the diagnostics.
 #[derive(Default)]
@@ -18,6 +24,17 @@ pub(super) struct Counts {
 }
 
 impl Node<'_> {
+    /// Publishes the picture with its features, a few times a second, while somebody looks at it.
+    pub(super) fn show_features(&mut self, packet: &FramePacket, output: &Output, stamp: Stamp) {
+        let is_due = self.shown.features.is_none_or(|at| packet.stamp - at >= FEATURES_S);
+        let Some(picture) = packet.images.first().filter(|_| is_due && self.network.wants_features()) else {
+            return;
+        };
+        self.shown.features = Some(packet.stamp);
+        let header = Header::new(stamp, &self.found.frame);
+        self.network.features.publish(features::message(header, picture, &output.frame));
+    }
+
     pub(super) fn publish_diagnostics(&mut self) {
         let status = self.slam.status();
         let silent = self.last.is_none_or(|(_, at)| at.elapsed() > SLOW);
@@ -29,10 +46,13 @@ impl Node<'_> {
         for wait in &status.waits {
             message += &format!("; {wait}");
         }
+        for words in self.placing.words() {
+            message += &format!("; {words}");
+        }
         if counts.tracked > 0 && !counts.metric {
             message += "; lengths are not metres (one camera without an IMU knows no scale)";
         }
-        let good = !silent && status.valid && counts.metric;
+        let good = !silent && status.valid && counts.metric && !self.placing.warns();
         let level = if status.error.is_some() { 2 } else { u8::from(!good) };
         let map = self.slam.map();
         let mut values: Vec<(String, String)> = vec![

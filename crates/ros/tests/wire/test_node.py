@@ -170,7 +170,7 @@ def test_it_starts_as_a_launch_file_starts_it(wire, node, euroc, tmp_path, monke
     assert child.end() == 0
 
 
-def test_parameters_are_shown_and_not_set(wire, node):
+def test_parameters_are_shown_and_files_can_be_set(wire, node):
     child = node("--camera", "stereo", "--rmw", "cyclonedds", "--ros-args", "-p", "grid_range_m:=4.5")
     kinds = {"get_parameters": "GetParameters", "set_parameters": "SetParameters"}
     get, set_ = (Caller(wire, f"/cairn/{name}", "rcl_interfaces", kind) for name, kind in kinds.items())
@@ -180,7 +180,10 @@ def test_parameters_are_shown_and_not_set(wire, node):
     value = make("rcl_interfaces/msg/ParameterValue", type=3, double_value=3.0)
     wanted = make("rcl_interfaces/msg/Parameter", name="grid_range_m", value=value)
     (result,) = set_.ask(parameters=[wanted]).results
-    assert not result.successful and "read at the start" in result.reason
+    assert not result.successful and "only map and route can be set" in result.reason
+    value = make("rcl_interfaces/msg/ParameterValue", type=4, string_value="home.map")
+    (result,) = set_.ask(parameters=[make("rcl_interfaces/msg/Parameter", name="map", value=value)]).results
+    assert result.successful and get.ask(names=["map"]).values[0].string_value == "home.map"
     assert get.ask(names=["grid_range_m"]).values[0].double_value == 4.5
     assert child.end() == 0
 
@@ -216,4 +219,124 @@ def test_garbage_on_the_wire(wire, node, euroc):
     player.play(60)
     assert until(lambda: len(out["/odom"]) > before + 40, 5), "\n".join(child.lines)
     assert not child.said("went backwards"), "what is no image says nothing of the time"
+    assert child.end() == 0
+
+
+def test_initial_pose(wire, node, euroc, tmp_path):
+    """What a viewer says of the robot's place is a hint: it counts where an image shows it, and is refused in words elsewhere."""
+    player, out = Player(wire, euroc, imu=False), outputs(wire)
+    child = node(*player.arguments(), "--map", tmp_path / "home.map", "--rmw", "cyclonedds")
+    call = {name: Caller(wire, f"/cairn/{name}") for name in ("save_map", "load_map")}
+    kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    write = wire.writer("/initialpose", kind, reliable=True)
+
+    def say(x, y, frame="map", variance=0.25):
+        """As RViz says it: on the plan, with half a metre of standard deviation."""
+        sent = make(kind, header=header(0, frame))
+        sent.pose.pose.position.x, sent.pose.pose.position.y, sent.pose.pose.orientation.w = float(x), float(y), 1.0
+        sent.pose.covariance[0] = sent.pose.covariance[7] = variance
+        write(sent)
+
+    def warned(text):
+        return out["/diagnostics"] and text in out["/diagnostics"][-1][1].status[0].message
+
+    begin(player, child)
+    player.play(130)
+    places = {round(seconds(m.header), 3): m.pose.pose.position for _, m in out["/pose"]}
+    here = {k: places[round(ns * 1e-9, 3)] for k, (ns, _) in player.sent.items() if round(ns * 1e-9, 3) in places}
+    assert call["save_map"]()[0] and len(here) > 60
+    assert call["load_map"]()[0]
+    assert until(lambda: warned("not recognised in the saved map yet"), 5), "it does not say where it is before it knows"
+    say(0, 0, "nowhere")
+    assert until(lambda: child.said('refused: the frame "nowhere"'), 5) and until(lambda: warned("nowhere"), 5), child.lines
+    say(0, 0, variance=-1.0)
+    assert until(lambda: child.said("refused: its covariance is none"), 5), child.lines
+    say(60, 0)
+    assert until(lambda: child.said("looking for the place (60.0, 0.0)"), 5), child.lines
+    player.play(105, first=100)
+    assert until(lambda: child.said("the place (60.0, 0.0), within 1.5 m: refused: the map has nothing there"), 5), child.lines
+    assert call["load_map"]()[0]
+    near = here[max(here)]
+    say(near.x + 0.4, near.y - 0.3)
+    assert until(lambda: sum("looking for" in line for line in child.lines) == 2, 5), child.lines
+    count = len(out["/pose"])
+    player.play(130, first=100)
+    # A busy machine may still have had a picture of the place in hand, and known it before it was said.
+    assert until(lambda: child.said("1.5 m: recognised") or child.said("1.5 m: that is where the robot is"), 5), child.lines
+    assert until(lambda: len(out["/pose"]) > count + 10, 5), "the place is known"
+    # The map is where it was: what was said of a place before it was saved still holds.
+    found = {round(seconds(m.header), 3): m.pose.pose.position for _, m in out["/pose"][count:]}
+    off = [
+        np.linalg.norm([found[t].x - here[k].x, found[t].y - here[k].y, found[t].z - here[k].z])
+        for k, (ns, _) in player.sent.items()
+        for t in [round(ns * 1e-9, 3)]
+        if t in found and k in here
+    ]
+    print(f"{len(off)} poses after loading, {np.median(off):.3f} m from where they were before (median), {max(off):.3f} m at most")
+    assert len(off) > 10 and max(off) < 0.1
+    assert child.end() == 0
+
+
+def check_features(pictures):
+    """Somebody looks at the pictures with features: a few a second, gray but for the squares."""
+    picture = pictures[-1]
+    pixels = np.asarray(picture.data).reshape(picture.height, picture.width, 3)
+    coloured = (pixels[..., 0] != pixels[..., 1]) | (pixels[..., 1] != pixels[..., 2])
+    rate = len(pictures) / (seconds(pictures[-1].header) - seconds(pictures[0].header))
+    print(f"{len(pictures)} pictures with features, {rate:.1f} a second, {coloured.mean():.3f} of the last one coloured")
+    assert (picture.encoding, picture.header.frame_id, picture.step) == ("rgb8", "left_optical", 3 * picture.width)
+    assert 2.0 < rate < 6.0 and 0.005 < coloured.mean() < 0.2
+
+
+def test_planar(wire, node, euroc):
+    """A robot on a plane: nothing that is published has height, roll or pitch. This one flies, which is noticed."""
+    player, out = Player(wire, euroc, imu=False), outputs(wire)
+    child = node(*player.arguments(), "--planar")
+    pictures = wire.listen("/cairn/features", "sensor_msgs/msg/Image")
+    begin(player, child)
+    player.play(300)
+    assert until(lambda: len(out["/odom"]) > 150, 5), child.lines
+    poses = [m.pose.pose for name in ("/odom", "/pose") for _, m in out[name]] + [p.pose for p in out["/path"][-1][1].poses]
+    assert max(abs(v) for p in poses for v in (p.position.z, p.orientation.x, p.orientation.y)) < 1e-9
+    moved = [np.hypot(p.position.x, p.position.y) for p in poses]
+    transforms = [t.transform for _, m in out["/tf"] for t in m.transforms]
+    assert max(abs(v) for t in transforms for v in (t.translation.z, t.rotation.x, t.rotation.y)) < 1e-9
+    twists = [m.twist.twist for _, m in out["/odom"]]
+    assert max(moved) > 0.1 and max(abs(v) for t in twists for v in (t.linear.z, t.angular.x, t.angular.y)) < 1e-9
+    check_features([m for _, m in pictures])
+    said = [line for line in child.lines if "the floor is not flat" in line]
+    print(f"{max(moved):.2f} m from the start; {said}")
+    assert said and any("the floor is not flat" in m.status[0].message for _, m in out["/diagnostics"])
+    assert child.end() == 0
+
+
+@pytest.mark.parametrize("with_wheels", [False, True])
+def test_wheels_carry_the_pose_where_nothing_is_seen(wire, node, euroc, with_wheels):
+    """Dark for a second and a half: with readings of the wheels the odometry goes on, without them it does not."""
+    player, out = Player(wire, euroc, imu=False), outputs(wire)
+    child = node(*player.arguments(), "--wheels", "/wheel_odom")
+    kind, dark = "nav_msgs/msg/Odometry", range(180, 210)
+    write = wire.writer("/wheel_odom", kind)
+    truth = euroc.truth
+
+    def meddle(name, k, message):
+        if name == "cam0" and with_wheels:
+            at = int(euroc.images["cam0"][k][0]) * 1e-9
+            sent = make(kind, header=message.header, child_frame_id="base_link")
+            p, q = sent.pose.pose.position, sent.pose.pose.orientation
+            p.x, p.y, p.z, q.w, q.x, q.y, q.z = (float(np.interp(at, truth[:, 0], truth[:, i])) for i in range(1, 8))
+            norm = np.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2)
+            q.w, q.x, q.y, q.z = q.w / norm, q.x / norm, q.y / norm, q.z / norm
+            write(sent)
+        if k in dark:
+            message.data = np.full_like(message.data, 9)
+        return [message]
+
+    begin(player, child)
+    player.play(240, meddle=meddle)
+    time.sleep(1.0)
+    times = [seconds(m.header) for _, m in out["/odom"]]
+    there = [sum(abs(t - ns * 1e-9) < 1e-3 for t in times) for k, (ns, _) in player.sent.items() if k in dark]
+    print(f"with wheels {with_wheels}: {sum(there)} poses in {len(dark)} dark pictures")
+    assert sum(there) > 0.6 * len(dark) if with_wheels else sum(there) < 0.3 * len(dark), child.lines
     assert child.end() == 0

@@ -3,6 +3,7 @@
 use super::{BRIDGE_S, Miss, Now, Tracker};
 use crate::match_last::Matches;
 use crate::recover::{RECOGNISE_SEED, RECOGNISE_SHARE, candidates};
+use crate::state::map_of;
 use cairn_adjust::{RecogniseConfig, View, recognise};
 use cairn_geometry::Se3;
 use std::collections::BTreeSet;
@@ -11,6 +12,11 @@ impl Tracker {
     /// Matches a frame around where it must be: by the motion priors, by the reference key frame, or by relocalisation.
     pub(super) fn match_features(&mut self, now: &Now) -> Result<(Se3, Matches), Miss> {
         let stamp = now.frame.stamp;
+        if let Some(hinted) = self.by_hint(now) {
+            self.clock.since_recovery = 0;
+            self.priors.disregard();
+            return Ok(hinted);
+        }
         let sure = self.priors.sure(self.last.as_ref(), stamp);
         // A short gap is bridged by the motion model; after a longer one only appearance can find the pose.
         let is_bridged = !self.mode.is_lost() || self.clock.is_recent(stamp, BRIDGE_S) || sure.is_some();
@@ -55,19 +61,51 @@ impl Tracker {
         self.priors.depth.as_ref().is_some_and(|depth| depth.is_contradicted(pose, matches, enough))
     }
 
+    /// Recognises the place where the camera is said to be. Where tracking goes on in the same map, the motion since the frame before
+    /// is not known.
+    fn by_hint(&mut self, now: &Now) -> Option<(Se3, Matches)> {
+        let (snapshot, frame) = (now.snapshot, now.frame);
+        let last = self.last.as_ref().filter(|_| !self.mode.is_lost());
+        let at = last.map(|last| last.anchored);
+        let at = at.and_then(|at| Some((map_of(snapshot, at.reference)?, at.world_from_camera)));
+        let config = self.to_recognise();
+        let candidates = self.hinted.candidates(snapshot, &self.setup.camera, frame, at, config.need);
+        for id in candidates {
+            let view = View::new(&self.setup.camera, frame);
+            match recognise(snapshot, &view, id, &BTreeSet::new(), &config, frame.stamp.0 as u64) {
+                Ok(place) if self.hinted.allows(map_of(snapshot, id), &place.world_from_camera) => {
+                    self.hinted.confirm();
+                    if at.is_some_and(|(map, _)| Some(map) == map_of(snapshot, id)) {
+                        self.odometry.miss();
+                    }
+                    let matches = Matches { landmarks: place.landmarks, extra: Vec::new() };
+                    return Some((place.world_from_camera, matches));
+                }
+                Ok(_) => {}
+                Err(why) => self.hinted.tried(why.agreed()),
+            }
+        }
+        None
+    }
+
+    fn to_recognise(&self) -> RecogniseConfig {
+        let need = self.setup.config.min_inliers;
+        RecogniseConfig { seed: RECOGNISE_SEED, need, share: RECOGNISE_SHARE }
+    }
+
     /// Relocalises among earlier key frames; the best inlier count when no place is recognised.
     fn relocalise(&self, now: &Now) -> Result<(Se3, Matches), Miss> {
         let (snapshot, frame) = (now.snapshot, now.frame);
         let last = self.last.as_ref();
         let before = last.map(|l| l.anchored.world_from_camera.translation);
-        let need = self.setup.config.min_inliers;
-        let config = RecogniseConfig { seed: RECOGNISE_SEED, need, share: RECOGNISE_SHARE };
+        let config = self.to_recognise();
         let mut best = 0;
         for id in candidates(snapshot, &self.setup.camera, frame, before, self.mode.missed()) {
             let view = View::new(&self.setup.camera, frame);
             match recognise(snapshot, &view, id, &BTreeSet::new(), &config, frame.stamp.0 as u64) {
                 Ok(place)
-                    if !self.unit.reaches(snapshot, last, id, &place.world_from_camera, frame.stamp) => {}
+                    if !self.unit.reaches(snapshot, last, id, &place.world_from_camera, frame.stamp)
+                        || !self.hinted.allows(map_of(snapshot, id), &place.world_from_camera) => {}
                 Ok(place) => {
                     let matches = Matches { landmarks: place.landmarks, extra: Vec::new() };
                     return Ok((place.world_from_camera, matches));

@@ -17,6 +17,7 @@ mod waiting;
 use crate::clock::FrameClock;
 use crate::config::TrackerConfig;
 use crate::dense::DenseAligner;
+use crate::hint::{HintOutcome, Hinted, PlaceHint};
 use crate::imu::InertialFilter;
 use crate::mode::Mode;
 use crate::odometry::{Odometry, OdometryFilter};
@@ -61,6 +62,8 @@ pub struct Tracker {
     start: MapStart,
     /// Where a search by depth has found the camera, for the next frame.
     found: Option<FoundByDepth>,
+    /// Where the camera is said to be.
+    hinted: Hinted,
     odometry: OdometryFilter,
     shutter: Shutter,
 }
@@ -95,6 +98,7 @@ impl Tracker {
             spot: SpotWatch::default(),
             start: MapStart::new(setup),
             found: None,
+            hinted: Hinted::default(),
             odometry: OdometryFilter::new(camera),
             shutter: Shutter::new(setup.given_readout_s(), setup.image_size()),
         }
@@ -187,6 +191,17 @@ impl Tracker {
     /// From the next frame on the pose is that of the depth, as with [`TrackerConfig::dense`].
     pub fn take_poses_from_depth(&mut self) {
         self.priors.depth.iter_mut().for_each(DenseAligner::become_front_end);
+    }
+
+    /// Where the camera is said to be, in place of an earlier hint: looked for there from the next frame on, until an image confirms it
+    /// or some seconds have passed. Until then no other place is recognised.
+    pub fn hint(&mut self, hint: PlaceHint) {
+        self.hinted.give(hint);
+    }
+
+    /// What has become of the last hint; `None` where there was none.
+    pub fn hint_outcome(&self) -> Option<HintOutcome> {
+        self.hinted.outcome()
     }
 
     /// A search by depth has found where the camera is; to be told before [`Tracker::step`]. Used if tracking is lost.
