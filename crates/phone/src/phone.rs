@@ -373,7 +373,7 @@ mod tests {
         phone.image(0.8, &[90; 64 * 48]).expect("an image");
         phone.motion(0.9, [0.0; 3], [0.0, -9.8, 0.0]).expect("a reading");
         assert_eq!(phone.step().len(), 1);
-        phone.again = again([1.0, 1.1]);
+        phone.again = again([1.0, 1.2]);
         assert_eq!(phone.now_or_again(packet(2.9)).map(|packet| packet.stamp), None);
         for left in [2, 1, 0] {
             assert!(phone.again.is_certain && phone.work());
