@@ -36,7 +36,7 @@ pub struct TrackerConfig {
     pub clocks_by_flow: bool,
     /// What is known of both already, before the first picture; otherwise they are found.
     #[setting(skip, default = None)]
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip)]
     pub clocks: Option<FlowClocks>,
     /// True to take the pose of each frame from its depth image (`--front-end dense`); features still find places again. Without
     /// it the depth image gives the pose where features do not suffice.

@@ -1,6 +1,6 @@
 //! The capture process: reads the source and puts its frames into the ring.
 
-use crate::message::{Failure, Frame, LeftOut, Opened, Order, Report, read, write};
+use crate::message::{Failure, Frame, LeftOut, Opened, Order, Report, first_order, read, write};
 use crate::{pixels, ring::Ring};
 use cairn_sensor::{FramePacket, Rig, Skips, Source, SourceError, SourceInfo, Stamp};
 use cairn_sources::Paced;
@@ -36,13 +36,15 @@ pub struct Delivered {
 /// A recording is played in real time where `is_realtime` says so: frames that are overtaken are left out, and counted.
 pub fn run<F>(
     mut from: impl Read + Send + 'static,
-    to: impl Write + Send + 'static,
+    mut to: impl Write + Send + 'static,
     is_realtime: bool,
     open: F,
 ) where
     F: FnOnce(Option<Delivered>) -> Result<(Box<dyn Source>, String), Failure>,
 {
-    let Ok(Some(Order::Capture { ring, next, delivered, until })) = read(&mut from) else { return };
+    let Some(Order::Capture { ring, next, delivered, until }) = first_order(&mut from, &mut to) else {
+        return;
+    };
     let delivered =
         delivered.map(|(first, last)| Delivered { first: Stamp(first), last: Stamp(last), frames: next });
     let begin = Begin { ring, next, delivered, until };

@@ -6,7 +6,7 @@
 
 use crate::depth_log::{DepthTail, KeyFrameDepth};
 use crate::journal::{JournalError, Tail};
-use crate::message::{Failure, Finished, Opened, Order, Report, read, write};
+use crate::message::{Failure, Finished, Opened, Order, Report, first_order, read, write};
 use crate::mode_of;
 use crate::shown::Shown;
 use crate::slam::FINAL_MAP;
@@ -49,7 +49,7 @@ where
     F: FnOnce() -> Result<Work<S>, Failure>,
     S: FnMut(&mut DenseMapper, bool) -> Result<Vec<u8>, Failure>,
 {
-    let Ok(Some(Order::Map { folder, opened, start, .. })) = read(&mut from) else { return };
+    let Some(Order::Map { folder, opened, start, .. }) = first_order(&mut from, &mut to) else { return };
     let said = open()
         .and_then(|work| Dense::new(&folder, &opened, start, work))
         .and_then(|d| d.work(&mut from, &mut to));

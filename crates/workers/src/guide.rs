@@ -5,7 +5,7 @@
 //! pose.
 
 use crate::journal::Tail;
-use crate::message::{Failure, Order, Report, Tracked, read, write};
+use crate::message::{Failure, Order, Report, Tracked, first_order, read, write};
 use crate::speech::Speech;
 use cairn_atlas::Snapshot;
 use cairn_guide::{Priority, RecorderConfig, StopReason};
@@ -46,7 +46,7 @@ pub fn run<F>(mut from: impl Read, mut to: impl Write, is_realtime: bool, open: 
 where
     F: FnOnce() -> Result<Work, Failure>,
 {
-    let Ok(Some(Order::Guide { folder, began, again })) = read(&mut from) else { return };
+    let Some(Order::Guide { folder, began, again }) = first_order(&mut from, &mut to) else { return };
     let began = began.map(Stamp);
     let said = open().and_then(|work| match work {
         Work::Guide(guide) => {

@@ -10,7 +10,7 @@ use crate::anchored::{numbers, se3};
 use crate::seen::Seen;
 use crate::shown::Shown;
 use crate::speech::Speech;
-use cairn_engine::Config;
+use cairn_engine::{Config, FlowClocks};
 use cairn_geometry::{Pose, Se3, Sim3, Similarity, Vec3};
 use cairn_guide::{Anchor, Confidence};
 use cairn_sensor::{ImuSample, SkipCount, SkipKind, Skips, Stamp};
@@ -22,6 +22,28 @@ use std::path::PathBuf;
 
 /// No message is longer: the IMU readings of a frame after a long gap.
 const LONGEST: usize = 16 << 20;
+
+/// All that a session's engine starts with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SlamSetup {
+    /// What a file can set.
+    config: Config,
+    /// `clocks` of the tracker, which no file has.
+    clocks: Option<FlowClocks>,
+}
+
+impl SlamSetup {
+    /// Of this configuration.
+    pub fn new(config: Config) -> Self {
+        Self { clocks: config.tracker.clocks, config }
+    }
+
+    /// The configuration, with all that is known.
+    pub fn into_config(mut self) -> Config {
+        self.config.tracker.clocks = self.clocks;
+        self.config
+    }
+}
 
 /// To a worker.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -53,7 +75,7 @@ pub enum Order {
         surfaces: Option<SurfaceInput>,
         /// For a session that is in another process: the engine's configuration. Every frame is then told with all that
         /// a session needs (`Seen`).
-        session: Option<Box<Config>>,
+        session: Option<Box<SlamSetup>>,
     },
     /// To the guide, first.
     Guide {
@@ -412,11 +434,47 @@ pub fn read<T: DeserializeOwned>(from: &mut impl Read) -> io::Result<Option<T>> 
     postcard::from_bytes(&bytes).map(Some).map_err(io::Error::other)
 }
 
+/// The first order of a worker; `None` where the supervisor is gone, and where it cannot be read, which is reported.
+pub fn first_order(from: &mut impl Read, to: &mut impl Write) -> Option<Order> {
+    read(from).unwrap_or_else(|e| {
+        let failure = Failure::new("the first order", e, "use programs of one release");
+        // Without a supervisor nobody reads this.
+        let _ = write(to, &Report::Failed(failure));
+        None
+    })
+}
+
 /// Fills the buffer; false when the pipe ends before.
 fn filled(from: &mut impl Read, buffer: &mut [u8]) -> io::Result<bool> {
     match from.read_exact(buffer) {
         Ok(()) => Ok(true),
         Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => Ok(false),
         Err(e) => Err(e),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_configuration_arrives_as_it_was_sent() {
+        for clocks in [None, Some(FlowClocks { offset_s: [0.03, 0.002], readout_s: [0.02, 0.004] })] {
+            let mut config = Config::default();
+            config.tracker.clocks = clocks;
+            let mut pipe = Vec::new();
+            write(&mut pipe, &SlamSetup::new(config.clone())).unwrap();
+            let arrived: SlamSetup = read(&mut pipe.as_slice()).unwrap().unwrap();
+            assert_eq!(arrived.into_config(), config);
+        }
+    }
+
+    #[test]
+    fn an_order_that_cannot_be_read_is_reported() {
+        let (mut pipe, mut answer) = (Vec::new(), Vec::new());
+        write(&mut pipe, &u8::MAX).unwrap();
+        assert!(first_order(&mut pipe.as_slice(), &mut answer).is_none());
+        let report = read(&mut answer.as_slice()).unwrap();
+        assert!(matches!(report, Some(Report::Failed(why)) if why.what.contains("first order")));
     }
 }

@@ -10,7 +10,7 @@ mod frames;
 mod map;
 
 use crate::journal::{self, JournalWriter, recover};
-use crate::message::{Failure, Opened, Order, Report, SurfaceInput, Tracked};
+use crate::message::{Failure, Opened, Order, Report, SlamSetup, SurfaceInput, Tracked};
 use crate::process::{Event, EventKind, Process, Start};
 use crate::remote_dense::RemoteDense;
 use crate::ring::Ring;
@@ -107,7 +107,7 @@ impl Launch {
             opened: self.opened.clone(),
             start,
             surfaces: self.surfaces,
-            session: Some(Box::new(self.config.clone())),
+            session: Some(Box::new(SlamSetup::new(self.config.clone()))),
         }
     }
 }

@@ -6,8 +6,8 @@
 use crate::depth_log::DepthWriter;
 use crate::journal::{JournalWriter, recover};
 use crate::message::{
-    Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Place, Report, SurfaceInput, Tracked, read,
-    write,
+    Anchored, Failure, Finished, Frame, Opened, Order, Outcome, Place, Report, SurfaceInput, Tracked,
+    first_order, read, write,
 };
 use crate::ring::{Borrowed, Ring};
 use crate::seen::Seen;
@@ -30,10 +30,12 @@ const MOST_UNPOSED: usize = 1000;
 
 /// Runs until the frames have ended or the supervisor is gone.
 pub fn run(mut from: impl Read, mut to: impl Write, config: &Config, runner: Runner) {
-    let Ok(Some(Order::Map { ring, folder, opened, start, surfaces, session })) = read(&mut from) else {
+    let Some(Order::Map { ring, folder, opened, start, surfaces, session }) = first_order(&mut from, &mut to)
+    else {
         return;
     };
-    let (config, whole) = (session.as_deref().unwrap_or(config), session.is_some());
+    let whole = session.is_some();
+    let config = &session.map_or_else(|| config.clone(), |setup| setup.into_config());
     let said = Slam::begin(&ring, &folder, &opened, start, config, runner)
         .map(|slam| match surfaces {
             Some(what) => slam.with_depth(what),
