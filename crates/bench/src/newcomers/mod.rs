@@ -5,9 +5,10 @@ mod page;
 
 use crate::MeasureError;
 use crate::source::{cut, sim_config};
+use cairn_atlas::{KeyFrame, KeyFrameId};
 use cairn_geometry::{Vec2, Vec3};
 use cairn_phrases::Language;
-use cairn_sensor::{Camera, Distortion};
+use cairn_sensor::{Camera, Distortion, Stamp};
 use cairn_session::SessionStatus;
 use cairn_session::lens_watch::kept;
 use cairn_sim::SimConfig;
@@ -38,6 +39,8 @@ const MISLED_M: f64 = 2.0;
 const MOST_OFF_PERCENT: f64 = 3.0;
 /// A length has jumped that changes by more than this share of it.
 const JUMP: f64 = 0.1;
+/// The metre of the map is compared over its last seconds.
+const SCALE_S: f64 = 10.0;
 
 /// What came of a newcomer.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -188,7 +191,7 @@ impl Person {
         let session = self.page.phone.session();
         let (engine, s) = (session.engine(), &self.status);
         eprintln!(
-            "{:5.1} s: {:?}, metric {}, focal {:.3} of {:.3}, late {:.0} of {:.0} ms, readout {:.0} of {:.0} ms, {} key frames, recorded {:.2} m, guided {:?}",
+            "{:5.1} s: {:?}, metric {}, focal {:.3} of {:.3}, late {:.0} of {:.0} ms, readout {:.0} of {:.0} ms, {} key frames, metres {:.3?}, recorded {:.2} m, guided {:?}",
             self.page.now_s,
             s.phase,
             s.metric,
@@ -199,6 +202,7 @@ impl Person {
             1e3 * engine.readout().seconds,
             self.came.readout_ms,
             s.key_frames,
+            self.scale(),
             s.recording.as_ref().map_or(0.0, |r| r.length),
             s.guiding.as_ref().map(|g| (g.state, g.along_m, g.length_m)),
         );
@@ -219,6 +223,23 @@ impl Person {
     /// Whether the images are read with another lens than the one assumed.
     fn is_learned(&self) -> bool {
         self.page.phone.session().engine().front_end().model().fx != self.guess().fx
+    }
+
+    /// Metres in a metre of the map over its last seconds by the truth, and the standard deviation of its logarithm that is stated.
+    fn scale(&self) -> Option<(f64, f64)> {
+        let snapshot = self.page.phone.session().engine().snapshot();
+        let ids = (0..snapshot.next_key_frame_id().index()).rev().filter_map(KeyFrameId::from_index);
+        let last = ids.clone().find_map(|id| snapshot.key_frame(id))?;
+        let sigma = snapshot.stated_scale_sigma(last.map)?;
+        let recent = ids.filter_map(|id| snapshot.key_frame(id));
+        let recent = recent.take_while(|k| k.map == last.map && last.stamp - k.stamp <= SCALE_S);
+        let true_place = |k: &KeyFrame| {
+            let after = self.page.truth.partition_point(|(stamp, _)| *stamp < k.stamp);
+            self.page.truth.get(after).map(|(_, place)| *place)
+        };
+        let (own, real): (Vec<Vec3>, Vec<Vec3>) =
+            recent.filter_map(|k| Some((k.world_from_camera.translation, true_place(k)?))).unzip();
+        Some((spread(&real) / spread(&own), sigma))
     }
 
     fn hear(&mut self, words: &str) {
@@ -370,8 +391,14 @@ fn offered(status: &SessionStatus) -> Option<&'static str> {
     }
 }
 
-fn length(places: &[Vec3]) -> f64 {
-    places.windows(2).map(|w| (w[1] - w[0]).norm()).sum()
+fn length(places: &[(Stamp, Vec3)]) -> f64 {
+    places.windows(2).map(|w| (w[1].1 - w[0].1).norm()).sum()
+}
+
+/// How far places lie from their mean, root of the sum of squares.
+fn spread(places: &[Vec3]) -> f64 {
+    let mean = places.iter().sum::<Vec3>() / places.len().max(1) as f64;
+    places.iter().map(|p| (p - mean).norm_squared()).sum::<f64>().sqrt()
 }
 
 /// The distance of a place from a line through corners, metres.

@@ -5,7 +5,7 @@ use crate::MeasureError;
 use cairn_geometry::Vec3;
 use cairn_phone::{Library, Phone, Report, Setup};
 use cairn_random::Random;
-use cairn_sensor::{Camera, Distortion, GrayImage, ImuSample};
+use cairn_sensor::{Camera, Distortion, GrayImage, ImuSample, Stamp};
 use cairn_sim::{PhoneTraits, RollingCamera, SimConfig};
 use cairn_trial::way::CarriedPhone;
 use std::collections::VecDeque;
@@ -69,8 +69,8 @@ pub struct Page {
     pub phone: Phone,
     /// Seconds since the page was opened.
     pub now_s: f64,
-    /// The true places of the camera at the pictures so far.
-    pub truth: Vec<Vec3>,
+    /// The true places of the camera at the pictures so far, by the stamps these have.
+    pub truth: Vec<(Stamp, Vec3)>,
     camera: RollingCamera,
     random: Random,
     /// Pictures of the camera that are still left out.
@@ -164,9 +164,10 @@ impl Page {
         self.skipped = TAKEN[self.random.below(TAKEN.len())] - 1;
         self.taken_s = self.now_s;
         let image = self.camera.picture(at_s, &self.carried.poses(at_s));
-        self.truth.push(self.carried.pose(at_s).translation);
         let traits = &self.carried.traits;
         let stamp_s = at_s + traits.stamp_delay_s + traits.stamp_jitter_s * self.random.standard_normal();
+        let stamp = Stamp::from_seconds(EPOCH_S + stamp_s);
+        self.truth.push((stamp, self.carried.pose(at_s).translation));
         let comes_s = stamp_s.max(self.now_s + ENCODING_S);
         self.shots.push_back(Shot { comes_s, stamp_s, image });
     }
