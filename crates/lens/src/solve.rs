@@ -69,7 +69,8 @@ impl LensProblem {
         Some(LensEstimate {
             lens,
             sigma: [0, 1].map(sigma),
-            offset_s: [offset_s + joint.state.clock.late_s, sigma(3)],
+            // Readings that are to be taken later have later stamps than the images.
+            offset_s: [offset_s - joint.state.clock.late_s, sigma(3)],
             readout_s: [readout_s + joint.state.optics.readout_s, sigma(2)],
             rms_px: variance.sqrt(),
             converged,
@@ -210,6 +211,30 @@ pub(crate) mod tests {
             "errors in standard deviations: {stated:.2} of those stated, {independent:.2} of independent residuals"
         );
         assert!(independent > 2.0 && stated < 1.6, "{stated} {independent}");
+    }
+
+    #[test]
+    fn offset_and_readout_are_what_has_to_be_added_to_stamps_and_to_the_readout_in_use() {
+        for (seed, offset_s, readout_s) in [(5, 0.015, -0.01), (6, -0.02, 0.012)] {
+            let mut p = problem(&camera(448.0, 0.0), 1.3, true, seed);
+            p.taken_with_s = [0.03, 0.02];
+            for link in &mut p.links {
+                // A reading is of a moment that much after its stamp.
+                let [before, after] = link.rates.map(|rate| So3::exp(&(rate * offset_s)));
+                link.rotation = before.inverse() * link.rotation * after;
+            }
+            for (o, slope) in p.bundle.observations.iter_mut().zip(&p.slopes) {
+                (o.pixel[0], o.pixel[1]) =
+                    (o.pixel[0] - readout_s * slope.x, o.pixel[1] - readout_s * slope.y);
+            }
+            let found = p.solve().unwrap();
+            let off = [found.offset_s[0] - 0.03 - offset_s, found.readout_s[0] - 0.02 - readout_s];
+            let most = [found.offset_s[1], found.readout_s[1]].map(|sigma| 2.0 * sigma);
+            assert!(
+                (0..2).all(|k| off[k].abs() < most[k] && most[k] < 0.0125),
+                "{off:?} of {offset_s} {readout_s}: {found:?}"
+            );
+        }
     }
 
     /// Straight ahead and without a gyroscope the focal length is not seen: that is said by a large standard deviation.
