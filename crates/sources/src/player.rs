@@ -1,11 +1,10 @@
 //! Plays a recording: decodes the images of each instant and adds the IMU samples.
 
 use crate::bag_reader::{BagImu, BagReader, MessageError};
-use crate::decode;
-use crate::halves;
 use crate::imu::{ImuStream, SplitImuStream};
 use crate::live::Film;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
+use crate::{decode, exif, halves};
 use cairn_sensor::{
     Camera, DepthImage, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Rig, SkipKind, Skipped, Skips,
     Source, SourceError, SourceInfo, Stream,
@@ -203,7 +202,7 @@ impl Player {
     fn image(&mut self, k: usize, at: &ImageAt) -> Result<GrayImage, FrameError> {
         let bits = self.bits.get(k).copied().unwrap_or(16);
         match (at, &mut self.bag) {
-            (ImageAt::File(path), _) => Ok(decode::gray_of_bits(path, bits)?),
+            (ImageAt::File(path), _) => Ok(self.as_calibrated(k, path, decode::gray_of_bits(path, bits)?)),
             (ImageAt::Message(topic, entry), Some(bag)) => Ok(bag.gray(*topic, entry)?),
             (ImageAt::Message(..), None) => Err(FrameError::NoBag),
             (ImageAt::Film(path, number), _) => {
@@ -213,17 +212,26 @@ impl Player {
                 };
                 film.image(*number).ok_or(FrameError::FilmEnded(*number))
             }
-            (ImageAt::Half(path, side), _) => self.half(path, *side, bits),
+            (ImageAt::Half(path, side), _) => self.half(path, *side, k, bits),
         }
     }
 
-    /// One half of a file; both are of one reading.
-    fn half(&mut self, path: &Path, side: usize, bits: u32) -> Result<GrayImage, FrameError> {
+    /// A picture that is marked as turned is turned where only then it has the size of its camera.
+    fn as_calibrated(&self, k: usize, path: &Path, image: GrayImage) -> GrayImage {
+        let is_turned = self.rig.cameras.get(k).is_some_and(|RigCamera { camera: c, .. }| {
+            c.width != c.height && (c.height, c.width) == (image.width(), image.height())
+        });
+        let orientation = if is_turned { decode::orientation(path) } else { None };
+        orientation.and_then(|orientation| exif::upright(&image, orientation)).unwrap_or(image)
+    }
+
+    /// One half of a file, as the `k`-th camera has it; both are of one reading.
+    fn half(&mut self, path: &Path, side: usize, k: usize, bits: u32) -> Result<GrayImage, FrameError> {
         let both = match self.both.take().filter(|(of, _)| of == path) {
             Some((_, image)) => image,
             None => decode::gray_of_bits(path, bits)?,
         };
-        let half = halves::half(&both, side);
+        let half = halves::half(&both, side, &self.rig.cameras[k].camera);
         self.both = Some((path.to_owned(), both));
         Ok(half)
     }

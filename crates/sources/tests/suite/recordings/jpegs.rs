@@ -101,3 +101,55 @@ fn broken_bytes_give_at_most_a_skip() {
         assert!(packets.iter().all(|p| (p.images[0].width(), p.images[0].height()) == (16, 8)));
     }
 }
+
+#[test]
+fn pictures_marked_as_turned_are_as_stored_or_as_the_calibration_has_them() {
+    let plain = bytes(GRAY_JPEG);
+    let marked = |orientation: u8, big: bool| {
+        let tiff = match big {
+            true => {
+                [&b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0"[..], &[orientation], b"\0\0\0\0\0\0"]
+                    .concat()
+            }
+            false => {
+                [&b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0"[..], &[orientation], b"\0\0\0\0\0\0\0"]
+                    .concat()
+            }
+        };
+        let length = (tiff.len() + 8) as u16;
+        [&plain[..2], &[0xff, 0xe1], &length.to_be_bytes(), b"Exif\0\0", &tiff, &plain[2..]].concat()
+    };
+    let read = |jpeg: Vec<u8>, size: [usize; 2]| {
+        let folder = Folder::new();
+        (0..2).for_each(|k| drop(folder.write(&format!("{k}.jpg"), &jpeg)));
+        let rig = Rig::mono(Camera::pinhole(
+            size[0],
+            size[1],
+            9.0,
+            9.0,
+            size[0] as f64 / 2.0,
+            size[1] as f64 / 2.0,
+        ));
+        let (source, packets) = play(folder.name(), OpenOptions { rig: Some(rig), ..Default::default() });
+        (source.skipped().join(" "), packets.first().map(|packet| packet.images[0].clone()))
+    };
+    // The left half is 0, the right one 200.
+    for big in [true, false] {
+        let (said, image) = read(marked(6, big), [16, 8]);
+        assert!(said.contains("EXIF orientation 6") && said.contains("as they are stored"), "{said}");
+        let image = image.unwrap();
+        assert!(image.row(0)[0] < 20 && image.row(0)[15] > 180 && image.row(7)[15] > 180);
+        for (orientation, above) in [(6, 0), (8, 200)] {
+            let (said, image) = read(marked(orientation, big), [8, 16]);
+            assert!(said.contains("as the calibration is of turned pictures"), "{said}");
+            let image = image.unwrap();
+            let at = |y: usize| (i32::from(image.row(y)[3]) - above).abs() < 20;
+            assert!(at(0) && at(7) && !at(8) && !at(15), "{orientation}");
+        }
+    }
+    assert_eq!(read(plain.clone(), [16, 8]).0, "");
+    // Not marked, a picture of another size stays a picture of another size.
+    assert!(read(plain.clone(), [8, 16]).1.is_none());
+    let cut = marked(6, true)[..40].to_vec();
+    assert!(read([cut, plain[2..].to_vec()].concat(), [16, 8]).0.len() < 2000);
+}
