@@ -218,10 +218,8 @@ impl Player {
 
     /// A picture that is marked as turned is turned where only then it has the size of its camera.
     fn as_calibrated(&self, k: usize, path: &Path, image: GrayImage) -> GrayImage {
-        let is_turned = self.rig.cameras.get(k).is_some_and(|RigCamera { camera: c, .. }| {
-            c.width != c.height && (c.height, c.width) == (image.width(), image.height())
-        });
-        let orientation = if is_turned { decode::orientation(path) } else { None };
+        let camera = self.rig.cameras.get(k).map(|c| &c.camera);
+        let orientation = camera.and_then(|camera| to_turn(camera, path, [image.width(), image.height()]));
         orientation.and_then(|orientation| exif::upright(&image, orientation)).unwrap_or(image)
     }
 
@@ -342,11 +340,21 @@ fn size(at: &ImageAt, bag: &mut Option<BagReader>) -> Result<[usize; 2], FrameEr
         (ImageAt::Film(path, _), _) => {
             Film::open(path).map(|film| film.size()).map_err(|e| FrameError::Film(e.to_string()))
         }
-        (ImageAt::Half(path, _), _) => decode::size(path).map(|[w, h]| [w / 2, h]).map_err(FrameError::Image),
+        (ImageAt::Half(path, _), _) => Ok(decode::size(path)?),
     }
 }
 
 type Decoded = (Vec<Arc<GrayImage>>, Option<Arc<DepthImage>>);
+
+/// The orientation of a file whose picture has the size of a camera only when it is turned by a quarter.
+fn to_turn(camera: &Camera, path: &Path, [width, height]: [usize; 2]) -> Option<u16> {
+    let is_turned = width != height && (camera.height, camera.width) == (width, height);
+    if is_turned {
+        decode::orientation(path).filter(|orientation| matches!(orientation, 6 | 8))
+    } else {
+        None
+    }
+}
 
 fn fits(name: &str, camera: &Camera, width: usize, height: usize) -> Result<(), FrameError> {
     if (width, height) == (camera.width, camera.height) {
@@ -403,6 +411,9 @@ fn check_sizes(
             }
         });
         match found {
+            // They are two of these cameras by their size.
+            Some((ImageAt::Half(..), _)) => {}
+            Some((ImageAt::File(path), size)) if to_turn(camera, path, size).is_some() => {}
             Some((at, [w, h])) => fits(camera_name, camera, w, h).map_err(|why| {
                 let what = match at {
                     ImageAt::File(path) | ImageAt::Film(path, _) | ImageAt::Half(path, _) => {

@@ -3,7 +3,7 @@
 use super::common::{Folder, data, gray_png};
 use super::play;
 use cairn_sensor::{Camera, Rig};
-use cairn_sources::{OpenOptions, write_rig};
+use cairn_sources::{OpenOptions, open, write_rig};
 
 #[test]
 fn truncated_jpegs_are_skipped() {
@@ -149,7 +149,11 @@ fn pictures_marked_as_turned_are_as_stored_or_as_the_calibration_has_them() {
     }
     assert_eq!(read(plain.clone(), [16, 8]).0, "");
     // Not marked, a picture of another size stays a picture of another size.
-    assert!(read(plain.clone(), [8, 16]).1.is_none());
+    let folder = Folder::new();
+    (0..2).for_each(|k| drop(folder.write(&format!("{k}.jpg"), &plain)));
+    let rig = Some(Rig::mono(Camera::pinhole(8, 16, 9.0, 9.0, 4.0, 8.0)));
+    let error = open(folder.name(), OpenOptions { rig, ..Default::default() }).err().unwrap().to_string();
+    assert!(error.contains("16x8 pixels, the rig says 8x16"), "{error}");
     let cut = marked(6, true)[..40].to_vec();
     assert!(read([cut, plain[2..].to_vec()].concat(), [16, 8]).0.len() < 2000);
 }
