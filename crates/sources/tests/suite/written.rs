@@ -219,3 +219,27 @@ fn raw_kitti_states_the_size_of_its_rectified_images() {
     assert_eq!((rig.cameras[0].camera.width, rig.cameras[0].camera.height), (1242, 375));
     assert_eq!(rig.cameras[1].body_from_camera.translation.x, 0.5);
 }
+
+#[test]
+fn lenses_that_bend_back_or_have_no_coefficients_are_doubted() {
+    let folder = Folder::new();
+    let camera = |model: &str, d: &str| {
+        format!(
+            "image_width: 640\nimage_height: 480\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [650, 0, 315, 0, 630, 230, 0, 0, 1]\ndistortion_model: {model}\n\
+             distortion_coefficients:\n  rows: 1\n  cols: {}\n  data: [{d}]\n",
+            d.split(',').count()
+        )
+    };
+    let doubts = |text: String| read_rig(folder.write("a.yaml", text)).unwrap().doubts();
+    let [one] = &doubts(camera("plumb_bob", "-0.08, 2.26, -0.003, -0.002, -14.3"))[..] else { panic!() };
+    assert!(one.contains("27 % of the image have no ray"), "{one}");
+    let [one] = &doubts(camera("equidistant", "0, 0, 0, 0"))[..] else { panic!() };
+    assert!(one.contains("is it a pinhole"), "{one}");
+    for (model, d) in [
+        ("plumb_bob", "-0.28, 0.07, 0, 0, 0"),
+        ("equidistant", "0.01, 0, 0, 0"),
+        ("plumb_bob", "0, 0, 0, 0, 0"),
+    ] {
+        assert_eq!(doubts(camera(model, d)), [""; 0], "{model} {d}");
+    }
+}
