@@ -15,8 +15,7 @@ use nalgebra::Matrix3;
 use std::path::{Path, PathBuf};
 
 /// The names of the matrix of a camera, and of the coefficients of its lens.
-const MATRIX: [&str; 7] =
-    ["camera_matrix", "K", "k", "cameraMatrix", "Camera_Matrix", "intrinsic_matrix", "mtx"];
+const MATRIX: [&str; 6] = ["camera_matrix", "K", "k", "cameraMatrix", "Camera_Matrix", "mtx"];
 const LENS: [&str; 11] = [
     "distortion_coefficients",
     "D",
