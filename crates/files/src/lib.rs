@@ -4,7 +4,11 @@ pub mod yaml;
 
 use std::fs::{File, Metadata};
 use std::io::{self, ErrorKind, Read};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
+
+/// Memory for the dictionary of xz, which has 64 MiB at most, in KiB.
+const XZ_KIB: u32 = 80 << 10;
 
 /// Bytes in a mebibyte.
 pub const MIB: u64 = 1 << 20;
@@ -39,7 +43,7 @@ pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
 }
 
 /// The text of a regular file of at most `most` bytes: UTF-8, or UTF-16 with a byte order mark, which is left out; where it
-/// is compressed by gzip or bzip2, of at most as many bytes when decompressed.
+/// is compressed by gzip, bzip2, xz or zstd, of at most as many bytes when decompressed.
 ///
 /// # Errors
 /// As [`open`]; [`ErrorKind::InvalidData`] where it is not text, or the compressed data is damaged.
@@ -62,11 +66,22 @@ pub fn read_text_lossy(path: &Path, most: u64) -> io::Result<String> {
 
 /// A text's bytes decompressed, as UTF-8, and without the byte order mark.
 fn unpacked(bytes: Vec<u8>, most: u64) -> io::Result<Vec<u8>> {
-    let bytes = match &bytes[..] {
-        [0x1f, 0x8b, ..] => drained(flate2::read::MultiGzDecoder::new(&bytes[..]), most)?,
-        [b'B', b'Z', b'h', b'1'..=b'9', ..] => drained(bzip2::read::MultiBzDecoder::new(&bytes[..]), most)?,
-        _ => bytes,
+    // The decoders are third-party code, which may panic on damaged data.
+    let unpack = || -> io::Result<Option<Vec<u8>>> {
+        Ok(Some(match &bytes[..] {
+            [0x1f, 0x8b, ..] => drained(flate2::read::MultiGzDecoder::new(&bytes[..]), most)?,
+            [b'B', b'Z', b'h', b'1'..=b'9', ..] => {
+                drained(bzip2::read::MultiBzDecoder::new(&bytes[..]), most)?
+            }
+            [0xfd, b'7', b'z', b'X', b'Z', 0, ..] => {
+                drained(lzma_rust2::XzReader::new_mem_limit(&bytes[..], true, XZ_KIB), most)?
+            }
+            [0x28, 0xb5, 0x2f, 0xfd, ..] => zstd(&bytes, most)?,
+            _ => return Ok(None),
+        }))
     };
+    let failed = |_| Err(io::Error::new(ErrorKind::InvalidData, "its compressed data is damaged"));
+    let bytes = catch_unwind(AssertUnwindSafe(unpack)).unwrap_or_else(failed)?.unwrap_or(bytes);
     let utf16 = |bytes: &[u8], unit: fn([u8; 2]) -> u16| {
         let units: Vec<u16> = bytes.chunks_exact(2).map(|two| unit([two[0], two[1]])).collect();
         let damaged = |_| io::Error::new(ErrorKind::InvalidData, "it begins as UTF-16, but is not");
@@ -78,6 +93,17 @@ fn unpacked(bytes: Vec<u8>, most: u64) -> io::Result<Vec<u8>> {
         [0xfe, 0xff, rest @ ..] => utf16(rest, u16::from_be_bytes),
         _ => Ok(bytes),
     }
+}
+
+/// All frames of zstd.
+fn zstd(mut rest: &[u8], most: u64) -> io::Result<Vec<u8>> {
+    let mut all = Vec::new();
+    while !rest.is_empty() {
+        let damaged = |e| io::Error::new(ErrorKind::InvalidData, format!("its zstd is damaged: {e}"));
+        let decoder = ruzstd::decoding::StreamingDecoder::new(&mut rest).map_err(damaged)?;
+        all.extend(drained(decoder, most - all.len() as u64)?);
+    }
+    Ok(all)
 }
 
 fn drained(from: impl Read, most: u64) -> io::Result<Vec<u8>> {
@@ -160,6 +186,15 @@ mod tests {
             encoder.write_all(bytes).unwrap();
             encoder.finish().unwrap()
         };
+        let xz = |bytes: &[u8]| {
+            let mut encoder =
+                lzma_rust2::XzWriter::new(Vec::new(), lzma_rust2::XzOptions::default()).unwrap();
+            encoder.write_all(bytes).unwrap();
+            encoder.finish().unwrap()
+        };
+        let zstd = |bytes: &[u8]| {
+            ruzstd::encoding::compress_to_vec(bytes, ruzstd::encoding::CompressionLevel::Fastest)
+        };
         let marked = [b"\xef\xbb\xbf", text.as_bytes()].concat();
         for stored in [
             text.as_bytes().to_vec(),
@@ -169,6 +204,10 @@ mod tests {
             gzip(text.as_bytes()),
             gzip(&marked),
             bzip2(&marked),
+            xz(&marked),
+            [xz(&text.as_bytes()[..4]), xz(&text.as_bytes()[4..])].concat(),
+            zstd(&marked),
+            [zstd(&text.as_bytes()[..4]), zstd(&text.as_bytes()[4..])].concat(),
             [gzip(&text.as_bytes()[..4]), gzip(&text.as_bytes()[4..])].concat(),
         ] {
             std::fs::write(&path, &stored).unwrap();
@@ -176,7 +215,8 @@ mod tests {
             assert_eq!(read_text_lossy(&path, MIB).unwrap(), text);
         }
         // A small file that would fill the memory is refused.
-        for bomb in [gzip(&vec![b'a'; 4 << 20]), bzip2(&vec![b'a'; 4 << 20])] {
+        let long = vec![b'a'; 4 << 20];
+        for bomb in [gzip(&long), bzip2(&long), xz(&long), zstd(&long)] {
             std::fs::write(&path, &bomb).unwrap();
             assert_eq!(read_text(&path, MIB).unwrap_err().kind(), ErrorKind::FileTooLarge);
             std::fs::write(&path, &bomb[..bomb.len() / 2]).unwrap();

@@ -1,12 +1,14 @@
 //! The rig: calibration of its cameras, depth sensor and IMU, and their extrinsics.
 
-use crate::Camera;
 use crate::error::RigError;
-use cairn_geometry::{Mat3, Se3};
+use crate::{Camera, Distortion};
+use cairn_geometry::{Mat3, Se3, Vec2};
 
 /// By how much of the image's size the centre of projection may be off its middle. A calibration for images of half the size has it at a
 /// quarter; no calibration of `data/rigs` and of the recordings is off by more than 0.05.
 const MOST_OFF_CENTRE: f64 = 0.2;
+/// A larger share of an image without a ray is told: calibrations of other people have rays for all of it, or lack 5 % and more.
+const MOST_WITHOUT_RAY: f64 = 0.01;
 
 /// One camera of the rig.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,7 +49,32 @@ impl RigCamera {
         if let Some(v) = c.distortion.coefficients().iter().find(|v| v.abs() > 50.0) {
             warnings.push(format!("{name}: a {} coefficient is {v}", c.distortion.name()));
         }
+        if c.distortion == Distortion::Equidistant([0.0; 4]) {
+            warnings.push(format!(
+                "{name}: all coefficients of its equidistant lens are 0: is it a pinhole without distortion?"
+            ));
+        }
+        let without = self.share_without_ray();
+        if without > MOST_WITHOUT_RAY {
+            warnings.push(format!(
+                "{name}: {:.0} % of the image have no ray, as its {} coefficients bend back towards the edge: calibrate with \
+                 the pattern in the corners too",
+                100.0 * without,
+                c.distortion.name()
+            ));
+        }
         warnings
+    }
+
+    /// The share of the pixels of a grid over the image that see nothing; of a fisheye, whose circle may be smaller, none.
+    fn share_without_ray(&self) -> f64 {
+        let c = &self.camera;
+        if !matches!(c.distortion, Distortion::RadialTangential(_) | Distortion::Rational(_)) {
+            return 0.0;
+        }
+        let side = |i: usize, pixels: usize| (pixels - 1) as f64 * i as f64 / 16.0;
+        let grid = (0..17 * 17).map(|i| Vec2::new(side(i % 17, c.width), side(i / 17, c.height)));
+        grid.filter(|px| c.unproject(px).is_none()).count() as f64 / (17.0 * 17.0)
     }
 }
 

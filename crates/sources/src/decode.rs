@@ -3,6 +3,7 @@
 //! The format is detected from the first bytes, not the name. JPEG luminance is the stored Y plane; colour
 //! PNG is weighted as in BT.601 (0.299, 0.587, 0.114); 16-bit gray keeps its high byte.
 
+use crate::exif;
 use cairn_sensor::{DepthImage, GrayImage};
 use png::{BitDepth, ColorType, Transformations};
 use std::io::Cursor;
@@ -149,6 +150,12 @@ fn depth_of(bytes: &[u8]) -> Result<DepthImage, ImageError> {
         Kind::Jpeg | Kind::Bmp => Err(ImageError::Kind("a JPEG or BMP cannot store 16-bit depth")),
         Kind::Png => png_depth(bytes),
     }
+}
+
+/// The orientation that a JPEG states, if it is another than upright.
+pub fn orientation(path: &Path) -> Option<u16> {
+    in_file(path, |bytes| Ok(matches!(kind(bytes)?, Kind::Jpeg).then(|| exif::orientation(bytes)).flatten()))
+        .ok()?
 }
 
 /// Width and height from the file's header.

@@ -1,22 +1,28 @@
-//! Images with the two pictures of a stereo camera side by side.
+//! Images with the two pictures of a stereo camera side by side, or one above the other.
 
-use cairn_sensor::{GrayImage, Rig, RigCamera};
+use cairn_sensor::{Camera, GrayImage, Rig, RigCamera};
 
-/// The left (0) or right (1) half of an image with two side by side; of an odd width the middle column is left out.
-pub fn half(both: &GrayImage, side: usize) -> GrayImage {
-    let (width, height) = (both.width() / 2, both.height());
-    let from = if side == 0 { 0 } else { both.width() - width };
+/// The first or second half of an image with two of this camera: left and right, or above and below.
+pub fn half(both: &GrayImage, side: usize, camera: &Camera) -> GrayImage {
+    let (width, height) = (camera.width.min(both.width()), camera.height.min(both.height()));
+    let (x, y) = if side == 0 { (0, 0) } else { (both.width() - width, both.height() - height) };
     let mut half = GrayImage::new(width, height);
-    for y in 0..height {
-        half.row_mut(y).copy_from_slice(&both.row(y)[from..from + width]);
+    for row in 0..height {
+        half.row_mut(row).copy_from_slice(&both.row(y + row)[x..x + width]);
     }
     half
 }
 
-/// Whether images of this size are two of a rig's cameras side by side.
-pub fn side_by_side(rig: &Rig, [width, height]: [usize; 2]) -> bool {
-    let is_half = |c: &RigCamera| 2 * c.camera.width == width && c.camera.height == height;
-    rig.cameras.len() >= 2 && rig.cameras[..2].iter().all(is_half)
+/// How images of this size have two of a rig's cameras, for people.
+pub fn two_in_one(rig: &Rig, size: [usize; 2]) -> Option<&'static str> {
+    let all = |fits: fn(&Camera) -> [usize; 2]| {
+        rig.cameras.len() >= 2 && rig.cameras[..2].iter().all(|c: &RigCamera| fits(&c.camera) == size)
+    };
+    if all(|c| [2 * c.width, c.height]) {
+        Some("left and right side by side in each")
+    } else {
+        all(|c| [c.width, 2 * c.height]).then_some("left above right in each")
+    }
 }
 
 /// What is told of such images without a rig.

@@ -5,7 +5,7 @@
 //! those of `times.txt` or `timestamps.txt` with a line for each image, else 30 images a second.
 
 use crate::decode;
-use crate::halves::{DOUBT, alike, side_by_side};
+use crate::halves::{DOUBT, alike, two_in_one};
 use crate::recording::{ImageAt, Instant, Recording};
 use crate::rig;
 use crate::text::{data_lines, fields, read_text, stamp_ns, stamp_seconds};
@@ -29,7 +29,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
     let shown = folder.display().to_string();
     let mut files: Vec<PathBuf> = images(folder).collect();
     files.sort_by_cached_key(|path| natural(path));
-    let Some(first) = files.first() else {
+    let Some(first) = files.first().cloned() else {
         return Err(SourceError::new(
             shown,
             "holds no PNG, JPEG or BMP",
@@ -42,7 +42,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         (None, Some(path)) => (rig::read_rig(path)?, None),
         (None, None) => {
             let [width, height] = files.iter().find_map(|path| decode::size(path).ok()).ok_or_else(|| {
-                let why = decode::size(first).err().map(|e| e.to_string()).unwrap_or_default();
+                let why = decode::size(&first).err().map(|e| e.to_string()).unwrap_or_default();
                 SourceError::new(
                     &shown,
                     format!("not a single image can be read ({why})"),
@@ -55,11 +55,11 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
             (Rig::mono(camera), Some(what))
         }
     };
-    let both =
-        files.iter().find_map(|path| decode::size(path).ok()).is_some_and(|size| side_by_side(&rig, size));
-    if both {
+    let size = files.iter().find_map(|path| decode::size(path).ok());
+    let both = size.and_then(|size| two_in_one(&rig, size));
+    if let Some(how) = both {
         rig.cameras.truncate(2);
-        notes.push("left and right side by side in each".to_owned());
+        notes.push(how.to_owned());
     } else {
         if rig.cameras.len() > 1 || rig.depth.is_some() || rig.imu.is_some() {
             notes.push("only the first camera of the rig is used".to_owned());
@@ -72,6 +72,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         skipped.push(Skipped::new(SkipKind::Other, "two pictures side by side", DOUBT));
     }
     skipped.extend(of_several(&files));
+    skipped.extend(turned(&first, &rig.cameras[0].camera));
     let stamps = match stamps(folder, &files)? {
         Some(stamps) => stamps,
         None => {
@@ -91,7 +92,7 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         .zip(stamps)
         .map(|(image, stamp)| {
             let halves = |image: PathBuf| vec![ImageAt::Half(image.clone(), 0), ImageAt::Half(image, 1)];
-            let images = if both { halves(image) } else { vec![ImageAt::File(image)] };
+            let images = if both.is_some() { halves(image) } else { vec![ImageAt::File(image)] };
             Instant { stamp, images, depth: None }
         })
         .collect();
@@ -106,6 +107,21 @@ pub fn index(folder: &Path, given: Option<Rig>) -> Result<Recording, SourceError
         skipped,
         assumed,
     })
+}
+
+/// That pictures are marked as turned, and how they are taken.
+fn turned(first: &Path, camera: &Camera) -> Option<Skipped> {
+    let orientation = decode::orientation(first)?;
+    let [width, height] = decode::size(first).ok()?;
+    let how = match (width, height) == (camera.width, camera.height) {
+        true => {
+            "as they are stored, which is as the sensor sees: a calibration of turned pictures (OpenCV turns them) would not fit"
+        }
+        false => "turned, as the calibration is of turned pictures",
+    };
+    let text =
+        format!("the pictures are marked as turned (EXIF orientation {orientation}), and are taken {how}");
+    Some(Skipped::new(SkipKind::Other, "turned pictures", text))
 }
 
 /// That images are of several cameras, by what stands before the numbers in their names.

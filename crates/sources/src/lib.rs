@@ -9,6 +9,7 @@ mod cancel;
 mod csv;
 mod decode;
 mod euroc;
+mod exif;
 mod first_image;
 mod frames;
 mod halves;

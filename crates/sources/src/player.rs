@@ -1,11 +1,10 @@
 //! Plays a recording: decodes the images of each instant and adds the IMU samples.
 
 use crate::bag_reader::{BagImu, BagReader, MessageError};
-use crate::decode;
-use crate::halves;
 use crate::imu::{ImuStream, SplitImuStream};
 use crate::live::Film;
 use crate::recording::{ImageAt, ImuAt, Instant, Recording};
+use crate::{decode, exif, halves};
 use cairn_sensor::{
     Camera, DepthImage, FramePacket, GrayImage, ImuSample, Merge, MergeConfig, Rig, SkipKind, Skipped, Skips,
     Source, SourceError, SourceInfo, Stream,
@@ -203,7 +202,7 @@ impl Player {
     fn image(&mut self, k: usize, at: &ImageAt) -> Result<GrayImage, FrameError> {
         let bits = self.bits.get(k).copied().unwrap_or(16);
         match (at, &mut self.bag) {
-            (ImageAt::File(path), _) => Ok(decode::gray_of_bits(path, bits)?),
+            (ImageAt::File(path), _) => Ok(self.as_calibrated(k, path, decode::gray_of_bits(path, bits)?)),
             (ImageAt::Message(topic, entry), Some(bag)) => Ok(bag.gray(*topic, entry)?),
             (ImageAt::Message(..), None) => Err(FrameError::NoBag),
             (ImageAt::Film(path, number), _) => {
@@ -213,17 +212,24 @@ impl Player {
                 };
                 film.image(*number).ok_or(FrameError::FilmEnded(*number))
             }
-            (ImageAt::Half(path, side), _) => self.half(path, *side, bits),
+            (ImageAt::Half(path, side), _) => self.half(path, *side, k, bits),
         }
     }
 
-    /// One half of a file; both are of one reading.
-    fn half(&mut self, path: &Path, side: usize, bits: u32) -> Result<GrayImage, FrameError> {
+    /// A picture that is marked as turned is turned where only then it has the size of its camera.
+    fn as_calibrated(&self, k: usize, path: &Path, image: GrayImage) -> GrayImage {
+        let camera = self.rig.cameras.get(k).map(|c| &c.camera);
+        let orientation = camera.and_then(|camera| to_turn(camera, path, [image.width(), image.height()]));
+        orientation.and_then(|orientation| exif::upright(&image, orientation)).unwrap_or(image)
+    }
+
+    /// One half of a file, as the `k`-th camera has it; both are of one reading.
+    fn half(&mut self, path: &Path, side: usize, k: usize, bits: u32) -> Result<GrayImage, FrameError> {
         let both = match self.both.take().filter(|(of, _)| of == path) {
             Some((_, image)) => image,
             None => decode::gray_of_bits(path, bits)?,
         };
-        let half = halves::half(&both, side);
+        let half = halves::half(&both, side, &self.rig.cameras[k].camera);
         self.both = Some((path.to_owned(), both));
         Ok(half)
     }
@@ -334,11 +340,21 @@ fn size(at: &ImageAt, bag: &mut Option<BagReader>) -> Result<[usize; 2], FrameEr
         (ImageAt::Film(path, _), _) => {
             Film::open(path).map(|film| film.size()).map_err(|e| FrameError::Film(e.to_string()))
         }
-        (ImageAt::Half(path, _), _) => decode::size(path).map(|[w, h]| [w / 2, h]).map_err(FrameError::Image),
+        (ImageAt::Half(path, _), _) => Ok(decode::size(path)?),
     }
 }
 
 type Decoded = (Vec<Arc<GrayImage>>, Option<Arc<DepthImage>>);
+
+/// The orientation of a file whose picture has the size of a camera only when it is turned by a quarter.
+fn to_turn(camera: &Camera, path: &Path, [width, height]: [usize; 2]) -> Option<u16> {
+    let is_turned = width != height && (camera.height, camera.width) == (width, height);
+    if is_turned {
+        decode::orientation(path).filter(|orientation| matches!(orientation, 6 | 8))
+    } else {
+        None
+    }
+}
 
 fn fits(name: &str, camera: &Camera, width: usize, height: usize) -> Result<(), FrameError> {
     if (width, height) == (camera.width, camera.height) {
@@ -395,6 +411,9 @@ fn check_sizes(
             }
         });
         match found {
+            // They are two of these cameras by their size.
+            Some((ImageAt::Half(..), _)) => {}
+            Some((ImageAt::File(path), size)) if to_turn(camera, path, size).is_some() => {}
             Some((at, [w, h])) => fits(camera_name, camera, w, h).map_err(|why| {
                 let what = match at {
                     ImageAt::File(path) | ImageAt::Film(path, _) | ImageAt::Half(path, _) => {

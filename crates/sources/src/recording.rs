@@ -31,7 +31,7 @@ pub enum ImageAt {
     Message(usize, Entry),
     /// A picture of a film, by its number from 0.
     Film(PathBuf, usize),
-    /// The left (0) or right (1) half of a file with both pictures of a stereo camera side by side.
+    /// The left (0) or right (1) picture of a file with both of a stereo camera, side by side or one above the other.
     Half(PathBuf, usize),
 }
 

@@ -25,7 +25,8 @@ enum Command {
 /// Reads a calibration, rejects impossible values, warns about unlikely ones, and prints a summary.
 ///
 /// Reads Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, stella_vslam configurations, ROS
-/// camera_info, KITTI calib.txt, calibrations of VINS-Fusion, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, DSO and COLMAP,
+/// camera_info and ost.txt, OpenCV, KITTI calib.txt, the factory's of RealSense, ZED and OAK, calibrations of VINS-Fusion, OKVIS2, SVO, maplab, Basalt,
+/// Kimera, OpenVINS, OV2SLAM, XRSLAM, NICE-SLAM, MonoGS, SplaTAM, R-VIO, LARVIO, AirSLAM, R3LIVE, DSO, DROID-SLAM, COLMAP and nerfstudio,
 /// or a folder that contains one of them. One that does not state the size of the images gets it from --with.
 #[derive(clap::Args)]
 struct Check {
@@ -147,7 +148,7 @@ pub fn list() -> std::process::ExitCode {
 }
 
 /// The calibrations that are read.
-const FORMS: &str = "Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, stella_vslam configurations, ROS camera_info, KITTI calib.txt, and calibrations of VINS-Fusion, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, DSO and COLMAP";
+const FORMS: &str = "Cairn's own TOML, EuRoC sensor.yaml, Kalibr camera chains, ORB-SLAM settings, stella_vslam configurations, ROS camera_info and ost.txt, OpenCV, KITTI calib.txt, the factory's of RealSense, ZED and OAK, and calibrations of VINS-Fusion, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, OV2SLAM, XRSLAM, NICE-SLAM, MonoGS, SplaTAM, R-VIO, LARVIO, AirSLAM, R3LIVE, DSO, DROID-SLAM, COLMAP and nerfstudio";
 
 /// Runs the subcommand.
 ///

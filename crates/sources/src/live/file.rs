@@ -1,10 +1,10 @@
 //! A video file as a [`Source`]: every image in order, at the times in the file; of a rig with two cameras of half the width,
-//! left and right side by side in each.
+//! left and right side by side in each, or of half the height one above the other.
 
 use super::address::Address;
 use super::child::{ChildCommand, Feed, Handle, Said};
 use super::rig_for;
-use crate::halves::{DOUBT, alike, half, side_by_side};
+use crate::halves::{DOUBT, alike, half, two_in_one};
 use crate::options::OpenOptions;
 use crate::prefetch::Prefetch;
 use cairn_sensor::{FramePacket, Rig, SkipKind, Skipped, Skips, Source, SourceError, SourceInfo, Stamp};
@@ -49,7 +49,7 @@ pub(super) fn open(address: &Address, options: &OpenOptions) -> Result<Box<dyn S
     let Some((size, rate_hz)) = feed.header() else {
         return Err(SourceError::new(&address.shown, feed.end(), "give a file with a video track"));
     };
-    let both = options.rig.as_ref().filter(|rig| side_by_side(rig, size));
+    let both = options.rig.as_ref().filter(|rig| two_in_one(rig, size).is_some());
     let (rig, assumed) = match both {
         Some(rig) => (Rig { cameras: rig.cameras[..2].to_vec(), ..rig.clone() }, None),
         None => {
@@ -131,7 +131,7 @@ impl Source for VideoFile {
             }
             let decode_ms = start.elapsed().as_secs_f64() * 1e3;
             let images = match self.rig.cameras.len() {
-                2 => vec![Arc::new(half(&image, 0)), Arc::new(half(&image, 1))],
+                2 => [0, 1].map(|side| Arc::new(half(&image, side, &self.rig.cameras[side].camera))).into(),
                 _ => vec![Arc::new(image)],
             };
             return Ok(Some(FramePacket { stamp, images, depth: None, imu: Vec::new(), decode_ms }));

@@ -1,7 +1,6 @@
 //! What a rig takes where its file does not state it, or states it otherwise than it is used: for people.
 
-use super::document::Document;
-use super::{camodocal, kalibr, maplab, okvis, orbslam, unused};
+use super::{camodocal, kalibr, maplab, notation, okvis, orbslam, ros, unused};
 use crate::text::read_text;
 use cairn_files::yaml::{Node, Value};
 use std::path::Path;
@@ -19,13 +18,14 @@ pub fn assumed_in(path: impl AsRef<Path>) -> Option<String> {
         let focal = |c: &toml::Value| number(c.get("focal")?.get(1)?);
         told.extend(cameras.filter_map(focal).any(|fy| fy < 0.0).then(negative_fy));
     } else {
-        let doc = Document::parse(path, &text).ok()?;
+        let doc = notation::document(path, &text).ok()??;
         told.extend(rate(&doc.root));
         told.extend(has_negative_fy(&doc.root).then(negative_fy));
         told.extend(kalibr::imu_left_out(&doc));
         told.extend(camodocal::imu_left_out(&doc.root));
         told.extend(orbslam::imu_left_out(&doc.root));
         told.extend(orbslam::not_raw(&doc));
+        told.extend(ros::right_alone(&doc));
         told.extend(unused::unused(&doc));
     }
     (!told.is_empty()).then(|| told.join("; it "))
@@ -38,7 +38,10 @@ fn rate(root: &Node) -> Option<String> {
         Some(format!(
             "{rate}: {hz} samples a second are taken, and its noise as that of one sample at this rate"
         ))
-    } else if (okvis::is(root) && okvis::lacks_rate(root)) || maplab::has_imu(root) {
+    } else if (okvis::is(root) && okvis::lacks_rate(root))
+        || maplab::has_imu(root)
+        || kalibr::imu_of_xrslam(root).is_some()
+    {
         Some(format!("{rate}: {} samples a second are taken", okvis::RATE_HZ))
     } else {
         None

@@ -46,6 +46,16 @@ impl Document {
         }
     }
 
+    /// The parameters of a file for ROS 2 (`/**: ros__parameters: ...`), or the file as it is.
+    pub fn parameters(mut self) -> Self {
+        if let Value::Map(nodes) = &self.root.value
+            && let Some(inner) = nodes.iter().find_map(|(_, node)| node.get("ros__parameters"))
+        {
+            self.root = inner.clone();
+        }
+        self
+    }
+
     /// An error at a line (0: the file as a whole).
     pub fn error(&self, line: usize, why: impl Into<String>) -> SourceError {
         SourceError::new(place(&self.path, line), why, "correct the calibration file")

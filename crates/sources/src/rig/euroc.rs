@@ -4,7 +4,7 @@ use super::document::Document;
 use super::kalibr;
 use crate::text::read_text;
 use cairn_files::yaml::Node;
-use cairn_sensor::{Rig, RigCamera, SourceError};
+use cairn_sensor::{DepthSensor, Rig, RigCamera, SourceError};
 use std::path::Path;
 
 /// The rig of a folder with `cam0/sensor.yaml`, and `cam1` and `imu0` where present.
@@ -28,15 +28,22 @@ pub fn folder(root: &Path) -> Result<Rig, SourceError> {
 }
 
 /// One camera's file as a rig; the body is the file's body frame. Of Kimera's `LeftCameraParams.yaml` with what is beside it:
-/// `RightCameraParams.yaml` and `ImuParams.yaml`.
+/// `RightCameraParams.yaml`, or `DepthCameraParams.yaml` of a depth that is registered to it, and `ImuParams.yaml`.
 pub fn single(doc: &Document) -> Result<Rig, SourceError> {
     let mut rig = Rig { cameras: vec![camera(doc, "cam0")?], depth: None, imu: None };
-    if !doc.path.ends_with("LeftCameraParams.yaml") {
-        return Ok(rig);
-    }
+    let name = doc.path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let Some(rest) = name.strip_prefix("LeftCameraParams") else { return Ok(rig) };
     let beside = |name: &str| Some(doc.path.with_file_name(name)).filter(|path| path.is_file());
-    if let Some(path) = beside("RightCameraParams.yaml") {
+    if let Some(path) = beside(&format!("RightCameraParams{rest}")) {
         rig.cameras.push(camera(&Document::parse(&path, &read_text(&path)?)?, "cam1")?);
+    } else if let Some(path) = beside("DepthCameraParams.yaml") {
+        let depth = Document::parse(&path, &read_text(&path)?)?;
+        rig.depth = Some(DepthSensor {
+            camera: rig.cameras[0].camera,
+            body_from_depth: rig.cameras[0].body_from_camera,
+            metres_per_unit: depth.need_number(&depth.root, "depth_to_meters")?,
+            registered: true,
+        });
     }
     if let Some(path) = beside("ImuParams.yaml") {
         let doc = Document::parse(&path, &read_text(&path)?)?;

@@ -2,9 +2,10 @@
 //! names).
 
 use super::document::Document;
+use super::okvis::RATE_HZ;
 use crate::text::read_text;
 use cairn_files::yaml::Node;
-use cairn_geometry::Se3;
+use cairn_geometry::{Se3, So3, Vec3};
 use cairn_sensor::{Camera, Distortion, ImuNoise, ImuSensor, Rig, RigCamera, SourceError};
 use std::path::{Path, PathBuf};
 
@@ -19,6 +20,12 @@ pub fn chain(doc: &Document, imu: Option<PathBuf>) -> Result<Rig, SourceError> {
     for i in 0.. {
         let name = format!("cam{i}");
         let Some(node) = doc.root.get(&name) else { break };
+        if node.get("intrinsics").is_none() {
+            let why = format!(
+                "{name} has no intrinsics: it only places a camera whose lens is in another file (DM-VIO: camera.txt)"
+            );
+            return Err(doc.error(node.line, why));
+        }
         let camera = camera(doc, node)?;
         let body_from_camera = if let Some(t) = node.get("T_cam_imu") {
             has_imu = true;
@@ -26,6 +33,8 @@ pub fn chain(doc: &Document, imu: Option<PathBuf>) -> Result<Rig, SourceError> {
         } else if let Some(t) = node.get("T_imu_cam") {
             has_imu = true;
             doc.transform(t, "T_imu_cam")?
+        } else if let Some(t) = node.get("T_BS") {
+            doc.transform(t, "T_BS")?
         } else if let Some(before) = cameras.last() {
             let t = doc.need(node, "T_cn_cnm1")?;
             before.body_from_camera * doc.transform(t, "T_cn_cnm1")?.inverse()
@@ -49,9 +58,27 @@ pub fn chain(doc: &Document, imu: Option<PathBuf>) -> Result<Rig, SourceError> {
                 sensor.offset_s = -shift_s;
                 Some(sensor)
             }
-            None => None,
+            None => imu_of_xrslam(&doc.root).map(|node| xrslam_imu(doc, node)).transpose()?,
         };
     Ok(Rig { cameras, depth: None, imu })
+}
+
+/// The IMU of a file of XRSLAM, which stands beside cameras with `T_BS` and states no rate.
+pub fn imu_of_xrslam(root: &Node) -> Option<&Node> {
+    root.get("cam0")?.get("T_BS")?;
+    root.get("imu").filter(|imu| imu.get("gyroscope_noise_density").is_some())
+}
+
+fn xrslam_imu(doc: &Document, node: &Node) -> Result<ImuSensor, SourceError> {
+    let mut imu = imu_at(doc, node, RATE_HZ)?;
+    if let Some(place) = node.get("extrinsic") {
+        let q = doc.need(place, "q_bi")?;
+        let [x, y, z, w] = doc.array::<4>(q, "q_bi")?;
+        let rotation = So3::from_xyzw(x, y, z, w).ok_or_else(|| doc.error(q.line, "q_bi is no rotation"))?;
+        let translation = Vec3::from(doc.array::<3>(doc.need(place, "p_bi")?, "p_bi")?);
+        imu.body_from_imu = Se3::new(rotation, translation);
+    }
+    Ok(imu)
 }
 
 /// Tells that a chain is placed on an IMU, but nothing beside it has the IMU's noise, so that it is left out.
@@ -66,7 +93,8 @@ pub fn imu_left_out(doc: &Document) -> Option<String> {
 }
 
 /// The chain that a configuration of OpenVINS names.
-pub fn of_openvins(doc: &Document, chain_name: &Node) -> Result<Rig, SourceError> {
+pub fn of_openvins(doc: &Document) -> Result<Rig, SourceError> {
+    let chain_name = doc.need(&doc.root, "relative_config_imucam")?;
     let path = doc.path.parent().unwrap_or(Path::new("")).join(chain_name.text().unwrap_or_default());
     let mut rig = chain(&Document::parse(&path, &read_text(&path)?)?, imu_path(doc))?;
     if let Some(most) = doc.root.get("max_cameras") {
@@ -84,14 +112,15 @@ pub fn imu_path(doc: &Document) -> Option<PathBuf> {
 }
 
 /// One camera: `camera_model`, `intrinsics`, `distortion_model`, `distortion_coeffs` (EuRoC:
-/// `distortion_coefficients`), `resolution`.
+/// `distortion_coefficients`, XRSLAM: `distortion`), `resolution`.
 pub fn camera(doc: &Document, node: &Node) -> Result<Camera, SourceError> {
     let [width, height] = doc.array::<2>(doc.need(node, "resolution")?, "resolution")?;
     let model = doc.need(node, "camera_model")?;
     let intrinsics = doc.need(node, "intrinsics")?;
     let lens = |name: &str| -> Result<Distortion, SourceError> {
         let line = node.get("distortion_model").map_or(node.line, |n| n.line);
-        let coefficients = node.get("distortion_coeffs").or_else(|| node.get("distortion_coefficients"));
+        let keys = ["distortion_coeffs", "distortion_coefficients", "distortion"];
+        let coefficients = keys.iter().find_map(|key| node.get(key));
         let c = coefficients.map_or(Ok(Vec::new()), |c| doc.numbers(c))?;
         doc.distortion(line, name, &c)
     };
@@ -142,6 +171,10 @@ pub fn imu_file(path: &Path) -> Result<ImuSensor, SourceError> {
 
 /// Noise and rate of an IMU node; the body is the IMU unless `T_BS` or `T_i_b` say otherwise.
 pub fn imu(doc: &Document, node: &Node, rate_key: &str) -> Result<ImuSensor, SourceError> {
+    imu_at(doc, node, doc.need_number(node, rate_key)?)
+}
+
+fn imu_at(doc: &Document, node: &Node, rate_hz: f64) -> Result<ImuSensor, SourceError> {
     let body_from_imu = match (node.get("T_BS"), node.get("T_i_b")) {
         (Some(t), _) => doc.transform(t, "T_BS")?,
         (None, Some(t)) => doc.transform(t, "T_i_b")?.inverse(),
@@ -149,7 +182,7 @@ pub fn imu(doc: &Document, node: &Node, rate_key: &str) -> Result<ImuSensor, Sou
     };
     Ok(ImuSensor {
         body_from_imu,
-        rate_hz: doc.need_number(node, rate_key)?,
+        rate_hz,
         noise: ImuNoise {
             gyro: doc.need_number(node, "gyroscope_noise_density")?,
             gyro_walk: doc.need_number(node, "gyroscope_random_walk")?,

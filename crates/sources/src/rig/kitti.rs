@@ -36,6 +36,16 @@ pub fn projections(path: &Path) -> Result<Projections, SourceError> {
     Ok(out)
 }
 
+/// The size of the rectified images that the `S_rect_00` of a raw recording's `calib_cam_to_cam.txt` states.
+pub fn stated_size(path: &Path) -> Result<Option<[usize; 2]>, SourceError> {
+    let text = read_text(path)?;
+    let stated = data_lines(&text).find_map(|(_, line)| line.strip_prefix("S_rect_00:"));
+    let size = stated.and_then(|rest| numbers::<2>(fields(rest)));
+    Ok(size
+        .filter(|size| size.iter().all(|side| (1.0..1e6).contains(side)))
+        .map(|size| size.map(|side| side as usize)))
+}
+
 /// The rig of two of the cameras (`[0, 1]` gray or `[2, 3]` colour); the body is camera 0 of the file, whose
 /// poses the ground truth gives: `P = K [I | t]`, so a camera is at `-K^-1 P[:, 3]`.
 pub fn rig(path: &Path, all: &Projections, which: &[usize], size: [usize; 2]) -> Result<Rig, SourceError> {

@@ -5,6 +5,7 @@ mod assumed;
 mod basalt;
 mod camodocal;
 mod colmap;
+mod depthai;
 mod document;
 mod dso;
 mod euroc;
@@ -13,16 +14,24 @@ pub mod kitti;
 mod larvio;
 mod maplab;
 mod named;
+mod nerf;
 mod nice_slam;
+mod notation;
+mod numbers;
 mod okvis;
 mod open3d;
+mod opencv;
 mod orbslam;
+mod ost;
+mod ov2slam;
 mod own;
 mod realsense;
 mod ros;
 mod stella;
 mod unused;
 mod vikit;
+mod xml;
+mod zed;
 
 pub use assumed::assumed_in;
 pub use document::CalibrationError;
@@ -30,13 +39,16 @@ pub use euroc::folder as euroc_folder;
 pub use named::{NAMED_RIGS, NamedRig, named_rig};
 
 use crate::text::{data_lines, read_text};
+use cairn_files::yaml::Node;
 use cairn_sensor::{Rig, SourceError};
 pub use document::Document;
 use std::path::{Path, PathBuf};
 
 /// Reads a rig: Cairn's own `.toml`, an EuRoC `sensor.yaml`, a Kalibr camera chain (with the IMU file next to
-/// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info`, a KITTI `calib.txt` next to its images, what other systems are given (VINS-Fusion,
-/// OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, the `camera.txt` of DSO, the `cameras.txt` of COLMAP, the `camera_intrinsic.json` of Open3D), the factory calibration of a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
+/// it), ORB-SLAM settings, a stella_vslam configuration, a ROS `camera_info` or `ost.txt`, what OpenCV writes (YAML, XML, JSON), a KITTI `calib.txt` next to its
+/// images, what other systems are given (VINS-Fusion, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, OV2SLAM, XRSLAM, NICE-SLAM, MonoGS, SplaTAM, R-VIO, LARVIO,
+/// AirSLAM, R3LIVE, the `camera.txt` of DSO, the one line of DROID-SLAM, the `cameras.txt` of COLMAP, the `transforms.json` of nerfstudio, the `camera_intrinsic.json` of Open3D), the factory
+/// calibration of a ZED (`SN*.conf`), an OAK (DepthAI's JSON) or a RealSense (`rs-enumerate-devices -c > FILE`; `FILE:stereo`,
 /// `FILE:infrared`, `FILE:848x480` choose other cameras and another size than colour with depth in 640x480), a folder that contains one of these, or a
 /// known name (see [`named_rig`]).
 ///
@@ -126,7 +138,59 @@ fn in_folder(folder: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError
     ))
 }
 
-fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+/// The kinds that are read, for errors.
+const KINDS: &str = "Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info and ost.txt, OpenCV, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, OV2SLAM, XRSLAM, NICE-SLAM, MonoGS, SplaTAM, R-VIO, LARVIO, AirSLAM, R3LIVE, DSO camera.txt, DROID-SLAM, COLMAP cameras.txt, nerfstudio transforms.json, Open3D camera_intrinsic.json, ZED SN*.conf, DepthAI, rs-enumerate-devices -c";
+
+type Size = Option<[usize; 2]>;
+
+/// A kind of file in YAML, JSON or OpenCV's XML: whether a file is one, and its reader.
+type Reader = (fn(&Node) -> bool, fn(&Document, Size) -> Result<Rig, SourceError>);
+
+/// In the order in which they are tried.
+const READERS: [Reader; 24] = [
+    (airslam::is, |doc, _| airslam::rig(doc)),
+    (vikit::is, |doc, _| vikit::rig(doc)),
+    (ov2slam::is, |doc, _| ov2slam::rig(doc)),
+    (|root| root.get("cam0").is_some(), |doc, _| kalibr::chain(doc, None)),
+    (|root| root.get("T_BS").is_some() && root.get("camera_model").is_some(), |doc, _| euroc::single(doc)),
+    (|root| root.get("relative_config_imucam").is_some(), |doc, _| kalibr::of_openvins(doc)),
+    (camodocal::is, |doc, _| camodocal::rig(doc)),
+    (maplab::is, |doc, _| maplab::rig(doc)),
+    (larvio::is, |doc, _| larvio::rig(doc)),
+    (okvis::is, |doc, _| okvis::rig(doc)),
+    (basalt::is, |doc, _| basalt::rig(doc)),
+    (nice_slam::is, |doc, _| nice_slam::rig(doc)),
+    (euroc::is_kimera_pair, |doc, _| euroc::kimera_pair(doc)),
+    (stella::is_config, stella::rig),
+    (open3d::is, |doc, _| open3d::rig(doc)),
+    (depthai::is, |doc, _| depthai::rig(doc)),
+    (nerf::is, |doc, _| nerf::rig(doc)),
+    (numbers::is_listed, |doc, _| numbers::listed(doc)),
+    (opencv::is_pair, opencv::pair),
+    (ros::is_camera_info, ros::rig),
+    (orbslam::is_settings, orbslam::rig),
+    (is_imu, |doc, _| {
+        Err(unknown(
+            &doc.path,
+            "this is an IMU file: give the camera chain, the IMU file next to it is found",
+        ))
+    }),
+    (
+        |root| root.get("depth_to_meters").is_some(),
+        |doc, _| Err(unknown(&doc.path, "give LeftCameraParams.yaml, this file next to it is found")),
+    ),
+    (|_| true, |doc, _| Err(unknown(&doc.path, "give one of these"))),
+];
+
+fn is_imu(root: &Node) -> bool {
+    ["imu0", "gyroscope_noise_density", "Gyr"].iter().any(|key| root.get(key).is_some())
+}
+
+fn unknown(path: &Path, cure: &str) -> SourceError {
+    SourceError::new(path.display().to_string(), format!("is not a rig file of a known kind ({KINDS})"), cure)
+}
+
+fn in_file(path: &Path, size: Size) -> Result<Rig, SourceError> {
     let name = path.file_name().map(|n| n.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     if name.ends_with(".toml") {
         return own::read(path);
@@ -147,57 +211,18 @@ fn in_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
     if dso::is(&text) {
         return dso::rig(path, &text);
     }
+    if numbers::is(&text) {
+        return numbers::rig(path, &text, size);
+    }
+    if zed::is(&text) {
+        return zed::rig(path, &text, size);
+    }
     if let Some((why, cure)) = not_read(&name, &text) {
         return Err(SourceError::new(path.display().to_string(), why, cure));
     }
-    let unknown = |line_cure: &str| {
-        SourceError::new(
-            path.display().to_string(),
-            "is not a rig file of a known kind (Cairn TOML, EuRoC sensor.yaml, Kalibr camchain, ORB-SLAM settings, stella_vslam, ROS camera_info, KITTI calib.txt, VINS-Fusion and camodocal, OKVIS2, SVO, maplab, Basalt, Kimera, OpenVINS, NICE-SLAM, R-VIO, LARVIO, AirSLAM, DSO camera.txt, COLMAP cameras.txt, Open3D camera_intrinsic.json, rs-enumerate-devices -c)",
-            line_cure,
-        )
-    };
-    if ![".yaml", ".yml", ".json"].iter().any(|end| name.ends_with(end)) {
-        return Err(unknown("give one of these"));
-    }
-    let doc = Document::parse(path, &text)?;
-    if airslam::is(&doc.root) {
-        airslam::rig(&doc)
-    } else if vikit::is(&doc.root) {
-        vikit::rig(&doc)
-    } else if doc.root.get("cam0").is_some() {
-        kalibr::chain(&doc, None)
-    } else if doc.root.get("T_BS").is_some() && doc.root.get("camera_model").is_some() {
-        euroc::single(&doc)
-    } else if let Some(chain) = doc.root.get("relative_config_imucam") {
-        kalibr::of_openvins(&doc, chain)
-    } else if camodocal::is(&doc.root) {
-        camodocal::rig(&doc)
-    } else if maplab::is(&doc.root) {
-        maplab::rig(&doc)
-    } else if larvio::is(&doc.root) {
-        larvio::rig(&doc)
-    } else if okvis::is(&doc.root) {
-        okvis::rig(&doc)
-    } else if basalt::is(&doc.root) {
-        basalt::rig(&doc)
-    } else if nice_slam::is(&doc.root) {
-        nice_slam::rig(&doc)
-    } else if euroc::is_kimera_pair(&doc.root) {
-        euroc::kimera_pair(&doc)
-    } else if stella::is_config(&doc.root) {
-        stella::rig(&doc, size)
-    } else if open3d::is(&doc.root) {
-        open3d::rig(&doc)
-    } else if ros::is_camera_info(&doc.root) {
-        ros::rig(&doc)
-    } else if orbslam::is_settings(&doc.root) {
-        orbslam::rig(&doc, size)
-    } else if doc.root.get("imu0").is_some() || doc.root.get("gyroscope_noise_density").is_some() {
-        Err(unknown("this is an IMU file: give the camera chain, the IMU file next to it is found"))
-    } else {
-        Err(unknown("give one of these"))
-    }
+    let Some(doc) = notation::document(path, &text)? else { return Err(unknown(path, "give one of these")) };
+    let reader = READERS.iter().find(|(is, _)| is(&doc.root));
+    reader.map_or_else(|| Err(unknown(path, "give one of these")), |(_, rig)| rig(&doc, size))
 }
 
 /// What a file of another system is whose calibration is not read, and the way out.
@@ -236,7 +261,7 @@ fn kitti_file(path: &Path, size: Option<[usize; 2]>) -> Result<Rig, SourceError>
     let folder = path.parent().unwrap_or(Path::new("."));
     let gray = !folder.join("image_2").is_dir() || folder.join("image_0").is_dir();
     let which: [usize; 2] = if gray { [0, 1] } else { [2, 3] };
-    let size = match size {
+    let size = match size.or(kitti::stated_size(path)?) {
         Some(size) => size,
         None => crate::numbered::image_size(&folder.join(format!("image_{}", which[0]))).map_err(|why| {
             SourceError::new(

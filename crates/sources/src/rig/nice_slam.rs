@@ -1,5 +1,6 @@
 //! Depth cameras of NICE-SLAM and those after it (`cam:` with `H`, `W`, `png_depth_scale`; also in the file that `inherit_from`
-//! names), and of Replica's `cam_params.json` (`camera` with `w`, `h`, `scale`).
+//! names), of SplaTAM (`camera_params:`), of MonoGS (`Dataset: Calibration:` with `depth_scale`), and of Replica's
+//! `cam_params.json` (`camera` with `w`, `h`, `scale`).
 
 use super::document::Document;
 use crate::text::read_text;
@@ -11,7 +12,7 @@ use cairn_sensor::{DepthSensor, Distortion, Rig, SourceError};
 const MOST: usize = 8;
 
 /// What the depth of a metre is called.
-const SCALE: [&str; 2] = ["png_depth_scale", "scale"];
+const SCALE: [&str; 3] = ["png_depth_scale", "scale", "depth_scale"];
 
 /// True when a file has such a camera, or names the file that it inherits from.
 pub fn is(root: &Node) -> bool {
@@ -19,7 +20,9 @@ pub fn is(root: &Node) -> bool {
 }
 
 fn camera(root: &Node) -> Option<&Node> {
-    ["cam", "camera"].into_iter().filter_map(|key| root.get(key)).find(|n| n.get("fx").is_some())
+    let of_monogs = root.get("Dataset").and_then(|n| n.get("Calibration"));
+    let nodes = ["cam", "camera", "camera_params"].into_iter().filter_map(|key| root.get(key));
+    nodes.chain(of_monogs).find(|n| n.get("fx").is_some())
 }
 
 /// The camera with depth registered to it. What the file does not state of it is that of the file that it inherits from.
@@ -58,10 +61,20 @@ fn of_files(all: &[&Document]) -> Result<Rig, SourceError> {
         Some((doc, node)) => doc.number(node),
         None => Err(doc.error(line, format!("{} is missing", keys[0]))),
     };
-    let size = doc.size(line, [need(&["W", "w"])?, need(&["H", "h"])?])?;
+    let size = doc.size(
+        line,
+        [need(&["W", "w", "width", "image_width"])?, need(&["H", "h", "height", "image_height"])?],
+    )?;
     let pinhole = [need(&["fx"])?, need(&["fy"])?, need(&["cx"])?, need(&["cy"])?];
+    let is_distorted = nearest(&["distorted"])
+        .and_then(|(_, node)| node.text())
+        .is_some_and(|t| t.eq_ignore_ascii_case("true"));
     let distortion = match nearest(&["distortion"]) {
         Some((doc, c)) => doc.distortion(c.line, "radtan", &doc.numbers(c)?)?,
+        None if is_distorted => {
+            let [k1, k2, p1, p2, k3] = ["k1", "k2", "p1", "p2", "k3"].map(|key| need(&[key]));
+            Distortion::RadialTangential([k1?, k2?, p1?, p2?, k3?])
+        }
         None => Distortion::None,
     };
     let camera = doc.camera(line, size, pinhole, distortion)?;

@@ -38,7 +38,17 @@ fn okvis_camera(doc: &Document, i: usize, node: &Node) -> Result<RigCamera, Sour
         (two("image_dimension")?, two("focal_length")?, two("principal_point")?);
     let c = doc.numbers(doc.need(node, "distortion_coefficients")?)?;
     let kind = doc.need(node, "distortion_type")?;
-    let distortion = doc.distortion(kind.line, kind.text().unwrap_or_default(), &c)?;
+    let distortion = match node.get("cam_model").and_then(Node::text) {
+        // OKVIS2-X's.
+        Some("eucm") => {
+            doc.distortion(kind.line, "extended-unified", &doc.numbers(doc.need(node, "eucm_parameters")?)?)?
+        }
+        None | Some("pinhole") => doc.distortion(kind.line, kind.text().unwrap_or_default(), &c)?,
+        Some(other) => {
+            let why = format!("cam_model \"{other}\" is not known (pinhole and eucm are)");
+            return Err(doc.error(node.line, why));
+        }
+    };
     let camera = doc.camera(node.line, doc.size(node.line, [w, h])?, [fx, fy, cx, cy], distortion)?;
     let body_from_camera = body_from_imu(doc)? * doc.transform(doc.need(node, "T_SC")?, "T_SC")?;
     Ok(RigCamera { name: format!("cam{i}"), camera, body_from_camera })

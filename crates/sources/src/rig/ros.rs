@@ -1,10 +1,12 @@
 //! ROS `camera_info`: the YAML of `camera_calibration` (`image_width`, `camera_matrix`), and a printed
-//! `sensor_msgs/CameraInfo` (`width`, `K` or `k`).
+//! `sensor_msgs/CameraInfo` (`width`, `K` or `k`); also what OpenCV's calibration writes (`fisheye_model`), iai_kinect2
+//! (`cameraMatrix`), S-PTAM (with a `baseline`) and scripts around OpenCV.
 //!
 //! Of a pair of files `left.yaml` and `right.yaml` (or `..._left`, `..._right`) the left one gives a stereo rig: the
 //! rectification matrices say how the raw cameras stand to the rectified ones, `P[3] = -fx * baseline` how far apart.
 
 use super::document::{CalibrationError, Document};
+use super::notation;
 use crate::text::read_text;
 use cairn_files::yaml::Node;
 use cairn_geometry::{Se3, So3, Vec3};
@@ -12,22 +14,56 @@ use cairn_sensor::{Camera, Distortion, Rig, RigCamera, SourceError};
 use nalgebra::Matrix3;
 use std::path::{Path, PathBuf};
 
-/// True when a file has the keys of a `camera_info`.
-pub fn is_camera_info(root: &Node) -> bool {
-    let has = |keys: &[&str]| keys.iter().any(|key| root.get(key).is_some());
-    has(&["image_width", "width"]) && has(&["camera_matrix", "K", "k"])
+/// The names of the matrix of a camera, and of the coefficients of its lens.
+const MATRIX: [&str; 6] = ["camera_matrix", "K", "k", "cameraMatrix", "Camera_Matrix", "mtx"];
+const LENS: [&str; 11] = [
+    "distortion_coefficients",
+    "D",
+    "d",
+    "distortionCoefficients",
+    "Distortion_Coefficients",
+    "distCoeffs",
+    "dist_coeffs",
+    "dist_coeff",
+    "distortion_coeffs",
+    "distortion",
+    "dist",
+];
+
+fn any<'a>(root: &'a Node, keys: &[&str]) -> Option<&'a Node> {
+    keys.iter().find_map(|key| root.get(key))
 }
 
-/// The rig of a file, with its partner where there is one.
-pub fn rig(doc: &Document) -> Result<Rig, SourceError> {
-    let left = Info::read(doc)?;
+/// True when a file has the keys of a `camera_info`.
+pub fn is_camera_info(root: &Node) -> bool {
+    any(root, &MATRIX).is_some_and(|k| k.list().is_some() || k.get("data").is_some())
+}
+
+/// Tells that a file is that of the right camera of a pair, which is taken alone.
+pub fn right_alone(doc: &Document) -> Option<String> {
+    let p = doc.matrix(any(&doc.root, &["projection_matrix", "P", "p"])?, "projection_matrix").ok()?;
+    let baseline_m = -p.get(3)? / p.first()?;
+    (is_camera_info(&doc.root) && baseline_m > 0.0).then(|| {
+        format!(
+            "is the right camera of a pair ({baseline_m:.3} m from the left one) and taken alone: for both give the file of the \
+             left one, with this one beside it under the same name with \"right\" for \"left\""
+        )
+    })
+}
+
+/// The rig of a file, with its partner where there is one; `size` is used where the file has no size.
+pub fn rig(doc: &Document, size: Option<[usize; 2]>) -> Result<Rig, SourceError> {
+    let left = Info::read(doc, size)?;
     let mut rig = Rig::mono(left.camera);
-    let Some(path) = partner(&doc.path) else { return Ok(rig) };
-    let partner = Document::parse(&path, &read_text(&path)?)?;
-    if !is_camera_info(&partner.root) {
+    if let Some(baseline) = doc.root.get("baseline") {
+        let place = Se3::new(So3::identity(), Vec3::new(doc.number(baseline)?, 0.0, 0.0));
+        rig.cameras.push(RigCamera { name: "cam1".into(), camera: left.camera, body_from_camera: place });
         return Ok(rig);
     }
-    let right = Info::read(&partner)?;
+    let Some(path) = partner(&doc.path) else { return Ok(rig) };
+    let partner = notation::document(&path, &read_text(&path)?)?;
+    let Some(partner) = partner.filter(|doc| is_camera_info(&doc.root)) else { return Ok(rig) };
+    let right = Info::read(&partner, size)?;
     if right.baseline_m <= 0.0 {
         let why = "its projection_matrix has no baseline: P[3] should be -fx times the baseline in metres";
         return Err(partner.error(0, why));
@@ -59,29 +95,12 @@ struct Info {
 }
 
 impl Info {
-    fn read(doc: &Document) -> Result<Self, SourceError> {
-        let root = &doc.root;
-        let any = |keys: &[&str]| keys.iter().find_map(|key| root.get(key));
-        let need = |keys: &[&str]| any(keys).ok_or_else(|| doc.error(0, format!("{} is missing", keys[0])));
-        let k_node = need(&["camera_matrix", "K", "k"])?;
-        let k = nine(doc, k_node, "camera_matrix")?;
-        let d = match any(&["distortion_coefficients", "D", "d"]) {
-            Some(node) => doc.matrix(node, "distortion_coefficients")?,
-            None => Vec::new(),
-        };
-        let model = any(&["distortion_model", "camera_model"]);
-        let distortion = lens(model.and_then(Node::text).unwrap_or("plumb_bob"), &d)
-            .map_err(|e| doc.error(model.map_or(0, |n| n.line), e.0))?;
-        let camera = Camera {
-            width: doc.number(need(&["image_width", "width"])?)? as usize,
-            height: doc.number(need(&["image_height", "height"])?)? as usize,
-            fx: k[0],
-            fy: k[4],
-            cx: k[2],
-            cy: k[5],
-            distortion,
-        };
-        camera.validate().map_err(|e| doc.error(k_node.line, e.to_string()))?;
+    fn read(doc: &Document, size: Option<[usize; 2]>) -> Result<Self, SourceError> {
+        let any = |keys: &[&str]| any(&doc.root, keys);
+        let model = any(&["distortion_model", "camera_model"]).and_then(Node::text);
+        let fisheye = doc.root.get("fisheye_model").and_then(Node::text).is_some_and(|text| text != "0");
+        let model = if fisheye { "fisheye" } else { model.unwrap_or("rational_polynomial") };
+        let camera = matrix_camera(doc, any(&MATRIX), any(&LENS), model, self::size(doc, size)?)?;
         let rectification = match any(&["rectification_matrix", "R", "r"]) {
             None => So3::identity(),
             Some(node) => {
@@ -101,6 +120,44 @@ impl Info {
         };
         Ok(Self { camera, rectification, baseline_m })
     }
+}
+
+/// The size of the images that a file states, or else the given one.
+pub fn size(doc: &Document, given: Option<[usize; 2]>) -> Result<[usize; 2], SourceError> {
+    let any = |keys: &[&str]| any(&doc.root, keys);
+    let sides =
+        (any(&["image_width", "width", "image_Width"]), any(&["image_height", "height", "image_Height"]));
+    let stated = match (sides, any(&["image_size", "imageSize", "img_size", "resolution"]), given) {
+        ((Some(w), Some(h)), ..) => [doc.number(w)?, doc.number(h)?],
+        (_, Some(list), _) if list.list().is_some() => doc.array::<2>(list, "the size of the images")?,
+        (_, _, Some(size)) => return Ok(size),
+        _ => {
+            return Err(SourceError::new(
+                doc.path.display().to_string(),
+                "does not state the size of the images",
+                "give the recording as well (--with), whose images have the size, or add image_width and image_height",
+            ));
+        }
+    };
+    doc.size(0, stated)
+}
+
+/// A camera by its matrix and the coefficients of its lens.
+pub fn matrix_camera(
+    doc: &Document,
+    matrix: Option<&Node>,
+    coefficients: Option<&Node>,
+    model: &str,
+    [width, height]: [usize; 2],
+) -> Result<Camera, SourceError> {
+    let node = matrix.ok_or_else(|| doc.error(0, "camera_matrix is missing"))?;
+    let k = nine(doc, node, "camera_matrix")?;
+    let d = coefficients.map_or(Ok(Vec::new()), |d| doc.matrix(d, "distortion_coefficients"))?;
+    let line = coefficients.map_or(0, |n| n.line);
+    let distortion = lens(model, &d).map_err(|e| doc.error(line, e.0))?;
+    let camera = Camera { width, height, fx: k[0], fy: k[4], cx: k[2], cy: k[5], distortion };
+    camera.validate().map_err(|e| doc.error(node.line, e.to_string()))?;
+    Ok(camera)
 }
 
 /// OpenCV's order of coefficients: k1 k2 p1 p2 k3 k4 k5 k6, then those of a thin prism and a tilted sensor.

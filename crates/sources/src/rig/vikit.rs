@@ -1,5 +1,5 @@
 //! Cameras of vikit (SVO's first version, REMODE, FAST-LIVO): `cam_model` with `cam_width`, `cam_fx`, `cam_d0`, at the root of the
-//! file, or under `cam0` and `cam1` with their places on the IMU.
+//! file, or under `cam0` and `cam1` with their places on the IMU; in ROS 2 under `camera`, without `cam_`.
 
 use super::document::{Document, SCARAMUZZA};
 use super::kalibr;
@@ -14,9 +14,19 @@ pub fn is(root: &Node) -> bool {
 
 /// The nodes of cameras with their names.
 fn cameras(root: &Node) -> impl Iterator<Item = (&'static str, &Node)> {
-    let nodes = [("cam0", Some(root)), ("cam0", root.get("cam0")), ("cam1", root.get("cam1"))];
-    let has_keys = |node: &Node| node.get("cam_model").is_some() && node.get("cam_width").is_some();
+    let nodes = [
+        ("cam0", Some(root)),
+        ("cam0", root.get("cam0")),
+        ("cam1", root.get("cam1")),
+        ("cam0", root.get("camera")),
+    ];
+    let has_keys = |node: &Node| value(node, "model").is_some() && value(node, "width").is_some();
     nodes.into_iter().filter_map(move |(name, node)| Some((name, node.filter(|node| has_keys(node))?)))
+}
+
+/// The value of a key, with or without `cam_` before it.
+fn value<'a>(node: &'a Node, key: &str) -> Option<&'a Node> {
+    node.get(&format!("cam_{key}")).or_else(|| node.get(key).filter(|_| node.get("d0").is_some()))
 }
 
 /// The cameras, with the IMU whose file lies beside.
@@ -56,17 +66,20 @@ fn place(doc: &Document, node: &Node) -> Result<Option<Se3>, SourceError> {
 /// One camera. Of ATAN focal lengths and centre are shares of the sides, from the corner of the first pixel (Klein and Murray,
 /// "Parallel tracking and mapping for small AR workspaces" (2007)).
 fn camera(doc: &Document, node: &Node) -> Result<Camera, SourceError> {
-    let number = |key: &str| doc.need_number(node, key);
-    let [w, h] = [number("cam_width")?, number("cam_height")?];
+    let need =
+        |key: &str| value(node, key).ok_or_else(|| doc.error(node.line, format!("cam_{key} is missing")));
+    let number = |key: &str| doc.number(need(key)?);
+    let [w, h] = [number("width")?, number("height")?];
     let size = doc.size(node.line, [w, h])?;
-    let [fx, fy, cx, cy] = ["cam_fx", "cam_fy", "cam_cx", "cam_cy"].map(number);
+    let [fx, fy, cx, cy] = ["fx", "fy", "cx", "cy"].map(number);
     let numbers = [fx?, fy?, cx?, cy?];
     let coefficients = |prefix: &str, first: usize| {
-        let keys = (first..first + 5).map(|k| node.get(&format!("{prefix}{k}")));
+        let keys = (first..first + 5)
+            .map(|k| value(node, &format!("{prefix}{k}")).or(node.get(&format!("{prefix}{k}"))));
         keys.map_while(|value| value.map(|value| doc.number(value))).collect::<Result<Vec<f64>, _>>()
     };
-    let c = coefficients("cam_d", 0)?;
-    let model = doc.need(node, "cam_model")?;
+    let c = coefficients("d", 0)?;
+    let model = need("model")?;
     let name = model.text().unwrap_or_default();
     let (numbers, distortion) = match name.to_ascii_lowercase().as_str() {
         "pinhole" | "pinholeradtan" if c.iter().all(|v| *v == 0.0) => (numbers, Distortion::None),

@@ -5,7 +5,7 @@
 //! rectification. A turn of the second camera by small angles, and a baseline in another direction, move them by a sum of five known
 //! shapes (as in Hansen et al., "Online continuous stereo extrinsic parameter estimation", CVPR 2012): where such a sum explains rows
 //! that the calibration does not, the calibration is not that of these two pictures. The disparity itself tells nothing here, so that
-//! the length of the baseline stays open.
+//! the length of the baseline stays open; only its sign tells, with rows that fit, that the two pictures are exchanged.
 
 use super::matched::matched;
 use super::watch::Watch;
@@ -29,6 +29,9 @@ const LEAST_MATCHES: usize = 60;
 /// Rows by the calibration are off by more, in the median, pixels. Sound pairs: at most 0.31 (EuRoC MH_01), 0.47 (KITTI); EuRoC with a
 /// yaw of 2 degrees: 1.6 to 2.2, with a pitch of 0.5: 4.3 to 4.7.
 const OFF_PX: f64 = 0.9;
+/// Of pictures that are exchanged so many points have a disparity of more than a pixel with the cameras exchanged. Sound pairs: none
+/// (EuRoC MH_01, KITTI).
+const EXCHANGED: f64 = 0.9;
 /// Samples of five matches, of which the best is taken.
 const SAMPLES: usize = 200;
 /// One turn for all looks leaves this part of what rows are off, at most, where it is a mount's and not one of time.
@@ -50,6 +53,8 @@ pub(super) struct PairWatch {
     last: Option<Stamp>,
     /// Matches of the looks that found another pair.
     bad: Vec<Vec<Row>>,
+    /// Looks that found the pictures exchanged.
+    exchanged: usize,
 }
 
 impl PairWatch {
@@ -65,12 +70,14 @@ impl PairWatch {
             features: Default::default(),
             last: None,
             bad: Vec::new(),
+            exchanged: 0,
         })
     }
 
-    /// Matches in rectified coordinates of focal length one: left and right.
-    fn matches(&self) -> Vec<[[f64; 2]; 2]> {
-        let [left, right] = &self.features;
+    /// Matches in rectified coordinates of focal length one: left and right; or as if the pictures were exchanged.
+    fn matches(&self, exchanged: bool) -> Vec<[[f64; 2]; 2]> {
+        let [first, second] = &self.features;
+        let (left, right) = if exchanged { (second, first) } else { (first, second) };
         let camera = &self.pair.camera;
         let of = |px: [f32; 2]| {
             [(f64::from(px[0]) - camera.cx) / camera.fx, (f64::from(px[1]) - camera.cy) / camera.fy]
@@ -80,6 +87,17 @@ impl PairWatch {
             ((a[1] - b[1]).abs() < MOST_OFF).then_some([a, b])
         });
         pairs.collect()
+    }
+
+    /// Whether the pictures fit the calibration exchanged: on one row, and in front of the cameras.
+    fn is_exchanged(&self) -> bool {
+        let focal = self.pair.camera.fx;
+        let found: Vec<[[f64; 2]; 2]> = self.matches(true);
+        let rows: Vec<Row> = found.iter().map(|m| (shapes(m), m[1][1] - m[0][1])).collect();
+        let in_front = found.iter().filter(|[a, b]| (a[0] - b[0]) * focal > 1.0).count();
+        found.len() >= LEAST_MATCHES
+            && in_front as f64 > EXCHANGED * found.len() as f64
+            && off_px(&rows, &Shapes::zeros(), focal) < OFF_PX
     }
 
     fn words(&self) -> Option<String> {
@@ -107,7 +125,7 @@ impl Watch for PairWatch {
     fn packet(&mut self, packet: &FramePacket) -> Option<String> {
         let is_due = self.last.is_none_or(|last| packet.stamp - last >= APART_S);
         let [left, right, ..] = &packet.images[..] else { return None };
-        if !is_due || self.bad.len() >= LOOKS {
+        if !is_due || self.bad.len() >= LOOKS || self.exchanged >= LOOKS {
             return None;
         }
         self.last = Some(packet.stamp);
@@ -115,8 +133,18 @@ impl Watch for PairWatch {
         for ((extractor, features), image) in extractors.iter_mut().zip(features).zip([left, right]) {
             extractor.extract(image, features);
         }
+        if self.is_exchanged() {
+            self.exchanged += 1;
+            let [first, second] = &self.names;
+            return (self.exchanged == LOOKS).then(|| {
+                format!(
+                    "the pictures of {first} and {second} are exchanged: each lies where the calibration puts the other's; exchange the \
+                     folders, topics or halves of the pictures"
+                )
+            });
+        }
         let focal = self.pair.camera.fx;
-        let found = look(&self.matches(), focal)?;
+        let found = look(&self.matches(false), focal)?;
         let off = off_px(&found, &Shapes::zeros(), focal);
         if off > OFF_PX && off > 2.0 * off_px(&found, &solve(&found)?, focal) {
             self.bad.push(found);

@@ -236,15 +236,23 @@ fn pictures_side_by_side_are_two_cameras_of_a_rig_and_are_told_without_one() {
     let mut body_from_camera = first.body_from_camera;
     body_from_camera.translation.x = 0.1;
     rig.cameras.push(RigCamera { name: "cam1".into(), body_from_camera, ..first });
-    let mut source = opened(&folder, Some(rig));
+    let mut source = opened(&folder, Some(rig.clone()));
     assert!(source.info().name.contains("side by side"), "{}", source.info().name);
     let all = packets(&mut *source);
     assert_eq!((all.len(), all[0].images.len()), (2, 2));
-    let [left, right] = [0, 1].map(|k| all[1].images[k].clone());
+    let [left, right] = &all[1].images[..] else { panic!() };
     assert_eq!(
         (left.width(), right.width(), left.row(3)[8], left.row(3)[20]),
         (96, 96, right.row(3)[0], right.row(3)[12])
     );
+    // One above the other: the same two pictures.
+    let above = Folder::new();
+    let data: Vec<u8> = [left, right].iter().flat_map(|image| image.data().to_vec()).collect();
+    let tall = png(96, 128, png::ColorType::Grayscale, png::BitDepth::Eight, &data);
+    (0..2).for_each(|k| drop(above.write(&format!("{k}.png"), &tall)));
+    let mut source = opened(&above, Some(rig));
+    assert!(source.info().name.contains("left above right"), "{}", source.info().name);
+    assert_eq!(packets(&mut *source)[0].images, all[1].images);
     let other = Folder::new();
     (0..2).for_each(|k| drop(other.write(&format!("{k}.png"), both(0, true))));
     assert!(opened(&other, None).skipped().is_empty(), "a wide picture is one camera's");

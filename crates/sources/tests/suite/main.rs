@@ -13,3 +13,4 @@ mod rigs;
 mod simulated;
 mod video;
 mod witnesses;
+mod written;

@@ -302,3 +302,129 @@ fn values_that_no_sensor_has_are_refused_or_doubted_whatever_the_file() {
         assert!(!said(&orb("").replace(from, to)).is_empty(), "{to}");
     }
 }
+
+#[test]
+fn okvis2_x_has_lenses_of_its_own_and_xrslam_its_imu_in_one_file() {
+    let folder = Folder::new();
+    let okvis = "%YAML:1.2\ncameras:\n  - {T_SC:\n       [1, 0, 0, 0.1,\n        0, 1, 0, 0,\n        0, 0, 1, 0,\n        0, 0, 0, 1],\n     image_dimension: [960, 600],\n     \
+        distortion_coefficients: [0.0, 0.0, 0.0, 0.0],\n     distortion_type: none,\n     focal_length: [308.5, 309.5],\n     principal_point: [480.5, 295.5],\n     \
+        eucm_parameters: [0.66, 1.08],\n     cam_model: eucm,\n     slam_use: okvis}\n";
+    let camera = read_rig(folder.write("okvis2_eucm.yaml", okvis)).unwrap().cameras[0].camera;
+    assert_eq!(camera.distortion, Distortion::ExtendedUnified { alpha: 0.66, beta: 1.08 });
+    let other = refused("a.yaml", &okvis.replace("cam_model: eucm", "cam_model: ds"));
+    assert!(other.contains("cam_model \"ds\" is not known"), "{other}");
+    let xrslam = "%YAML:1.0\nimu:\n  gyroscope_noise_density: 0.01\n  gyroscope_random_walk: 0.0001\n  accelerometer_noise_density: 0.1\n  accelerometer_random_walk: 0.001\n  \
+        accelerometer_bias: [0.0, 0.0, 0.0]\n  extrinsic:\n    q_bi: [ 0.0, 0.0, 1.0, 0.0 ] # x y z w\n    p_bi: [ 0.0, 0.5, 0.0 ]\n  noise:\n    cov_g: [\n      2.9e-08, 0.0,\n      0.0, 2.9e-08]\ncam0:\n  \
+        T_BS:\n    cols: 4\n    rows: 4\n    data: [0.0, -1.0, 0.0, 0.05,\n           -1.0, 0.0, 0.0, 0.0,\n           0.0, 0.0, -1.0, -0.01,\n           0.0, 0.0, 0.0, 1.0]\n  \
+        resolution: [640, 480]\n  camera_model: pinhole\n  distortion_model: radtan\n  intrinsics: [489.5, 490.5, 323.5, 241.5]\n  distortion: [0.1, 0.2, 0.001, 0.002]\n  time_offset: 0.0\n";
+    let path = folder.write("iPhone.yaml", xrslam);
+    let rig = read_rig(&path).unwrap();
+    assert_eq!(rig.cameras[0].camera.distortion, Distortion::RadialTangential([0.1, 0.2, 0.001, 0.002, 0.0]));
+    assert_eq!(rig.cameras[0].body_from_camera.translation, Vec3::new(0.05, 0.0, -0.01));
+    let imu = rig.imu.unwrap();
+    assert_eq!((imu.rate_hz, imu.noise.gyro, imu.body_from_imu.translation.y), (200.0, 0.01, 0.5));
+    assert!((imu.body_from_imu.rotation * Vec3::x() + Vec3::x()).norm() < 1e-12);
+    assert!(assumed_in(&path).unwrap().contains("states no rate of the IMU"));
+    let placed = refused(
+        "camchain.yaml",
+        "cam0:\n  T_cam_imu:\n  - [1, 0, 0, 0]\n  - [0, 1, 0, 0]\n  - [0, 0, 1, 0]\n  - [0, 0, 0, 1]\n",
+    );
+    assert!(placed.contains("has no intrinsics") && placed.contains("camera.txt"), "{placed}");
+}
+
+#[test]
+fn ov2slam_names_both_cameras_by_a_letter() {
+    let folder = Folder::new();
+    let side = |side: &str, l: &str, fx: f64| {
+        format!(
+            "Camera.model_{side}: pinhole\nCamera.{side}_nwidth: 752\nCamera.{side}_nheight: 480\nCamera.fx{l}: {fx}\nCamera.fy{l}: 457.5\nCamera.cx{l}: 367.5\nCamera.cy{l}: 248.5\n\
+             Camera.k1{l}: -0.28\nCamera.k2{l}: 0.07\nCamera.p1{l}: 0.0002\nCamera.p2{l}: 0.00002\n"
+        )
+    };
+    let place = |i: usize, x: f64| {
+        format!(
+            "body_T_cam{i}: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [1., 0., 0., {x},\n          0., 1., 0., 0.,\n          0., 0., 1., 0.,\n           0., 0., 0., 1.]\n"
+        )
+    };
+    let text = format!(
+        "%YAML 1.0\n---\n{}{}{}{}mono: 0\nstereo: 1\nalpha: 0.\n",
+        side("left", "l", 458.5),
+        side("right", "r", 459.5),
+        place(0, 0.01),
+        place(1, 0.12)
+    );
+    let rig = read_rig(folder.write("euroc_stereo.yaml", &text)).unwrap();
+    let at = |i: usize| (rig.cameras[i].camera.fx, rig.cameras[i].body_from_camera.translation.x);
+    assert_eq!((at(0), at(1)), ((458.5, 0.01), (459.5, 0.12)));
+    assert_eq!(
+        rig.cameras[1].camera.distortion,
+        Distortion::RadialTangential([-0.28, 0.07, 0.0002, 0.00002, 0.0])
+    );
+    let mono = read_rig(folder.write("mono.yaml", text.replace("stereo: 1", "stereo: 0"))).unwrap();
+    assert_eq!(mono.cameras.len(), 1);
+    let fisheye =
+        read_rig(folder.write("fisheye.yaml", text.replace("_left: pinhole", "_left: fisheye"))).unwrap();
+    assert_eq!(fisheye.cameras[0].camera.distortion, Distortion::Equidistant([-0.28, 0.07, 0.0002, 0.00002]));
+}
+
+#[test]
+fn cameras_of_gaussian_splatting_and_of_lidar_odometries() {
+    let folder = Folder::new();
+    let monogs = "inherit_from: \"configs/rgbd/tum/base_config.yaml\"\n\nDataset:\n  dataset_path: \"datasets\"\n  Calibration:\n    fx: 517.5\n    fy: 516.5\n    cx: 318.5\n    cy: 255.5\n    k1: 0.26\n    \
+        k2: -0.95\n    p1: -0.005\n    p2: 0.002\n    k3: 1.16\n    distorted: True\n    width: 640\n    height: 480\n    depth_scale: 5000.0\n";
+    let rig = read_rig(folder.write("fr1_desk.yaml", monogs)).unwrap();
+    assert_eq!(
+        rig.cameras[0].camera.distortion,
+        Distortion::RadialTangential([0.26, -0.95, -0.005, 0.002, 1.16])
+    );
+    assert_eq!(rig.depth.unwrap().metres_per_unit, 0.0002);
+    let straight =
+        read_rig(folder.write("a.yaml", monogs.replace("distorted: True", "distorted: False"))).unwrap();
+    assert_eq!(straight.cameras[0].camera.distortion, Distortion::None);
+    let splatam = "dataset_name: 'tum'\ncamera_params:\n  image_height: 480\n  image_width: 640\n  fx: 517.5\n  fy: 516.5\n  cx: 318.5\n  cy: 255.5\n  crop_edge: 8\n  png_depth_scale: 6553.5\n";
+    let rig = read_rig(folder.write("freiburg1.yaml", splatam)).unwrap();
+    assert_eq!((rig.cameras[0].camera.width, rig.depth.unwrap().metres_per_unit), (640, 1.0 / 6553.5));
+    let livo = "/**:\n  ros__parameters:\n    camera:\n      model: Pinhole\n      # HKisland\n      width: 2448\n      height: 2048\n      scale: 0.25\n      fx: 1444.5\n      fy: 1444.25\n      cx: 1177.5\n      \
+        cy: 1043.5\n      d0: -0.05\n      d1: 0.12\n      d2: 0.001\n      d3: 0.0004\n";
+    let camera = read_rig(folder.write("camera_MARS.yaml", livo)).unwrap().cameras[0].camera;
+    assert_eq!((camera.width, camera.fy), (2448, 1444.25));
+    assert_eq!(camera.distortion, Distortion::RadialTangential([-0.05, 0.12, 0.001, 0.0004, 0.0]));
+    let r3live = "r3live_common:\n   image_downsample_ratio: 1\nr3live_vio:\n   image_width: 1280\n   image_height: 1024\n   camera_intrinsic:\n      [863.5, 0.0, 640.5,\n      0.0,  863.25, 518.5,\n      \
+        0.0, 0.0, 1.0 ] \n   camera_dist_coeffs: [-0.1, 0.1, -1.2e-04, 5.7e-05, -0.02]  #k1, k2, p1, p2, k3\n";
+    let camera = read_rig(folder.write("r3live_config.yaml", r3live)).unwrap().cameras[0].camera;
+    assert_eq!(
+        (camera.fy, camera.distortion),
+        (863.25, Distortion::RadialTangential([-0.1, 0.1, -1.2e-4, 5.7e-5, -0.02]))
+    );
+    let mast3r = "width: 640\nheight: 480\n# With distortion (fx, fy, cx, cy, k1, k2, p1, p2)\ncalibration:  [517.5, 516.5, 318.5, 255.5, 0.26, -0.95, -0.005, 0.002, 1.16]\n";
+    let camera = read_rig(folder.write("intrinsics.yaml", mast3r)).unwrap().cameras[0].camera;
+    assert_eq!(
+        (camera.cy, camera.distortion),
+        (255.5, Distortion::RadialTangential([0.26, -0.95, -0.005, 0.002, 1.16]))
+    );
+}
+
+#[test]
+fn kimera_finds_the_right_camera_or_the_depth_beside_the_left_one() {
+    let folder = Folder::new();
+    let camera = |x: f64| {
+        format!(
+            "%YAML:1.0\nT_BS:\n  cols: 4\n  rows: 4\n  data: [1.0, 0.0, 0.0, {x},\n         0.0, 1.0, 0.0, 0.0,\n         0.0, 0.0, 1.0, 0.0,\n         0.0, 0.0, 0.0, 1.0]\nresolution: [640, 360]\n\
+             camera_model: pinhole\nintrinsics: [292.5, 292.25, 322.5, 190.5]\ndistortion_model: radtan\ndistortion_coefficients: [0.06, -0.02, 0.004, 0.0004]\n"
+        )
+    };
+    let left = folder.write("LeftCameraParams.yaml", camera(0.25));
+    let depth =
+        folder.write("DepthCameraParams.yaml", "%YAML:1.0\nvirtual_baseline: 0.3\ndepth_to_meters: 0.001\n");
+    let rig = read_rig(&left).unwrap();
+    let found = rig.depth.unwrap();
+    assert_eq!(
+        (found.metres_per_unit, found.body_from_depth.translation.x, found.camera.width),
+        (0.001, 0.25, 640)
+    );
+    assert!(read_rig(depth).unwrap_err().to_string().contains("give LeftCameraParams.yaml"));
+    let left = folder.write("LeftCameraParamsS2BNO.yaml", camera(0.0));
+    folder.write("RightCameraParamsS2BNO.yaml", camera(0.075));
+    let rig = read_rig(left).unwrap();
+    assert_eq!((rig.cameras[1].body_from_camera.translation.x, rig.depth), (0.075, None));
+}

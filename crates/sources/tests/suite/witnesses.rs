@@ -87,6 +87,18 @@ fn a_right_image_that_is_one_frame_late_is_doubted() {
 }
 
 #[test]
+fn left_and_right_pictures_that_are_exchanged_are_told() {
+    for name in stereo() {
+        let found = doubts(&name, as_it_is, |_, packet| packet.images.swap(0, 1));
+        assert!(matches!(&found[..], [one] if one.contains("are exchanged")), "{name}: {found:?}");
+        // With the calibration exchanged too the pair is sound, whichever camera is first.
+        let exchanged = |rig: &mut Rig| rig.cameras.swap(0, 1);
+        let found = doubts(&name, exchanged, |_, packet| packet.images.swap(0, 1));
+        assert!(!found.iter().any(|doubt| doubt.contains("exchanged")), "{name}: {found:?}");
+    }
+}
+
+#[test]
 fn a_second_camera_that_is_turned_is_doubted_with_its_angle() {
     for name in stereo() {
         for (axis, degrees, told) in [(Vec3::x(), 0.5, ["0.5", "0.4"]), (Vec3::y(), 3.0, ["3.", "2."])] {

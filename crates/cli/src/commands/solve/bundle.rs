@@ -18,7 +18,7 @@ use std::time::Instant;
 /// The cost is half the sum of the (robust) losses of the squared reprojection errors in pixels.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The problem in BAL (Bundle Adjustment in the Large) or Bundler format; also compressed (.bz2, .gz).
+    /// The problem in BAL (Bundle Adjustment in the Large) or Bundler format; also compressed (.bz2, .gz, .xz, .zst).
     file: PathBuf,
     /// Uses the Huber loss with this width in pixels, to reduce the weight of outliers.
     #[arg(long, value_name = "W", value_parser = positive())]

@@ -26,7 +26,7 @@ use std::time::Instant;
 /// chi2 is twice that.
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The graph in the format of g2o, TORO or iSAM; also compressed (.bz2, .gz).
+    /// The graph in the format of g2o, TORO or iSAM; also compressed (.bz2, .gz, .xz, .zst).
     file: PathBuf,
     /// The method: gn (Gauss-Newton) or lm (Levenberg-Marquardt).
     #[arg(long, default_value = "lm", value_name = "HOW")]

@@ -3,7 +3,7 @@
 use super::common::{Folder, data, gray_png};
 use super::play;
 use cairn_sensor::{Camera, Rig};
-use cairn_sources::{OpenOptions, write_rig};
+use cairn_sources::{OpenOptions, open, write_rig};
 
 #[test]
 fn truncated_jpegs_are_skipped() {
@@ -100,4 +100,61 @@ fn broken_bytes_give_at_most_a_skip() {
         assert!(source.skipped().len() >= whole.len() - 1, "every truncation is detected");
         assert!(packets.iter().all(|p| (p.images[0].width(), p.images[0].height()) == (16, 8)));
     }
+}
+
+#[test]
+fn pictures_marked_as_turned_are_as_stored_or_as_the_calibration_has_them() {
+    let plain = bytes(GRAY_JPEG);
+    let marked = |orientation: u8, big: bool| {
+        let tiff = match big {
+            true => {
+                [&b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0"[..], &[orientation], b"\0\0\0\0\0\0"]
+                    .concat()
+            }
+            false => {
+                [&b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0"[..], &[orientation], b"\0\0\0\0\0\0\0"]
+                    .concat()
+            }
+        };
+        let length = (tiff.len() + 8) as u16;
+        [&plain[..2], &[0xff, 0xe1], &length.to_be_bytes(), b"Exif\0\0", &tiff, &plain[2..]].concat()
+    };
+    let read = |jpeg: Vec<u8>, size: [usize; 2]| {
+        let folder = Folder::new();
+        (0..2).for_each(|k| drop(folder.write(&format!("{k}.jpg"), &jpeg)));
+        let rig = Rig::mono(Camera::pinhole(
+            size[0],
+            size[1],
+            9.0,
+            9.0,
+            size[0] as f64 / 2.0,
+            size[1] as f64 / 2.0,
+        ));
+        let (source, packets) = play(folder.name(), OpenOptions { rig: Some(rig), ..Default::default() });
+        (source.skipped().join(" "), packets.first().map(|packet| packet.images[0].clone()))
+    };
+    // The left half is 0, the right one 200.
+    for big in [true, false] {
+        let (said, image) = read(marked(6, big), [16, 8]);
+        assert!(said.contains("EXIF orientation 6") && said.contains("as they are stored"), "{said}");
+        let image = image.unwrap();
+        assert!(image.row(0)[0] < 20 && image.row(0)[15] > 180 && image.row(7)[15] > 180);
+        for (orientation, above) in [(6, 0), (8, 200)] {
+            let (said, image) = read(marked(orientation, big), [8, 16]);
+            assert!(said.contains("as the calibration is of turned pictures"), "{said}");
+            let image = image.unwrap();
+            let at = |y: usize| (i32::from(image.row(y)[3]) - above).abs() < 20;
+            assert!(at(0) && at(7) && !at(8) && !at(15), "{orientation}");
+        }
+    }
+    assert_eq!(read(plain.clone(), [16, 8]).0, "");
+    // Not marked, a picture of another size stays a picture of another size.
+    let folder = Folder::new();
+    (0..2).for_each(|k| drop(folder.write(&format!("{k}.jpg"), &plain)));
+    let rig = Some(Rig::mono(Camera::pinhole(8, 16, 9.0, 9.0, 4.0, 8.0)));
+    let error = open(folder.name(), OpenOptions { rig, ..Default::default() }).err().unwrap().to_string();
+    assert!(error.contains("16x8 pixels, the rig says 8x16"), "{error}");
+    // A directory that lies outside its data.
+    let tiff = b"\xff\xe1\0\x10Exif\0\0MM\0*\0\0\xff\xff";
+    assert_eq!(read([&plain[..2], tiff, &plain[2..]].concat(), [16, 8]).0, "");
 }
