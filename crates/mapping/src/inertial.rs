@@ -276,7 +276,7 @@ impl Inertial {
             atlas.commit(self.settle_clocks(&snapshot, chain, &found));
             atlas.commit(self.align_gravity(&snapshot, map, chain, &found, camera.has_depth(), centre_point));
             if !camera.has_depth() {
-                atlas.commit(vec![Change::ScaleSigma(map, found.scale_sigma)]);
+                atlas.commit(vec![Change::ScaleSigma(map, found.scale_sigma.hypot(guessed))]);
             }
             self.refined.insert(map, Refined::of_age(seconds));
         }

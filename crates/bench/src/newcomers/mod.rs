@@ -191,9 +191,10 @@ impl Person {
         let session = self.page.phone.session();
         let (engine, s) = (session.engine(), &self.status);
         eprintln!(
-            "{:5.1} s: {:?}, metric {}, focal {:.3} of {:.3}, late {:.0} of {:.0} ms, readout {:.0} of {:.0} ms, {} key frames, metres {:.3?}, recorded {:.2} m, guided {:?}",
+            "{:5.1} s: {:?}, motion sensors {:?}, metric {}, focal {:.3} of {:.3}, late {:.0} of {:.0} ms, readout {:.0} of {:.0} ms, {} key frames, metres {:.3?}, recorded {:.2} m, guided {:?}",
             self.page.now_s,
             s.phase,
+            engine.status().imu.and_then(|imu| imu.fault),
             s.metric,
             self.focal(),
             self.came.focal,
