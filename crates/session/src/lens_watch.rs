@@ -45,7 +45,7 @@ const FAR: f64 = 0.05;
 /// ... and this share of what it was off may be left of it: 8 to 11 % were with newcomers whose guess was 3 to 24 % off (seeds 1 to 12).
 const KEPT_OF_WRONG: f64 = 0.12;
 /// A lens in use that is this near to an estimate, relative focal length and distortion, is known: SLAM goes on with it. Of
-/// sixteen newcomers the focal length was then within 1.3 % of the true one.
+/// sixteen newcomers the focal length was then within 2 % of the true one.
 const NEAR: [f64; 2] = [0.01, 0.02];
 /// Offset of the clocks and readout are not known better than this from an estimate of the lens, seconds: of newcomers the offset is 3 to 5
 /// ms off where it is said to be known to less.
