@@ -2,9 +2,13 @@
 
 use cairn_sensor::{Camera, GrayImage, Rig, RigCamera};
 
-/// The first or second half of an image with two of this camera: left and right, or above and below.
+/// The first or second half of an image with two of this camera: above and below where it is twice as high, else left and right. Half of
+/// an image of another size has not that of the camera either.
 pub fn half(both: &GrayImage, side: usize, camera: &Camera) -> GrayImage {
-    let (width, height) = (camera.width.min(both.width()), camera.height.min(both.height()));
+    let (width, height) = match both.height() == 2 * camera.height {
+        true => (both.width(), camera.height),
+        false => (both.width() / 2, both.height()),
+    };
     let (x, y) = if side == 0 { (0, 0) } else { (both.width() - width, both.height() - height) };
     let mut half = GrayImage::new(width, height);
     for row in 0..height {
@@ -57,4 +61,25 @@ fn correlated(image: &GrayImage) -> f64 {
         if variance > 0.0 { (ab - a * b / n) / variance.sqrt() } else { 0.0 }
     };
     (0..width / 4).step_by(2).map(correlation).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_of_an_image_of_another_size_has_not_that_of_the_camera() {
+        let camera = Camera::pinhole(64, 48, 50.0, 50.0, 31.5, 23.5);
+        let of = |width: usize, height: usize| {
+            let mut both = GrayImage::new(width, height);
+            both.row_mut(height - 1)[width - 1] = 9;
+            let halves = [0, 1].map(|side| half(&both, side, &camera));
+            let last = halves[1].row(halves[1].height() - 1)[halves[1].width() - 1];
+            (halves.map(|half| [half.width(), half.height()]), last)
+        };
+        assert_eq!([of(128, 48), of(64, 96)], [([[64, 48]; 2], 9); 2]);
+        for [width, height] in [[140, 48], [100, 48], [128, 50], [70, 96], [64, 90]] {
+            assert!(of(width, height).0.iter().all(|size| *size != [64, 48]), "{width}x{height}");
+        }
+    }
 }
