@@ -171,6 +171,13 @@ pub struct ReadingsCheck {
 }
 
 impl ReadingsCheck {
+    /// The clock of the readings is found to be off: what came before is moved by so many seconds, as what comes will be.
+    pub fn shift(&mut self, seconds: f64) {
+        let stamps = self.last.iter_mut().chain(&mut self.spike).map(|sample| &mut sample.stamp);
+        let begins = self.runs.iter_mut().filter_map(|run| run.since.as_mut());
+        stamps.chain(begins).for_each(|stamp| *stamp = stamp.plus_seconds(seconds));
+    }
+
     /// What is wrong with a reading that comes after the ones before; `None` where nothing is.
     pub fn test(&mut self, sample: &ImuSample) -> Option<Failed> {
         let failed = |fault, since| Some(Failed { fault, since });
@@ -347,6 +354,19 @@ mod tests {
         assert_eq!([0.0, 0.005, 0.05].map(|t| check.test(&reading(t))), [None; 3]);
         let found = check.test(&reading(0.45)).expect("a gap");
         assert!(matches!(found.fault, ImuFault::Silent { seconds } if (seconds - 0.4).abs() < 1e-9));
+    }
+
+    #[test]
+    fn a_clock_that_is_moved_leaves_no_gap() {
+        let reading = |t: f64| ImuSample::new(Stamp::from_seconds(t), Vec3::x() * t, Vec3::z() * (9.8 + t));
+        let found = |moved_s: f64| {
+            let mut check = ReadingsCheck::default();
+            assert_eq!(check.test(&reading(1.0)), None);
+            check.shift(moved_s);
+            check.test(&reading(1.0 + 0.116 + 0.016)).map(|failed| failed.fault)
+        };
+        assert_eq!(found(0.116), None);
+        assert!(matches!(found(0.0), Some(ImuFault::Silent { .. })), "without it there is one");
     }
 
     /// A browser rounds readings to a tenth of a metre and of a degree: on a table they repeat themselves.

@@ -137,8 +137,7 @@ impl InertialFilter {
     /// Takes the readings of a packet, and the offset of the clocks as it is known now.
     pub fn take(&mut self, samples: &[ImuSample], offset: f64) {
         if offset != self.offset_s {
-            self.buffer.shift(offset - self.offset_s);
-            self.offset_s = offset;
+            self.shift_to(offset);
         }
         // Readings that the source synthesised at image stamps are useless once the clock is shifted.
         let added = offset + self.jumped_s;
@@ -157,8 +156,14 @@ impl InertialFilter {
 
     /// Takes an offset of the clocks that no map knows yet; what [`Self::take`] is given later has to agree.
     pub fn shift_to(&mut self, offset_s: f64) {
-        self.buffer.shift(offset_s - self.offset_s);
+        self.shift(offset_s - self.offset_s);
         self.offset_s = offset_s;
+    }
+
+    /// Moves the readings so far, as those that come will be.
+    fn shift(&mut self, seconds: f64) {
+        self.buffer.shift(seconds);
+        self.trust.shift(seconds);
     }
 
     /// The readings that are buffered.
@@ -173,6 +178,7 @@ impl InertialFilter {
             return;
         }
         self.version = snapshot.version();
+        self.imu_from_camera = snapshot.imu_from_camera().copied().unwrap_or(self.imu_from_camera);
         if let Some(last) = &mut self.last
             && let Some(resolved) =
                 snapshot.resolve(last.anchored.reference, &last.anchored.reference_from_camera)
@@ -262,7 +268,7 @@ impl InertialFilter {
         };
         let camera = alone.world_from_camera.rotation;
         if let Some(by) = self.trust.clock_jump(stamp, &self.buffer, &belief, camera) {
-            self.buffer.shift(by);
+            self.shift(by);
             self.jumped_s += by;
         }
         let fails = self.trust.see(snapshot, stamp, alone, &self.buffer, &belief);

@@ -104,6 +104,11 @@ pub(crate) struct ImuTrust {
 }
 
 impl ImuTrust {
+    /// The clock of the readings is found to be off by so many seconds: those that come are moved, as those before are now.
+    pub fn shift(&mut self, seconds: f64) {
+        self.check.shift(seconds);
+    }
+
     /// Tests a reading that has come; false where it is left out.
     pub fn take(&mut self, sample: &ImuSample) -> bool {
         match self.check.test(sample) {
