@@ -5,8 +5,8 @@ use crate::factor::{Chain, Frames, Judgement, WindowFactors};
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Vec3};
 use cairn_inertial::{
-    Bias, BiasPrior, Gravity, ImuFactors, ImuLink, MotionFreedom, Preintegrated, SpeedAndBias, ZeroVelocity,
-    of_data_sheet,
+    Bias, BiasPrior, Gravity, ImuFactors, ImuLink, LeverArm, MotionFreedom, Preintegrated, SpeedAndBias,
+    ZeroVelocity, of_data_sheet,
 };
 use cairn_sensor::ImuNoise;
 use cairn_solve::{Equations, Factors, Freedom, Variable};
@@ -26,7 +26,7 @@ const MOST_CHI2: f64 = 1000.0;
 /// The IMU on the rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuModel {
-    /// Pose of the camera on the IMU, metres.
+    /// Pose of the camera on the IMU by what is stated of the rig, metres; a map may know it better.
     pub imu_from_camera: Se3,
     /// Its noise as it is in this motion, often several times that of its data sheet.
     pub noise: ImuNoise,
@@ -67,6 +67,8 @@ pub struct Imu {
     model: ImuModel,
     /// How many key frames of a chain move.
     chain: usize,
+    /// Standard deviation of where the rig says that the camera is on the IMU, metres; 0: that is as the map has it.
+    lever_arm_sigma: f64,
     factors: ImuFactors,
     /// Velocities and biases before a solve.
     motions_before: Vec<SpeedAndBias>,
@@ -76,12 +78,17 @@ impl Imu {
     /// In windows around a key frame all move that are linked to it, one to the next.
     pub fn new(model: ImuModel) -> Self {
         let factors = ImuFactors::new(model.imu_from_camera, Gravity::level(), Vec::new());
-        Self { model, chain: usize::MAX, factors, motions_before: Vec::new() }
+        Self { model, chain: usize::MAX, lever_arm_sigma: 0.0, factors, motions_before: Vec::new() }
     }
 
     /// Of them the last so many.
     pub fn with_chain(self, chain: usize) -> Self {
         Self { chain, ..self }
+    }
+
+    /// Where the camera is on the IMU is solved for, about what the model says, with this standard deviation, metres; 0: it is not.
+    pub fn with_lever_arm(self, lever_arm_sigma: f64) -> Self {
+        Self { lever_arm_sigma, ..self }
     }
 
     /// What is solved for of each key frame's motion.
@@ -131,6 +138,8 @@ impl WindowFactors for Imu {
     }
     fn bind(&mut self, snapshot: &Snapshot, frames: &Frames) -> usize {
         self.factors = factors(snapshot, &self.model, frames, &self.freedom(snapshot, frames));
+        let (stated, sigma) = (self.model.imu_from_camera.translation, self.lever_arm_sigma);
+        self.factors.lever_arm = (sigma > 0.0).then_some(LeverArm { stated, sigma });
         self.motions_before.clone_from(&self.factors.motions);
         self.factors.links.len()
     }
@@ -157,7 +166,8 @@ impl WindowFactors for Imu {
         let change = |((id, motion), pose): ((&KeyFrameId, &SpeedAndBias), &Se3)| {
             Change::InertialState(*id, pose.rotation.inverse() * motion.velocity, motion.bias)
         };
-        free.map(change).collect()
+        let arm = self.factors.lever_arm.map(|_| Change::LeverArm(self.factors.imu_from_camera.translation));
+        free.map(change).chain(arm).collect()
     }
 }
 
@@ -189,7 +199,8 @@ fn factors(snapshot: &Snapshot, model: &ImuModel, frames: &Frames, motions: &[Mo
     // A link is left out between two key frames that do not move, and at one that moves but whose motion is unknown.
     let known = |slot: usize| frames.freedom[slot] == Freedom::Fixed || motions[slot] != MotionFreedom::Fixed;
     let counts = |a: usize, b: usize| known(a) && known(b) && a.min(b) < frames.moving;
-    let mut imu = ImuFactors::new(model.imu_from_camera, Gravity::level(), Vec::new());
+    let mount = snapshot.imu_from_camera().unwrap_or(&model.imu_from_camera);
+    let mut imu = ImuFactors::new(*mount, Gravity::level(), Vec::new());
     for (to, (id, freedom)) in frames.key_frames.iter().zip(motions).enumerate() {
         let mut state = SpeedAndBias { velocity: Vec3::zeros(), bias: Bias::default(), freedom: *freedom };
         if let Some((k, motion)) = snapshot.key_frame(*id).and_then(|k| Some((k, k.motion.as_ref()?))) {

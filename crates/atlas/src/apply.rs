@@ -114,6 +114,9 @@ impl Snapshot {
             }
             Change::ImuOffset(seconds) => self.imu_offset = seconds.is_finite().then_some(*seconds)?,
             Change::Readout(readout) => self.readout = readout.is_sound().then_some(*readout)?,
+            Change::LeverArm(arm) => {
+                self.imu_from_camera.as_mut().filter(|_| finite(arm))?.translation = *arm;
+            }
             Change::AlignGravity(map, aligned_from_world) => {
                 if !self.maps.contains_key(map) {
                     return None;

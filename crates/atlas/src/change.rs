@@ -24,6 +24,8 @@ pub enum Change {
     ImuOffset(f64),
     /// Sets the readout time of the camera's rows.
     Readout(Readout),
+    /// Sets where the atlas's camera is on its IMU (the lever arm), metres; it keeps its rotation.
+    LeverArm(Vec3),
     /// Gravity and scale of a map are known, or known better: everything in it is transformed by this, and
     /// from now on its lengths are metres and its z axis points up.
     AlignGravity(MapId, Sim3),

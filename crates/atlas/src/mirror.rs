@@ -129,6 +129,7 @@ impl Mirror {
                 | Change::ImuFactor(..)
                 | Change::ImuOffset(_)
                 | Change::Readout(_)
+                | Change::LeverArm(_)
                 | Change::ScaleSigma(..)
                 | Change::Calibrate(_)
                 | Change::RemoveLandmark(_)

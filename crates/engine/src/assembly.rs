@@ -70,9 +70,10 @@ impl Engine {
         let period_s = setup.imu().map(|imu| 1.0 / imu.rate_hz);
         let status = StatusTracker::new(model.has_depth(), period_s, &snapshot);
         if let Some(imu) = setup.imu() {
-            let imu_from_camera = imu.body_from_imu.inverse() * model.body_from_camera;
-            stages = stages.with_imu(imu, imu_from_camera, config);
-            snapshot = snapshot.with_imu_from_camera(imu_from_camera);
+            let stated = imu.body_from_imu.inverse() * model.body_from_camera;
+            stages = stages.with_imu(imu, stated, config);
+            let mount = config.inertial.mount(stated, snapshot.imu_from_camera());
+            snapshot = snapshot.with_imu_from_camera(mount);
         }
         let Stages { tracker, mapper, closer, depth_views, .. } = stages;
         let registration = setup.depth().filter(|_| !config.tracker.dense);

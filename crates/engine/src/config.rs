@@ -41,7 +41,21 @@ fn features_by_size() -> FrontEndConfig {
 /// Pixels of the image per feature: 1,024 features at 640x480, 1,203 at 752x480, 1,512 at 1226x370.
 const PIXELS_A_FEATURE: usize = 300;
 
+/// Standard deviation of where a phone has its camera on its motion sensors, each axis, metres: browsers do not tell, and a phone is 7 cm
+/// wide and 15 cm long. Simulated phones have them 3 cm apart on each axis.
+const PHONE_LEVER_ARM_M: f64 = 0.04;
+
 impl Config {
+    /// Expects what is unknown of a phone with motion sensors: it exposes row after row, each type with a time of its own, and stamps
+    /// pictures and motion with different clocks. Of one whose rig nobody states it is not known either where the camera is on the IMU.
+    pub fn expect_phone(&mut self, is_calibrated: bool) {
+        self.tracker.estimate_readout |= self.tracker.readout_s == 0.0;
+        self.tracker.clocks_by_flow |= !is_calibrated;
+        if !is_calibrated && self.inertial.lever_arm_sigma == 0.0 {
+            self.inertial.lever_arm_sigma = PHONE_LEVER_ARM_M;
+        }
+    }
+
     /// The front end's configuration for a rig: without an explicit number of features, it follows from the
     /// size of the first camera's image.
     pub fn front_end_for(&self, rig: &Rig) -> FrontEndConfig {

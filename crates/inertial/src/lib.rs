@@ -31,4 +31,4 @@ pub use readings::{Doubt, Readings};
 pub use rest::{Moves, Rest, RestConfig};
 pub use state::{Bias, Gravity, NavState};
 pub use tracks::{TrackMotion, TrackPoint, TrackPriors, Tracks, motion_of_tracks};
-pub use window::{BiasPrior, ImuFactors, ImuLink, MotionFreedom, SpeedAndBias, ZeroVelocity};
+pub use window::{BiasPrior, ImuFactors, ImuLink, LeverArm, MotionFreedom, SpeedAndBias, ZeroVelocity};

@@ -2,9 +2,10 @@
 //! factors. They are solved by [`Bundle::solve_with`](cairn_solve::Bundle::solve_with).
 //!
 //! A key frame has its pose in the bundle (the camera, as everywhere in a map) and here a [`SpeedAndBias`] of nine unknowns:
-//! velocity, gyro bias, accel bias. A link couples the poses and motions of its two ends only. The IMU is one constant
-//! transform away from the camera, and Jacobians go through the adjoint of that transform. The world is in metres with
-//! gravity as given.
+//! velocity, gyro bias, accel bias. A link couples the poses and motions of its two ends. The IMU is one constant
+//! transform away from the camera, and Jacobians go through the adjoint of that transform. Its translation, the lever arm, may be three
+//! more unknowns, which all links share: a phone does not tell where in it the two are, and one who walks and turns feels 5 cm of it
+//! like a step. The world is in metres with gravity as given.
 //!
 //! Source: visual-inertial bundle adjustment as in Campos et al., "ORB-SLAM3" (TRO 2021), eq. 3-5.
 
@@ -19,8 +20,8 @@ use std::ops::Range;
 const MOTION: usize = 9;
 /// Rows of a link's residual.
 const ROWS: usize = 15;
-/// Columns of a link's Jacobian: pose and motion of either end.
-const COLUMNS: usize = 30;
+/// Columns of a link's Jacobian: pose and motion of either end, and the lever arm.
+const COLUMNS: usize = 33;
 
 /// What of a key frame's motion is solved for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,11 +100,28 @@ impl ZeroVelocity {
     }
 }
 
+/// What is known of the lever arm before a solve, where it is solved for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeverArm {
+    /// Where the camera is on the IMU by what is stated of the rig, metres.
+    pub stated: Vec3,
+    /// Standard deviation of that, each axis, metres.
+    pub sigma: f64,
+}
+
+impl LeverArm {
+    fn residual(&self, arm: &Vec3) -> SVector<f64, 3> {
+        (arm - self.stated) / self.sigma
+    }
+}
+
 /// IMU factors over the poses of a bundle, and, after its solve, the motions found.
 #[derive(Clone, Debug)]
 pub struct ImuFactors {
     /// Pose of the camera on the IMU, metres.
     pub imu_from_camera: Se3,
+    /// Whether its translation is solved for.
+    pub lever_arm: Option<LeverArm>,
     /// The same of key frames that other rigs made, by their index.
     pub other_mounts: BTreeMap<usize, Se3>,
     /// Gravity in the world.
@@ -117,6 +135,7 @@ pub struct ImuFactors {
     /// Key frames at which it does not move.
     pub zero_velocities: Vec<ZeroVelocity>,
     trial: Vec<SpeedAndBias>,
+    trial_arm: Vec3,
 }
 
 impl ImuFactors {
@@ -124,6 +143,8 @@ impl ImuFactors {
     pub fn new(imu_from_camera: Se3, gravity: Gravity, motions: Vec<SpeedAndBias>) -> Self {
         Self {
             imu_from_camera,
+            lever_arm: None,
+            trial_arm: imu_from_camera.translation,
             other_mounts: BTreeMap::new(),
             gravity,
             trial: motions.clone(),
@@ -137,18 +158,23 @@ impl ImuFactors {
     /// Squared whitened residual of each link, with fifteen degrees of freedom: one in a hundred exceeds 30.6 by chance.
     /// Infinite for a link without a covariance.
     pub fn link_chi2(&self, poses: &[Se3]) -> Vec<f64> {
-        let whitened = |l: &ImuLink| self.whitened(l, poses, &self.motions);
+        let whitened = |l: &ImuLink| self.whitened(l, poses, &self.motions, self.arm());
         self.links.iter().map(|l| whitened(l).map_or(f64::INFINITY, |r| r.norm_squared())).collect()
     }
 
+    fn arm(&self) -> &Vec3 {
+        &self.imu_from_camera.translation
+    }
+
     /// Pose of the camera of a key frame on the IMU.
-    fn mount(&self, frame: usize) -> &Se3 {
-        self.other_mounts.get(&frame).unwrap_or(&self.imu_from_camera)
+    fn mount(&self, frame: usize, arm: &Vec3) -> Se3 {
+        let own = || Se3::new(self.imu_from_camera.rotation, *arm);
+        self.other_mounts.get(&frame).copied().unwrap_or_else(own)
     }
 
     /// State of the IMU at a key frame.
-    fn nav(&self, frame: usize, poses: &[Se3], motions: &[SpeedAndBias]) -> NavState {
-        let world_from_imu = poses[frame] * self.mount(frame).inverse();
+    fn nav(&self, frame: usize, poses: &[Se3], motions: &[SpeedAndBias], arm: &Vec3) -> NavState {
+        let world_from_imu = poses[frame] * self.mount(frame, arm).inverse();
         NavState { world_from_imu, velocity: motions[frame].velocity, bias: motions[frame].bias }
     }
 
@@ -157,15 +183,17 @@ impl ImuFactors {
         link: &ImuLink,
         poses: &[Se3],
         motions: &[SpeedAndBias],
+        arm: &Vec3,
     ) -> Option<SVector<f64, ROWS>> {
-        let nav = |i: usize| self.nav(i, poses, motions);
+        let nav = |i: usize| self.nav(i, poses, motions, arm);
         Some(link.sum.whitening()? * link.sum.residual(&nav(link.from), &nav(link.to), &self.gravity))
     }
 
-    fn cost(&self, poses: &[Se3], motions: &[SpeedAndBias]) -> f64 {
-        let mut cost = 0.0;
+    fn cost(&self, poses: &[Se3], motions: &[SpeedAndBias], arm: &Vec3) -> f64 {
+        let mut cost = self.lever_arm.map_or(0.0, |prior| 0.5 * prior.residual(arm).norm_squared());
         for link in &self.links {
-            cost += self.whitened(link, poses, motions).map_or(f64::INFINITY, |r| 0.5 * r.norm_squared());
+            cost +=
+                self.whitened(link, poses, motions, arm).map_or(f64::INFINITY, |r| 0.5 * r.norm_squared());
         }
         for prior in &self.bias_priors {
             cost += 0.5 * prior.residual(&motions[prior.frame].bias).0.norm_squared();
@@ -193,19 +221,30 @@ impl ImuFactors {
         place.collect()
     }
 
-    /// The whitened residual of a link, and its Jacobian by pose and motion of either end.
+    /// The lever arm among the free variables, after all motions.
+    fn own_arm(&self) -> Option<Variable> {
+        self.lever_arm.map(|_| Variable::Own(self.own().iter().flatten().count()))
+    }
+
+    /// The whitened residual of a link, and its Jacobian by pose and motion of either end, and by the lever arm.
     fn link(
         &self,
         link: &ImuLink,
         poses: &[Se3],
     ) -> Option<(SVector<f64, ROWS>, SMatrix<f64, ROWS, COLUMNS>)> {
-        let nav = |i: usize| self.nav(i, poses, &self.motions);
+        let nav = |i: usize| self.nav(i, poses, &self.motions, self.arm());
         let l = link.sum.linearise(&nav(link.from), &nav(link.to), &self.gravity);
         let white = link.sum.whitening()?;
         let mut jacobian = SMatrix::<f64, ROWS, COLUMNS>::zeros();
         for (at, frame, by) in [(0, link.from, &l.by_from), (15, link.to, &l.by_to)] {
             let by_pose: SMatrix<f64, ROWS, 6> = by.fixed_view::<ROWS, 6>(0, 0).into();
-            jacobian.fixed_view_mut::<ROWS, 6>(0, at).copy_from(&(by_pose * self.mount(frame).adjoint()));
+            let mount = self.mount(frame, self.arm());
+            jacobian.fixed_view_mut::<ROWS, 6>(0, at).copy_from(&(by_pose * mount.adjoint()));
+            // With the camera where it is, an IMU is as much further back as the camera is further forward on it.
+            if !self.other_mounts.contains_key(&frame) {
+                let mut by_arm = jacobian.fixed_view_mut::<ROWS, 3>(0, 30);
+                by_arm -= by.fixed_view::<ROWS, 3>(0, 0);
+            }
             let by_motion = by.fixed_view::<ROWS, MOTION>(0, 6);
             jacobian.fixed_view_mut::<ROWS, MOTION>(0, at + 6).copy_from(&by_motion);
         }
@@ -215,7 +254,8 @@ impl ImuFactors {
 
 impl Factors for ImuFactors {
     fn sizes(&self) -> Vec<usize> {
-        vec![MOTION; self.own().iter().flatten().count()]
+        let motions = std::iter::repeat_n(MOTION, self.own().iter().flatten().count());
+        motions.chain(self.lever_arm.map(|_| 3)).collect()
     }
 
     fn held(&self) -> Vec<(usize, Range<usize>)> {
@@ -225,12 +265,13 @@ impl Factors for ImuFactors {
     }
 
     fn scopes(&self, visit: &mut dyn FnMut(&[Variable])) {
-        let own = self.own();
+        let (own, arm) = (self.own(), self.own_arm());
         for link in &self.links {
             let motions = [link.from, link.to].into_iter().filter_map(|i| Some(Variable::Own(own[i]?)));
             let poses = [Variable::Pose(link.from), Variable::Pose(link.to)];
-            visit(&poses.into_iter().chain(motions).collect::<Vec<_>>());
+            visit(&poses.into_iter().chain(motions).chain(arm).collect::<Vec<_>>());
         }
+        visit(arm.as_slice());
         let still = self.zero_velocities.iter().map(|z| z.frame);
         for frame in self.bias_priors.iter().map(|p| p.frame).chain(still) {
             visit(own[frame].map(Variable::Own).as_slice());
@@ -243,6 +284,7 @@ impl Factors for ImuFactors {
             link.sum.follow(&self.motions[link.from].bias);
         }
         let own: Vec<Option<Variable>> = self.own().into_iter().map(|i| i.map(Variable::Own)).collect();
+        let arm = self.own_arm();
         for link in &self.links {
             let (residual, jacobian) = self.link(link, poses)?;
             let parts = [
@@ -250,8 +292,13 @@ impl Factors for ImuFactors {
                 (own[link.from], 6..15),
                 (Some(Variable::Pose(link.to)), 15..21),
                 (own[link.to], 21..30),
+                (arm, 30..33),
             ];
             equations.add(&residual, &jacobian, &parts);
+        }
+        if let Some(prior) = &self.lever_arm {
+            let jacobian = SMatrix::<f64, 3, 3>::identity() / prior.sigma;
+            equations.add(&prior.residual(self.arm()), &jacobian, &[(arm, 0..3)]);
         }
         for prior in &self.bias_priors {
             let (residual, by) = prior.residual(&self.motions[prior.frame].bias);
@@ -274,11 +321,16 @@ impl Factors for ImuFactors {
             None => *motion,
         };
         self.trial = self.motions.iter().zip(self.own()).map(moved).collect();
-        self.cost(poses, &self.trial)
+        self.trial_arm = *self.arm();
+        if self.lever_arm.is_some() {
+            self.trial_arm += Vec3::from_column_slice(&step[step.len() - 3..]);
+        }
+        self.cost(poses, &self.trial, &self.trial_arm)
     }
 
     fn accept(&mut self) {
         std::mem::swap(&mut self.motions, &mut self.trial);
+        self.imu_from_camera.translation = self.trial_arm;
     }
 }
 
@@ -314,9 +366,11 @@ mod tests {
         let (_, jacobian) = factors.link(&link, &poses).expect("readings");
         for column in 0..COLUMNS {
             let at = |h: f64| {
-                let (mut poses, mut motions) = (poses, factors.motions.clone());
+                let (mut poses, mut motions, mut arm) = (poses, factors.motions.clone(), *factors.arm());
                 let (end, within) = (column / 15, column % 15);
-                if within < 6 {
+                if end == 2 {
+                    arm[within] += h;
+                } else if within < 6 {
                     let mut d = SVector::<f64, 6>::zeros();
                     d[within] = h;
                     poses[end] = poses[end].retract(&d);
@@ -325,7 +379,7 @@ mod tests {
                     d[within - 6] = h;
                     motions[end] = motions[end].moved(&d);
                 }
-                factors.whitened(&link, &poses, &motions).expect("readings")
+                factors.whitened(&link, &poses, &motions, &arm).expect("readings")
             };
             let h = 1e-6;
             let numeric = (at(h) - at(-h)) / (2.0 * h);

@@ -40,9 +40,23 @@ pub struct InertialConfig {
     /// Largest map, in key frames, that is adjusted as a whole with its IMU factors; 0: never.
     #[setting(default = 1000, range = 0..=10000)]
     pub whole_key_frames: usize,
+    /// Standard deviation in metres of where the rig says that the camera is on the IMU, each axis. Whole maps with IMU factors
+    /// estimate it; 0: it is as the rig says.
+    #[setting(default = 0.0, range = 0.0..=1.0)]
+    pub lever_arm_sigma: f64,
 }
 
 impl InertialConfig {
+    /// Where the camera is on the IMU: as a map has found, where that is a better estimate of what is stated, else as is stated.
+    pub fn mount(&self, stated: Se3, found: Option<&Se3>) -> Se3 {
+        let is_better = |found: &&Se3| {
+            let off = found.translation - stated.translation;
+            off.amax() < MOST_LEVER_ARM_SIGMAS * self.lever_arm_sigma
+                && (found.rotation.inverse() * stated.rotation).angle() < SAME_ROTATION_RAD
+        };
+        found.filter(is_better).copied().unwrap_or(stated)
+    }
+
     /// The IMU, by the noise that is stated for it, with that which adjustments of mapping and of closing begin with.
     pub(crate) fn model(&self, noise: &ImuNoise, imu_from_camera: Se3) -> ImuModel {
         let noise = of_data_sheet(noise).times([self.noise_times; 2]);
@@ -50,6 +64,9 @@ impl InertialConfig {
     }
 }
 
+/// A lever arm that differs by more of its standard deviations from what is stated, or by such a rotation, is of another rig.
+const MOST_LEVER_ARM_SIGMAS: f64 = 4.0;
+const SAME_ROTATION_RAD: f64 = 1e-3;
 /// With the clocks known this well, seconds, nothing waits for their comparison by rotations.
 const MOST_OFFSET_SIGMA_S: f64 = 0.002;
 /// Within an offset of more than this, seconds, the velocity of a walker is not constant: at 20 ms the bob of his body would be seen
@@ -106,6 +123,12 @@ impl Inertial {
             tried: None,
             recent: Recent::default(),
         }
+    }
+
+    /// The IMU, mounted as it is known in a map.
+    fn imu_in(&self, snapshot: &Snapshot) -> ImuModel {
+        let imu_from_camera = snapshot.imu_from_camera().copied().unwrap_or(self.imu.imu_from_camera);
+        ImuModel { imu_from_camera, ..self.imu }
     }
 
     /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
@@ -184,7 +207,8 @@ impl Inertial {
         if !few || !snapshot.is_gravity_aligned(map) {
             return None;
         }
-        let window = windows::inertial_whole(Window::of(snapshot, camera), self.imu, map)?;
+        let imu = Imu::new(self.imu).with_lever_arm(self.config.lever_arm_sigma);
+        let window = windows::inertial_whole(Window::of(snapshot, camera), imu, map)?;
         Some(window.solve_in_slices(config, stop).await)
     }
 
@@ -201,8 +225,8 @@ impl Inertial {
         pause().await;
         let snapshot = atlas.latest().clone();
         let aligned = snapshot.key_frame(centre).is_some_and(|k| snapshot.is_gravity_aligned(k.map));
-        let chain = chain(&snapshot, centre);
-        let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
+        let (chain, imu) = (chain(&snapshot, centre), self.imu_in(&snapshot));
+        let of = CameraAndImu { camera, imu: &imu, offset_sigma_s: self.clocks.sigma_s() };
         let check = match camera.has_depth() {
             true => self.scale_watch.check_depth(&snapshot, &of, &chain).await,
             false if aligned => self.scale_watch.check(atlas, &of, &chain, config).await,
@@ -227,7 +251,7 @@ impl Inertial {
         let (first, last) = (snapshot.key_frame(*chain.first()?)?, snapshot.key_frame(*chain.last()?)?);
         let (map, seconds) = (last.map, last.frame.stamp - first.frame.stamp);
         let centre_point = snapshot.world_from_camera(map.root())?.translation;
-        let imu = self.imu;
+        let imu = self.imu_in(&snapshot);
         let of = CameraAndImu { camera, imu: &imu, offset_sigma_s: self.clocks.sigma_s() };
         let guessed = if self.soft_scale { by_tracks::GUESSED } else { 0.0 };
         let (mut attempt_made, mut better_sigma) = (None, None);
@@ -306,10 +330,11 @@ impl Inertial {
         chain: &[KeyFrameId],
     ) -> bool {
         let snapshot = atlas.latest().clone();
-        let of = CameraAndImu { camera, imu: &self.imu, offset_sigma_s: self.clocks.sigma_s() };
+        let imu = self.imu_in(&snapshot);
+        let of = CameraAndImu { camera, imu: &imu, offset_sigma_s: self.clocks.sigma_s() };
         let found = by_tracks::motion_of(&snapshot, &of, chain).await;
         let Some(found) = found.filter(|found| !camera.has_depth() && found.is_good) else { return false };
-        atlas.commit(found.changes(&snapshot, map, &self.imu.imu_from_camera));
+        atlas.commit(found.changes(&snapshot, map, &imu.imu_from_camera));
         let (known, [offset_s, sigma_s]) = (snapshot.imu_offset(), found.motion.offset_s);
         if let Some(offset_s) = self.clocks.adopt(known + offset_s, sigma_s, known) {
             atlas.commit(self.shifted_clocks(&snapshot, chain, offset_s));
@@ -366,6 +391,7 @@ impl Inertial {
         let shift = centre_point - turn.rotation * centre_point * scale;
         let mut changes = vec![Change::AlignGravity(map, Sim3::new(turn.rotation, shift, scale))];
         let last = chain.last().and_then(|id| snapshot.key_frame(*id)).map(|k| k.stamp);
+        let imu_from_camera = self.imu_in(snapshot).imu_from_camera;
         let recent = |id: &&KeyFrameId| {
             snapshot
                 .key_frame(**id)
@@ -373,7 +399,7 @@ impl Inertial {
                 .is_some_and(|(k, last): (_, Stamp)| last - k.stamp <= INITIALISATION_S)
         };
         for (id, state) in chain.iter().filter(recent).zip(&found.states) {
-            let world_from_camera = state.world_from_imu * self.imu.imu_from_camera;
+            let world_from_camera = state.world_from_imu * imu_from_camera;
             let velocity = world_from_camera.rotation.inverse() * state.velocity;
             changes.push(Change::InertialState(*id, velocity, found.bias));
         }
@@ -412,6 +438,7 @@ mod tests {
     use super::*;
     use crate::imu_walk::{NOISE, STEP_S, ToAndFro, position};
     use crate::synthetic::mono;
+    use cairn_geometry::So3;
     use cairn_solve::to_end;
 
     /// The tilt of a map that was made `tilt_rad` from level, of a walk that turns so far to either side, after every key frame
@@ -563,6 +590,20 @@ mod tests {
             assert!((turn.scale / scale - 1.0).abs() < 0.02, "{}", turn.scale);
             assert!((turn.rotation * Vec3::y()).angle(&-Vec3::z()) < 0.01);
             assert_eq!(changes.len(), 1 + ids.len(), "and a velocity for each key frame");
+        }
+    }
+
+    #[test]
+    fn a_map_knows_the_lever_arm_of_its_own_rig_better() {
+        let stated = Se3::new(So3::identity(), Vec3::new(0.01, 0.0, 0.0));
+        let found =
+            |by: Vec3, turned: f64| Se3::new(So3::exp(&(Vec3::z() * turned)), stated.translation + by);
+        let unknown = InertialConfig { lever_arm_sigma: 0.04, ..InertialConfig::default() };
+        let near = found(Vec3::new(0.05, -0.07, 0.0), 0.0);
+        assert_eq!(unknown.mount(stated, Some(&near)), near);
+        assert_eq!(InertialConfig::default().mount(stated, Some(&near)), stated, "it is as stated");
+        for of_another in [None, Some(found(Vec3::x() * 0.2, 0.0)), Some(found(Vec3::zeros(), 0.01))] {
+            assert_eq!(unknown.mount(stated, of_another.as_ref()), stated);
         }
     }
 

@@ -1,11 +1,11 @@
 //! The windows of whole maps, with the factors that count in them.
 
-use cairn_adjust::{Imu, ImuModel, Level, MotionLinks, RelativePoseFactors, Window, WindowBuilder};
+use cairn_adjust::{Imu, Level, MotionLinks, RelativePoseFactors, Window, WindowBuilder};
 use cairn_atlas::MapId;
 
 /// With the readings of an IMU; `None` where the map has none.
-pub(crate) fn inertial_whole(of: WindowBuilder, imu: ImuModel, map: MapId) -> Option<Window> {
-    of.need(Imu::new(imu)).add(Level::default()).add(RelativePoseFactors::default()).whole(map)
+pub(crate) fn inertial_whole(of: WindowBuilder, imu: Imu, map: MapId) -> Option<Window> {
+    of.need(imu).add(Level::default()).add(RelativePoseFactors::default()).whole(map)
 }
 
 /// With the motions that other sensors measured.

@@ -19,9 +19,9 @@ impl Start {
     pub fn of(setup: &Setup) -> (Self, Option<LensWatch>) {
         let mut config = Config::default();
         config.inertial.enabled = setup.motion;
-        // Phones expose row after row, each type with a time of its own, and stamp pictures and motion with different clocks.
-        config.tracker.estimate_readout = setup.motion;
-        config.tracker.clocks_by_flow = setup.motion && setup.pinhole.is_none();
+        if setup.motion {
+            config.expect_phone(setup.pinhole.is_some());
+        }
         let mut start = Self { rig: setup.rig(), rate_hz: setup.rate_hz, config };
         let watch = setup.phone.as_ref().filter(|_| setup.pinhole.is_none()).map(|phone| {
             let (folder, guess) = (&setup.library.folder, start.rig.cameras[0].camera);

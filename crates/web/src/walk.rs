@@ -98,9 +98,9 @@ fn begin(
             let has_imu = phone.rig().imu.is_some();
             let is_certain = is_given || lens.as_ref().is_some_and(LensWatch::is_certain);
             knowledge = LensKnowledge::of(is_certain, has_imu).filter(|_| !is_given);
-            // Phones expose row after row, each type with a time of its own.
-            config.tracker.estimate_readout |= has_imu;
-            config.tracker.clocks_by_flow |= has_imu && !is_given;
+            if has_imu {
+                config.expect_phone(is_given);
+            }
             let to_pages = hub.clone();
             let watched =
                 Validator::new(Box::new(phone), move |doubt| to_pages.broadcast(&ToPage::Doubt(doubt)))

@@ -168,6 +168,30 @@ fn inertial_whole_takes_the_relative_poses_of_the_map() {
     }
 }
 
+/// A phone whose camera is 6 cm from where it is said to be on the IMU, in a walk that turns about the vertical axis.
+#[test]
+fn a_lever_arm_that_is_unknown_is_found_along_the_axes_that_a_turn_moves() {
+    let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad: 0.0, factor: 1.0 }.map(48);
+    let truth = atlas.latest();
+    let stated = Se3::new(So3::identity(), Vec3::new(0.05, 0.0, -0.03));
+    let (snapshot, model) =
+        (truth.with_imu_from_camera(stated), ImuModel { imu_from_camera: stated, ..model() });
+    let adjusted = |sigma_m: f64| {
+        let imu = Imu::new(model).with_lever_arm(sigma_m);
+        let window = Window::of(&snapshot, &mono()).need(imu).add(Level::default()).whole(MapId(ids[0]));
+        let (adjusted, applied) = snapshot.apply(&window.unwrap().solve(&config(), || false).changes);
+        assert_eq!(applied.dropped, 0);
+        adjusted
+    };
+    let [as_stated, found] = [0.0, 0.04].map(adjusted);
+    assert_eq!(as_stated.imu_from_camera(), Some(&stated));
+    let arm = found.imu_from_camera().unwrap().translation;
+    let [off_stated, off_found] = [&as_stated, &found].map(|s| worst(s, truth, &ids));
+    println!("arm {arm:?}, off {off_stated:?} as stated, {off_found:?} with what was found");
+    assert!(arm.xz().norm() < 0.005, "{arm:?}");
+    assert!(off_found[0] < 0.3 * off_stated[0] && off_found[1] < 0.3 * off_stated[1]);
+}
+
 /// In the atlas of another camera key frames keep what their IMU measured, and how their own camera is mounted on it.
 #[test]
 fn readings_of_another_rig_count_by_its_own_mount() {

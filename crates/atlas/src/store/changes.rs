@@ -97,6 +97,10 @@ fn encode_change(e: &mut Encoder, change: &Change) {
             e.u8(18);
             e.f64s(&[readout.seconds, readout.sigma_s]);
         }
+        Change::LeverArm(arm) => {
+            e.u8(21);
+            e.f64s(arm.as_slice());
+        }
         Change::AlignGravity(map, by) => {
             e.u8(6);
             e.u32(map.root().raw());
@@ -200,6 +204,7 @@ fn decode_change(d: &mut Decoder, camera: &RectifiedCamera, octaves: Octaves) ->
             }
             Change::RelativePoses(id, all)
         }
+        21 => Change::LeverArm(vector(d)?),
         other => return Err(d.wrong(format!("a change of kind {other} is unknown"))),
     })
 }

@@ -21,7 +21,8 @@ use crate::inertial::InertialConfig;
 use crate::triangulation::median_depth;
 use crate::windows;
 use cairn_adjust::{
-    ImuModel, MotionLinks, RecogniseConfig, Recognised, View, Window, WindowBuilder, WindowConfig, recognise,
+    Imu, ImuModel, MotionLinks, RecogniseConfig, Recognised, View, Window, WindowBuilder, WindowConfig,
+    recognise,
 };
 use cairn_atlas::{Change, KeyFrame, KeyFrameId, MapId, Snapshot};
 use cairn_geometry::{Se3, Sim3};
@@ -318,7 +319,7 @@ impl Closer {
         let snapshot = draft.snapshot();
         let imu = self.imu.filter(|(_, most)| count <= *most && snapshot.is_gravity_aligned(map));
         let of = || with(Window::of(snapshot, &self.camera));
-        let imu = imu.and_then(|(imu, _)| windows::inertial_whole(of(), imu, map));
+        let imu = imu.and_then(|(imu, _)| windows::inertial_whole(of(), Imu::new(imu), map));
         let whole = imu.or_else(|| windows::whole(of(), &self.links, map));
         let mut changes = Vec::new();
         if let Some(whole) = whole {

@@ -101,6 +101,7 @@ pub fn step(dice: &mut Dice, snapshot: &Snapshot, features: usize) -> Vec<Change
             Some(InertialState { velocity: dice.vector(), bias, still_sigma: None, imu_factor: None });
     }
     let mut changes = vec![Change::AddKeyFrame(Box::new(key_frame)), Change::Calibrate(dice.real())];
+    changes.push(Change::LeverArm(0.1 * dice.vector()));
     changes.push(Change::Readout(Readout { seconds: 0.02 * dice.real(), sigma_s: 0.001 }));
     let next = snapshot.next_landmark_id().index();
     for i in 0..features / 3 {

@@ -198,6 +198,17 @@ fn motions_are_sent_again_when_they_changed_by_more_than_matters() {
         assert_eq!(pieces.lengths().len(), pieces_then, "{by} m/s");
         is_near(&read(pieces.bytes()).unwrap().snapshot, &now.snapshot);
     }
+    // So is where the camera is on the IMU, once that is better known.
+    let mut pieces = Pieces::default();
+    pieces.add(&saved).unwrap();
+    let moved = mount().translation + Vec3::new(0.0, 0.04, 0.0);
+    let now = changed(&saved, vec![Change::LeverArm(moved)]);
+    pieces.add(&now).unwrap();
+    let back = read(pieces.bytes()).unwrap().snapshot;
+    assert!((back.imu_from_camera().unwrap().translation - moved).norm() < 1e-12);
+    is_near(&back, &now.snapshot);
+    let wrong = changed(&now, vec![Change::LeverArm(Vec3::new(f64::NAN, 0.0, 0.0))]);
+    assert_eq!(wrong.snapshot.imu_from_camera(), now.snapshot.imu_from_camera());
 }
 
 /// The part of a robot that continued a map keeps the readings between its key frames.

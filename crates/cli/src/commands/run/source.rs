@@ -46,8 +46,9 @@ pub fn fitted(
     let info = source.info();
     debug!(source = %info.name, frames = ?info.frames, rate_hz = info.rate_hz, sensor = sensor.name(), "opened");
     config.inertial.enabled = sensor.has_imu();
-    config.tracker.estimate_readout |= is_guessed && config.tracker.readout_s == 0.0;
-    config.tracker.clocks_by_flow |= is_guessed;
+    if is_guessed {
+        config.expect_phone(false);
+    }
     if sensor.has_imu() && source.rig().imu.is_none() {
         let why = format!("--sensor {} needs an IMU, but the rig has none", sensor.name());
         return Err(Failure::new(&a.source, why, "give a rig with an IMU using --rig, or leave out -imu"));
