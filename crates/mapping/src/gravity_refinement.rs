@@ -28,6 +28,8 @@ pub struct Refined {
     /// How many times of [`REFINE_AT_S`] have passed.
     times: usize,
     level: GravityCheck,
+    /// Whether the readings of a while say another scale than the map has.
+    scale_differs: bool,
 }
 
 /// What is known of the level of a map.
@@ -69,7 +71,8 @@ impl GravityCheck {
 impl Default for Refined {
     /// A map that was aligned elsewhere is refined already.
     fn default() -> Self {
-        Self { times: REFINE_AT_S.len(), level: GravityCheck { known: true, ..GravityCheck::default() } }
+        let level = GravityCheck { known: true, ..GravityCheck::default() };
+        Self { times: REFINE_AT_S.len(), level, scale_differs: false }
     }
 }
 
@@ -86,7 +89,12 @@ impl Refined {
     /// A map that was aligned just now, so many seconds after its first key frame.
     pub fn of_age(seconds: f64) -> Self {
         let times = REFINE_AT_S.iter().filter(|due| seconds >= **due).count();
-        Self { times, level: GravityCheck::default() }
+        Self { times, level: GravityCheck::default(), scale_differs: false }
+    }
+
+    /// The readings of a while say another scale than the map has: it is due as a whole.
+    pub fn scale_differs(&mut self) {
+        self.scale_differs = true;
     }
 
     /// Notes whether the readings up to a key frame told the level.
@@ -101,6 +109,9 @@ impl Refined {
         let stationary = last.motion.as_ref().is_none_or(|m| m.velocity.norm() < STATIONARY_M_S);
         if stationary {
             return None;
+        }
+        if std::mem::take(&mut self.scale_differs) {
+            return Some(Due::Whole);
         }
         let due_s = REFINE_AT_S.get(self.times);
         if due_s.is_none() && self.level.known {
@@ -203,6 +214,16 @@ mod tests {
         let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
         let found = to_end(estimated_gravity(&of, atlas.latest(), &ids));
         (atlas, ids, found)
+    }
+
+    #[test]
+    fn a_map_whose_scale_differs_from_its_readings_is_due_as_a_whole_once() {
+        let (atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.0 }.map(8);
+        let last = atlas.latest().key_frame(ids[7]).unwrap();
+        let mut refined = Refined::default();
+        assert_eq!(refined.due(last, 100.0), None);
+        refined.scale_differs();
+        assert_eq!([refined.due(last, 100.0), refined.due(last, 100.0)], [Some(Due::Whole), None]);
     }
 
     #[test]

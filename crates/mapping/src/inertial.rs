@@ -237,6 +237,11 @@ impl Inertial {
         if aligned && !camera.has_depth() && now.is_some_and(|now| self.recent.is_due(now)) {
             adjust_recent(atlas, camera, &self.imu, &chain, recent::SECONDS, config).await;
         }
+        if self.scale_watch.take_difference()
+            && let Some(k) = snapshot.key_frame(centre)
+        {
+            self.refined.entry(k.map).or_default().scale_differs();
+        }
         (self.align_or_refine_chain(atlas, camera, &chain, config).await, check)
     }
 
