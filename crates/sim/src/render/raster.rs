@@ -106,7 +106,7 @@ fn span(depths: &mut [f32], faces: &mut [u32], base: f32, step: f32, id: u32) {
     for (i, (z, f)) in depths.iter_mut().zip(faces.iter_mut()).enumerate() {
         let inverse = base + step * i as i32 as f32;
         let nearer = inverse > *z;
-        *z = if nearer { inverse } else { *z };
+        *z = z.max(inverse);
         *f = if nearer { id } else { *f };
     }
 }
