@@ -58,7 +58,7 @@ impl Filters {
             let minor = (half - root).max(0.0).sqrt();
             // Rounded to nearest: a slightly elongated footprint is blurred a little instead of sampled twice.
             let ratio = major / minor.max(1.0);
-            let count = whole((ratio + 0.5).max(1.0).min(MAX_TAPS));
+            let count = whole((ratio + 0.5).min(MAX_TAPS)).max(1);
             // A bilinear lookup covers about one texel: taps spaced by one texel of the level leave no gaps.
             let width = minor.max(major / count as f32).max(1.0);
             let lod = log2(width);
@@ -79,7 +79,7 @@ impl Filters {
         Self { level, next, taps, step }
     }
 
-    /// The levels that one of the filters reads, the weight of the second, and the shifts of its taps.
+    /// The level that one of the filters reads, the coarser one beside it, the weight of that, and the number of taps.
     #[inline(always)]
     fn lane<'a>(&self, i: usize, texture: &'a Texture) -> (&'a Level, Option<&'a Level>, i32, i32) {
         let level = self.level[i] as usize;
@@ -157,7 +157,7 @@ impl Level {
         }
     }
 
-    /// As [`Level::add`] on any machine.
+    /// As the rest of [`Level::add`], eight at once. Gathers take longer than loads on many processors.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     #[inline]

@@ -49,7 +49,7 @@ impl Noise {
         let mut slow = 0.0;
         for (i, (out, a)) in out.iter_mut().zip(&coarse).enumerate() {
             let x = x + i;
-            if i == 0 || x % 4 == 0 {
+            if i == 0 || x.is_multiple_of(4) {
                 slow = f32::from(self.other.at(y / 4 + x / 4, x / 4)) * (0.3 / 127.0);
             }
             *out = f32::from(*a) * (0.7 / 127.0) + slow;
