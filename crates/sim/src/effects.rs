@@ -100,13 +100,16 @@ impl Sensor {
     }
 
     /// Starts the mean of several sub-frames.
-    pub fn begin(&mut self, pixels: usize) {
+    pub fn begin(&mut self) {
         self.sum.clear();
-        self.sum.resize(pixels, 0);
     }
 
     /// Adds a sub-frame of 256 times the grey level.
     pub fn add(&mut self, grey: &[u16]) {
+        if self.sum.is_empty() {
+            self.sum.extend(grey.iter().map(|g| u32::from(*g)));
+            return;
+        }
         for (s, g) in self.sum.iter_mut().zip(grey) {
             *s += u32::from(*g);
         }

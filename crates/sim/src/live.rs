@@ -34,7 +34,7 @@ impl Lens {
     fn see(&mut self, scene: &Scene, with_depth: bool) -> (GrayImage, Option<DepthImage>) {
         let (width, height) = scene.size;
         let mut depth = None;
-        self.sensor.begin(width * height);
+        self.sensor.begin();
         for (i, (dt, people)) in scene.times.iter().zip(&scene.figures).enumerate() {
             let pose = (scene.pose_at)(*dt) * self.body_from_camera;
             self.sensor.add(self.renderer.draw(&pose, people, scene.things));

@@ -20,8 +20,8 @@ struct Band {
     renderer: Renderer,
     /// The first pixel along each axis of the picture, and their number.
     pixels: [[usize; 2]; 2],
-    /// For each of its pixels the place in the drawn image.
-    from: Vec<[f32; 2]>,
+    /// For each of its pixels the place in the drawn image: the pixel above and to the left, and the shares of those beside and below.
+    from: Vec<(u32, [f32; 2])>,
 }
 
 /// The camera.
@@ -82,13 +82,13 @@ impl RollingCamera {
             let [[x0, columns], [y0, _]] = band.pixels;
             for (k, row) in band.from.chunks(columns).enumerate() {
                 let out = &mut self.sharp[(y0 + k) * width + x0..][..columns];
-                for (out, [x, y]) in out.iter_mut().zip(row) {
-                    *out = bilinear(drawn, w, *x, *y);
+                for (out, (at, shares)) in out.iter_mut().zip(row) {
+                    *out = bilinear(&drawn[*at as usize..], w, *shares);
                 }
             }
         }
         let gain = self.sensor.gain(at_s);
-        self.sensor.begin(width * height);
+        self.sensor.begin();
         self.sensor.add(&self.sharp);
         let mut image = GrayImage::new(width, height);
         self.sensor.develop(1, gain, &mut image);
@@ -117,19 +117,21 @@ impl Band {
         let [w, h] = size.map(|s| s.max(8));
         let pinhole = Camera::pinhole(w, h, camera.fx, camera.fy, -origin[0], -origin[1]);
         let renderer = Renderer::off_centre(world, pinhole)?;
-        let from = from.iter().map(|p| [(p[0] - origin[0]) as f32, (p[1] - origin[1]) as f32]).collect();
+        let place = |p: &[f64; 2]| {
+            let [x, y] = [0, 1].map(|k| (p[k] - origin[k]) as f32);
+            let (i, j) = (x as usize, y as usize);
+            ((j * w + i) as u32, [x - i as f32, y - j as f32])
+        };
+        let from = from.iter().map(place).collect();
         Ok(Self { renderer, pixels, from })
     }
 }
 
-/// The value between four pixels; the place lies at least a pixel inside.
-fn bilinear(image: &[u16], width: usize, x: f32, y: f32) -> u16 {
-    let (i, j) = (x as usize, y as usize);
-    let (a, b) = (x - i as f32, y - j as f32);
-    let at = |dx: usize, dy: usize| f32::from(image[(j + dy) * width + i + dx]);
-    let top = at(0, 0) * (1.0 - a) + at(1, 0) * a;
-    let bottom = at(0, 1) * (1.0 - a) + at(1, 1) * a;
-    (top * (1.0 - b) + bottom * b + 0.5) as u16
+/// The value between four pixels, the first of which begins the image's rest: by the shares of the one beside and of those below.
+fn bilinear(image: &[u16], width: usize, [a, b]: [f32; 2]) -> u16 {
+    let image = &image[..width + 2];
+    let mixed = |at: usize| f32::from(image[at]) * (1.0 - a) + f32::from(image[at + 1]) * a;
+    (mixed(0) * (1.0 - b) + mixed(width) * b + 0.5) as u16
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@ use super::setup::Setup;
 use super::{edges, shade};
 use crate::texture::Texture;
 
-/// Draws prepared faces into 256 times the grey level of each pixel.
-pub(crate) fn run(seen: &mut Visibility, setups: &[Setup], textures: &[&Texture], grey: &mut [u16]) {
+/// Draws prepared faces into 256 times the grey level of each pixel; `grey` is as long as the buffer of inverse depths.
+pub(crate) fn run(seen: &mut Visibility, setups: &[Setup], textures: &[Texture], grey: &mut [u16]) {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
         #[allow(unsafe_code)]
@@ -22,7 +22,7 @@ pub(crate) fn run(seen: &mut Visibility, setups: &[Setup], textures: &[&Texture]
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn wide(seen: &mut Visibility, setups: &[Setup], textures: &[&Texture], grey: &mut [u16]) {
+fn wide(seen: &mut Visibility, setups: &[Setup], textures: &[Texture], grey: &mut [u16]) {
     all::<true>(seen, setups, textures, grey);
 }
 
@@ -30,13 +30,14 @@ fn wide(seen: &mut Visibility, setups: &[Setup], textures: &[&Texture], grey: &m
 pub(crate) fn all<const AVX2: bool>(
     seen: &mut Visibility,
     setups: &[Setup],
-    textures: &[&Texture],
+    textures: &[Texture],
     grey: &mut [u16],
 ) {
     seen.clear();
     for (i, s) in setups.iter().enumerate() {
         seen.draw(s, i as u32 + 1);
     }
-    shade::shade::<AVX2>(seen, setups, textures, grey);
+    grey.fill(shade::UNSHADED);
     edges::smooth(seen, setups, textures, grey);
+    shade::shade::<AVX2>(seen, setups, textures, grey);
 }

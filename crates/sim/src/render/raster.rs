@@ -1,5 +1,6 @@
 //! Which face is seen at each pixel centre: spans of convex polygons against a buffer of inverse depths.
 
+use super::sample::LANES;
 use super::setup::Setup;
 
 /// For every pixel the inverse depth and one plus the index of the face; 0 where there is nothing.
@@ -8,7 +9,7 @@ pub(crate) struct Visibility {
     pub width: usize,
     /// Height in pixels.
     pub height: usize,
-    /// Inverse depth in 1/m; 0 where there is nothing.
+    /// Inverse depth in 1/m; 0 where there is nothing. After those of the image `LANES` more, so that as many can be read anywhere.
     pub inverse_depth: Vec<f32>,
     /// One plus the index into the setups.
     pub face: Vec<u32>,
@@ -23,7 +24,7 @@ impl Visibility {
         Self {
             width,
             height,
-            inverse_depth: vec![0.0; n],
+            inverse_depth: vec![0.0; n + LANES],
             face: vec![0; n],
             left: vec![0.0; height],
             right: vec![0.0; height],
@@ -105,7 +106,7 @@ fn span(depths: &mut [f32], faces: &mut [u32], base: f32, step: f32, id: u32) {
     for (i, (z, f)) in depths.iter_mut().zip(faces.iter_mut()).enumerate() {
         let inverse = base + step * i as i32 as f32;
         let nearer = inverse > *z;
-        *z = if nearer { inverse } else { *z };
+        *z = z.max(inverse);
         *f = if nearer { id } else { *f };
     }
 }

@@ -3,7 +3,6 @@
 use super::passes;
 use super::raster::Visibility;
 use super::setup::{Setup, View};
-use crate::texture::Texture;
 use crate::world::{Figure, Thing, World};
 use cairn_geometry::Se3;
 use cairn_sensor::{Camera, DepthImage, Distortion, GrayImage, RigError};
@@ -43,13 +42,9 @@ impl Renderer {
             )));
         }
         let (w, h) = (camera.width, camera.height);
-        Ok(Self {
-            world: Arc::clone(world),
-            camera,
-            seen: Visibility::new(w, h),
-            setups: Vec::new(),
-            grey: vec![0; w * h],
-        })
+        let seen = Visibility::new(w, h);
+        let grey = vec![0; seen.inverse_depth.len()];
+        Ok(Self { world: Arc::clone(world), camera, seen, setups: Vec::new(), grey })
     }
 
     /// The camera.
@@ -100,9 +95,8 @@ impl Renderer {
         for faces in added.chain(things.iter().map(|t| t.faces(&self.world))) {
             self.setups.extend(faces.iter().filter_map(|f| view.setup(f)));
         }
-        let textures: Vec<&Texture> = self.world.textures.iter().collect();
-        passes::run(&mut self.seen, &self.setups, &textures, &mut self.grey);
-        &self.grey
+        passes::run(&mut self.seen, &self.setups, &self.world.textures, &mut self.grey);
+        &self.grey[..self.camera.width * self.camera.height]
     }
 
     /// The depth of the last image, in millimetres.

@@ -19,10 +19,10 @@ pub(crate) const NEAR_M: f64 = 0.04;
 pub(crate) struct Setup {
     /// Inverse depth in 1/m.
     pub inverse_depth: Plane,
-    /// First texture coordinate over depth, in texels/m.
-    pub u: Plane,
-    /// Second texture coordinate over depth.
-    pub v: Plane,
+    /// Texture coordinates over depth, in texels/m.
+    pub texture_over_depth: [Plane; 2],
+    /// By x and by y, of the inverse depth and of the texture coordinates over depth.
+    pub slopes: [[f32; 2]; 3],
     /// Signed distance in pixels from each edge, positive inside; single precision, the fourth repeats the third for
     /// triangles.
     pub edges: [[f32; 3]; 4],
@@ -86,10 +86,14 @@ impl View {
             let norm = 1.0 / e[0].hypot(e[1]).max(1e-12);
             *edge = e.map(|v| (v * norm) as f32);
         }
+        let inverse_depth = linear(&normal, 1.0 / det);
+        let texture_over_depth =
+            [down.cross(&origin), origin.cross(&along)].map(|n| linear(&n, face.texels_per_m / det));
+        let [u, v] = texture_over_depth;
         Some(Setup {
-            inverse_depth: linear(&normal, 1.0 / det),
-            u: linear(&down.cross(&origin), face.texels_per_m / det),
-            v: linear(&origin.cross(&along), face.texels_per_m / det),
+            inverse_depth,
+            texture_over_depth,
+            slopes: [inverse_depth, u, v].map(|[x, y, _]| [x as f32, y as f32]),
             edges,
             outline,
             corners: count,

@@ -19,6 +19,21 @@ pub(crate) struct Canvas<'a> {
     pixels: Vec<u8>,
 }
 
+/// The whole part of a number from 0 to 2^22, as compilers turn it into vector instructions.
+#[inline(always)]
+pub(super) fn whole(v: f32) -> f32 {
+    const ROUND: f32 = 8_388_608.0;
+    let nearest = v + ROUND - ROUND;
+    nearest - if nearest > v { 1.0 } else { 0.0 }
+}
+
+/// The whole part of a number, from 0 to 255.
+#[inline(always)]
+fn byte(v: f32) -> u8 {
+    const ROUND: f32 = 8_388_608.0;
+    ((whole(v.clamp(0.0, 255.0)) + ROUND).to_bits() & 255) as u8
+}
+
 impl<'a> Canvas<'a> {
     /// An area of `width` by `height` metres; the texel grows where the side would pass the sampler's limit.
     pub fn new(width: f64, height: f64, texel: f64, offset: (usize, usize), noise: &'a Noise) -> Self {
@@ -37,12 +52,25 @@ impl<'a> Canvas<'a> {
         self.height as f32 * self.texel
     }
 
-    /// Paints every texel from its column and row.
-    pub fn fill(&mut self, value: impl Fn(usize, usize) -> f32) {
-        let width = self.width;
+    /// Paints every texel from its middle, in texels, and the fine and coarse noise there, each of which is stretched along x so many
+    /// times.
+    pub fn fill(&mut self, stretch: [usize; 2], value: impl Fn(f32, f32, f32, f32) -> f32) {
+        let (width, (ox, oy), noise) = (self.width, self.offset, self.noise);
+        let (mut fine, mut coarse, mut short) = (vec![0.0; width], vec![0.0; width], vec![0.0; width]);
         for (y, row) in self.pixels.chunks_exact_mut(width).enumerate() {
-            for (x, p) in row.iter_mut().enumerate() {
-                *p = value(x, y).clamp(0.0, 255.0) as u8;
+            let mut stretched = |out: &mut [f32], by: usize, make: &dyn Fn(&mut [f32])| {
+                if by == 1 {
+                    return make(out);
+                }
+                let short = &mut short[..width.div_ceil(by)];
+                make(short);
+                out.chunks_mut(by).zip(short).for_each(|(out, v)| out.fill(*v));
+            };
+            stretched(&mut fine, stretch[0], &|out| noise.fine_row(ox, y + oy, out));
+            stretched(&mut coarse, stretch[1], &|out| noise.coarse_row(ox, y + oy, out));
+            let fy = y as i32 as f32 + 0.5;
+            for (x, ((p, f), c)) in row.iter_mut().zip(&fine).zip(&coarse).enumerate() {
+                *p = byte(value(x as i32 as f32 + 0.5, fy, *f, *c));
             }
         }
     }
@@ -55,13 +83,12 @@ impl<'a> Canvas<'a> {
         let (x1, y1) = (clamp(bounds[2] + 2.0 * t, self.width), clamp(bounds[3] + 2.0 * t, self.height));
         for y in y0..y1 {
             let row = &mut self.pixels[y * self.width..(y + 1) * self.width];
-            for (x, p) in row.iter_mut().enumerate().take(x1).skip(x0) {
-                let d = distance((x as f32 + 0.5) * t, (y as f32 + 0.5) * t);
+            for (p, x) in row[x0.min(x1)..x1].iter_mut().zip(x0 as i32..) {
+                let d = distance((x as f32 + 0.5) * t, (y as i32 as f32 + 0.5) * t);
                 let cover = (0.5 - d / t).clamp(0.0, 1.0) * alpha;
-                if cover > 0.0 {
-                    let old = f32::from(*p);
-                    *p = (old + (value - old) * cover + 0.5).clamp(0.0, 255.0) as u8;
-                }
+                let old = f32::from(*p);
+                let new = byte(old + (value - old) * cover + 0.5);
+                *p = if cover > 0.0 { new } else { *p };
             }
         }
     }
@@ -123,11 +150,12 @@ impl<'a> Canvas<'a> {
         let (x0, y0) = (clamp(bounds[0], self.width), clamp(bounds[1], self.height));
         let (x1, y1) = (clamp(bounds[2], self.width), clamp(bounds[3], self.height));
         let (ox, oy) = self.offset;
+        let mut fine = vec![0.0; x1.saturating_sub(x0)];
         for y in y0..y1 {
-            for x in x0..x1 {
-                let p = &mut self.pixels[y * self.width + x];
-                let v = f32::from(*p) + amplitude * self.noise.fine(x + ox + 77, y + oy + 31);
-                *p = v.clamp(0.0, 255.0) as u8;
+            self.noise.fine_row(x0 + ox + 77, y + oy + 31, &mut fine);
+            let row = &mut self.pixels[y * self.width + x0..][..fine.len()];
+            for (p, fine) in row.iter_mut().zip(&fine) {
+                *p = byte(f32::from(*p) + amplitude * fine);
             }
         }
     }
@@ -148,7 +176,7 @@ impl<'a> Canvas<'a> {
             for (i, cells) in row.chunks_mut(cell).enumerate() {
                 let (mut v, step) = (row_nodes[i], (row_nodes[i + 1] - row_nodes[i]) / cell as f32);
                 for p in cells {
-                    *p = (f32::from(*p) * v + 0.5).clamp(0.0, 255.0) as u8;
+                    *p = byte(f32::from(*p) * v + 0.5);
                     v += step;
                 }
             }

@@ -10,5 +10,5 @@ mod noise;
 pub(crate) use canvas::Canvas;
 pub(crate) use decor::Decor;
 pub(crate) use material::Material;
-pub(crate) use mips::{Level, Texture};
+pub(crate) use mips::{Level, TILE, Texture};
 pub(crate) use noise::Noise;

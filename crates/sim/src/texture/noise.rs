@@ -32,11 +32,28 @@ impl Noise {
         f32::from(self.fine.at(x, y)) * (0.7 / 127.0) + f32::from(self.other.at(x + y / 8, y)) * (0.7 / 127.0)
     }
 
-    /// Slow structure (24 to 120 texels), -1..1.
-    #[inline]
-    pub fn coarse(&self, x: usize, y: usize) -> f32 {
-        f32::from(self.coarse.at(x, y)) * (0.7 / 127.0)
-            + f32::from(self.other.at(y / 4 + x / 4, x / 4)) * (0.3 / 127.0)
+    /// As [`Noise::fine`], along a row from `x` on.
+    pub fn fine_row(&self, x: usize, y: usize, out: &mut [f32]) {
+        let (mut fine, mut other) = (vec![0; out.len()], vec![0; out.len()]);
+        self.fine.row(x, y, &mut fine);
+        self.other.row(x + y / 8, y, &mut other);
+        for ((out, a), b) in out.iter_mut().zip(&fine).zip(&other) {
+            *out = f32::from(*a) * (0.7 / 127.0) + f32::from(*b) * (0.7 / 127.0);
+        }
+    }
+
+    /// Slow structure (24 to 120 texels), -1..1, along a row from `x` on.
+    pub fn coarse_row(&self, x: usize, y: usize, out: &mut [f32]) {
+        let mut coarse = vec![0; out.len()];
+        self.coarse.row(x, y, &mut coarse);
+        let mut slow = 0.0;
+        for (i, (out, a)) in out.iter_mut().zip(&coarse).enumerate() {
+            let x = x + i;
+            if i == 0 || x.is_multiple_of(4) {
+                slow = f32::from(self.other.at(y / 4 + x / 4, x / 4)) * (0.3 / 127.0);
+            }
+            *out = f32::from(*a) * (0.7 / 127.0) + slow;
+        }
     }
 }
 
@@ -68,6 +85,13 @@ impl<const SIDE: usize> Tile<SIDE> {
         }
         let values = sum.iter().map(|v| (v * 72.0).clamp(-127.0, 127.0) as i8).collect();
         Self { values }
+    }
+
+    fn row(&self, x: usize, y: usize, out: &mut [i8]) {
+        let row = &self.values[y % SIDE * SIDE..][..SIDE];
+        let (head, rest) = out.split_at_mut(out.len().min(SIDE - x % SIDE));
+        head.copy_from_slice(&row[x % SIDE..][..head.len()]);
+        rest.chunks_mut(SIDE).for_each(|part| part.copy_from_slice(&row[..part.len()]));
     }
 
     #[inline]
