@@ -237,7 +237,9 @@ impl Inertial {
         if aligned && !camera.has_depth() && now.is_some_and(|now| self.recent.is_due(now)) {
             adjust_recent(atlas, camera, &self.imu, &chain, recent::SECONDS, config).await;
         }
+        // Metres that began with ten per cent are better known by ten seconds of readings than by the map.
         if self.scale_watch.take_difference()
+            && self.soft_scale
             && let Some(k) = snapshot.key_frame(centre)
         {
             self.refined.entry(k.map).or_default().scale_differs();
