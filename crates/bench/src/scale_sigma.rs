@@ -160,7 +160,7 @@ fn by_images(name: &str, source: &mut dyn Source) -> Result<Vec<Row>, MeasureErr
         noise: sensor.noise,
         others_times: 1.0,
     };
-    let of = CameraAndImu { camera: &model, imu: &imu, offset_sigma_s: OFFSET_SIGMA_S };
+    let of = CameraAndImu { camera: &model, imu: &imu, offset_sigma_s: OFFSET_SIGMA_S, lever_arm_sigma: 0.0 };
     let largest = snapshot.maps().map(|(m, _)| m).max_by_key(|m| snapshot.key_frames_of(*m).count());
     let mut frames: Vec<&KeyFrame> = snapshot.key_frames_of(largest.ok_or("no map")?).collect();
     frames.sort_by_key(|k| k.stamp);

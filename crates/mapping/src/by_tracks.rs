@@ -187,7 +187,7 @@ mod tests {
 
     fn found(atlas: &Atlas, ids: &[KeyFrameId]) -> Option<Found> {
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
-        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.004 };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.004, lever_arm_sigma: 0.0 };
         to_end(motion_of(atlas.latest(), &of, ids))
     }
 

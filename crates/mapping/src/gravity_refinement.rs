@@ -28,8 +28,6 @@ pub struct Refined {
     /// How many times of [`REFINE_AT_S`] have passed.
     times: usize,
     level: GravityCheck,
-    /// Whether the readings of a while say another scale than the map has.
-    scale_differs: bool,
 }
 
 /// What is known of the level of a map.
@@ -72,7 +70,7 @@ impl Default for Refined {
     /// A map that was aligned elsewhere is refined already.
     fn default() -> Self {
         let level = GravityCheck { known: true, ..GravityCheck::default() };
-        Self { times: REFINE_AT_S.len(), level, scale_differs: false }
+        Self { times: REFINE_AT_S.len(), level }
     }
 }
 
@@ -89,12 +87,7 @@ impl Refined {
     /// A map that was aligned just now, so many seconds after its first key frame.
     pub fn of_age(seconds: f64) -> Self {
         let times = REFINE_AT_S.iter().filter(|due| seconds >= **due).count();
-        Self { times, level: GravityCheck::default(), scale_differs: false }
-    }
-
-    /// The readings of a while say another scale than the map has: it is due as a whole.
-    pub fn scale_differs(&mut self) {
-        self.scale_differs = true;
+        Self { times, level: GravityCheck::default() }
     }
 
     /// Notes whether the readings up to a key frame told the level.
@@ -109,9 +102,6 @@ impl Refined {
         let stationary = last.motion.as_ref().is_none_or(|m| m.velocity.norm() < STATIONARY_M_S);
         if stationary {
             return None;
-        }
-        if std::mem::take(&mut self.scale_differs) {
-            return Some(Due::Whole);
         }
         let due_s = REFINE_AT_S.get(self.times);
         if due_s.is_none() && self.level.known {
@@ -211,19 +201,9 @@ mod tests {
     fn told(tilt_rad: f64) -> (Atlas, Vec<KeyFrameId>, Option<Initial>) {
         let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad, factor: 1.0 }.map(60);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
-        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0 };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.0, lever_arm_sigma: 0.0 };
         let found = to_end(estimated_gravity(&of, atlas.latest(), &ids));
         (atlas, ids, found)
-    }
-
-    #[test]
-    fn a_map_whose_scale_differs_from_its_readings_is_due_as_a_whole_once() {
-        let (atlas, ids) = ToAndFro { turn_rad: 0.3, tilt_rad: 0.0, factor: 1.0 }.map(8);
-        let last = atlas.latest().key_frame(ids[7]).unwrap();
-        let mut refined = Refined::default();
-        assert_eq!(refined.due(last, 100.0), None);
-        refined.scale_differs();
-        assert_eq!([refined.due(last, 100.0), refined.due(last, 100.0)], [Some(Due::Whole), None]);
     }
 
     #[test]

@@ -131,6 +131,12 @@ impl Inertial {
         ImuModel { imu_from_camera, ..self.imu }
     }
 
+    /// What the scale is estimated with.
+    fn camera_and_imu<'a>(&self, camera: &'a RectifiedCamera, imu: &'a ImuModel) -> CameraAndImu<'a> {
+        let (offset_sigma_s, lever_arm_sigma) = (self.clocks.sigma_s(), self.config.lever_arm_sigma);
+        CameraAndImu { camera, imu, offset_sigma_s, lever_arm_sigma }
+    }
+
     /// The motion of a new key frame, with an IMU factor to the previous one of its map where the readings
     /// start there.
     pub fn motion(
@@ -175,6 +181,7 @@ impl Inertial {
     pub fn adopt_offset(&mut self, offset_s: f64, sigma_s: f64) {
         self.clocks.adopt(offset_s, sigma_s, 0.0);
         self.soft_scale = true;
+        self.scale_watch.follow();
     }
 
     /// The local window of a gravity-aligned map.
@@ -225,8 +232,8 @@ impl Inertial {
         pause().await;
         let snapshot = atlas.latest().clone();
         let aligned = snapshot.key_frame(centre).is_some_and(|k| snapshot.is_gravity_aligned(k.map));
-        let (chain, imu) = (chain(&snapshot, centre), self.imu_in(&snapshot));
-        let of = CameraAndImu { camera, imu: &imu, offset_sigma_s: self.clocks.sigma_s() };
+        let (chain, imu) = (chain(&snapshot, centre), self.imu);
+        let of = self.camera_and_imu(camera, &imu);
         let check = match camera.has_depth() {
             true => self.scale_watch.check_depth(&snapshot, &of, &chain).await,
             false if aligned => self.scale_watch.check(atlas, &of, &chain, config).await,
@@ -236,13 +243,6 @@ impl Inertial {
         let now = snapshot.key_frame(centre).map(|k| k.frame.stamp);
         if aligned && !camera.has_depth() && now.is_some_and(|now| self.recent.is_due(now)) {
             adjust_recent(atlas, camera, &self.imu, &chain, recent::SECONDS, config).await;
-        }
-        // Metres that began with ten per cent are better known by ten seconds of readings than by the map.
-        if self.scale_watch.take_difference()
-            && self.soft_scale
-            && let Some(k) = snapshot.key_frame(centre)
-        {
-            self.refined.entry(k.map).or_default().scale_differs();
         }
         (self.align_or_refine_chain(atlas, camera, &chain, config).await, check)
     }
@@ -258,8 +258,8 @@ impl Inertial {
         let (first, last) = (snapshot.key_frame(*chain.first()?)?, snapshot.key_frame(*chain.last()?)?);
         let (map, seconds) = (last.map, last.frame.stamp - first.frame.stamp);
         let centre_point = snapshot.world_from_camera(map.root())?.translation;
-        let imu = self.imu_in(&snapshot);
-        let of = CameraAndImu { camera, imu: &imu, offset_sigma_s: self.clocks.sigma_s() };
+        let imu = self.imu;
+        let of = self.camera_and_imu(camera, &imu);
         let guessed = if self.soft_scale { by_tracks::GUESSED } else { 0.0 };
         let (mut attempt_made, mut better_sigma) = (None, None);
         if snapshot.is_gravity_aligned(map) {
@@ -338,7 +338,7 @@ impl Inertial {
     ) -> bool {
         let snapshot = atlas.latest().clone();
         let imu = self.imu_in(&snapshot);
-        let of = CameraAndImu { camera, imu: &imu, offset_sigma_s: self.clocks.sigma_s() };
+        let of = self.camera_and_imu(camera, &imu);
         let found = by_tracks::motion_of(&snapshot, &of, chain).await;
         let Some(found) = found.filter(|found| !camera.has_depth() && found.is_good) else { return false };
         atlas.commit(found.changes(&snapshot, map, &imu.imu_from_camera));
@@ -568,8 +568,12 @@ mod tests {
         let mut inertial = inertial();
         (1..ids.len()).for_each(|n| inertial.clocks.take(&walk.segment(n, -0.03)));
         atlas.commit(inertial.clocks.recompute_factors(atlas.latest(), &ids, 0.0));
-        let of =
-            CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: inertial.clocks.sigma_s() };
+        let of = CameraAndImu {
+            camera: &mono(),
+            imu: &inertial.imu,
+            offset_sigma_s: inertial.clocks.sigma_s(),
+            lever_arm_sigma: 0.0,
+        };
         let first = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let (camera, config) = (mono(), WindowConfig::default());
         let attempt = to_end(inertial.align_or_refine_chain(&mut atlas, &camera, &ids, &config));
@@ -585,7 +589,8 @@ mod tests {
     fn align_gravity_turns_and_scales_about_the_fixed_point() {
         let (atlas, ids) = ToAndFro { turn_rad: 0.8, tilt_rad: 0.0, factor: 2.0 }.map_of_vision(48);
         let inertial = inertial();
-        let of = CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: 0.0 };
+        let of =
+            CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: 0.0, lever_arm_sigma: 0.0 };
         let found = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let (map, centre) = (MapId(ids[0]), Vec3::new(0.5, -0.2, 1.0));
         for metric in [false, true] {
@@ -674,7 +679,8 @@ mod tests {
         let (atlas, ids) = walk.map_of_vision(40);
         let mut inertial = inertial();
         (1..ids.len()).for_each(|n| inertial.clocks.take(&walk.segment(n, 0.0)));
-        let of = CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: 0.0 };
+        let of =
+            CameraAndImu { camera: &mono(), imu: &inertial.imu, offset_sigma_s: 0.0, lever_arm_sigma: 0.0 };
         let found = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let exact = Initial { offset_s: 0.0, offset_sigma_s: 1e-3, ..found.clone() };
         assert!(inertial.settle_clocks(atlas.latest(), &ids, &exact).is_empty());

@@ -32,6 +32,8 @@ pub struct CameraAndImu<'a> {
     pub imu: &'a ImuModel,
     /// Standard deviation of the offset between their clocks, seconds.
     pub offset_sigma_s: f64,
+    /// Standard deviation of where the camera is on the IMU, each axis, metres.
+    pub lever_arm_sigma: f64,
 }
 
 impl CameraAndImu<'_> {
@@ -140,6 +142,7 @@ async fn solved(
     let config = InitialiseConfig {
         noise_times: 1.0,
         offset_sigma_s: of.offset_sigma_s,
+        lever_arm_sigma: of.lever_arm_sigma,
         ..InitialiseConfig::default()
     };
     Some(initialise_in_slices(&seen, links, &of.imu.imu_from_camera, scale, &config).await)
@@ -166,7 +169,7 @@ mod tests {
     fn attempt_finds_scale_and_gravity_of_a_map_with_a_unit_of_its_own() {
         let (atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.1, factor: 0.5 }.map(48);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
-        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001, lever_arm_sigma: 0.0 };
         let attempt = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).expect("an attempt");
         let found = attempt.found.as_ref().expect("an estimate");
         assert!((found.scale * 0.5 - 1.0).abs() < 0.02, "{} m in a unit, {:?}", found.scale, attempt.gates);
@@ -190,7 +193,7 @@ mod tests {
         let link = |k: &&KeyFrame| k.motion.as_ref().unwrap().imu_factor.as_ref().unwrap().sum.clone();
         let links: Vec<Arc<Preintegrated>> = frames[1..].iter().map(link).collect();
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
-        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001, lever_arm_sigma: 0.0 };
         let found = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let used = [0, 3, 4, 8, 11];
         let fewer = Initial { states: used.map(|k| found.states[k]).to_vec(), ..found.clone() };
@@ -206,7 +209,7 @@ mod tests {
     fn a_scale_is_never_stated_better_than_a_guessed_lens_allows() {
         let (mut atlas, ids) = ToAndFro { turn_rad: 0.6, tilt_rad: 0.0, factor: 1.0 }.map(48);
         let imu = ImuModel { imu_from_camera: Se3::identity(), noise: NOISE, others_times: 1.0 };
-        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001 };
+        let of = CameraAndImu { camera: &mono(), imu: &imu, offset_sigma_s: 0.001, lever_arm_sigma: 0.0 };
         let found = to_end(of.attempt(atlas.latest(), &ids, INITIALISATION_S)).unwrap().found.unwrap();
         let map = MapId(ids[0]);
         atlas.commit(vec![Change::ScaleSigma(map, 0.05)]);

@@ -9,7 +9,7 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 /// Unknowns of a state.
 pub const STATE: usize = 9;
 /// Unknowns shared by all states.
-pub const SHARED: usize = 11;
+pub const SHARED: usize = 14;
 
 pub type Block = SMatrix<f64, STATE, STATE>;
 pub type Edge = SMatrix<f64, STATE, SHARED>;

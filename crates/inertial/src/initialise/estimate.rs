@@ -23,6 +23,8 @@ pub struct Initial {
     pub offset_s: f64,
     /// Its standard deviation.
     pub offset_sigma_s: f64,
+    /// Where the camera is on the IMU, metres.
+    pub lever_arm: Vec3,
     /// Per key frame the state in the frame of the map in metres (scaled about its origin, not yet gravity-aligned).
     pub states: Vec<NavState>,
     /// Of (log scale, gravity's tilt (2), gyro bias (3), accel bias (3)); of the biases at the newest key frame.

@@ -2,8 +2,8 @@
 //!
 //! Per key frame nine unknowns: the error of its position (map units, world axes), of its rotation (the IMU's axes), its
 //! velocity (m/s, world). Shared by all: log scale, gravity's tilt (2), gravity's norm (fixed, except in one
-//! check of what it would be), gyro bias (3), accel bias (3), and what is left of the offset between the clocks of IMU and
-//! camera (Li, Mourikis, "Online temporal calibration for camera-IMU systems", IJRR 2014, eq. 5: readings of a key
+//! check of what it would be), gyro bias (3), accel bias (3), what the camera's place on the IMU is off (3), and what is left of the
+//! offset between the clocks of IMU and camera (Li, Mourikis, "Online temporal calibration for camera-IMU systems", IJRR 2014, eq. 5: readings of a key
 //! frame's stamp are of a pose that is the offset later, along the velocity and the turning rate). Levenberg-Marquardt on
 //! [`Chain`].
 
@@ -20,6 +20,11 @@ pub const NORM_SIGMA: f64 = 1e-5;
 
 /// Where the biases stand among the shared unknowns: gyro (3), accel (3).
 pub const BIAS: usize = 4;
+
+/// Where the lever arm stands among them.
+const ARM: usize = 11;
+/// Standard deviation that holds it, metres.
+const ARM_SIGMA_M: f64 = 1e-5;
 
 /// The offset of the clocks changes by no more than this in a step of the solver, seconds.
 const MOST_OFFSET_STEP_S: f64 = 0.02;
@@ -56,6 +61,8 @@ pub struct State {
     pub bias: Bias,
     /// Seconds by which the readings are of later poses than their stamps say.
     pub offset_s: f64,
+    /// What the camera is off, in the IMU's axes, from where it is said to be, metres.
+    pub lever_arm: Vec3,
     pub errors: Vec<Vec3>,
     pub turns: Vec<Vec3>,
     pub velocities: Vec<Vec3>,
@@ -124,6 +131,7 @@ impl Problem {
                 accel: s.bias.accel + shared.fixed_rows::<3>(7),
             },
             offset_s: s.offset_s + shared[10].clamp(-MOST_OFFSET_STEP_S, MOST_OFFSET_STEP_S),
+            lever_arm: s.lever_arm + shared.fixed_rows::<3>(ARM),
             errors: s.errors.iter().zip(&step.states).map(|(e, d)| e + part(d, 0)).collect(),
             turns: s.turns.iter().zip(&step.states).map(|(t, d)| turned(t, part(d, 3))).collect(),
             velocities: s.velocities.iter().zip(&step.states).map(|(v, d)| v + part(d, 6)).collect(),
@@ -135,11 +143,16 @@ impl Problem {
         So3::exp(&((self.rates[k] - s.bias.gyro) * s.offset_s))
     }
 
+    /// Where the camera is on the IMU.
+    pub fn lever_arm(&self, s: &State) -> Vec3 {
+        self.imu_from_camera.translation + s.lever_arm
+    }
+
     /// The sensor's state at a key frame, in metres; of the time that its readings are of.
     pub fn nav(&self, s: &State, k: usize) -> NavState {
         let seen = self.rotations[k] * So3::exp(&s.turns[k]);
         let camera = (self.places[k] + s.errors[k]) * s.log_scale.exp();
-        let place = camera - seen * self.imu_from_camera.translation + s.velocities[k] * s.offset_s;
+        let place = camera - seen * self.lever_arm(s) + s.velocities[k] * s.offset_s;
         let rotation = seen * self.turned(s, k);
         NavState { world_from_imu: Se3::new(rotation, place), velocity: s.velocities[k], bias: s.bias }
     }
@@ -152,7 +165,8 @@ impl Problem {
             Scale::Known { sigma } => sigma.max(1e-6),
         };
         let norm = s.gravity.magnitude / GRAVITY_M_S2 - 1.0;
-        let (g, a) = (s.bias.gyro, s.bias.accel);
+        let (g, a, l) = (s.bias.gyro, s.bias.accel, s.lever_arm);
+        let arm = self.config.lever_arm_sigma.max(ARM_SIGMA_M);
         [
             (scale, s.log_scale),
             (1e3, 0.0),
@@ -165,6 +179,9 @@ impl Problem {
             (accel, a.y),
             (accel, a.z),
             (self.config.offset_sigma_s.max(1e-6), s.offset_s),
+            (arm, l.x),
+            (arm, l.y),
+            (arm, l.z),
         ]
     }
 
@@ -228,6 +245,12 @@ impl Problem {
         by_shared.fixed_view_mut::<9, 6>(0, BIAS).copy_from(&l.by_from.fixed_view::<9, 6>(0, 9));
         let by_offset = self.by_offset(&l.by_from, &from, k) + self.by_offset(&l.by_to, &to, k + 1);
         by_shared.set_column(10, &by_offset);
+        // position = camera - R arm, and so is each end's.
+        for (by, k) in [(&l.by_from, k), (&l.by_to, k + 1)] {
+            let by_arm = by.fixed_view::<9, 3>(0, 0) * self.turned(s, k).inverse().matrix();
+            let mut columns = by_shared.fixed_columns_mut::<3>(ARM);
+            columns -= by_arm;
+        }
         Some(Rows {
             by_first: white * by_first,
             by_second: white * by_second,
@@ -246,7 +269,7 @@ impl Problem {
         out.fixed_view_mut::<9, 3>(0, 0).copy_from(&(by_place * to_imu * scale));
         // position = camera - R exp(turn) arm: turning moves the IMU about the camera.
         let back = self.turned(s, k).inverse().matrix();
-        let turn = by_turn * back + by_place * back * hat(&self.imu_from_camera.translation);
+        let turn = by_turn * back + by_place * back * hat(&self.lever_arm(s));
         out.fixed_view_mut::<9, 3>(0, 3).copy_from(&turn);
         let moved = by_place * to_imu * s.offset_s;
         out.fixed_view_mut::<9, 3>(0, 6).copy_from(&(by.fixed_view::<9, 3>(0, 6) + moved));
@@ -287,7 +310,12 @@ mod tests {
         let poses: Vec<SeenPose> = (0..3).map(pose).collect();
         let seen = Seen { poses: &poses, rotation_sigma: 0.01, position_sigma: 0.01 };
         let imu_from_camera = Se3::new(So3::exp(&Vec3::new(0.1, -0.2, 0.3)), Vec3::new(0.1, 0.05, -0.08));
-        let config = InitialiseConfig { noise_times: 1.0, offset_sigma_s: 0.03, ..Default::default() };
+        let config = InitialiseConfig {
+            noise_times: 1.0,
+            offset_sigma_s: 0.03,
+            lever_arm_sigma: 0.04,
+            ..Default::default()
+        };
         let links = [link(0), link(1)];
         let problem = Problem::new(&seen, &links, &imu_from_camera, Scale::Free, &config);
         let gravity = Gravity::along(&Vec3::new(0.1, -0.05, -1.0), GRAVITY_M_S2).unwrap();
@@ -297,6 +325,7 @@ mod tests {
             gravity,
             bias: Bias::default(),
             offset_s: 0.02,
+            lever_arm: Vec3::new(0.02, -0.03, 0.01),
             errors: vec![Vec3::zeros(); 3],
             turns: vec![Vec3::zeros(); 3],
             velocities,
@@ -332,7 +361,7 @@ mod tests {
             (0..STATE).for_each(|i| check(Some(k), i, chain.gradient[k][i]));
         }
         // Gravity's norm is held; that a bias turns the key frame within the offset is left out of the Jacobian.
-        for i in [0, 1, 2, 7, 8, 9, 10] {
+        for i in [0, 1, 2, 7, 8, 9, 10, 11, 12, 13] {
             check(None, i, chain.shared_gradient[i]);
         }
     }

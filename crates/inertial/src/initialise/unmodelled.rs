@@ -137,6 +137,7 @@ mod tests {
             gravity: Gravity::level(),
             bias: Bias::default(),
             offset_s: 0.0,
+            lever_arm: Vec3::zeros(),
             errors: vec![Vec3::zeros(); KEY_FRAMES],
             turns: vec![Vec3::zeros(); KEY_FRAMES],
             velocities: (0..KEY_FRAMES).map(velocity).collect(),
