@@ -22,6 +22,8 @@ const MOTION_WAIT_S: f64 = 0.06;
 /// Seconds of the walk that are seen again with a lens that was found: in these newcomers turn left and right and know their metres
 /// (`bench run newcomers`), and their pictures, 15 a second of 640x480, are 37 MB.
 const SEEN_AGAIN_S: f64 = 8.0;
+/// With a lens that is certain so much of it is enough for metres: what is left is done sooner.
+const SEEN_AGAIN_CERTAIN_S: f64 = 5.0;
 
 /// A device on which images have come meanwhile is slow: of what it sees again images nearer to each other than this are left out, as the
 /// page leaves them out while mapping has not caught up.
@@ -69,6 +71,19 @@ struct Again {
 }
 
 impl Again {
+    /// What is to be seen again once SLAM begins again, which it may while it still sees again what it had seen before: what was `seen`
+    /// last, and what waits.
+    fn after(self, seen: &VecDeque<FramePacket>, began: Stamp, is_certain: bool) -> Self {
+        let last = seen.back().map(|packet| packet.stamp);
+        let waiting = self.packets.into_iter().filter(|packet| last.is_none_or(|last| packet.stamp > last));
+        let mut packets: VecDeque<FramePacket> = seen.iter().cloned().chain(waiting).collect();
+        if is_certain {
+            packets.retain(|packet| began - packet.stamp <= SEEN_AGAIN_CERTAIN_S);
+        }
+        let until = began.plus_seconds(2.0 * SEEN_AGAIN_S);
+        Self { packets, began, last: Stamp::default(), until, is_certain }
+    }
+
     /// The next packet, with the readings of those that are left out.
     fn next(&mut self) -> Option<FramePacket> {
         let mut packet = self.packets.pop_front()?;
@@ -227,6 +242,7 @@ impl Phone {
             let newest = self.again.packets.back().map_or(packet.stamp, |last| last.stamp);
             self.session.see_again(&packet, newest);
             self.keep(packet);
+            self.watch_lens();
             self.caught_up();
             return true;
         }
@@ -256,13 +272,7 @@ impl Phone {
         }
         *watch = next;
         let began = self.session.now();
-        self.again = Again {
-            packets: self.seen.clone(),
-            began,
-            last: Stamp::default(),
-            until: began.plus_seconds(2.0 * SEEN_AGAIN_S),
-            is_certain: found.is_certain,
-        };
+        self.again = std::mem::take(&mut self.again).after(&self.seen, began, found.is_certain);
         if found.is_certain {
             self.seen = VecDeque::new();
         }
@@ -398,5 +408,18 @@ mod tests {
         assert_eq!(seen, expected, "images have come since, and no reading is lost");
         drop(phone);
         let _ = std::fs::remove_dir_all(folder);
+    }
+
+    #[test]
+    fn what_waits_to_be_seen_again_is_not_lost_when_slam_begins_again_once_more() {
+        let seen: VecDeque<_> = [1.0, 2.0].map(packet).into();
+        let stamps = |began: f64, is_certain: bool| {
+            let waiting = Again { packets: [1.0, 2.0, 6.5, 7.0].map(packet).into(), ..Again::default() };
+            let again = waiting.after(&seen, Stamp::from_seconds(began), is_certain);
+            assert_eq!((again.is_certain, again.began.seconds()), (is_certain, began));
+            again.packets.iter().map(|packet| packet.stamp.seconds()).collect::<Vec<_>>()
+        };
+        assert_eq!(stamps(7.0, false), [1.0, 2.0, 6.5, 7.0], "each of them once");
+        assert_eq!(stamps(7.0, true), [2.0, 6.5, 7.0], "as much as metres take");
     }
 }

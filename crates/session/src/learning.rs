@@ -4,6 +4,7 @@
 //! In: what is known of the lens, and after each frame what the map knows of scale and clocks. Out: whether a route may be
 //! recorded, what helps until then, and what the walker is to hear, which counts as said once it was spoken.
 
+use cairn_phrases::Language;
 use cairn_sensor::Stamp;
 
 /// The phone is known once lengths have been metres for so long, and the clocks have stayed within so many seconds of each
@@ -120,6 +121,12 @@ impl Learning {
         due.filter(|due| self.spoken != Some(due))
     }
 
+    /// Whether the walker need not hear the end of this sentence, because of what they are to hear now.
+    pub fn is_moot(&self, said: &str, language: Language) -> bool {
+        let asked = ["walk-learn", "walk-learn-move", "walk-learn-again"];
+        self.news() == Some("walk-ready") && asked.into_iter().any(|id| language.text(id) == said)
+    }
+
     /// A sentence was spoken.
     pub fn was_spoken(&mut self, id: &'static str) {
         self.spoken = Some(id);
@@ -185,8 +192,11 @@ mod tests {
         assert_eq!(learning.news(), None);
         learning.is_steady = true;
         assert_eq!([learning.news(), learning.news()], [Some("walk-ready"); 2], "it was not spoken");
+        let moot = |l: &Learning, id| l.is_moot(&Language::German.text(id), Language::German);
+        assert!(moot(&learning, "walk-learn") && !moot(&learning, "walk-paused"));
         learning.was_spoken("walk-ready");
         assert_eq!(learning.news(), None);
+        assert!(!moot(&learning, "walk-learn"));
         // Whoever comes with a lens that was kept hears it only where they asked too early.
         let mut learning = Learning { lens: Some(LensKnowledge::Found), ..Learning::default() };
         assert_eq!(learning.news(), None);

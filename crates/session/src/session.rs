@@ -310,10 +310,13 @@ impl<S: Slam> Session<S> {
         self.speech.say(text, priority, self.now);
     }
 
-    /// Learns the phone from a frame, and says what is new, once nothing else is being said. It counts as said when it was spoken.
+    /// Learns the phone from a frame, and says what is new, once nothing else is being said, or nothing that still counts. It counts as
+    /// said when it was spoken.
     fn learn(&mut self, output: &Output) {
         self.learn_from(output, self.now);
-        let Some(news) = self.learning.news().filter(|_| self.speech.is_free(self.now)) else { return };
+        let is_moot = self.learning.is_moot(self.speech.last_words(), self.language());
+        let is_free = self.speech.is_free(self.now) || (is_moot && self.speech.waiting().is_none());
+        let Some(news) = self.learning.news().filter(|_| is_free) else { return };
         let words = self.speech.text(news);
         self.say(&words, Priority::High);
         self.speak();
