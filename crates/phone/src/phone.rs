@@ -22,7 +22,7 @@ const MOTION_WAIT_S: f64 = 0.06;
 /// Seconds of the walk that are seen again with a lens that was found: in these newcomers turn left and right and know their metres
 /// (`bench run newcomers`), and their pictures, 15 a second of 640x480, are 37 MB.
 const SEEN_AGAIN_S: f64 = 8.0;
-/// With a lens that is certain so much of it is enough for metres: what is left is done sooner.
+/// With a lens that is certain so much of it is enough for metres: what is left is done sooner (the same newcomers).
 const SEEN_AGAIN_CERTAIN_S: f64 = 5.0;
 
 /// A device on which images have come meanwhile is slow: of what it sees again images nearer to each other than this are left out, as the
